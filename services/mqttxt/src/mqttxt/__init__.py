@@ -1,0 +1,81 @@
+"""MQTT-XT: drones as ordinary nodes of an IoT network, over MQTT 5.
+
+The ground station's API is re-exported here; `mqttxt.cli` has the roles as commands. The pure modules
+(`topics`, `clock`, `commands`, `states`, `messages`, `wire`, `dialect`, `roles`) know no network; `io` does.
+"""
+
+from .commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff
+from .errors import (
+    BrokerRefused,
+    ConfigurationError,
+    FogUnreachable,
+    MqttxtError,
+    PayloadError,
+    Refused,
+    TransportError,
+)
+from .gs import Drone, Fog, GroundStation, KnownState
+from .messages import CommandId, Word
+from .outcomes import Event, Outcome, Reachability, StateUpdate
+from .states import (
+    STATES,
+    Armed,
+    Battery,
+    FlightMode,
+    FlightModeName,
+    Groundspeed,
+    Heading,
+    Health,
+    Home,
+    Landed,
+    LandedState,
+    Location,
+    MaxGroundspeed,
+    State,
+)
+from .wire.values import Encoding
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "STATES",
+    "Arm",
+    "Armed",
+    "Battery",
+    "BrokerRefused",
+    "Command",
+    "CommandId",
+    "ConfigurationError",
+    "Disarm",
+    "Drone",
+    "Encoding",
+    "Event",
+    "FlightMode",
+    "FlightModeName",
+    "Fog",
+    "FogUnreachable",
+    "Goto",
+    "GroundStation",
+    "Groundspeed",
+    "Heading",
+    "Health",
+    "Hold",
+    "Home",
+    "KnownState",
+    "Land",
+    "Landed",
+    "LandedState",
+    "Location",
+    "MaxGroundspeed",
+    "MqttxtError",
+    "Outcome",
+    "PayloadError",
+    "Reachability",
+    "Refused",
+    "Return",
+    "State",
+    "StateUpdate",
+    "Takeoff",
+    "TransportError",
+    "Word",
+]

@@ -1,0 +1,5 @@
+"""`python -m mqttxt` is the `mqttxt` command."""
+
+from .cli import main
+
+main()

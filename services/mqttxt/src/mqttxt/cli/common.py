@@ -1,0 +1,84 @@
+"""What the subcommands share: how errors end a process, logging, and running a role until a signal."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import signal
+import sys
+from collections.abc import Callable, Coroutine, Iterator
+from typing import Any
+
+import typer
+
+from ..errors import ConfigurationError, MqttxtError
+from ..io.runner import Runner
+from ..roles.settings import Settings
+from ..wire.values import Encoding
+
+
+@contextlib.contextmanager
+def errors_as_lines() -> Iterator[None]:
+    """An error raised on purpose becomes one line on stderr and its exit code."""
+    try:
+        yield
+    except MqttxtError as error:
+        typer.echo(f"mqttxt: {error}", err=True)
+        raise typer.Exit(error.exit_code) from None
+    except BaseExceptionGroup as group:
+        known = first_known(group)
+        if known is None:
+            raise
+        typer.echo(f"mqttxt: {known}", err=True)
+        raise typer.Exit(known.exit_code) from None
+
+
+def first_known(group: BaseExceptionGroup[Any]) -> MqttxtError | None:
+    """The error raised on purpose in a group, None where another kind is in it too."""
+    ours, others = group.split(MqttxtError)
+    if ours is None or others is not None:
+        return None
+    error: BaseException = ours
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    assert isinstance(error, MqttxtError)
+    return error
+
+
+def set_up_logging(verbose: bool) -> None:
+    """Log lines go to stderr."""
+    level = logging.DEBUG if verbose else logging.INFO
+    logging.basicConfig(stream=sys.stderr, level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+
+
+def settings(qos: int, json: bool) -> Settings:
+    """The settings common to all roles; raises ConfigurationError."""
+    if qos not in (0, 1):
+        raise ConfigurationError(f"--qos {qos}: expected 0 or 1")
+    return Settings(qos=qos, encoding=Encoding.JSON if json else Encoding.CBOR)
+
+
+def run_role(make: Callable[[], Runner]) -> None:
+    """Run a role until SIGTERM or SIGINT, which end it cleanly (exit code 0)."""
+    with errors_as_lines():
+        asyncio.run(_until_signal(make))
+
+
+async def _until_signal(make: Callable[[], Runner]) -> None:
+    runner = make()
+    task = asyncio.create_task(runner.run())
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+
+
+def run_coroutine(job: Coroutine[Any, Any, int]) -> None:
+    """Run a coroutine to its exit code; Ctrl-C is 130."""
+    with errors_as_lines():
+        try:
+            code = asyncio.run(job)
+        except KeyboardInterrupt:
+            code = 130
+        raise typer.Exit(code)

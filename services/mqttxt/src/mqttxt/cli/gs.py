@@ -1,0 +1,122 @@
+"""`mqttxt gs`: a ground station at the command line."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from ..commands import BROADCASTABLE, COMMANDS, Command
+from ..errors import ConfigurationError
+from ..gs import GroundStation
+from ..messages import Word
+from ..outcomes import Outcome
+from ..topics import MAX_DRONE, check_number
+from ..wire.codec import plan_of
+from ..wire.fields import Scaled
+from .common import run_coroutine, set_up_logging, settings
+from .watch import watch_fogs
+
+gs_app = typer.Typer(help="A ground station: watch drones, send commands.", no_args_is_help=True)
+
+Cloud = Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].", envvar="MQTTXT_CLOUD")]
+Qos = Annotated[int, typer.Option(help="QoS of commands: 0 or 1.")]
+Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON instead of CBOR.")]
+Prefix = Annotated[str, typer.Option(help="Prefix of every topic, as acme/.")]
+Timeout = Annotated[float, typer.Option(help="Seconds to wait for the fog's activator.")]
+
+
+@gs_app.command()
+def watch(
+    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    cloud: Cloud = "mqtt://127.0.0.1:1883",
+    prefix: Prefix = "",
+    json: Json = False,
+    timeout: Timeout = 10.0,
+) -> None:
+    """Show fogs, drones, their states and how old those are at the most, until Ctrl-C."""
+    set_up_logging(verbose=False)
+
+    async def job() -> int:
+        chosen = settings(1, json)
+        async with GroundStation(cloud, prefix=prefix, encoding=chosen.encoding) as station:
+            await watch_fogs(station, await station.connect(fog, timeout), Console())
+        return 0
+
+    run_coroutine(job())
+
+
+@gs_app.command()
+def send(
+    command: Annotated[str, typer.Argument(help=f"One of {', '.join(COMMANDS)}.")],
+    parameters: Annotated[
+        list[str] | None,
+        typer.Argument(help="takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home)."),
+    ] = None,
+    fog: Annotated[int, typer.Option(help="The fog's number.")] = 1,
+    drone: Annotated[int | None, typer.Option(help="The drone's number; without it the whole fog.")] = None,
+    cloud: Cloud = "mqtt://127.0.0.1:1883",
+    ttl: Annotated[float, typer.Option(help="Seconds within which it must start (at most 60).")] = 5.0,
+    limit: Annotated[float | None, typer.Option(help="Seconds within which it must end.")] = None,
+    qos: Qos = 1,
+    json: Json = False,
+    prefix: Prefix = "",
+    timeout: Timeout = 10.0,
+) -> None:
+    """Send a command and print each outcome as it comes; exit code 0 only if every drone completed it."""
+    set_up_logging(verbose=False)
+
+    async def job() -> int:
+        wanted = parse_command(command, parameters or [])
+        if drone is None and not isinstance(wanted, BROADCASTABLE):
+            raise ConfigurationError(f"{command}: expected --drone, because each drone has its own")
+        if drone is not None:
+            check_number("--drone", drone, MAX_DRONE)
+        chosen = settings(qos, json)
+        async with GroundStation(cloud, prefix=prefix, qos=chosen.qos, encoding=chosen.encoding) as station:
+            (there,) = await station.connect([fog], timeout)
+            if drone is None:
+                outcomes = there.broadcast(wanted, ttl_s=ttl, limit_s=limit)
+            else:
+                outcomes = there.drone(drone).outcomes(wanted, ttl_s=ttl, limit_s=limit)
+            words: list[Word] = []
+            async for outcome in outcomes:
+                typer.echo(str(outcome))
+                words += _last_word(outcome)
+        if not words:
+            typer.echo(f"fog {fog}: no drones", err=True)
+        return 0 if words and all(word is Word.COMPLETED for word in words) else 1
+
+    run_coroutine(job())
+
+
+def _last_word(outcome: Outcome) -> list[Word]:
+    return [outcome.word] if outcome.is_last else []
+
+
+def parse_command(name: str, parameters: list[str]) -> Command:
+    """A command from its name and its parameters in order; raises ConfigurationError."""
+    cls: type[Any] | None = COMMANDS.get(name)
+    if cls is None:
+        raise ConfigurationError(f"command {name!r}: expected one of {', '.join(COMMANDS)}")
+    names = [field.name for field in fields(cls)]
+    if name == "takeoff" and not parameters:
+        return cls()  # type: ignore[no-any-return]
+    if len(parameters) != len(names):
+        expected = " ".join(part.upper() for part in names) or "no parameters"
+        raise ConfigurationError(f"{name}: expected {expected}, got {' '.join(parameters) or 'nothing'}")
+    values = {}
+    for plan, text in zip(plan_of(cls).fields, parameters, strict=True):
+        mark: Scaled = plan.mark
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not mark.low <= value <= mark.high:
+            raise ConfigurationError(
+                f"{name} {plan.name} {text!r}: expected a number from {mark.low:g} to {mark.high:g}"
+            )
+        values[plan.name] = value
+    return cls(**values)  # type: ignore[no-any-return]

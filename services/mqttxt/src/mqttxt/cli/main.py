@@ -1,0 +1,134 @@
+"""The `mqttxt` command."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import ConfigurationError
+from ..io.activator import ActivatorRunner
+from ..io.broker import EmbeddedBroker
+from ..io.journal import JournalFile
+from ..io.mavlink import AutopilotAddress
+from ..io.mqtt import BrokerAddress
+from ..io.uav import UavRunner
+from ..topics import MAX_DRONE, FogSide, check_number, check_prefix
+from .common import errors_as_lines, run_role, set_up_logging, settings
+from .gs import gs_app
+
+app = typer.Typer(
+    name="mqttxt",
+    help="MQTT-XT: drones as ordinary nodes of an IoT network.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.add_typer(gs_app, name="gs")
+
+Qos = Annotated[int, typer.Option(help="QoS of commands and results: 0 or 1.")]
+Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")]
+Ready = Annotated[
+    Path | None,
+    typer.Option(help="File that is touched every second while the role is ready, for health checks."),
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")]
+Prefix = Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")]
+
+
+@app.command()
+def activator(
+    fog: Annotated[int, typer.Option(help="This fog's number.")],
+    cloud: Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].")],
+    listen: Annotated[str, typer.Option(help="HOST:PORT of the embedded broker.")] = "0.0.0.0:1883",
+    fog_broker: Annotated[
+        str | None, typer.Option(help="A broker that runs elsewhere, instead of the embedded one.")
+    ] = None,
+    fog_root: Annotated[str | None, typer.Option(help="Root of the fog side's topics, as fog1/local/.")] = None,
+    drones: Annotated[str, typer.Option(help="Numbers of the fog's drones, as 1,2,3: they are in every roster.")] = "",
+    qos: Qos = 1,
+    json: Json = False,
+    prefix: Prefix = "",
+    ready_file: Ready = None,
+    verbose: Verbose = False,
+) -> None:
+    """Run a fog's activator and its embedded broker."""
+    set_up_logging(verbose)
+
+    def make() -> ActivatorRunner:
+        embedded = None if fog_broker is not None else _embedded(listen)
+        fog_url = fog_broker if fog_broker is not None else embedded.url if embedded is not None else ""
+        return ActivatorRunner(
+            check_number("--fog", fog),
+            BrokerAddress.parse(cloud, "--cloud"),
+            BrokerAddress.parse(fog_url, "--fog-broker"),
+            settings(qos, json),
+            drones=_drone_numbers(drones),
+            embedded=embedded,
+            fog_root=check_prefix(fog_root) if fog_root is not None else None,
+            prefix=prefix,
+            ready_file=ready_file,
+        )
+
+    run_role(make)
+
+
+@app.command()
+def uav(
+    drone: Annotated[int, typer.Option(help="This drone's number: its autopilot's MAVLink system id.")],
+    broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
+    autopilot: Annotated[
+        str, typer.Option(help="udp:HOST:PORT (listen), tcp:HOST:PORT or serial:DEVICE:BAUD.")
+    ] = "udp:127.0.0.1:14540",
+    journal: Annotated[
+        Path | None, typer.Option(help="File that survives a restart and says which commands were open.")
+    ] = None,
+    fog_root: Annotated[str, typer.Option(help="Root of the fog side's topics, as fog1/local/.")] = "",
+    qos: Qos = 1,
+    json: Json = False,
+    ready_file: Ready = None,
+    verbose: Verbose = False,
+) -> None:
+    """Run a drone's UAV client: the interpreter between its autopilot and MQTT."""
+    set_up_logging(verbose)
+
+    def make() -> UavRunner:
+        number = check_number("--drone", drone, MAX_DRONE)
+        return UavRunner(
+            number,
+            BrokerAddress.parse(broker, "--broker"),
+            AutopilotAddress.parse(autopilot),
+            JournalFile(journal or _default_journal(number)),
+            settings(qos, json),
+            topics=FogSide(check_prefix(fog_root)),
+            ready_file=ready_file,
+        )
+
+    run_role(make)
+
+
+def _embedded(listen: str) -> EmbeddedBroker:
+    host, _, port = listen.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65_536:
+        raise ConfigurationError(f"--listen {listen!r}: expected HOST:PORT")
+    return EmbeddedBroker(host, int(port))
+
+
+def _drone_numbers(text: str) -> tuple[int, ...]:
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if not all(part.isascii() and part.isdecimal() for part in parts):
+        raise ConfigurationError(f"--drones {text!r}: expected numbers separated by commas, as 1,2,3")
+    return tuple(sorted({check_number("--drones", int(part), MAX_DRONE) for part in parts}))
+
+
+def _default_journal(drone: int) -> Path:
+    state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return Path(state) / "mqttxt" / f"drone{drone}.journal"
+
+
+def main() -> None:
+    """Entry point of the `mqttxt` command."""
+    with errors_as_lines():
+        app()

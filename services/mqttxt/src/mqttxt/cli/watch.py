@@ -1,0 +1,96 @@
+"""The live table of `mqttxt gs watch`."""
+
+from __future__ import annotations
+
+import asyncio
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from ..gs import Drone, Fog, GroundStation, KnownState
+from ..states import (
+    Armed,
+    Battery,
+    FlightMode,
+    Groundspeed,
+    Heading,
+    Health,
+    LandedState,
+    Location,
+)
+
+REFRESH_S = 0.5
+
+
+async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) -> None:
+    """Draw the table twice a second until cancelled; not on a terminal, print it once a state has come."""
+    if not console.is_terminal:
+        known = [drone for fog in fogs for drone in fog.drones]
+        await station.wait_until(lambda: all(d.states or not d.is_reachable for d in known), timeout_s=35)
+        console.print(table(fogs), width=140)
+        return
+    with Live(table(fogs), console=console, auto_refresh=False) as live:
+        while True:
+            await asyncio.sleep(REFRESH_S)
+            live.update(table(fogs), refresh=True)
+
+
+def table(fogs: list[Fog]) -> Table:
+    """Fogs and drones, one row a drone; the age is an upper bound of the oldest moving state's."""
+    shown = Table(title="MQTT-XT", title_justify="left")
+    for heading in ("fog", "drone", "reachable", "armed", "mode", "landed"):
+        shown.add_column(heading)
+    for heading in ("position", "altitude m", "speed m/s", "heading", "battery", "age s"):
+        shown.add_column(heading, justify="right")
+    for fog in fogs:
+        name = f"{fog.number}" if fog.is_live else f"{fog.number} [red]gone[/]"
+        for drone in fog.drones:
+            shown.add_row(name, *_cells(drone))
+        if not fog.drones:
+            shown.add_row(name, "[dim]none[/]")
+    return shown
+
+
+def _cells(drone: Drone) -> list[str]:
+    states = drone.states
+    return [
+        str(drone.number),
+        "[green]yes[/]" if drone.is_reachable else "[red]no[/]",
+        _armed(states),
+        *_described(states),
+        _age(states),
+    ]
+
+
+def _armed(states: dict[str, KnownState]) -> str:
+    armed, health = states.get("armed"), states.get("health")
+    if armed is None or not isinstance(armed.state, Armed):
+        return "-"
+    if armed.state.armed:
+        return "[yellow]armed[/]"
+    blocked = health is not None and isinstance(health.state, Health) and not health.state.armable
+    return "no ([red]not armable[/])" if blocked else "no"
+
+
+def _described(states: dict[str, KnownState]) -> list[str]:
+    found = {name: known.state for name, known in states.items()}
+    mode, landed = found.get("flight_mode"), found.get("landed_state")
+    location, speed = found.get("location"), found.get("groundspeed")
+    heading, battery = found.get("heading"), found.get("battery")
+    position = isinstance(location, Location)
+    return [
+        mode.mode.label if isinstance(mode, FlightMode) else "-",
+        landed.landed.label.replace("_", " ") if isinstance(landed, LandedState) else "-",
+        f"{location.latitude_deg:.5f} {location.longitude_deg:.5f}" if isinstance(location, Location) else "-",
+        f"{location.altitude_m:.1f}" if position and isinstance(location, Location) else "-",
+        f"{speed.groundspeed_m_s:.1f}" if isinstance(speed, Groundspeed) else "-",
+        f"{heading.heading_deg:.0f}" if isinstance(heading, Heading) else "-",
+        f"{battery.remaining_pct} %" if isinstance(battery, Battery) else "-",
+    ]
+
+
+def _age(states: dict[str, KnownState]) -> str:
+    """Of the newest state: how long ago the drone was heard, at the most."""
+    ages = [known.age_ms for known in states.values() if known.age_ms is not None]
+    return f"{min(ages) / 1000:.1f}" if ages else "-"

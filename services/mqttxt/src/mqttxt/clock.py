@@ -1,0 +1,140 @@
+"""Sessions and clocks: what a process knows of its own time and of another process's time.
+
+Specification: docs/protocol.md, section 4. Everything here is arithmetic on milliseconds; only
+`system_clock_ns` reads a clock. A deadline is always expressed in the *executor's* session clock, so
+that no stall between sender and executor, however long, can make a command run late.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil, floor
+
+RHO = 1e-3
+"""Largest relative error of a clock's rate that the bounds allow for (1 ms a second)."""
+
+MAX_TTL_MS = 60_000
+DEFAULT_TTL_MS = 5_000
+BEACON_INTERVAL_MS = 10_000
+LIVE_INTERVALS = 3
+"""A process whose beacons stay away for this many intervals is not live."""
+
+STAMP_TICK_MS = 10
+STAMP_MODULUS = 1 << 16
+_STAMP_SPAN_MS = STAMP_MODULUS * STAMP_TICK_MS
+
+
+def system_clock_ns() -> int:
+    """Nanoseconds of a clock that NTP does not slew and suspend does not stop.
+
+    CLOCK_MONOTONIC_RAW is not slewed but stops in suspend; what suspend took is the difference between
+    CLOCK_BOOTTIME and CLOCK_MONOTONIC (clock_gettime(2)).
+    """
+    raw = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
+    boottime = getattr(time, "CLOCK_BOOTTIME", None)
+    if boottime is None:
+        return raw
+    suspended = time.clock_gettime_ns(boottime) - time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+    return raw + max(0, suspended)
+
+
+class SessionClock:
+    """One process's session: a random number, and milliseconds since the process started.
+
+    `source` gives nanoseconds; tests hand in clocks of their own.
+    """
+
+    def __init__(self, source: Callable[[], int] = system_clock_ns, session: int | None = None) -> None:
+        self._source = source
+        self._start_ns = source()
+        self.session = session if session is not None else secrets.randbelow(2**32 - 1) + 1
+
+    def now_ms(self) -> int:
+        """Whole milliseconds since the session began; never goes back."""
+        return (self._source() - self._start_ns) // 1_000_000
+
+
+def stamp(now_ms: int) -> int:
+    """The 16-bit stamp (ticks of 10 ms) of a session time."""
+    return (now_ms // STAMP_TICK_MS) % STAMP_MODULUS
+
+
+def stamp_is_newer(candidate: int, reference: int) -> bool:
+    """Whether `candidate` was taken after `reference`, for stamps less than 5.4 minutes apart."""
+    return 0 < (candidate - reference) % STAMP_MODULUS < STAMP_MODULUS // 2
+
+
+@dataclass(frozen=True)
+class Beacon:
+    """A process's word about its own clock: `[session, now_ms, echoed nonce, held_ms]`.
+
+    `held_ms` is how long the nonce waited in the sender between its receipt and this beacon.
+    """
+
+    session: int
+    now_ms: int
+    nonce: int | None = None
+    held_ms: int | None = None
+
+
+class RemoteClock:
+    """What this process knows of one session of another process's clock, as two bounds.
+
+    The lower bound comes from any beacon: it was sent before it arrived, so the remote clock reads at
+    least T when it does. The upper bound comes from an echo: the question was sent before it was
+    received, so the remote clock then read at most T - held. A beacon that was delayed only makes the
+    lower bound lower (deadlines earlier) and the upper bound higher (ages larger): both are safe.
+    """
+
+    def __init__(self, session: int) -> None:
+        self.session = session
+        self.last_beacon_ms: int | None = None
+        self._lower_offset: float | None = None
+        self._upper_offset: float | None = None
+
+    def observe(self, beacon: Beacon, received_ms: int, asked_ms: int | None = None) -> None:
+        """Take in a beacon of this session, received at the own time `received_ms`.
+
+        `asked_ms` is the own time at which the echoed nonce was sent, None when it is not ours.
+        """
+        if beacon.session != self.session:
+            raise ValueError(f"beacon of session {beacon.session}, expected {self.session}")
+        self.last_beacon_ms = received_ms
+        lower = beacon.now_ms - received_ms * (1 - 2 * RHO)
+        if self._lower_offset is None or lower > self._lower_offset:
+            self._lower_offset = lower
+        if asked_ms is not None and beacon.held_ms is not None:
+            upper = beacon.now_ms - beacon.held_ms + 2 - asked_ms * (1 + 2 * RHO)
+            if self._upper_offset is None or upper < self._upper_offset:
+                self._upper_offset = upper
+
+    def deadline_ms(self, now_ms: int, ttl_ms: float) -> int | None:
+        """D = T + (now - r)(1 - 2 rho) + ttl (1 - 2 rho), the largest over all beacons; None without one."""
+        if self._lower_offset is None:
+            return None
+        return floor(self._lower_offset + (now_ms + ttl_ms) * (1 - 2 * RHO))
+
+    def latest_now_ms(self, now_ms: int) -> int | None:
+        """The most that the remote clock can read at the own time `now_ms`; None before an echo."""
+        if self._upper_offset is None:
+            return None
+        return ceil(self._upper_offset + now_ms * (1 + 2 * RHO))
+
+    def age_ms(self, stamped: int, now_ms: int) -> int | None:
+        """Upper bound of the age of something stamped by the remote process; None before an echo."""
+        latest = self.latest_now_ms(now_ms)
+        if latest is None:
+            return None
+        return (latest - stamped * STAMP_TICK_MS) % _STAMP_SPAN_MS
+
+    def is_live(self, now_ms: int, interval_ms: int = BEACON_INTERVAL_MS) -> bool:
+        """Whether a beacon came within the last three intervals."""
+        return self.last_beacon_ms is not None and now_ms - self.last_beacon_ms <= LIVE_INTERVALS * interval_ms
+
+
+def expiry_s(remaining_ms: float) -> int:
+    """MQTT message expiry for something with `remaining_ms` to live: housekeeping, never zero."""
+    return max(1, ceil(remaining_ms / 1000))

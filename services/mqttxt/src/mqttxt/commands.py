@@ -1,0 +1,92 @@
+"""The commands of MQTT-XT: what a ground station can ask of a drone (docs/protocol.md, section 5)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from .wire.fields import Latitude, Longitude, Scaled, Variant
+
+Height = Annotated[float, Scaled(1000, -500, 10_000)]
+"""Metres above home."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Start the motors. Completed when the autopilot reports itself armed."""
+
+    name: ClassVar[str] = "arm"
+    limit_s: ClassVar[float] = 10.0
+
+
+@dataclass(frozen=True)
+class Disarm:
+    """Stop the motors, on the ground only: it is never forced."""
+
+    name: ClassVar[str] = "disarm"
+    limit_s: ClassVar[float] = 10.0
+
+
+@dataclass(frozen=True)
+class Takeoff:
+    """Climb to `altitude_m` metres above home. Completed when airborne at that altitude."""
+
+    name: ClassVar[str] = "takeoff"
+    limit_s: ClassVar[float] = 120.0
+    altitude_m: Annotated[float, Scaled(1000, 0.5, 10_000)] = 10.0
+
+
+@dataclass(frozen=True)
+class Land:
+    """Land where the drone is. Completed when landed and disarmed."""
+
+    name: ClassVar[str] = "land"
+    limit_s: ClassVar[float] = 300.0
+
+
+@dataclass(frozen=True)
+class Goto:
+    """Fly to a position at `altitude_m` metres above home. Completed on arrival."""
+
+    latitude_deg: Latitude
+    longitude_deg: Longitude
+    altitude_m: Height
+    name: ClassVar[str] = "goto"
+    limit_s: ClassVar[float] = 900.0
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Stop and stay. Completed when the autopilot is in its hold mode."""
+
+    name: ClassVar[str] = "hold"
+    limit_s: ClassVar[float] = 10.0
+
+
+@dataclass(frozen=True)
+class Return:
+    """Return to the take-off point and land there. Completed when landed and disarmed."""
+
+    name: ClassVar[str] = "return"
+    limit_s: ClassVar[float] = 900.0
+
+
+Command = Arm | Disarm | Takeoff | Land | Goto | Hold | Return
+
+COMMANDS: dict[str, type[Command]] = {c.name: c for c in (Arm, Disarm, Takeoff, Land, Goto, Hold, Return)}
+"""Every command by its name."""
+
+BROADCASTABLE = (Arm, Disarm, Takeoff, Land, Hold, Return)
+"""What `fogX/commands` takes: the same for every drone of a fog."""
+
+COMMAND = Variant("command", tuple((code, cls.name, cls) for code, cls in enumerate(COMMANDS.values(), start=1)))
+
+
+def haversine_m(latitude_1: float, longitude_1: float, latitude_2: float, longitude_2: float) -> float:
+    """Great-circle distance in metres between two positions in degrees, on a sphere of R = 6,371,000 m."""
+    phi_1, phi_2 = math.radians(latitude_1), math.radians(latitude_2)
+    half_phi = (phi_2 - phi_1) / 2
+    half_lambda = math.radians(longitude_2 - longitude_1) / 2
+    a = math.sin(half_phi) ** 2 + math.cos(phi_1) * math.cos(phi_2) * math.sin(half_lambda) ** 2
+    return 2 * 6_371_000 * math.asin(min(1.0, math.sqrt(a)))

@@ -1,0 +1,134 @@
+"""What the autopilot last said of itself: MAVLink messages in, MQTT-XT's states out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..states import (
+    Armed,
+    Battery,
+    FlightMode,
+    Groundspeed,
+    Heading,
+    Health,
+    Home,
+    Landed,
+    LandedState,
+    Location,
+    MaxGroundspeed,
+    State,
+)
+from .px4 import mode_name
+
+AUTOPILOT_COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+HEARTBEAT_LOST_MS = 3000
+MAX_SPEED_PARAMETER = "MPC_XY_VEL_MAX"
+
+Value = TypeVar("Value", bound=State)
+
+
+@dataclass(frozen=True)
+class Seen(Generic[Value]):
+    """A state and the number of the message that said it; a higher number was received later."""
+
+    state: Value
+    number: int
+
+
+class Vehicle:
+    """One autopilot as seen through its MAVLink messages.
+
+    `number` counts the messages taken in, so that "newer than the acknowledgement" needs no clock.
+    """
+
+    def __init__(self, system_id: int) -> None:
+        self.system_id = system_id
+        self.number = 0
+        self.heartbeat_ms: int | None = None
+        self.states: dict[str, Seen[Any]] = {}
+
+    def is_alive(self, now_ms: int) -> bool:
+        """Whether a heartbeat came within the last three seconds."""
+        return self.heartbeat_ms is not None and now_ms - self.heartbeat_ms <= HEARTBEAT_LOST_MS
+
+    def seen(self, cls: type[Value], after: int = -1) -> Value | None:
+        """The last state of a class, if its message came after message number `after`."""
+        found = self.states.get(cls.name)
+        return found.state if found is not None and found.number > after else None
+
+    def update(self, message: Any, now_ms: int) -> list[State]:
+        """Take in a message of this autopilot; returns the states that it told."""
+        if message.get_srcSystem() != self.system_id or message.get_srcComponent() != AUTOPILOT_COMPONENT:
+            return []
+        self.number += 1
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            self.heartbeat_ms = now_ms
+        reader = _READERS.get(kind)
+        told = reader(message) if reader is not None else []
+        for state in told:
+            self.states[state.name] = Seen(state, self.number)
+        return told
+
+
+def _heartbeat(message: Any) -> list[State]:
+    armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+    return [Armed(armed), FlightMode(mode_name(message.custom_mode))]
+
+
+def _battery(message: Any) -> list[State]:
+    if message.id != 0 or message.battery_remaining < 0:
+        return []
+    return [Battery(min(100, message.battery_remaining))]
+
+
+def _position(message: Any) -> list[State]:
+    told: list[State] = [
+        Location(message.lat / 1e7, message.lon / 1e7, message.alt / 1000, message.relative_alt / 1000)
+    ]
+    if message.hdg < 36_000:
+        told.append(Heading(message.hdg / 100))
+    return told
+
+
+def _vfr_hud(message: Any) -> list[State]:
+    return [Groundspeed(message.groundspeed)] if math.isfinite(message.groundspeed) else []
+
+
+def _landed(message: Any) -> list[State]:
+    return [LandedState(Landed(message.landed_state))] if message.landed_state in list(Landed) else []
+
+
+def _home(message: Any) -> list[State]:
+    return [Home(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1000)]
+
+
+def _health(message: Any) -> list[State]:
+    enabled = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled
+    unhealthy = enabled & ~message.onboard_control_sensors_health & 0xFFFFFFFF
+    prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    if message.onboard_control_sensors_present & prearm:
+        return [Health(not unhealthy & prearm, unhealthy)]
+    return [Health(unhealthy == 0, unhealthy)]
+
+
+def _parameter(message: Any) -> list[State]:
+    if message.param_id == MAX_SPEED_PARAMETER and math.isfinite(message.param_value):
+        return [MaxGroundspeed(message.param_value)]
+    return []
+
+
+_READERS = {
+    "HEARTBEAT": _heartbeat,
+    "BATTERY_STATUS": _battery,
+    "GLOBAL_POSITION_INT": _position,
+    "VFR_HUD": _vfr_hud,
+    "EXTENDED_SYS_STATE": _landed,
+    "HOME_POSITION": _home,
+    "SYS_STATUS": _health,
+    "PARAM_VALUE": _parameter,
+}

@@ -1,0 +1,1 @@
+"""What touches the world: brokers (paho-mqtt), autopilots (pymavlink), processes and files."""

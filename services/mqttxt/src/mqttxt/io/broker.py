@@ -1,0 +1,102 @@
+"""Supervises an embedded Mosquitto: its configuration, its start, its end, and its restart when it dies."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import shutil
+import tempfile
+from pathlib import Path
+
+from ..errors import ConfigurationError
+
+logger = logging.getLogger("mqttxt.broker")
+
+FIRST_PAUSE_S = 0.2
+LONGEST_PAUSE_S = 5.0
+STEADY_S = 10.0
+"""A broker that ran this long is started again without a longer pause."""
+
+_CONFIGURATION = """\
+# Without persistence on purpose: a retained record of a drone that died with the broker would stay for good.
+persistence false
+listener {port} {host}
+allow_anonymous true
+set_tcp_nodelay true
+max_packet_size 65536
+max_queued_messages 1000
+log_dest stderr
+log_type error
+log_type warning
+log_type notice
+connection_messages true
+"""
+
+
+class EmbeddedBroker:
+    """One Mosquitto on `host:port`. `run` keeps it running until cancelled."""
+
+    def __init__(self, host: str, port: int, program: str = "mosquitto") -> None:
+        self.host = host
+        self.port = port
+        self._program = program
+
+    @property
+    def url(self) -> str:
+        """Where the activator itself reaches the broker."""
+        host = "127.0.0.1" if self.host in ("0.0.0.0", "") else self.host
+        return f"mqtt://{host}:{self.port}"
+
+    async def run(self) -> None:
+        """Start Mosquitto and start it again when it ends; raises ConfigurationError when it cannot start."""
+        program = shutil.which(self._program)
+        if program is None:
+            raise ConfigurationError(
+                f"embedded broker: {self._program!r} is not installed; expected Mosquitto 2 on the PATH, "
+                "or --fog-broker with a broker that runs elsewhere"
+            )
+        with tempfile.TemporaryDirectory(prefix="mqttxt-broker-") as directory:
+            path = Path(directory) / "mosquitto.conf"
+            path.write_text(_CONFIGURATION.format(host=self.host, port=self.port))
+            path.chmod(0o644)
+            Path(directory).chmod(0o755)
+            await self._keep_running(program, path)
+
+    async def _keep_running(self, program: str, configuration: Path) -> None:
+        loop = asyncio.get_running_loop()
+        pause_s = FIRST_PAUSE_S
+        first = True
+        while True:
+            started = loop.time()
+            code, last_line = await self._run_once(program, configuration)
+            lasted_s = loop.time() - started
+            if first and lasted_s < 1.0:
+                raise ConfigurationError(
+                    f"embedded broker {self.host}:{self.port}: Mosquitto ended with code {code}: {last_line}"
+                )
+            first = False
+            pause_s = FIRST_PAUSE_S if lasted_s >= STEADY_S else min(2 * pause_s, LONGEST_PAUSE_S)
+            logger.warning("embedded broker ended with code %d (%s); starting it again", code, last_line)
+            await asyncio.sleep(pause_s)
+
+    async def _run_once(self, program: str, configuration: Path) -> tuple[int, str]:
+        """Run Mosquitto to its end; returns its exit code and the last line it said."""
+        process = await asyncio.create_subprocess_exec(
+            program,
+            "-c",
+            str(configuration),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+        )
+        last_line = ""
+        try:
+            assert process.stderr is not None
+            async for line in process.stderr:
+                last_line = line.decode(errors="replace").strip()
+                logger.debug("mosquitto: %s", last_line)
+            return await process.wait(), last_line
+        finally:
+            if process.returncode is None:
+                process.terminate()
+                await process.wait()

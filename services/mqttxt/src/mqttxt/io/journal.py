@@ -1,0 +1,87 @@
+"""The UAV client's journal: which commands were open, and which last words nobody has acknowledged yet.
+
+One JSON object a line, synced before the command's first write to the autopilot. It keeps no command from
+being executed (its session does that); it lets a restarted client say what became of the open ones.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from pathlib import Path
+
+from ..errors import ConfigurationError
+from ..messages import CommandId, Word
+from ..roles.effects import Journal
+from ..roles.uav_client import Unfinished
+
+logger = logging.getLogger("mqttxt.journal")
+
+
+class JournalFile:
+    """Appends to `path`; `unfinished` is what the sessions before this one left."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.unfinished = _read(path)
+            self._compact()
+            self._file = path.open("a", encoding="ascii")
+        except OSError as error:
+            raise ConfigurationError(f"journal {path}: cannot be written: {error.strerror}") from error
+
+    def record(self, effect: Journal) -> None:
+        """Write one record and wait until it is on the disk."""
+        self._file.write(_line(effect))
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _compact(self) -> None:
+        """Start with the unfinished only, so that the file does not grow over the sessions."""
+        fresh = self._path.with_suffix(".new")
+        lines = [_line(Journal(left.id, left.command, left.word, left.reason)) for left in self.unfinished]
+        with fresh.open("w", encoding="ascii") as file:
+            file.writelines(lines)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(self._path)
+
+
+def _line(effect: Journal) -> str:
+    record = {
+        "gs_session": effect.id.gs_session,
+        "seq": effect.id.seq,
+        "command": effect.command,
+        "word": effect.word.label if effect.word is not None else None,
+        "reason": effect.reason,
+        "done": effect.done,
+    }
+    return json.dumps(record) + "\n"
+
+
+def _read(path: Path) -> list[Unfinished]:
+    """The unfinished ids; a last line that was cut off by a power loss is left out and said."""
+    if not path.exists():
+        return []
+    found: dict[CommandId, Unfinished] = {}
+    words = {word.label: word for word in Word}
+    for number, line in enumerate(path.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
+        try:
+            record = json.loads(line)
+            command_id = CommandId(int(record["gs_session"]), int(record["seq"]))
+            word = words[record["word"]] if record["word"] is not None else None
+            left = Unfinished(command_id, str(record["command"]), word, record["reason"])
+            done = bool(record["done"])
+        except (ValueError, KeyError, TypeError):
+            logger.warning("journal %s: line %d cannot be read and is left out", path, number)
+            continue
+        if done:
+            found.pop(command_id, None)
+        else:
+            found[command_id] = left
+    return list(found.values())

@@ -1,0 +1,237 @@
+"""The one module that talks MAVLink to an autopilot: over UDP, TCP or a serial line.
+
+A write goes straight to the operating system or not at all: a queue of our own would be a place where a
+command waits beyond its deadline unseen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import serial
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..errors import ConfigurationError
+
+logger = logging.getLogger("mqttxt.mavlink")
+
+COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+REOPEN_S = 1.0
+_READ_BYTES = 65_536
+
+
+@dataclass(frozen=True)
+class AutopilotAddress:
+    """Where the autopilot is: `udp:HOST:PORT` (listen), `tcp:HOST:PORT` (connect), `serial:DEVICE:BAUD`."""
+
+    kind: str
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, text: str) -> AutopilotAddress:
+        """Raises ConfigurationError where `text` is none of the three."""
+        kind, _, rest = text.partition(":")
+        host, _, number = rest.rpartition(":")
+        if kind not in ("udp", "tcp", "serial") or not host or not number.isdecimal() or int(number) == 0:
+            raise ConfigurationError(f"autopilot {text!r}: expected udp:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD")
+        if kind != "serial" and int(number) > 65_535:
+            raise ConfigurationError(f"autopilot {text!r}: expected a port from 1 to 65535, got {number}")
+        return cls(kind, host, int(number))
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.host}:{self.port}"
+
+
+class AutopilotLink:
+    """A link to one autopilot; `on_message` gets each MAVLink message, `on_malformed` what was none."""
+
+    def __init__(
+        self,
+        address: AutopilotAddress,
+        system_id: int,
+        on_message: Callable[[Any], None],
+        on_malformed: Callable[[str], None],
+    ) -> None:
+        self.address = address
+        self._encoder = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=COMPONENT)
+        self._on_message = on_message
+        self._on_malformed = on_malformed
+        self._transport: _Transport | None = None
+
+    async def run(self) -> None:
+        """Keep the link open until cancelled; raises ConfigurationError when the address cannot be listened on."""
+        while True:
+            try:
+                self._transport = await _open(self.address)
+            except OSError as error:
+                if self.address.kind == "udp":
+                    raise ConfigurationError(
+                        f"autopilot {self.address}: cannot listen: {error.strerror or error}"
+                    ) from error
+                logger.info("autopilot %s: %s; trying again", self.address, error.strerror or error)
+                await asyncio.sleep(REOPEN_S)
+                continue
+            try:
+                await self._read(self._transport)
+            finally:
+                self._transport.close()
+                self._transport = None
+            logger.info("autopilot %s: link closed; opening it again", self.address)
+            await asyncio.sleep(REOPEN_S)
+
+    def write(self, message: Any) -> bool:
+        """Hand one message to the operating system; False when it did not take all of it."""
+        if self._transport is None:
+            return False
+        packet = message.pack(self._encoder)
+        self._encoder.seq = (self._encoder.seq + 1) % 256
+        return self._transport.write(packet)
+
+    async def _read(self, transport: _Transport) -> None:
+        parser = mavlink.MAVLink(None)
+        parser.robust_parsing = True
+        loop = asyncio.get_running_loop()
+        ended: asyncio.Future[None] = loop.create_future()
+
+        def readable() -> None:
+            data = transport.read()
+            if data is None:
+                if not ended.done():
+                    ended.set_result(None)
+                return
+            for message in parser.parse_buffer(data) or ():
+                if message.get_type() == "BAD_DATA":
+                    self._on_malformed(str(message.reason))
+                else:
+                    self._on_message(message)
+
+        loop.add_reader(transport.fileno(), readable)
+        try:
+            await ended
+        finally:
+            loop.remove_reader(transport.fileno())
+
+
+class _Transport:
+    """Non-blocking bytes. `read` returns None when the other side has closed, b"" when nothing is there."""
+
+    def fileno(self) -> int:
+        raise NotImplementedError
+
+    def read(self) -> bytes | None:
+        raise NotImplementedError
+
+    def write(self, packet: bytes) -> bool:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        raise NotImplementedError
+
+
+class _Udp(_Transport):
+    """Listens, and answers whoever was heard last."""
+
+    def __init__(self, address: AutopilotAddress) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((address.host, address.port))
+        except OSError:
+            self._socket.close()
+            raise
+        self._socket.setblocking(False)
+        self._peer: Any = None
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> bytes | None:
+        try:
+            data, self._peer = self._socket.recvfrom(_READ_BYTES)
+        except OSError:  # nothing there, or an ICMP error for an earlier datagram
+            return b""
+        return data
+
+    def write(self, packet: bytes) -> bool:
+        if self._peer is None:
+            return False
+        try:
+            return self._socket.sendto(packet, self._peer) == len(packet)
+        except OSError:
+            return False
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Tcp(_Transport):
+    """A TCP connection to the autopilot or its simulator."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        self._socket = sock
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> bytes | None:
+        try:
+            return self._socket.recv(_READ_BYTES) or None
+        except BlockingIOError:
+            return b""
+        except OSError:
+            return None
+
+    def write(self, packet: bytes) -> bool:
+        try:
+            return self._socket.send(packet) == len(packet)
+        except OSError:
+            return False
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Serial(_Transport):
+    """A serial line."""
+
+    def __init__(self, address: AutopilotAddress) -> None:
+        self._port = serial.Serial(address.host, address.port, timeout=0, write_timeout=0)
+
+    def fileno(self) -> int:
+        return int(self._port.fileno())
+
+    def read(self) -> bytes | None:
+        try:
+            return bytes(self._port.read(_READ_BYTES))
+        except serial.SerialException:
+            return None
+
+    def write(self, packet: bytes) -> bool:
+        try:
+            return bool(self._port.write(packet) == len(packet))
+        except serial.SerialException:
+            return False
+
+    def close(self) -> None:
+        self._port.close()
+
+
+async def _open(address: AutopilotAddress) -> _Transport:
+    if address.kind == "udp":
+        return _Udp(address)
+    if address.kind == "serial":
+        return _Serial(address)
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    sock.setblocking(False)
+    try:
+        await asyncio.get_running_loop().sock_connect(sock, (address.host, address.port))
+    except OSError:
+        sock.close()
+        raise
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return _Tcp(sock)

@@ -1,0 +1,134 @@
+"""Runs a role: carries its effects out in their order, feeds it what arrives, ticks it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter
+from collections.abc import Hashable, Iterable
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..clock import SessionClock
+from ..errors import Refused
+from ..roles.effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
+from .mqtt import MqttLink
+
+logger = logging.getLogger("mqttxt")
+
+TICK_S = 0.05
+READY_TOUCH_S = 1.0
+
+
+class Role(Protocol):
+    """What every role's state machine has, behind an adapter that names the link where it has several."""
+
+    def on_connected(self, link: str, now_ms: int) -> Iterable[Any]: ...
+    def on_disconnected(self, link: str, now_ms: int) -> Iterable[Any]: ...
+    def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> Iterable[Any]: ...
+    def on_message(self, link: str, message: Inbound, now_ms: int) -> Iterable[Any]: ...
+    def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> Iterable[Any]: ...
+    def tick(self, now_ms: int) -> Iterable[Any]: ...
+    def goodbye(self, now_ms: int) -> Iterable[Any]: ...
+    def is_ready(self, now_ms: int) -> bool: ...
+
+
+class Runner:
+    """The world around one role. Subclasses carry out the effects that only their role has."""
+
+    def __init__(self, role: Role, clock: SessionClock, ready_file: Path | None = None) -> None:
+        self.role = role
+        self.clock = clock
+        self.links: dict[str, MqttLink] = {}
+        self.counts: Counter[str] = Counter()
+        self._ready_file = ready_file
+        self._ready_touched_ms = -10_000
+        self._stopped: asyncio.Future[None] | None = None
+
+    async def run(self) -> None:
+        """Run until cancelled or stopped; raises Refused, or what a link raises that cannot be mended."""
+        self._stopped = asyncio.get_running_loop().create_future()
+        async with asyncio.TaskGroup() as group:
+            tasks = [group.create_task(job) for job in self.jobs()]
+            try:
+                await self._stopped
+            finally:
+                await self._say_goodbye()
+                for task in tasks:
+                    task.cancel()
+
+    def jobs(self) -> list[Any]:
+        """The coroutines that run as long as the role does."""
+        return [*(link.run() for link in self.links.values()), self._tick()]
+
+    def carry_out(self, outputs: Iterable[Any]) -> None:
+        """Carry out effects in their order."""
+        for output in outputs:
+            self._carry_out_one(output)
+
+    def special(self, output: Any) -> None:
+        """Carry out an effect or take an event that only this runner's role has."""
+        raise TypeError(f"{type(output).__name__} is not for this role")
+
+    def connected(self, link: str) -> None:
+        logger.info("%s: connected to %s", link, self.links[link].address)
+        self.carry_out(self.role.on_connected(link, self.clock.now_ms()))
+
+    def disconnected(self, link: str) -> None:
+        self.carry_out(self.role.on_disconnected(link, self.clock.now_ms()))
+
+    def received(self, link: str, message: Inbound) -> None:
+        self.carry_out(self.role.on_message(link, message, self.clock.now_ms()))
+
+    def subscribed(self, subscribe: Subscribe) -> None:
+        self.carry_out(self.role.on_subscribed(subscribe, self.clock.now_ms()))
+
+    def published(self, link: str, ref: Hashable, code: int) -> None:
+        self.carry_out(self.role.on_published(link, ref, code, self.clock.now_ms()))
+
+    def count(self, kind: str, detail: str) -> None:
+        """Count something that should not happen; the first of a kind is logged."""
+        self.counts[kind] += 1
+        if self.counts[kind] == 1:
+            logger.warning("%s: %s (further ones are counted, not logged)", kind, detail)
+
+    def _carry_out_one(self, output: Effect) -> None:
+        if isinstance(output, Publish):
+            self.links[output.link].publish(output)
+        elif isinstance(output, Subscribe):
+            self.links[output.link].subscribe(output)
+        elif isinstance(output, Unsubscribe):
+            self.links[output.link].unsubscribe(output)
+        elif isinstance(output, Log):
+            self.count(output.kind, output.detail)
+        elif isinstance(output, Stop):
+            if self._stopped is not None and not self._stopped.done():
+                self._stopped.set_exception(Refused(output.reason))
+        else:
+            self.special(output)
+
+    async def _tick(self) -> None:
+        while True:
+            now_ms = self.clock.now_ms()
+            self.carry_out(self.role.tick(now_ms))
+            if self._ready_file is not None and now_ms - self._ready_touched_ms >= READY_TOUCH_S * 1000:
+                self._ready_touched_ms = now_ms
+                _mark(self._ready_file, self.role.is_ready(now_ms))
+            await asyncio.sleep(TICK_S)
+
+    async def _say_goodbye(self) -> None:
+        self.carry_out(self.role.goodbye(self.clock.now_ms()))
+        for link in self.links.values():
+            await link.close()
+        if self._ready_file is not None:
+            _mark(self._ready_file, False)
+        if self.counts:
+            logger.info("counted: %s", ", ".join(f"{kind} {n}" for kind, n in sorted(self.counts.items())))
+
+
+def _mark(path: Path, ready: bool) -> None:
+    """A fresh modification time says ready; an old one, or no file, says not."""
+    if ready:
+        path.touch()
+    else:
+        path.unlink(missing_ok=True)

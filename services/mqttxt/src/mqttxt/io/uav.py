@@ -1,0 +1,126 @@
+"""The UAV client as a process: an autopilot's link, a broker's, and the role between them."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
+
+from ..clock import SessionClock
+from ..errors import ConfigurationError
+from ..roles.effects import Inbound, Journal, Transmit
+from ..roles.settings import Settings
+from ..roles.uav_client import LINK, UavClient
+from ..topics import FogSide
+from .journal import JournalFile
+from .mavlink import AutopilotAddress, AutopilotLink
+from .mqtt import BrokerAddress, MqttLink
+from .runner import Runner
+
+logger = logging.getLogger("mqttxt")
+
+AUTOPILOT_INVALID = 8
+"""MAV_AUTOPILOT_INVALID: a heartbeat of something that is no flight controller."""
+AUTOPILOT_COMPONENT = 1
+
+
+class _OneLink:
+    """A UAV client has one broker: its role does not name the link."""
+
+    def __init__(self, client: UavClient) -> None:
+        self.client = client
+        self.on_subscribed = client.on_subscribed
+        self.tick = client.tick
+        self.goodbye = client.goodbye
+        self.is_ready = client.is_ready
+
+    def on_connected(self, link: str, now_ms: int) -> Any:
+        return self.client.on_connected(now_ms)
+
+    def on_disconnected(self, link: str, now_ms: int) -> Any:
+        return self.client.on_disconnected(now_ms)
+
+    def on_message(self, link: str, message: Inbound, now_ms: int) -> Any:
+        return self.client.on_message(message, now_ms)
+
+    def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> Any:
+        return self.client.on_published(ref, code, now_ms)
+
+
+class UavRunner(Runner):
+    """Runs a UAV client: first the autopilot's heartbeat with the right system id, then the broker."""
+
+    def __init__(
+        self,
+        drone: int,
+        broker: BrokerAddress,
+        autopilot: AutopilotAddress,
+        journal: JournalFile,
+        settings: Settings,
+        *,
+        topics: FogSide | None = None,
+        ready_file: Path | None = None,
+    ) -> None:
+        clock = SessionClock()
+        self.client = UavClient(drone, clock.session, settings, topics, unfinished=journal.unfinished)
+        super().__init__(_OneLink(self.client), clock, ready_file)
+        self._journal = journal
+        self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)
+        self._heard: asyncio.Event = asyncio.Event()
+        self._wrong_id: int | None = None
+        client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
+        self.links[LINK] = MqttLink(LINK, broker, client_id, self.client.will(), self)
+
+    def jobs(self) -> list[Any]:
+        return [self._autopilot.run(), self._connect_when_heard(), self._tick()]
+
+    def special(self, output: Any) -> None:
+        if isinstance(output, Journal):
+            self._journal.record(output)
+        elif isinstance(output, Transmit):
+            self._transmit(output)
+        else:
+            super().special(output)
+
+    def _transmit(self, effect: Transmit) -> None:
+        """The last look at the clock is here, immediately before the write."""
+        before_ms = self.clock.now_ms()
+        late = effect.not_after_ms is not None and before_ms > effect.not_after_ms
+        written = not late and self._autopilot.write(effect.message)
+        if effect.ref is None:
+            return
+        after_ms = self.clock.now_ms()
+        if written:
+            self.carry_out(self.client.on_transmitted(effect.ref, after_ms))
+        else:
+            self.carry_out(self.client.on_refused(effect.ref, late, after_ms))
+
+    async def _connect_when_heard(self) -> None:
+        logger.info("waiting for the heartbeat of an autopilot at %s", self._autopilot.address)
+        await self._heard.wait()
+        if self._wrong_id is not None:
+            raise ConfigurationError(
+                f"--drone {self.client.drone}: the autopilot at {self._autopilot.address} has MAVLink system id "
+                f"{self._wrong_id}; expected {self.client.drone}"
+            )
+        logger.info("drone %d: heard its autopilot", self.client.drone)
+        await self.links[LINK].run()
+
+    def _on_mavlink(self, message: Any) -> None:
+        if not self._heard.is_set() and _is_autopilot(message):
+            if message.get_srcSystem() != self.client.drone:
+                self._wrong_id = message.get_srcSystem()
+            self._heard.set()
+        self.carry_out(self.client.on_mavlink(message, self.clock.now_ms()))
+
+    def _on_malformed(self, reason: str) -> None:
+        self.count("mavlink_malformed", reason)
+
+
+def _is_autopilot(message: Any) -> bool:
+    """Whether a message is the heartbeat of a flight controller."""
+    if message.get_type() != "HEARTBEAT" or message.get_srcComponent() != AUTOPILOT_COMPONENT:
+        return False
+    return bool(message.autopilot != AUTOPILOT_INVALID)

@@ -1,0 +1,208 @@
+"""The messages that travel on MQTT-XT's topics, as frozen dataclasses (docs/protocol.md, sections 3 to 9).
+
+Every message but a beacon and a state leads with the payload's version; those two belong to a session
+whose birth named it. Times are milliseconds in the session clock of whoever the field names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+from .commands import COMMAND, Command
+from .wire.fields import (
+    U32,
+    VERSION,
+    DroneNumber,
+    Integer,
+    Items,
+    Milliseconds,
+    Named,
+    Reason,
+    Scaled,
+    Session,
+    Stamp,
+    Text,
+    Version,
+)
+
+
+class CommandId(NamedTuple):
+    """What names a command from end to end: the ground station's session and its sequence number."""
+
+    gs_session: int
+    seq: int
+
+    def __str__(self) -> str:
+        return f"{self.gs_session:08x}:{self.seq}"
+
+
+class Word(Named):
+    """What can be said of a command: first words, then exactly one last word for each drone."""
+
+    ACCEPTED = 1
+    IN_PROGRESS = 2
+    COMPLETED = 3
+    DENIED = 4
+    UNSUPPORTED = 5
+    FAILED = 6
+    EXPIRED = 7
+    OVERTAKEN = 8
+    SUPERSEDED = 9
+    UNREACHABLE = 10
+    UNCONFIRMED = 11
+
+    @property
+    def is_last(self) -> bool:
+        return self not in (Word.ACCEPTED, Word.IN_PROGRESS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeaconMessage:
+    """A process's own clock, on `fogX/clock` and `droneY/clock` (section 4)."""
+
+    session: Session
+    now_ms: Milliseconds
+    nonce: U32 | None = None
+    held_ms: Milliseconds | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandMessage:
+    """A command for the executor whose session it names, started no later than `deadline_ms` of its clock.
+
+    A deadline that is past makes the message a query; 0 is always past. None: the sender had no beacon.
+    """
+
+    version: Version = VERSION
+    gs_session: Session
+    seq: U32
+    executor_session: U32
+    deadline_ms: Milliseconds | None = None
+    limit_s: Annotated[float, Scaled(10, 0.1, 86_400)]
+    command: Annotated[Command, COMMAND]
+
+    @property
+    def id(self) -> CommandId:
+        return CommandId(self.gs_session, self.seq)
+
+
+@dataclass(frozen=True, kw_only=True)
+class By:
+    """The command that superseded another."""
+
+    gs_session: Session
+    seq: U32
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultMessage:
+    """One word about a command and a drone, on `…/droneY/commands_result/C`.
+
+    `session` is the drone's, or the activator's where the activator closed the command; `stamp` is of the
+    same clock, `relay_stamp` the activator's. `late_ms`: how far past the deadline the clock read after the
+    write. `settled` marks the truth that came after an `unconfirmed`.
+    """
+
+    version: Version = VERSION
+    gs_session: Session
+    seq: U32
+    session: Session
+    relay_stamp: Stamp | None = None
+    stamp: Stamp
+    word: Word
+    reason: Reason | None = None
+    percent: Annotated[int, Integer(0, 100)] | None = None
+    late_ms: Milliseconds | None = None
+    by: By | None = None
+    settled: bool | None = None
+    beacon: BeaconMessage | None = None
+
+    @property
+    def id(self) -> CommandId:
+        return CommandId(self.gs_session, self.seq)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosterEntry:
+    """A drone that a broadcast concerns, and its session if it has one."""
+
+    drone: DroneNumber
+    session: Session | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FogResultMessage:
+    """A broadcast's roster, or why the fog denied a command, on `fogX/commands_result/C`."""
+
+    version: Version = VERSION
+    gs_session: Session
+    seq: U32
+    session: Session
+    stamp: Stamp
+    roster: Annotated[tuple[RosterEntry, ...], Items(250)] | None = None
+    denied: Reason | None = None
+    beacon: BeaconMessage | None = None
+
+    @property
+    def id(self) -> CommandId:
+        return CommandId(self.gs_session, self.seq)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Presence:
+    """Birth (`up`) and will of a ground station (`gs/G/reachable`) or a UAV client (`droneY/reachable`)."""
+
+    version: Version = VERSION
+    session: Session
+    up: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class DroneRecord:
+    """Whether a drone is reachable, in the words of the activator session that says so (`fogX/droneY/reachable`)."""
+
+    version: Version = VERSION
+    activator_session: Session
+    up: bool
+    drone_session: Session | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FogPresence:
+    """Birth and will of an activator (`fogX/reachable`): its fog broker's address, and its drones.
+
+    `authenticated` says whether commands must be signed.
+    """
+
+    version: Version = VERSION
+    session: Session
+    up: bool
+    broker: Annotated[str, Text(200)] | None = None
+    authenticated: bool | None = None
+    drones: Annotated[tuple[RosterEntry, ...], Items(250)] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registration:
+    """A ground station's lease at a fog (`fogX/init_connect`); `lease_s` 0 ends it."""
+
+    version: Version = VERSION
+    name: Annotated[str, Text(64)]
+    session: Session
+    nonce: U32
+    lease_s: Annotated[int, Integer(0, 3600)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DroneLease:
+    """The activator's word to the UAV client of one session (`droneY/init_connect`): a nonce to echo.
+
+    `bound` false tells a second UAV client of the same number that it is refused.
+    """
+
+    version: Version = VERSION
+    activator_session: Session
+    drone_session: Session
+    nonce: U32
+    bound: bool

@@ -1,0 +1,274 @@
+"""The activator of one fog: gate, presence and command relay between two brokers, as a state machine."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import PayloadError
+from ..messages import BeaconMessage, DroneRecord, FogPresence, Presence, Registration
+from ..topics import CloudSide, DroneTopic, FogSide, FogTopic, StationTopic
+from ..wire.codec import decode, encode
+from .activator_drones import CLOUD, FOG, Drones
+from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe, Will
+from .relay import Relay
+from .settings import Settings
+
+CHALLENGE_MS = 3000
+"""How long another live activator of this fog has to answer before this one takes its place."""
+REBIRTH_MS = 1000
+
+
+@dataclass
+class Lease:
+    """A ground station's registration."""
+
+    until_ms: int
+
+
+class Activator:
+    """One activator session. Times are milliseconds of its session clock."""
+
+    def __init__(
+        self,
+        fog: int,
+        session: int,
+        settings: Settings,
+        *,
+        drones: tuple[int, ...] = (),
+        broker: str | None = None,
+        cloud: CloudSide | None = None,
+        fog_side: FogSide | None = None,
+    ) -> None:
+        self.fog = fog
+        self.session = session
+        self.settings = settings
+        self.cloud = cloud or CloudSide(fog)
+        self.fog_side = fog_side or FogSide()
+        self.drones = Drones(session, settings, self.cloud, self.fog_side, drones)
+        self.relay = Relay(session, settings, self.cloud, self.fog_side, self.drones)
+        self.leases: dict[tuple[str, int], Lease] = {}
+        self.connected = {CLOUD: False, FOG: False}
+        self.born = False
+        self._broker = broker
+        self._subacks = {CLOUD: 0, FOG: 0}
+        self._next_beacon_ms = 0
+        self._published_roster: Any = None
+        self._rival: int | None = None
+        self._challenge_until_ms: int | None = None
+        self._rebirth_at_ms: int | None = None
+
+    def will(self) -> Will:
+        """The will of the connection to the cloud broker; the fog broker needs none."""
+        return Will(self.cloud.reachable, encode(self._presence(up=False), self.settings.encoding))
+
+    def is_ready(self) -> bool:
+        """Whether the activator is live on both brokers."""
+        return self.born and self.connected[FOG] and self._subacks[FOG] == 0
+
+    def gate_is_open(self) -> bool:
+        """Whether states are relayed: while any ground station holds a lease."""
+        return bool(self.leases)
+
+    def on_connected(self, link: str, now_ms: int) -> list[Effect]:
+        self.connected[link] = True
+        if link == FOG:
+            self._subacks[FOG] = 1
+            return [Subscribe(FOG, self.fog_side.activator_filters())]
+        self._subacks[CLOUD] = 3
+        return [
+            Subscribe(CLOUD, self.cloud.activator_command_filters(), live_only=True),
+            Subscribe(CLOUD, self.cloud.activator_filters()),
+            Subscribe(CLOUD, (self.cloud.clock,)),
+        ]
+
+    def on_disconnected(self, link: str, now_ms: int) -> list[Effect]:
+        self.connected[link] = False
+        if link == CLOUD:
+            self.born = False
+            self._rival = self._challenge_until_ms = None
+            return []
+        self.relay.fog_connected = False
+        gone = self.drones.forget_connections()
+        return [self.drones.record_of(number) for number in gone] if self.born else []
+
+    def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
+        link = subscribe.link
+        self._subacks[link] -= 1
+        if self._subacks[link] != 0:
+            return []
+        if link == FOG:
+            self.relay.fog_connected = True
+            return []
+        # The broker sends what it retains before this beacon comes back: then it is known who else is there.
+        return [self._beacon(now_ms)]
+
+    def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Effect]:
+        """A message from one of the two brokers; what does not follow the specification is counted."""
+        try:
+            if link == CLOUD:
+                return self._on_cloud(self.cloud.parse(message.topic), message, now_ms)
+            return self._on_fog(self.fog_side.parse(message.topic), message, now_ms)
+        except PayloadError as error:
+            return [Log(error.kind, f"{message.topic}: {error}")]
+
+    def on_published(self, link: str, ref: Any, code: int, now_ms: int) -> list[Effect]:
+        return self.relay.on_published(ref, code, now_ms) if link == FOG else []
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """Everything that is due by time; to be called at least ten times a second."""
+        for key in [key for key, lease in self.leases.items() if now_ms > lease.until_ms]:
+            del self.leases[key]
+        out = self._watching_drones(self.drones.tick, now_ms) + self.relay.tick(now_ms)
+        if self._challenge_until_ms is not None and now_ms >= self._challenge_until_ms:
+            self._rival = self._challenge_until_ms = None
+            out += self._be_born(now_ms)
+        if self._rebirth_at_ms is not None and now_ms >= self._rebirth_at_ms and self.born:
+            self._rebirth_at_ms = None
+            out.append(self._publish_presence(up=True))
+        if self.born and now_ms >= self._next_beacon_ms:
+            out.append(self._beacon(now_ms))
+        return out
+
+    def goodbye(self, now_ms: int) -> list[Effect]:
+        """A clean stop says that neither the fog nor its drones are reachable."""
+        if not self.born:
+            return []
+        self.born = False
+        gone = self.drones.forget_connections()
+        return [*(self.drones.record_of(number) for number in gone), self._publish_presence(up=False)]
+
+    def _on_cloud(self, topic: DroneTopic | FogTopic | StationTopic, message: Inbound, now_ms: int) -> list[Effect]:
+        if isinstance(topic, StationTopic):
+            return self._on_station(topic.name, decode(Presence, message.payload))
+        if isinstance(topic, DroneTopic):
+            if topic.kind == "commands":
+                return self.relay.on_command(topic.drone, message, now_ms)
+            return self._on_own_record(topic.drone, decode(DroneRecord, message.payload))
+        if topic.kind == "commands":
+            return self.relay.on_command(None, message, now_ms)
+        if topic.kind == "init_connect":
+            return self._on_registration(decode(Registration, message.payload), now_ms)
+        if topic.kind == "clock":
+            return self._on_clock(decode(BeaconMessage, message.payload), now_ms)
+        if topic.kind == "reachable":
+            return self._on_own_presence(decode(FogPresence, message.payload), now_ms)
+        raise PayloadError(f"topic {message.topic!r}: not for an activator", "topic")
+
+    def _on_fog(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
+        if topic.kind == "reachable":
+            presence = decode(Presence, message.payload)
+            return self._watching_drones(lambda now: self.drones.on_presence(topic.drone, presence, now), now_ms)
+        if topic.kind == "clock":
+            beacon = decode(BeaconMessage, message.payload)
+            return self._watching_drones(lambda now: self.drones.on_beacon(topic.drone, beacon, now), now_ms)
+        link = self.drones.get(topic.drone)
+        if topic.kind == "state":
+            name = self.drones.on_state(topic.drone, topic.name, message.payload, now_ms)
+            if name is None or link is None or not self.gate_is_open():
+                return []
+            return self.drones.relay_state(link, name, now_ms)
+        if topic.kind == "commands_result":
+            if link is None:
+                raise PayloadError(f"topic {message.topic!r}: a drone that was never reachable", "topic")
+            return self.relay.on_result(link, message.payload, topic.name, now_ms)
+        raise PayloadError(f"topic {message.topic!r}: not for an activator", "topic")
+
+    def _watching_drones(self, act: Callable[[int], list[Effect]], now_ms: int) -> list[Effect]:
+        """Do something with the drones, and then what follows from one having become reachable."""
+        before = {number for number, link in self.drones.links.items() if link.announced}
+        out = act(now_ms)
+        for number, link in self.drones.links.items():
+            if link.announced and number not in before:
+                out += self.relay.on_drone_reachable(link, now_ms)
+                if self.gate_is_open():
+                    out += [e for name in list(link.states) for e in self.drones.relay_state(link, name, now_ms)]
+        if self.born and self.drones.roster() != self._published_roster:
+            out.append(self._publish_presence(up=True))
+        return out
+
+    def _on_registration(self, message: Registration, now_ms: int) -> list[Effect]:
+        key = (message.name, message.session)
+        is_new = key not in self.leases
+        if message.lease_s > 0:
+            self.leases[key] = Lease(now_ms + message.lease_s * 1000)
+        else:
+            self.leases.pop(key, None)
+        out: list[Effect] = [self._beacon(now_ms, message.nonce)]
+        if is_new and message.lease_s > 0:
+            out += self.drones.relay_all_states(now_ms)
+        return out
+
+    def _on_station(self, name: str, presence: Presence) -> list[Effect]:
+        if not presence.up:
+            self.leases.pop((name, presence.session), None)
+        return []
+
+    def _on_own_record(self, drone: int, record: DroneRecord) -> list[Effect]:
+        """Another session's word about a drone of this fog is put right."""
+        if not self.born or self.drones.is_own_record(drone, record):
+            return []
+        if record.activator_session == self.session:
+            return []  # an own record that a newer one, already under way, replaces
+        return [self.drones.record_of(drone)]
+
+    def _on_own_presence(self, presence: FogPresence, now_ms: int) -> list[Effect]:
+        if presence.session == self.session:
+            if not presence.up and self.born:
+                self._rebirth_at_ms = now_ms + REBIRTH_MS
+            return []
+        if self.born:
+            self._rebirth_at_ms = now_ms + REBIRTH_MS
+        elif presence.up:
+            self._rival = presence.session
+        elif presence.session == self._rival:
+            self._rival = None
+        return []
+
+    def _on_clock(self, beacon: BeaconMessage, now_ms: int) -> list[Effect]:
+        """Before birth: the own beacon closes what the broker retains, a rival's proves it alive."""
+        if self.born:
+            return []
+        if beacon.session == self._rival:
+            return [Stop(f"refused: another live activator is fog {self.fog} already")]
+        if beacon.session != self.session or self._challenge_until_ms is not None:
+            return []
+        if self._rival is None:
+            return self._be_born(now_ms)
+        self._challenge_until_ms = now_ms + CHALLENGE_MS
+        question = Registration(name="activator", session=self.session, nonce=secrets.randbelow(2**32), lease_s=0)
+        payload = encode(question, self.settings.encoding)
+        return [Publish(CLOUD, self.cloud.init_connect, payload, qos=1)]
+
+    def _be_born(self, now_ms: int) -> list[Effect]:
+        self.born = True
+        self._rebirth_at_ms = None
+        return [
+            Unsubscribe(CLOUD, (self.cloud.clock,)),
+            self._publish_presence(up=True),
+            *self.drones.records(),
+            self._beacon(now_ms),
+        ]
+
+    def _presence(self, up: bool) -> FogPresence:
+        return FogPresence(
+            session=self.session,
+            up=up,
+            broker=self._broker if up else None,
+            authenticated=False if up else None,
+            drones=self.drones.roster() if up else None,
+        )
+
+    def _publish_presence(self, up: bool) -> Publish:
+        self._published_roster = self.drones.roster()
+        payload = encode(self._presence(up), self.settings.encoding)
+        return Publish(CLOUD, self.cloud.reachable, payload, qos=1, retain=True)
+
+    def _beacon(self, now_ms: int, nonce: int | None = None) -> Publish:
+        self._next_beacon_ms = now_ms + self.settings.beacon_interval_ms
+        message = BeaconMessage(
+            session=self.session, now_ms=now_ms, nonce=nonce, held_ms=0 if nonce is not None else None
+        )
+        return Publish(CLOUD, self.cloud.clock, encode(message, self.settings.encoding), qos=0)

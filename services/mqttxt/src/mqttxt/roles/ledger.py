@@ -1,0 +1,93 @@
+"""The command ledger: what an executor has been asked and what it answered (docs/protocol.md, section 5).
+
+Entries live until the deadline has passed, then with their outcomes for ten minutes. A duplicate is found,
+not executed again; a full ledger denies and never evicts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Generic, TypeVar
+
+from ..commands import Command
+from ..messages import CommandId
+
+KEEP_MS = 600_000
+CAPACITY = 4096
+
+Record = TypeVar("Record")
+
+
+class Admission(Enum):
+    """What the ledger says of an id and its contents."""
+
+    NEW = auto()
+    DUPLICATE = auto()
+    CONFLICT = auto()
+    FULL = auto()
+
+
+@dataclass
+class Entry(Generic[Record]):
+    """One id: its contents (None when known only from a journal), and what its owner records about it."""
+
+    id: CommandId
+    command: Command | None
+    record: Record
+    keep_until_ms: int
+    is_open: bool = True
+
+
+class Ledger(Generic[Record]):
+    """Ids with their contents and records, bounded by `capacity`."""
+
+    def __init__(self, capacity: int = CAPACITY, keep_ms: int = KEEP_MS) -> None:
+        self._entries: dict[CommandId, Entry[Record]] = {}
+        self._capacity = capacity
+        self._keep_ms = keep_ms
+        self._barred_until_ms = -1
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def get(self, command_id: CommandId) -> Entry[Record] | None:
+        return self._entries.get(command_id)
+
+    def entries(self) -> list[Entry[Record]]:
+        return list(self._entries.values())
+
+    def open_entries(self) -> list[Entry[Record]]:
+        return [entry for entry in self._entries.values() if entry.is_open]
+
+    def examine(self, command_id: CommandId, command: Command, deadline_ms: int, now_ms: int) -> Admission:
+        """What to do with a command, without entering it.
+
+        While the deadline of an id that was denied for want of room has not passed, unknown ids are denied
+        too: the denied one may arrive a second time and must not be executed then.
+        """
+        entry = self._entries.get(command_id)
+        if entry is not None:
+            same = entry.command is None or entry.command == command
+            return Admission.DUPLICATE if same else Admission.CONFLICT
+        self._purge(now_ms)
+        if len(self._entries) >= self._capacity:
+            self._barred_until_ms = max(self._barred_until_ms, deadline_ms)
+            return Admission.FULL
+        return Admission.FULL if now_ms <= self._barred_until_ms else Admission.NEW
+
+    def enter(self, command_id: CommandId, command: Command | None, record: Record, deadline_ms: int) -> Entry[Record]:
+        """Enter an id that `examine` called new, or one restored from a journal."""
+        entry = Entry(command_id, command, record, deadline_ms + self._keep_ms)
+        self._entries[command_id] = entry
+        return entry
+
+    def close(self, entry: Entry[Record], now_ms: int) -> None:
+        """The last word is said: keep it for ten minutes from now or from the deadline, whichever is later."""
+        entry.is_open = False
+        entry.keep_until_ms = max(entry.keep_until_ms, now_ms + self._keep_ms)
+
+    def _purge(self, now_ms: int) -> None:
+        gone = [key for key, entry in self._entries.items() if not entry.is_open and now_ms > entry.keep_until_ms]
+        for key in gone:
+            del self._entries[key]

@@ -1,0 +1,296 @@
+"""The activator's way with commands: admit, forward within the deadline, carry the words back, close.
+
+Before it publishes a command to the fog broker only the activator may close it; afterwards only the UAV
+client, until the deadline, the limit and a grace have passed. A command that names an earlier session of this
+activator is never executed: that session may have forwarded it, so the drones are asked what became of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from ..clock import MAX_TTL_MS, expiry_s, stamp
+from ..commands import BROADCASTABLE
+from ..errors import PayloadError
+from ..messages import (
+    BeaconMessage,
+    CommandId,
+    CommandMessage,
+    FogResultMessage,
+    ResultMessage,
+    RosterEntry,
+    Word,
+)
+from ..topics import CloudSide, FogSide
+from ..wire.codec import decode, encode
+from ..wire.identify import identify
+from .activator_drones import CLOUD, FOG, DroneLink, Drones
+from .effects import Effect, Inbound, Log, Publish
+from .ledger import Admission, Entry, Ledger
+from .settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, Retry, Settings
+
+QUERY_DEADLINE_MS = 0
+NO_DEADLINE = "no_deadline"
+
+
+@dataclass
+class Leg:
+    """A command on its way to one drone, and what was said of it."""
+
+    drone: int
+    sent: CommandMessage | None = None
+    publishes: int = 0
+    words: list[ResultMessage] = field(default_factory=list)
+    retry: Retry | None = None
+    settled: bool = False
+
+    @property
+    def is_closed(self) -> bool:
+        return bool(self.words) and self.words[-1].word.is_last
+
+
+@dataclass
+class Job:
+    """What the activator records about a command: its deadline, its drones, and how it was answered."""
+
+    message: CommandMessage
+    deadline_ms: int
+    close_at_ms: int
+    query: bool
+    legs: dict[int, Leg] = field(default_factory=dict)
+    answer: FogResultMessage | None = None
+
+
+class Relay:
+    """The commands of one activator session. `on_…` methods take what arrived and return effects."""
+
+    def __init__(self, session: int, settings: Settings, cloud: CloudSide, fog: FogSide, drones: Drones) -> None:
+        self._session = session
+        self._settings = settings
+        self._cloud = cloud
+        self._fog = fog
+        self._drones = drones
+        self.ledger: Ledger[Job] = Ledger()
+        self.fog_connected = False
+
+    def on_command(self, drone: int | None, message: Inbound, now_ms: int) -> list[Effect]:
+        """A command for one drone, or with None for every drone of the fog."""
+        try:
+            command = decode(CommandMessage, message.payload)
+        except PayloadError as error:
+            return self._on_malformed(drone, message, error, now_ms)
+        known = command.executor_session == self._session and command.deadline_ms is not None
+        deadline_ms = command.deadline_ms if known and command.deadline_ms is not None else now_ms
+        keep_ms = min(deadline_ms, now_ms + MAX_TTL_MS)
+        verdict = self.ledger.examine(command.id, command.command, keep_ms, now_ms)
+        if verdict is Admission.DUPLICATE:
+            entry = self.ledger.get(command.id)
+            assert entry is not None
+            return self._answer(entry)
+        if verdict in (Admission.CONFLICT, Admission.FULL):
+            reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
+            return [self._denial(drone, command.command.name, command.id, reason, now_ms)]
+        return self._admit(drone, command, message.retain, known, keep_ms, deadline_ms, now_ms)
+
+    def on_result(self, link: DroneLink, payload: bytes, name: str, now_ms: int) -> list[Effect]:
+        """A word of the drone bound to `link`: relayed unless it repeats what was said."""
+        result = decode(ResultMessage, payload)
+        if result.session != link.session or link.clock is None:
+            return [Log("unknown_session", f"result of drone {link.number} from session {result.session:08x}")]
+        age_ms = link.clock.age_ms(result.stamp, now_ms)
+        relayed = replace(result, relay_stamp=stamp(now_ms - age_ms) if age_ms is not None else None)
+        entry = self.ledger.get(result.id)
+        if entry is None:
+            return [self._publish_result(link.number, name, relayed)]
+        leg = entry.record.legs.get(link.number)
+        if leg is None:
+            return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
+        if leg.is_closed:
+            unconfirmed = leg.words[-1].word is Word.UNCONFIRMED and leg.words[-1].session == self._session
+            if not unconfirmed or leg.settled or not result.word.is_last:
+                return []
+            leg.settled = True
+            return [self._publish_result(link.number, name, replace(relayed, settled=True))]
+        if any(word.word is result.word and word.percent == result.percent for word in leg.words):
+            return []
+        return self._say(entry, leg, relayed, now_ms)
+
+    def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
+        """PUBACK of a forwarded command; nobody subscribed means that it was not published."""
+        command_id, drone = ref
+        entry = self.ledger.get(command_id)
+        leg = entry.record.legs.get(drone) if entry is not None else None
+        if entry is None or leg is None or leg.is_closed or leg.words or leg.publishes > 1:
+            return []
+        if code == NO_MATCHING_SUBSCRIBERS and not entry.record.query:
+            return self._close(entry, leg, Word.UNREACHABLE, "no_subscriber", now_ms)
+        return []
+
+    def on_drone_reachable(self, link: DroneLink, now_ms: int) -> list[Effect]:
+        """A drone is (again) there: what is open for it is sent once more, as a query where it has a new session."""
+        return [
+            effect
+            for entry in self.ledger.open_entries()
+            for leg in [entry.record.legs.get(link.number)]
+            if leg is not None and not leg.is_closed
+            for effect in self._send_again(entry, leg, link, now_ms)
+        ]
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """Commands that nobody answers: asked for again, and at last unconfirmed."""
+        out: list[Effect] = []
+        for entry in self.ledger.open_entries():
+            for leg in [leg for leg in entry.record.legs.values() if not leg.is_closed]:
+                link = self._drones.get(leg.drone)
+                if now_ms > entry.record.close_at_ms:
+                    out += self._close(entry, leg, Word.UNCONFIRMED, None, now_ms)
+                elif link is not None and link.announced and leg.retry is not None and leg.retry.is_due(now_ms):
+                    out += self._send_again(entry, leg, link, now_ms)
+        return out
+
+    def _admit(
+        self,
+        drone: int | None,
+        command: CommandMessage,
+        retained: bool,
+        known: bool,
+        keep_ms: int,
+        deadline_ms: int,
+        now_ms: int,
+    ) -> list[Effect]:
+        close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
+        query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
+        job = Job(command, deadline_ms, close_at_ms, query)
+        entry = self.ledger.enter(command.id, command.command, job, keep_ms)
+        refusal = None
+        if retained:
+            refusal = "retained"
+        elif not known and not query:
+            refusal = NO_DEADLINE
+        elif deadline_ms > now_ms + MAX_TTL_MS:
+            refusal = "deadline_too_far"
+        elif drone is None and not isinstance(command.command, BROADCASTABLE):
+            refusal = "not_broadcastable"
+        if drone is not None:
+            leg = job.legs[drone] = Leg(drone)
+            if refusal is not None:
+                return self._close(entry, leg, Word.DENIED, refusal, now_ms)
+            return self._forward(entry, leg, now_ms)
+        roster = self._drones.roster() if refusal is None else None
+        job.answer = self._fog_result(command.id, now_ms, roster, refusal)
+        out: list[Effect] = [self._publish_fog_result(command.command.name, job.answer)]
+        for listed in roster or ():
+            job.legs[listed.drone] = Leg(listed.drone)
+            out += self._forward(entry, job.legs[listed.drone], now_ms)
+        if not job.legs:
+            self.ledger.close(entry, now_ms)
+        return out
+
+    def _forward(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
+        """The first way to a drone: closed here if it cannot be gone, else from then on the drone's."""
+        job = entry.record
+        link = self._drones.get(leg.drone)
+        if job.query:
+            leg.retry = Retry.of(0, now_ms, 0)
+            return self._send_again(entry, leg, link, now_ms) if link is not None and link.announced else []
+        remaining_ms = job.deadline_ms - now_ms
+        if remaining_ms <= 0:
+            return self._close(entry, leg, Word.EXPIRED, None, now_ms)
+        if link is None or not link.announced or not self.fog_connected:
+            return self._close(entry, leg, Word.UNREACHABLE, None, now_ms)
+        deadline_ms = link.clock.deadline_ms(now_ms, remaining_ms) if link.clock is not None else None
+        if deadline_ms is None or deadline_ms <= 0 or link.session is None:
+            return self._close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
+        leg.sent = replace(job.message, executor_session=link.session, deadline_ms=deadline_ms)
+        leg.retry = Retry.of(self._settings.qos, now_ms, remaining_ms)
+        return [self._publish_command(entry, leg, remaining_ms)]
+
+    def _send_again(self, entry: Entry[Job], leg: Leg, link: DroneLink | None, now_ms: int) -> list[Effect]:
+        if link is None or link.session is None or not self.fog_connected:
+            return []
+        if leg.sent is None or leg.sent.executor_session != link.session:
+            leg.sent = replace(entry.record.message, executor_session=link.session, deadline_ms=QUERY_DEADLINE_MS)
+        return [self._publish_command(entry, leg, entry.record.deadline_ms - now_ms)]
+
+    def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:
+        assert leg.sent is not None
+        leg.publishes += 1
+        payload = encode(leg.sent, self._settings.encoding)
+        topic = self._fog.commands(leg.drone)
+        return Publish(
+            FOG,
+            topic,
+            payload,
+            self._settings.qos,
+            expiry_s=expiry_s(remaining_ms),
+            ref=(entry.id, leg.drone),
+        )
+
+    def _close(self, entry: Entry[Job], leg: Leg, word: Word, reason: str | None, now_ms: int) -> list[Effect]:
+        return self._say(entry, leg, self._own_word(entry.id, word, reason, now_ms), now_ms)
+
+    def _own_word(self, command_id: CommandId, word: Word, reason: str | None, now_ms: int) -> ResultMessage:
+        return ResultMessage(
+            gs_session=command_id.gs_session,
+            seq=command_id.seq,
+            session=self._session,
+            relay_stamp=stamp(now_ms),
+            stamp=stamp(now_ms),
+            word=word,
+            reason=reason,
+            beacon=self._beacon(now_ms) if reason == NO_DEADLINE else None,
+        )
+
+    def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
+        leg.words.append(result)
+        leg.retry = Retry.after_word(self._settings.qos, now_ms)
+        if all(other.is_closed for other in entry.record.legs.values()):
+            self.ledger.close(entry, now_ms)
+        if entry.record.query and result.word.is_last:
+            result = replace(result, beacon=self._beacon(now_ms))
+        return [self._publish_result(leg.drone, entry.record.message.command.name, result)]
+
+    def _answer(self, entry: Entry[Job]) -> list[Effect]:
+        """A duplicate hears the roster and each drone's newest word again."""
+        job = entry.record
+        name = job.message.command.name
+        out: list[Effect] = [self._publish_fog_result(name, job.answer)] if job.answer is not None else []
+        return out + [self._publish_result(leg.drone, name, leg.words[-1]) for leg in job.legs.values() if leg.words]
+
+    def _on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
+        out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
+        known = identify(message.payload)
+        if known is not None and self.ledger.get(known) is None:
+            out.append(self._denial(drone, "malformed", known, str(error), now_ms))
+        return out
+
+    def _denial(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> Effect:
+        """A denial of something that has no place in the ledger."""
+        if drone is None:
+            return self._publish_fog_result(name, self._fog_result(command_id, now_ms, None, reason))
+        return self._publish_result(drone, name, self._own_word(command_id, Word.DENIED, reason, now_ms))
+
+    def _fog_result(
+        self, command_id: CommandId, now_ms: int, roster: tuple[RosterEntry, ...] | None, denied: str | None
+    ) -> FogResultMessage:
+        return FogResultMessage(
+            gs_session=command_id.gs_session,
+            seq=command_id.seq,
+            session=self._session,
+            stamp=stamp(now_ms),
+            roster=roster,
+            denied=denied,
+            beacon=self._beacon(now_ms) if denied == NO_DEADLINE else None,
+        )
+
+    def _beacon(self, now_ms: int) -> BeaconMessage:
+        return BeaconMessage(session=self._session, now_ms=now_ms)
+
+    def _publish_result(self, drone: int, name: str, result: ResultMessage) -> Publish:
+        topic = self._cloud.drone_result(drone, name)
+        return Publish(CLOUD, topic, encode(result, self._settings.encoding), self._settings.qos)
+
+    def _publish_fog_result(self, name: str, result: FogResultMessage) -> Publish:
+        topic = self._cloud.fog_result(name)
+        return Publish(CLOUD, topic, encode(result, self._settings.encoding), self._settings.qos)

@@ -1,0 +1,50 @@
+"""What every role is told at its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..wire.values import Encoding
+
+BEACON_INTERVAL_MS = 10_000
+GRACE_MS = 5_000
+"""How long after deadline and limit a command may stay without its last word before it is unconfirmed."""
+RESEND_FIRST_MS = 2_000
+RESEND_LAST_MS = 16_000
+NO_MATCHING_SUBSCRIBERS = 0x10
+"""MQTT 5 PUBACK reason code: the broker took the message and nobody is there to get it."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """`qos` is that of commands, results and the likes; states are always QoS 0, presence and leases QoS 1."""
+
+    qos: int = 1
+    encoding: Encoding = Encoding.CBOR
+    beacon_interval_ms: int = BEACON_INTERVAL_MS
+
+
+class Retry:
+    """When to send an unanswered message again: pauses double from two to sixteen seconds."""
+
+    def __init__(self, first_ms: int) -> None:
+        self._gap_ms = RESEND_FIRST_MS
+        self._next_ms = first_ms
+
+    def is_due(self, now_ms: int) -> bool:
+        """Whether it is time; asking when it is moves the next time on."""
+        if now_ms < self._next_ms:
+            return False
+        self._next_ms = now_ms + self._gap_ms
+        self._gap_ms = min(2 * self._gap_ms, RESEND_LAST_MS)
+        return True
+
+    @classmethod
+    def after_word(cls, qos: int, now_ms: int) -> Retry | None:
+        """A command that was answered is asked for rarely at QoS 0, and not at all at QoS 1."""
+        return cls(now_ms + RESEND_LAST_MS) if qos == 0 else None
+
+    @classmethod
+    def of(cls, qos: int, now_ms: int, remaining_ms: int) -> Retry:
+        """QoS 0 asks again after two seconds; at QoS 1 the transport repeats, so not before the deadline."""
+        return cls(now_ms + (RESEND_FIRST_MS if qos == 0 else max(RESEND_FIRST_MS, remaining_ms)))

@@ -1,0 +1,150 @@
+"""One fog as a ground station sees it: registration, clock, drones and their states."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass, field
+
+from ..clock import Beacon, RemoteClock, stamp_is_newer
+from ..messages import BeaconMessage, DroneRecord, FogPresence, Registration
+from ..outcomes import Event, Reachability, StateUpdate
+from ..topics import CloudSide
+from ..wire.codec import encode
+from ..wire.states import StampedState
+from .effects import Publish
+from .settings import Settings
+
+LINK = "cloud"
+
+
+@dataclass
+class KnownState:
+    """A state with its stamps, and when it came in the station's own time."""
+
+    message: StampedState
+    received_ms: int
+
+
+@dataclass
+class DroneView:
+    """One drone of a fog."""
+
+    number: int
+    record: DroneRecord | None = None
+    reachable: bool = False
+    states: dict[str, KnownState] = field(default_factory=dict)
+
+
+class FogView:
+    """What a ground station knows of one fog, in the ground station's own time."""
+
+    def __init__(self, topics: CloudSide, name: str, session: int, lease_s: int, settings: Settings) -> None:
+        self.topics = topics
+        self.number = topics.fog
+        self.session: int | None = None
+        self.up = False
+        self.registered = False
+        self.subscribed = False
+        self.clock: RemoteClock | None = None
+        self.configured: tuple[int, ...] = ()
+        self.broker: str | None = None
+        self.drones: dict[int, DroneView] = {}
+        self._name = name
+        self._own_session = session
+        self._lease_s = lease_s
+        self._settings = settings
+        self._nonces: dict[int, int] = {}
+        self._next_registration_ms = 0
+
+    def is_live(self, now_ms: int) -> bool:
+        """Whether the activator says so, and a beacon of it came within three intervals."""
+        return self.up and self.clock is not None and self.clock.is_live(now_ms, self._settings.beacon_interval_ms)
+
+    def on_presence(self, presence: FogPresence, now_ms: int) -> tuple[list[Publish], list[Event], bool]:
+        """`fogX/reachable`. The flag tells whether the activator is there anew, so that open commands are asked for."""
+        if not presence.up:
+            if presence.session != self.session or not self.up:
+                return [], [], False
+            self.up = self.registered = False
+            return [], self._review(now_ms), False
+        anew = not self.up or presence.session != self.session
+        if presence.session != self.session:
+            self.session = presence.session
+            self.clock = RemoteClock(presence.session)
+            self.registered = False
+            self._nonces.clear()
+        self.up = True
+        self.broker = presence.broker
+        self.configured = tuple(entry.drone for entry in presence.drones or ())
+        out = [self.registration(now_ms)] if anew and self.subscribed else []
+        return out, self._review(now_ms), anew
+
+    def on_beacon(self, message: BeaconMessage, now_ms: int) -> tuple[list[Event], bool]:
+        """`fogX/clock`. The flag tells whether the registration is confirmed by it, for the first time."""
+        if self.clock is None or message.session != self.session:
+            return [], False
+        asked_ms = self._nonces.get(message.nonce) if message.nonce is not None else None
+        beacon = Beacon(message.session, message.now_ms, message.nonce, message.held_ms)
+        self.clock.observe(beacon, now_ms, asked_ms)
+        confirmed = asked_ms is not None and not self.registered
+        self.registered = self.registered or asked_ms is not None
+        return self._review(now_ms), confirmed
+
+    def on_record(self, number: int, record: DroneRecord, now_ms: int) -> list[Event]:
+        """`fogX/droneY/reachable`."""
+        drone = self.drones.setdefault(number, DroneView(number))
+        if record.up and (drone.record is None or drone.record.drone_session != record.drone_session):
+            drone.states.clear()
+        drone.record = record
+        return self._review(now_ms)
+
+    def on_state(self, number: int, message: StampedState, now_ms: int) -> list[Event]:
+        """`fogX/droneY/state/Z`: an update unless it is older than what is known."""
+        drone = self.drones.setdefault(number, DroneView(number))
+        known = drone.states.get(message.state.name)
+        if known is not None and not stamp_is_newer(message.stamp, known.message.stamp):
+            return []
+        drone.states[message.state.name] = KnownState(message, now_ms)
+        age_ms = self.age_ms(drone.states[message.state.name], now_ms)
+        return [StateUpdate(self.number, number, message.state, message.stamp, age_ms)]
+
+    def age_ms(self, known: KnownState, now_ms: int) -> int | None:
+        """Upper bound of a state's age; None before the fog has echoed this station."""
+        if self.clock is None or known.message.relay_stamp is None:
+            return None
+        age_ms = self.clock.age_ms(known.message.relay_stamp, known.received_ms)
+        return None if age_ms is None else age_ms + now_ms - known.received_ms
+
+    def tick(self, now_ms: int) -> tuple[list[Publish], list[Event]]:
+        """Renew the lease at a third of it; a fog whose beacons stay away is not live any more."""
+        out = []
+        if self.up and self.subscribed and now_ms >= self._next_registration_ms:
+            out.append(self.registration(now_ms))
+        return out, self._review(now_ms)
+
+    def registration(self, now_ms: int, lease_s: int | None = None) -> Publish:
+        """Register, renew, or with `lease_s` 0 end the lease."""
+        nonce = secrets.randbelow(2**32)
+        self._nonces[nonce] = now_ms
+        while len(self._nonces) > 8:
+            del self._nonces[next(iter(self._nonces))]
+        self._next_registration_ms = now_ms + self._lease_s * 1000 // 3
+        message = Registration(
+            name=self._name,
+            session=self._own_session,
+            nonce=nonce,
+            lease_s=self._lease_s if lease_s is None else lease_s,
+        )
+        return Publish(LINK, self.topics.init_connect, encode(message, self._settings.encoding), qos=1)
+
+    def _review(self, now_ms: int) -> list[Event]:
+        """What has changed in who is reachable."""
+        out: list[Event] = []
+        live = self.is_live(now_ms)
+        for drone in self.drones.values():
+            record = drone.record
+            reachable = live and record is not None and record.up and record.activator_session == self.session
+            if reachable != drone.reachable:
+                drone.reachable = reachable
+                out.append(Reachability(self.number, drone.number, reachable))
+        return out

@@ -1,0 +1,1 @@
+"""The wire: how messages become bytes and topics carry them."""

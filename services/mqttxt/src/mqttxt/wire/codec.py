@@ -1,0 +1,239 @@
+"""Payloads to and from bytes: CBOR by default, JSON for people; the first byte tells which.
+
+Decoding refuses what it does not know (version, field, type, range, NaN) with a PayloadError that names the
+field; it never guesses. Both forms decode to equal dataclasses.
+"""
+
+from __future__ import annotations
+
+import json
+import types
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields
+from io import BytesIO
+from typing import Any, NoReturn, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+import cbor2
+
+from ..errors import PayloadError
+from .fields import Variant
+from .values import Converters, Encoding, Plain, converters, mark_of, refuse
+
+MAX_PAYLOAD = 16_384
+"""Bytes; a longer payload is refused unread."""
+_MAX_DEPTH = 8
+
+Message = TypeVar("Message")
+
+
+@dataclass(frozen=True)
+class FieldPlan:
+    """One field of a message: its name, whether it may be missing, and its way in and out of both forms."""
+
+    name: str
+    optional: bool
+    mark: Any
+    to_plain: Callable[[Any, Encoding], Plain]
+    from_plain: Callable[[Plain, Encoding, str], Any]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A message's fields in order, and its variant where it ends in one."""
+
+    cls: type[Any]
+    fields: tuple[FieldPlan, ...]
+    variant: tuple[str, Variant] | None
+    required: int
+
+
+_PLANS: dict[type[Any], Plan] = {}
+
+
+def encode(message: object, encoding: Encoding = Encoding.CBOR) -> bytes:
+    """The bytes of a message; raises PayloadError when a field cannot be carried."""
+    if encoding is Encoding.JSON:
+        return json.dumps(_to_object(message), separators=(",", ":"), allow_nan=False).encode()
+    return cbor2.dumps(_to_array(message))
+
+
+def decode(cls: type[Message], payload: bytes) -> Message:
+    """The message of type `cls` in `payload`; raises PayloadError."""
+    plain, encoding = _parse(payload)
+    if encoding is Encoding.JSON:
+        return cast(Message, _from_object(cls, plain, ""))
+    return cast(Message, _from_array(cls, plain, ""))
+
+
+def encoding_of(payload: bytes) -> Encoding:
+    """Which form a payload has, by its first byte."""
+    return Encoding.JSON if payload[:1] == b"{" else Encoding.CBOR
+
+
+def plan_of(cls: type[Any]) -> Plan:
+    """How `cls` is written; made once a class from its annotations."""
+    if cls not in _PLANS:
+        _PLANS[cls] = _make_plan(cls)
+    return _PLANS[cls]
+
+
+def _make_plan(cls: type[Any]) -> Plan:
+    hints = get_type_hints(cls, include_extras=True)
+    planned: list[FieldPlan] = []
+    variant = None
+    for field in fields(cls):
+        mark = mark_of(hints[field.name])
+        if isinstance(mark, Variant):
+            variant = (field.name, mark)
+            continue
+        inner, optional = _strip_optional(hints[field.name])
+        if optional and field.default is MISSING:
+            raise TypeError(f"{cls.__name__}.{field.name}: an optional field needs the default None")
+        to_plain, from_plain = converters(inner, _nested)
+        planned.append(FieldPlan(field.name, optional, mark_of(inner), to_plain, from_plain))
+    required = max((i + 1 for i, plan in enumerate(planned) if not plan.optional), default=0)
+    return Plan(cls, tuple(planned), variant, required)
+
+
+def _reject_constant(text: str) -> NoReturn:
+    raise PayloadError(f"payload: expected a number, got {text}")
+
+
+def _unique(pairs: list[tuple[str, Plain]]) -> dict[str, Plain]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise PayloadError("payload: expected each field once")
+    return found
+
+
+def _parse(payload: bytes) -> tuple[Plain, Encoding]:
+    if not payload:
+        raise PayloadError("payload: expected CBOR or JSON, got nothing", "empty")
+    if len(payload) > MAX_PAYLOAD:
+        raise PayloadError(f"payload: expected at most {MAX_PAYLOAD} bytes, got {len(payload)}", "too_long")
+    encoding = encoding_of(payload)
+    try:
+        if encoding is Encoding.JSON:
+            text = payload.decode("utf-8")
+            return json.loads(text, parse_constant=_reject_constant, object_pairs_hook=_unique), encoding
+        stream = BytesIO(payload)
+        plain = cbor2.CBORDecoder(stream, max_depth=_MAX_DEPTH, allow_indefinite=False).decode()
+    except (ValueError, cbor2.CBORError, RecursionError) as error:
+        raise PayloadError(f"payload: not {encoding.value.upper()}: {error}") from error
+    if stream.tell() != len(payload):
+        raise PayloadError("payload: bytes behind the end of the message")
+    return plain, encoding
+
+
+def _to_array(message: object) -> list[Plain]:
+    plan = plan_of(type(message))
+    row = [_out(field, message, Encoding.CBOR) for field in plan.fields]
+    if plan.variant is None:
+        while len(row) > plan.required and row[-1] is None:
+            row.pop()
+        return row
+    name, variant = plan.variant
+    body = getattr(message, name)
+    code, _ = _tag(variant, body)
+    return [*row, code, *_to_array(body)]
+
+
+def _to_object(message: object) -> dict[str, Plain]:
+    plan = plan_of(type(message))
+    found = {field.name: _out(field, message, Encoding.JSON) for field in plan.fields}
+    found = {name: value for name, value in found.items() if value is not None}
+    if plan.variant is not None:
+        name, variant = plan.variant
+        body = getattr(message, name)
+        found[name] = _tag(variant, body)[1]
+        found.update(_to_object(body))
+    return found
+
+
+def _out(field: FieldPlan, message: object, encoding: Encoding) -> Plain:
+    value = getattr(message, field.name)
+    if value is None and field.optional:
+        return None
+    return field.to_plain(value, encoding)
+
+
+def _tag(variant: Variant, body: object) -> tuple[int, str]:
+    for code, label, cls in variant.codes:
+        if type(body) is cls:
+            return code, label
+    raise PayloadError(f"{variant.name}: {type(body).__name__} cannot be carried")
+
+
+def _from_array(cls: type[Any], plain: Plain, path: str) -> object:
+    if not isinstance(plain, list):
+        refuse(path, "an array", plain)
+    plan = plan_of(cls)
+    values: dict[str, Any] = {}
+    for index, field in enumerate(plan.fields):
+        if index >= len(plain):
+            if index < plan.required:
+                refuse(f"{path}{field.name}", "a value", "nothing")
+            break
+        values[field.name] = _in(field, plain[index], Encoding.CBOR, path)
+    count = len(plan.fields)
+    if plan.variant is not None:
+        name, variant = plan.variant
+        if len(plain) <= count:
+            refuse(f"{path}{name}", "a value", "nothing")
+        body = next((c for code, _, c in variant.codes if type(plain[count]) is int and code == plain[count]), None)
+        if body is None:
+            refuse(f"{path}{name}", f"a known {variant.name}", plain[count])
+        values[name] = _from_array(body, plain[count + 1 :], path)
+    elif len(plain) > count:
+        refuse(path, f"at most {count} fields", len(plain))
+    return cls(**values)
+
+
+def _from_object(cls: type[Any], plain: Plain, path: str) -> object:
+    if not isinstance(plain, dict):
+        refuse(path, "an object", plain)
+    plan = plan_of(cls)
+    left = dict(plain)
+    values: dict[str, Any] = {}
+    for field in plan.fields:
+        if field.name in left:
+            values[field.name] = _in(field, left.pop(field.name), Encoding.JSON, path)
+        elif not field.optional:
+            refuse(f"{path}{field.name}", "a value", "nothing")
+    if plan.variant is not None:
+        name, variant = plan.variant
+        label = left.pop(name, None)
+        body = next((c for _, known, c in variant.codes if known == label), None)
+        if body is None:
+            refuse(f"{path}{name}", f"a known {variant.name}", label)
+        values[name] = _from_object(body, left, path)
+    elif left:
+        refuse(path, f"fields of {cls.__name__}", sorted(left))
+    return cls(**values)
+
+
+def _in(field: FieldPlan, plain: Plain, encoding: Encoding, path: str) -> Any:
+    if plain is None and field.optional:
+        return None
+    return field.from_plain(plain, encoding, f"{path}{field.name}")
+
+
+def _strip_optional(hint: Any) -> tuple[Any, bool]:
+    if get_origin(hint) in (Union, types.UnionType):
+        inner = [arg for arg in get_args(hint) if arg is not type(None)]
+        if len(inner) == 1:
+            return inner[0], True
+    return hint, False
+
+
+def _nested(cls: type[Any]) -> Converters:
+    def to_plain(value: Any, encoding: Encoding) -> Plain:
+        return _to_object(value) if encoding is Encoding.JSON else _to_array(value)
+
+    def from_plain(plain: Plain, encoding: Encoding, path: str) -> Any:
+        prefix = path if path.endswith(".") else f"{path}."
+        if encoding is Encoding.JSON:
+            return _from_object(cls, plain, prefix)
+        return _from_array(cls, plain, prefix)
+
+    return to_plain, from_plain

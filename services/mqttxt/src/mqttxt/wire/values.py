@@ -1,0 +1,152 @@
+"""Single values on the wire: how a field of each kind gets into CBOR or JSON and out again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import is_dataclass
+from enum import Enum
+from typing import Annotated, Any, NoReturn, get_args, get_origin
+
+from ..errors import PayloadError
+from .fields import Constant, Integer, Items, Named, Scaled, Text
+
+Plain = Any
+"""What cbor2 and json read and write."""
+
+
+class Encoding(Enum):
+    """The two forms of a payload."""
+
+    CBOR = "cbor"
+    JSON = "json"
+
+
+Converters = tuple[Callable[[Any, Encoding], Plain], Callable[[Plain, Encoding, str], Any]]
+"""Into a form, and out of it: the latter takes the field's path for its errors and raises PayloadError."""
+
+
+def refuse(path: str, expected: str, got: object) -> NoReturn:
+    """Raise PayloadError naming the field, what was expected and what came."""
+    raise PayloadError(f"{path or 'payload'}: expected {expected}, got {repr(got)[:60]}")
+
+
+def mark_of(hint: Any) -> Any:
+    """The mark of an annotated type, the type itself where it has none."""
+    return get_args(hint)[1] if get_origin(hint) is Annotated else hint
+
+
+def converters(hint: Any, nested: Callable[[type[Any]], Converters]) -> Converters:
+    """The way of a value of type `hint` into both forms and out of them; `nested` does it for messages."""
+    mark = mark_of(hint)
+    if isinstance(mark, Integer):
+        return _integer(mark.low, mark.high)
+    if isinstance(mark, Constant):
+        return _constant(mark.value)
+    if isinstance(mark, Scaled):
+        return _scaled(mark)
+    if isinstance(mark, Text):
+        return _text(mark)
+    if isinstance(mark, Items):
+        return _items(mark, get_args(get_args(hint)[0])[0], nested)
+    if mark is bool:
+        return _boolean()
+    if isinstance(mark, type) and issubclass(mark, Named):
+        return _named(mark)
+    if isinstance(mark, type) and is_dataclass(mark):
+        return nested(mark)
+    raise TypeError(f"no wire form for {hint!r}")
+
+
+def _integer(low: int, high: int) -> Converters:
+    def check(value: Plain, path: str) -> int:
+        if type(value) is not int or not low <= value <= high:
+            refuse(path, f"a whole number from {low} to {high}", value)
+        return int(value)
+
+    return (lambda value, _: check(value, "field")), (lambda plain, _, path: check(plain, path))
+
+
+def _constant(constant: int) -> Converters:
+    def check(plain: Plain, _: Encoding, path: str) -> int:
+        if type(plain) is not int or plain != constant:
+            raise PayloadError(f"{path}: expected {constant}, got {repr(plain)[:60]}", "version")
+        return constant
+
+    return (lambda value, _: constant), check
+
+
+def _scaled(mark: Scaled) -> Converters:
+    low, high = round(mark.low * mark.per_unit), round(mark.high * mark.per_unit)
+    expected = f"a number from {mark.low:g} to {mark.high:g}"
+
+    def quantise(value: Plain, path: str) -> int:
+        if type(value) not in (int, float) or not math.isfinite(value):
+            refuse(path, expected, value)
+        ticks: int = round(value * mark.per_unit)
+        if not low <= ticks <= high:
+            refuse(path, expected, value)
+        return ticks
+
+    def to_plain(value: Any, encoding: Encoding) -> Plain:
+        ticks = quantise(value, "field")
+        return ticks if encoding is Encoding.CBOR else ticks / mark.per_unit
+
+    def from_plain(plain: Plain, encoding: Encoding, path: str) -> float:
+        if encoding is Encoding.JSON:
+            return quantise(plain, path) / mark.per_unit
+        if type(plain) is not int or not low <= plain <= high:
+            refuse(path, f"a whole number from {low} to {high}", plain)
+        return plain / mark.per_unit
+
+    return to_plain, from_plain
+
+
+def _text(mark: Text) -> Converters:
+    def from_plain(plain: Plain, _: Encoding, path: str) -> str:
+        if not isinstance(plain, str) or len(plain) > mark.longest:
+            refuse(path, f"a string of at most {mark.longest} characters", plain)
+        return plain
+
+    return (lambda value, _: str(value)[: mark.longest]), from_plain
+
+
+def _items(mark: Items, inner: Any, nested: Callable[[type[Any]], Converters]) -> Converters:
+    to_item, from_item = converters(inner, nested)
+
+    def to_plain(value: Any, encoding: Encoding) -> Plain:
+        if len(value) > mark.most:
+            raise PayloadError(f"field: expected at most {mark.most} items, got {len(value)}")
+        return [to_item(item, encoding) for item in value]
+
+    def from_plain(plain: Plain, encoding: Encoding, path: str) -> tuple[Any, ...]:
+        if not isinstance(plain, list) or len(plain) > mark.most:
+            refuse(path, f"an array of at most {mark.most} items", plain)
+        return tuple(from_item(item, encoding, f"{path}[{i}].") for i, item in enumerate(plain))
+
+    return to_plain, from_plain
+
+
+def _boolean() -> Converters:
+    def from_plain(plain: Plain, _: Encoding, path: str) -> bool:
+        if type(plain) is not bool:
+            refuse(path, "true or false", plain)
+        return plain
+
+    return (lambda value, _: bool(value)), from_plain
+
+
+def _named(enum: type[Named]) -> Converters:
+    by_label = {member.label: member for member in enum}
+    by_code = {int(member): member for member in enum}
+
+    def from_plain(plain: Plain, encoding: Encoding, path: str) -> Named:
+        if encoding is Encoding.JSON:
+            member = by_label.get(plain) if isinstance(plain, str) else None
+        else:
+            member = by_code.get(plain) if type(plain) is int else None
+        if member is None:
+            refuse(path, f"one of {', '.join(by_label)}", plain)
+        return member
+
+    return (lambda value, encoding: int(value) if encoding is Encoding.CBOR else enum(value).label), from_plain
