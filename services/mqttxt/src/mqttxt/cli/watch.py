@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 
 from rich.console import Console
 from rich.live import Live
@@ -21,14 +22,19 @@ from ..states import (
 )
 
 REFRESH_S = 0.5
+FIRST_STATES_S = 5.0
 
 
 async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) -> None:
-    """Draw the table twice a second until cancelled; not on a terminal, print it once a state has come."""
+    """Draw the table twice a second until cancelled; not on a terminal, print it once."""
     if not console.is_terminal:
         known = [drone for fog in fogs for drone in fog.drones]
-        await station.wait_until(lambda: all(d.states or not d.is_reachable for d in known), timeout_s=35)
-        console.print(table(fogs), width=140)
+        with contextlib.suppress(TimeoutError):
+            await station.wait_until(
+                lambda: all("battery" in d.states for d in known if d.is_reachable), timeout_s=FIRST_STATES_S
+            )
+        wide = Console(width=140, file=console.file)
+        wide.print(table(fogs))
         return
     with Live(table(fogs), console=console, auto_refresh=False) as live:
         while True:

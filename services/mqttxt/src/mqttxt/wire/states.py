@@ -5,9 +5,9 @@ On the fog side `[stamp, fields…]`, on the cloud side `[relay_stamp, stamp, fi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, make_dataclass
+from dataclasses import dataclass, fields, make_dataclass
 from functools import cache
-from typing import Any
+from typing import Any, get_type_hints
 
 from ..errors import PayloadError
 from ..states import STATES, State
@@ -31,11 +31,10 @@ def message_class(name: str, relayed: bool) -> type[Any]:
     if name not in STATES:
         raise PayloadError(f"state {name!r}: expected one of {', '.join(STATES)}", "state")
     stamps = [("relay_stamp", Stamp)] if relayed else []
-    stamps.append(("stamp", Stamp))
-    own = [(field, hint) for field, hint in STATES[name].__annotations__.items() if "ClassVar" not in str(hint)]
+    hints = get_type_hints(STATES[name], include_extras=True)
+    own = [(field.name, hints[field.name]) for field in fields(STATES[name])]
     title = "".join(part.title() for part in name.split("_")) + ("Relayed" if relayed else "")
-    module = STATES[name].__module__
-    return make_dataclass(title, [*stamps, *own], frozen=True, namespace={"__module__": module})
+    return make_dataclass(title, [*stamps, ("stamp", Stamp), *own], frozen=True)
 
 
 def encode_state(message: StampedState, encoding: Encoding) -> bytes:

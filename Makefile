@@ -1,0 +1,58 @@
+ATTEMPTS ?= 1
+ARM ?= thesis
+PROFILE ?= ideal
+PROTOCOLS ?= mqttxt
+BOOTSTRAP := python3 -m testbed.bootstrap
+PYTHON := .venv/bin/python
+export PYTHONDONTWRITEBYTECODE ?= 1
+
+.DEFAULT_GOAL := help
+.PHONY: help scenario-1 up down report test check bench sitl doctor lock clean venv containers
+
+help: ## Say what each target does
+	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
+
+scenario-1: containers ## Fly scenario 1: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
+	@$(PYTHON) -m testbed run scenario-1 --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --protocols '$(PROTOCOLS)'
+
+up: containers ## Start the six drones and leave them running, to explore by hand
+	@$(PYTHON) -m testbed up
+
+down: containers ## End what `make up` started
+	@$(PYTHON) -m testbed down
+
+report: venv ## Make metrics and report of the newest results again, without Docker
+	@$(PYTHON) -m testbed report results/*/latest
+
+test: containers ## Run every check and every test (about 10 minutes)
+	@$(MAKE) --no-print-directory lint
+	@$(PYTHON) -m pytest
+
+check: venv lint ## Format, lint, types, import rules and unit tests, in under a minute
+	@$(PYTHON) -m pytest -q -m 'not integration and not e2e'
+
+lint: venv
+	@.venv/bin/ruff format --check --quiet . && .venv/bin/ruff check --quiet .
+	@.venv/bin/mypy
+	@PYTHONPATH=. .venv/bin/lint-imports --no-cache > .cache/imports.log || (cat .cache/imports.log; exit 1)
+
+bench: venv ## Measure what the documents quote
+	@$(PYTHON) -m tests.bench
+
+sitl: venv ## Fly one simulated autopilot on loopback; prints how to connect to it
+	@$(PYTHON) -m sitl fly --gcs
+
+doctor: ## Say what is there, what is missing, and what to type
+	@$(BOOTSTRAP) doctor
+
+lock: venv ## Pin the requirements anew
+	@$(BOOTSTRAP) lock
+
+clean: ## Remove the virtual environment and caches; results stay
+	@rm -rf .venv .cache .mypy_cache .ruff_cache .pytest_cache
+
+venv:
+	@$(BOOTSTRAP) venv
+
+containers: venv
+	@$(BOOTSTRAP) containers

@@ -1,0 +1,37 @@
+"""What a mission writes down: events.jsonl, and progress lines for whoever watches."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any, TextIO
+
+
+class EventLog:
+    """One JSON object a line, with CLOCK_REALTIME nanoseconds, as packet captures have them."""
+
+    def __init__(self, path: Path, progress: TextIO = sys.stdout) -> None:
+        self._file = path.open("a", encoding="utf-8")
+        self._progress = progress
+        self._calls = 0
+
+    def write(self, event: str, **detail: Any) -> None:
+        record = {"t_ns": time.time_ns(), "event": event, **detail}
+        self._file.write(json.dumps(record) + "\n")
+        self._file.flush()
+
+    def next_call(self) -> int:
+        """The number of a new API call; its retries and its outcomes belong to it."""
+        self._calls += 1
+        return self._calls
+
+    def show(self, step: str, drones: dict[int, str]) -> None:
+        """A progress line: which step, and where each drone is."""
+        line = json.dumps({"step": step, "drones": {str(drone): text for drone, text in drones.items()}})
+        self._progress.write(line + "\n")
+        self._progress.flush()
+
+    def close(self) -> None:
+        self._file.close()

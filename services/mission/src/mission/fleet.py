@@ -1,0 +1,65 @@
+"""The Fleet interface: what a mission can ask of its drones, whatever protocol carries it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a command ended for one drone: the last word and why."""
+
+    drone: int
+    word: str
+    reason: str | None = None
+
+    @property
+    def completed(self) -> bool:
+        return self.word == "completed"
+
+    def __str__(self) -> str:
+        return f"drone {self.drone}: {self.word}" + (f" ({self.reason})" if self.reason else "")
+
+
+@dataclass(frozen=True)
+class Status:
+    """What is known of a drone: None where nothing was heard yet. Altitude is in metres above home."""
+
+    armed: bool | None = None
+    mode: str | None = None
+    altitude_m: float | None = None
+    landed: str | None = None
+
+    def __str__(self) -> str:
+        if self.armed is None:
+            return "silent"
+        where = "on the ground" if self.landed == "on_ground" else f"{self.altitude_m or 0:.1f} m"
+        return f"{'armed' if self.armed else 'disarmed'}, {where}" + (f", {self.mode}" if self.mode else "")
+
+
+class Fleet(Protocol):
+    """Six drones or any other number. Every command goes to all drones and returns one result for each."""
+
+    @property
+    def drones(self) -> tuple[int, ...]: ...
+
+    async def connect(self, limit_s: float) -> None:
+        """Wait until every drone is reachable and has told its states; raises MissionError."""
+
+    async def close(self) -> None: ...
+
+    async def arm(self) -> list[Result]: ...
+
+    async def takeoff(self, altitude_m: float) -> list[Result]: ...
+
+    async def land(self) -> list[Result]: ...
+
+    def status(self, drone: int) -> Status: ...
+
+    async def changed(self) -> None:
+        """Return when something was heard since the last call."""
+
+
+class MissionError(Exception):
+    """Why a mission failed; the text is the attempt's reason."""

@@ -1,0 +1,143 @@
+"""The fleet over MQTT-XT: a broadcast for each fog where all its drones get the same command."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+
+from mqttxt import (
+    Arm,
+    Armed,
+    Command,
+    FlightMode,
+    Fog,
+    GroundStation,
+    Land,
+    LandedState,
+    Location,
+    MqttxtError,
+    Outcome,
+    StateUpdate,
+    Takeoff,
+)
+
+from .events import EventLog
+from .fleet import MissionError, Result, Status
+
+NEEDED_STATES = frozenset({"armed", "flight_mode", "landed_state", "location"})
+
+
+class MqttxtFleet:
+    """Drones of one or more fogs behind a cloud broker. `fogs` maps each fog to its drones."""
+
+    def __init__(self, cloud: str, fogs: dict[int, tuple[int, ...]], qos: int, log: EventLog) -> None:
+        self._station = GroundStation(cloud, qos=qos)
+        self._wanted = fogs
+        self._log = log
+        self._fogs: dict[int, Fog] = {}
+        self._heard = asyncio.Event()
+        self._listening: asyncio.Task[None] | None = None
+        self._stack = contextlib.AsyncExitStack()
+
+    @property
+    def drones(self) -> tuple[int, ...]:
+        return tuple(drone for drones in self._wanted.values() for drone in drones)
+
+    async def connect(self, limit_s: float) -> None:
+        """Register at every fog, and wait for every drone and its states; raises MissionError."""
+        try:
+            await self._stack.enter_async_context(self._station)
+            self._listening = asyncio.create_task(self._listen())
+            connected = await self._station.connect(self._wanted, limit_s)
+            self._fogs = {fog.number: fog for fog in connected}
+            await self._station.wait_until(lambda: not self._missing(), limit_s)
+        except MqttxtError as error:
+            raise MissionError(f"connect: {error}") from error
+        except TimeoutError:
+            raise MissionError(f"connect: within {limit_s:g} s not there: {'; '.join(self._missing())}") from None
+
+    async def close(self) -> None:
+        if self._listening is not None:
+            self._listening.cancel()
+        await self._stack.aclose()
+
+    async def arm(self) -> list[Result]:
+        return await self._broadcast(Arm())
+
+    async def takeoff(self, altitude_m: float) -> list[Result]:
+        return await self._broadcast(Takeoff(altitude_m))
+
+    async def land(self) -> list[Result]:
+        return await self._broadcast(Land())
+
+    def status(self, drone: int) -> Status:
+        states = {name: known.state for name, known in self._fog_of(drone).drone(drone).states.items()}
+        armed, mode = states.get("armed"), states.get("flight_mode")
+        place, landed = states.get("location"), states.get("landed_state")
+        return Status(
+            armed=armed.armed if isinstance(armed, Armed) else None,
+            mode=mode.mode.label if isinstance(mode, FlightMode) else None,
+            altitude_m=place.altitude_m if isinstance(place, Location) else None,
+            landed=landed.landed.label if isinstance(landed, LandedState) else None,
+        )
+
+    async def changed(self) -> None:
+        self._heard.clear()
+        await self._heard.wait()
+
+    async def _broadcast(self, command: Command) -> list[Result]:
+        try:
+            parts = await asyncio.gather(*(self._to_fog(fog, command) for fog in self._fogs.values()))
+        except MqttxtError as error:
+            raise MissionError(f"{command.name}: {error}") from error
+        return [result for part in parts for result in part]
+
+    async def _to_fog(self, fog: Fog, command: Command) -> list[Result]:
+        call = self._log.next_call()
+        self._log.write("command", call=call, command=command.name, fog=fog.number, drone=None)
+        results = []
+        async for outcome in fog.broadcast(command):
+            self._note(call, outcome)
+            if outcome.is_last and outcome.drone in self._wanted[fog.number]:
+                results.append(Result(outcome.drone, outcome.word.label, outcome.reason))
+        return results
+
+    def _note(self, call: int, outcome: Outcome) -> None:
+        self._log.write(
+            "outcome",
+            call=call,
+            command=outcome.command,
+            fog=outcome.fog,
+            drone=outcome.drone,
+            id=str(outcome.id),
+            word=outcome.word.label,
+            reason=outcome.reason,
+            final=outcome.is_last,
+        )
+
+    async def _listen(self) -> None:
+        async for event in self._station.events():
+            if isinstance(event, StateUpdate):
+                value = {name: _plain(found) for name, found in vars(event.state).items()}
+                self._log.write("state", drone=event.drone, name=event.state.name, value=value, age_ms=event.age_ms)
+            self._heard.set()
+
+    def _missing(self) -> list[str]:
+        """What is not there yet of the drones that are wanted."""
+        found = []
+        for number, drones in self._wanted.items():
+            for drone in drones:
+                seen = self._fogs[number].drone(drone)
+                if not seen.is_reachable:
+                    found.append(f"drone {drone} is not reachable")
+                elif unknown := NEEDED_STATES - set(seen.states):
+                    found.append(f"drone {drone} has not told {', '.join(sorted(unknown))}")
+        return found
+
+    def _fog_of(self, drone: int) -> Fog:
+        return next(self._fogs[number] for number, drones in self._wanted.items() if drone in drones)
+
+
+def _plain(value: object) -> object:
+    label = getattr(value, "label", None)
+    return label if label is not None else value

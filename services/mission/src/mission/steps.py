@@ -1,0 +1,75 @@
+"""Steps of a mission: each waits for what it asked for, has a limit, and fails with a reason."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable
+
+from .events import EventLog
+from .fleet import Fleet, MissionError, Result
+
+PROGRESS_S = 1.0
+
+
+class Steps:
+    """The steps of one mission on one fleet."""
+
+    def __init__(self, fleet: Fleet, log: EventLog) -> None:
+        self._fleet = fleet
+        self._log = log
+
+    async def command(self, name: str, ask: Callable[[], Awaitable[list[Result]]], limit_s: float) -> None:
+        """A command to all drones; raises MissionError unless each completes it."""
+        async with self._step(name, limit_s):
+            results = await ask()
+            answered = {result.drone for result in results}
+            failed = [str(result) for result in results if not result.completed]
+            failed += [f"drone {drone}: no answer" for drone in self._fleet.drones if drone not in answered]
+            if failed:
+                raise MissionError(f"{name}: {'; '.join(failed)}")
+
+    async def hold(self, seconds: float) -> None:
+        """Stay where they are; raises MissionError when a drone does not."""
+        async with self._step("hold", seconds + 5):
+            until = asyncio.get_running_loop().time() + seconds
+            while (left_s := until - asyncio.get_running_loop().time()) > 0:
+                fallen = [drone for drone in self._fleet.drones if self._fleet.status(drone).armed is False]
+                if fallen:
+                    raise MissionError(f"hold: drone {fallen[0]} is disarmed")
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._fleet.changed(), left_s)
+
+    async def until(self, name: str, condition: Callable[[int], bool], limit_s: float) -> None:
+        """Wait until every drone shows a condition; raises MissionError naming those that do not."""
+        async with self._step(name, limit_s):
+            while not all(condition(drone) for drone in self._fleet.drones):
+                await self._fleet.changed()
+
+    @contextlib.asynccontextmanager
+    async def _step(self, name: str, limit_s: float) -> AsyncIterator[None]:
+        self._log.write("step", name=name, limit_s=limit_s)
+        showing = asyncio.create_task(self._show(name))
+        try:
+            async with asyncio.timeout(limit_s):
+                yield
+        except TimeoutError:
+            where = "; ".join(f"drone {drone}: {self._fleet.status(drone)}" for drone in self._fleet.drones)
+            reason = f"{name}: not done within {limit_s:g} s ({where})"
+            self._log.write("step_done", name=name, ok=False, reason=reason)
+            raise MissionError(reason) from None
+        except MissionError as error:
+            self._log.write("step_done", name=name, ok=False, reason=str(error))
+            raise
+        finally:
+            showing.cancel()
+            self._show_once(name)
+        self._log.write("step_done", name=name, ok=True, reason=None)
+
+    async def _show(self, name: str) -> None:
+        while True:
+            self._show_once(name)
+            await asyncio.sleep(PROGRESS_S)
+
+    def _show_once(self, name: str) -> None:
+        self._log.show(name, {drone: str(self._fleet.status(drone)) for drone in self._fleet.drones})

@@ -1,0 +1,5 @@
+"""`python -m sitl` is the `sitl` command."""
+
+from .cli import main
+
+main()

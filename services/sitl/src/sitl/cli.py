@@ -1,0 +1,102 @@
+"""The `sitl` command."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .errors import SitlError
+from .fleet import DroneConfig, load
+from .process import LinkConfig, Process
+from .streams import SETS
+from .vehicle import Vehicle
+
+app = typer.Typer(
+    name="sitl",
+    help="A PX4-like autopilot stand-in.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+@app.callback()
+def about() -> None:
+    """A PX4-like autopilot stand-in."""
+
+
+@app.command()
+def fly(
+    system: Annotated[int, typer.Option(help="MAVLink system id, 1 to 250.")] = 1,
+    fleet: Annotated[Path | None, typer.Option(help="The fleet in YAML; PX4's defaults without.")] = None,
+    listen: Annotated[str, typer.Option(help="HOST:PORT to receive on.")] = "127.0.0.1:14580",
+    send: Annotated[str, typer.Option(help="HOST:PORT to send to.")] = "127.0.0.1:14540",
+    streams: Annotated[str, typer.Option(help=f"Which of PX4's stream sets: {', '.join(SETS)}.")] = "onboard",
+    gcs: Annotated[bool, typer.Option("--gcs", help="Also PX4's link for ground stations, 18570 to 14550.")] = False,
+    events: Annotated[Path | None, typer.Option(help="File for what happens, JSON lines.")] = None,
+    control: Annotated[Path | None, typer.Option(help="Unix socket of the side channel.")] = None,
+    ready_file: Annotated[Path | None, typer.Option(help="File touched every second while flying.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.")] = 1,
+) -> None:
+    """Fly one simulated drone until Ctrl-C."""
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    with _errors_as_lines():
+        if not 1 <= system <= 250:
+            raise SitlError(f"--system {system}: expected 1 to 250")
+        if streams not in SETS:
+            raise SitlError(f"--streams {streams!r}: expected one of {', '.join(SETS)}")
+        config = load(fleet, system) if fleet is not None else DroneConfig(system)
+        links = [LinkConfig(_address("--listen", listen), _address("--send", send), streams)]
+        if gcs:
+            links.append(LinkConfig(("127.0.0.1", 18569 + system), ("127.0.0.1", 14550), "gcs"))
+            typer.echo(_how_to_connect(links[0]))
+        vehicle = Vehicle(config, [link.streams for link in links], seed)
+        process = Process(vehicle, links, events=events, control=control, ready_file=ready_file)
+        asyncio.run(_until_signal(process))
+
+
+@contextlib.contextmanager
+def _errors_as_lines() -> Iterator[None]:
+    try:
+        yield
+    except SitlError as error:
+        typer.echo(f"sitl: {error}", err=True)
+        raise typer.Exit(2) from None
+
+
+async def _until_signal(process: Process) -> None:
+    task = asyncio.create_task(process.run())
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+
+
+def _address(option: str, text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 <= int(port) < 65_536:
+        raise SitlError(f"{option} {text!r}: expected HOST:PORT")
+    return host, int(port)
+
+
+def _how_to_connect(onboard: LinkConfig) -> str:
+    host, port = onboard.send
+    return f"""\
+A simulated PX4 multicopter flies on loopback; Ctrl-C ends it.
+  QGroundControl   connects by itself (UDP 14550)
+  MAVSDK           await mavsdk.add_any_connection("udpin://{host}:{port}")
+  MAVProxy         mavproxy.py --master=udp:{host}:{port}
+  MQTT-XT          mqttxt uav --drone 1 --broker mqtt://HOST:1883 --autopilot udp:{host}:{port}"""
+
+
+def main() -> None:
+    """Entry point of the `sitl` command."""
+    app()

@@ -1,0 +1,180 @@
+"""The stand-in as a process: UDP links, the side channel, the events file, and the clock."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import socket
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO, cast
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from .autopilot import Happened, Output
+from .errors import SitlError
+from .vehicle import Vehicle
+
+logger = logging.getLogger("sitl")
+
+TICK_S = 0.01
+READY_S = 1.0
+POSITION_S = 1.0
+
+
+@dataclass(frozen=True)
+class LinkConfig:
+    """A UDP link: bound to `listen`, sending to `send` until somebody else has been heard."""
+
+    listen: tuple[str, int]
+    send: tuple[str, int]
+    streams: str
+
+
+class _Link(asyncio.DatagramProtocol):
+    """One UDP link of the vehicle."""
+
+    def __init__(self, process: Process, number: int, config: LinkConfig) -> None:
+        self._process = process
+        self._number = number
+        self._peer: tuple[str, int] = config.send
+        self._codec = mavlink.MAVLink(None, srcSystem=process.vehicle.config.system_id, srcComponent=1)
+        self._codec.robust_parsing = True
+        self._transport: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there yet (ICMP port unreachable): as with a real autopilot, it keeps sending."""
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self._peer = addr
+        for message in self._codec.parse_buffer(data) or ():
+            if message.get_type() == "BAD_DATA":
+                self._process.count("malformed", str(message.reason))
+            else:
+                self._process.on_message(self._number, message)
+
+    def send(self, message: Any) -> None:
+        assert self._transport is not None
+        self._transport.sendto(message.pack(self._codec), self._peer)
+        self._codec.seq = (self._codec.seq + 1) % 256
+
+
+class Process:
+    """Runs a vehicle in real time until cancelled."""
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        links: list[LinkConfig],
+        *,
+        events: Path | None = None,
+        control: Path | None = None,
+        ready_file: Path | None = None,
+    ) -> None:
+        self.vehicle = vehicle
+        self._configs = links
+        self._links: list[_Link] = []
+        self._events_path = events
+        self._events: TextIO | None = None
+        self._control = control
+        self._ready_file = ready_file
+        self._counts: Counter[str] = Counter()
+        self._started = time.monotonic()
+
+    async def run(self) -> None:
+        """Raises SitlError where an address or a file cannot be used."""
+        loop = asyncio.get_running_loop()
+        async with contextlib.AsyncExitStack() as stack:
+            if self._events_path is not None:
+                self._events = stack.enter_context(_open_events(self._events_path))
+            for number, config in enumerate(self._configs):
+                link = _Link(self, number, config)
+                transport, _ = await loop.create_datagram_endpoint(lambda link=link: link, sock=_bind(config.listen))  # type: ignore[misc]
+                stack.callback(transport.close)
+                self._links.append(link)
+            if self._control is not None:
+                self._control.unlink(missing_ok=True)
+                server = await asyncio.start_unix_server(self._on_control, str(self._control))
+                stack.callback(server.close)
+            await self._fly()
+
+    def on_message(self, link: int, message: Any) -> None:
+        self._carry_out(link, self.vehicle.handle(link, message))
+
+    def count(self, kind: str, detail: str) -> None:
+        self._counts[kind] += 1
+        if self._counts[kind] == 1:
+            logger.warning("%s: %s (further ones are counted, not logged)", kind, detail)
+
+    async def _fly(self) -> None:
+        next_mark_s = 0.0
+        while True:
+            now_s = time.monotonic() - self._started
+            self._carry_out(None, self.vehicle.advance(now_s))
+            for number, link in enumerate(self._links):
+                for message in self.vehicle.streamed(number, now_s):
+                    link.send(message)
+            if now_s >= next_mark_s:
+                next_mark_s = now_s + POSITION_S
+                self._write(Happened("position", self.vehicle.control({"get": "state"})[0]))
+                if self._ready_file is not None:
+                    self._ready_file.touch()
+            await asyncio.sleep(TICK_S)
+
+    def _carry_out(self, link: int | None, outputs: list[Output]) -> None:
+        """Replies go to the link that asked; what the vehicle says by itself goes to all."""
+        for output in outputs:
+            if isinstance(output, Happened):
+                self._write(output)
+                continue
+            to_all = link is None or output.message.get_type() in ("HEARTBEAT", "STATUSTEXT")
+            for number, one in enumerate(self._links):
+                if to_all or number == link:
+                    one.send(output.message)
+
+    def _write(self, happened: Happened) -> None:
+        if self._events is not None:
+            record = {"t_ns": time.time_ns(), "event": happened.event, **happened.detail}
+            self._events.write(json.dumps(record, default=str) + "\n")
+            self._events.flush()
+
+    async def _on_control(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One JSON object a line in, one a line out."""
+        try:
+            async for line in reader:
+                try:
+                    request = json.loads(line)
+                    answer, outputs = self.vehicle.control(request if isinstance(request, dict) else {})
+                except (ValueError, SitlError) as error:
+                    answer, outputs = {"error": str(error)}, []
+                self._carry_out(None, outputs)
+                writer.write(json.dumps(answer).encode() + b"\n")
+                await writer.drain()
+        finally:
+            writer.close()
+
+
+def _bind(address: tuple[str, int]) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.bind(address)
+    except OSError as error:
+        sock.close()
+        raise SitlError(f"--listen {address[0]}:{address[1]}: {error.strerror}") from error
+    sock.setblocking(False)
+    return sock
+
+
+def _open_events(path: Path) -> TextIO:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("a", encoding="utf-8")
+    except OSError as error:
+        raise SitlError(f"--events {path}: {error.strerror}") from error

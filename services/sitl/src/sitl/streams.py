@@ -1,0 +1,83 @@
+"""What is streamed at which rate, after PX4's own sets, and when each message is due."""
+
+from __future__ import annotations
+
+from pymavlink.dialects.v20 import common as mavlink
+
+RATES_HZ: dict[str, tuple[float, float, float]] = {
+    "HEARTBEAT": (1, 1, 1),
+    "ATTITUDE": (100, 15, 50),
+    "ATTITUDE_QUATERNION": (50, 10, 50),
+    "GLOBAL_POSITION_INT": (50, 5, 50),
+    "LOCAL_POSITION_NED": (30, 1, 50),
+    "HIGHRES_IMU": (50, 0, 0),
+    "ODOMETRY": (30, 0, 0),
+    "ATTITUDE_TARGET": (10, 2, 50),
+    "POSITION_TARGET_LOCAL_NED": (10, 1.5, 50),
+    "POSITION_TARGET_GLOBAL_INT": (10, 1, 1),
+    "SERVO_OUTPUT_RAW": (10, 1, 50),
+    "RC_CHANNELS": (20, 5, 20),
+    "GPS_RAW_INT": (10, 5, 5),
+    "VFR_HUD": (10, 4, 4),
+    "ALTITUDE": (10, 1, 1),
+    "NAV_CONTROLLER_OUTPUT": (10, 1, 1),
+    "SYS_STATUS": (5, 1, 1),
+    "EXTENDED_SYS_STATE": (5, 1, 1),
+    "BATTERY_STATUS": (0.5, 0.5, 0.5),
+    "HOME_POSITION": (0.5, 0.5, 0.5),
+    "ESTIMATOR_STATUS": (1, 0.5, 0.5),
+    "GPS_GLOBAL_ORIGIN": (1, 1, 1),
+    "SCALED_PRESSURE": (1, 1, 1),
+    "VIBRATION": (0.5, 0.1, 0.1),
+    "WIND_COV": (10, 0.5, 0.5),
+    "TIMESYNC": (10, 0, 0),
+    "SYSTEM_TIME": (1, 0, 0),
+    "PING": (1, 0.1, 0.1),
+    "MISSION_CURRENT": (1, 1, 1),
+}
+"""Hz in the sets onboard, normal and gcs, from PX4's start scripts and mavlink_main. CURRENT_MODE (0.5) and
+AVAILABLE_MODES (0.3) are left out: pymavlink's common dialect does not have them."""
+
+SETS = ("onboard", "normal", "gcs")
+NAMES = {getattr(mavlink, f"MAVLINK_MSG_ID_{name}"): name for name in RATES_HZ}
+
+
+class Streams:
+    """The messages of one link and their rates."""
+
+    def __init__(self, chosen: str) -> None:
+        index = SETS.index(chosen)
+        self._default_hz = {name: rates[index] for name, rates in RATES_HZ.items()}
+        self._hz = dict(self._default_hz)
+        self._next_s = {name: i / len(RATES_HZ) / max(hz, 1) for i, (name, hz) in enumerate(self._hz.items())}
+
+    def due(self, now_s: float) -> list[str]:
+        """The names of the messages to send now; a late caller sends each at most once."""
+        found = []
+        for name, hz in self._hz.items():
+            if hz > 0 and now_s >= self._next_s[name]:
+                found.append(name)
+                period = 1 / hz
+                missed = now_s - self._next_s[name] > period
+                self._next_s[name] = now_s + period if missed else self._next_s[name] + period
+        return found
+
+    def set_interval(self, message_id: int, interval_us: float) -> bool:
+        """SET_MESSAGE_INTERVAL: -1 stops, 0 is the default, else microseconds. False for an unknown message."""
+        name = NAMES.get(message_id)
+        if name is None:
+            return False
+        if interval_us < 0:
+            self._hz[name] = 0.0
+        elif interval_us == 0:
+            self._hz[name] = self._default_hz[name]
+        else:
+            self._hz[name] = min(1e6 / interval_us, 250.0)
+        return True
+
+    def interval_us(self, message_id: int) -> int:
+        """GET_MESSAGE_INTERVAL: -1 stopped, 0 unknown."""
+        name = NAMES.get(message_id)
+        if name is None:
+            return 0
+        return round(1e6 / self._hz[name]) if self._hz[name] > 0 else -1

@@ -1,0 +1,1 @@
+"""Gets a bare machine ready: virtual environment, Docker, images. Standard library only."""

@@ -1,0 +1,60 @@
+"""`python3 -m testbed.bootstrap venv | containers | doctor | lock`: what `make` calls before anything else."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+
+from .docker import compose_command, daemon_answers, ensure_docker, version
+from .images import BASE, NODE, ensure_images, has_image
+from .steps import BootstrapError, check_python
+from .venv import ensure_venv, lock, venv_is_current
+
+
+def containers() -> None:
+    """Docker and the images."""
+    ensure_docker()
+    ensure_images()
+
+
+def doctor() -> None:
+    """Say what is there, what is missing, and what to type."""
+    check_python()
+    daemon = daemon_answers()
+    compose = compose_command()
+    rows = [
+        ("Python", True, sys.version.split()[0], ""),
+        ("virtual environment", venv_is_current(), ".venv", "make venv"),
+        ("Docker daemon", daemon, version() if daemon else "", _docker_hint()),
+        ("compose", compose is not None, " ".join(compose or ()), "apt-get install docker-compose"),
+        ("base image", daemon and has_image(BASE), BASE, "make containers"),
+        ("node image", daemon and has_image(NODE), NODE, "make containers"),
+    ]
+    for name, there, found, hint in rows:
+        print(f"  {name:<20} {'ok      ' if there else 'missing '} {found if there else 'type: ' + hint}")
+    if not all(there for _, there, _, _ in rows):
+        print("  make scenario-1 and make test get what is missing by themselves.")
+
+
+def _docker_hint() -> str:
+    if shutil.which("dockerd") is None:
+        return "make containers (as root), or: sudo apt-get install docker.io docker-compose"
+    return "make containers (as root), or: sudo systemctl start docker"
+
+
+def main() -> int:
+    actions = {"venv": ensure_venv, "containers": containers, "doctor": doctor, "lock": lock}
+    if len(sys.argv) != 2 or sys.argv[1] not in actions:
+        print(f"usage: python3 -m testbed.bootstrap {' | '.join(actions)}", file=sys.stderr)
+        return 2
+    try:
+        actions[sys.argv[1]]()
+    except BootstrapError as error:
+        print(f"testbed: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+sys.exit(main())

@@ -1,0 +1,81 @@
+"""The Docker daemon: used when it answers, started when it is installed, installed when it is not."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import time
+
+from .steps import CACHE, BootstrapError, apt_install, run, step, succeeds
+
+START_TIMEOUT_S = 60
+LOG = CACHE / "dockerd.log"
+
+
+def ensure_docker() -> None:
+    """Make sure that a daemon answers and that a compose command is there."""
+    if not daemon_answers():
+        _check_rights()
+        if shutil.which("dockerd") is None:
+            apt_install(["docker.io", "docker-compose", "iptables"], "no Docker daemon is installed")
+        if not daemon_answers():
+            start_daemon()
+    if compose_command() is None:
+        apt_install(["docker-compose"], "neither `docker compose` nor docker-compose is installed")
+    if compose_command() is None:
+        raise BootstrapError("neither `docker compose` nor docker-compose works")
+
+
+def daemon_answers() -> bool:
+    return shutil.which("docker") is not None and succeeds(["docker", "info"], timeout_s=20)
+
+
+def compose_command() -> list[str] | None:
+    """`docker compose` where it is there, else docker-compose, else None."""
+    for command in (["docker", "compose"], ["docker-compose"]):
+        if succeeds([*command, "version"]):
+            return command
+    return None
+
+
+def _check_rights() -> None:
+    """A daemon that runs but does not talk to this user is not to be started a second time."""
+    socket = "/var/run/docker.sock"
+    if os.path.exists(socket) and not os.access(socket, os.W_OK):
+        raise BootstrapError("no rights for the Docker daemon; type: sudo usermod -aG docker $USER, then log in again")
+    if os.geteuid() != 0 and shutil.which("dockerd") is not None:
+        raise BootstrapError("the Docker daemon does not run; type: sudo systemctl start docker (or: sudo dockerd)")
+
+
+def start_daemon() -> None:
+    """Start dockerd detached from this process, and wait until it answers."""
+    with step(f"starting the Docker daemon (log: {LOG.relative_to(CACHE.parent)})"):
+        CACHE.mkdir(exist_ok=True)
+        deadline = time.monotonic() + START_TIMEOUT_S
+        process = _spawn()
+        while not daemon_answers():
+            if time.monotonic() > deadline:
+                raise BootstrapError(f"the Docker daemon does not answer; its log: {LOG}\n    {_tail()}")
+            if process.poll() is not None:
+                if "pid file found" not in _tail():
+                    raise BootstrapError(f"the Docker daemon ended; its log: {LOG}\n    {_tail()}")
+                process = _spawn()  # a daemon that was killed leaves its pid file for a second
+            time.sleep(0.2)
+
+
+def _spawn() -> subprocess.Popen[bytes]:
+    with LOG.open("ab") as log:
+        return subprocess.Popen(
+            ["dockerd"], stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd="/"
+        )
+
+
+def _tail() -> str:
+    lines = LOG.read_text(errors="replace").splitlines()[-4:] if LOG.exists() else []
+    return "\n    ".join(lines)
+
+
+def version() -> str:
+    """The daemon's version."""
+    return run(["docker", "version", "--format", "{{.Server.Version}}"]).strip()

@@ -1,0 +1,94 @@
+"""How a preparation step is announced, and how it runs programs."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+CACHE = ROOT / ".cache"
+OLDEST_PYTHON = (3, 11)
+
+
+class BootstrapError(Exception):
+    """A step that cannot be done: its text says why and what to type."""
+
+
+@contextlib.contextmanager
+def step(what: str) -> Iterator[None]:
+    """Announce a step and, when it is done, how long it took."""
+    print(f"  {what} …", end="", flush=True)
+    started = time.monotonic()
+    try:
+        yield
+    except BaseException:
+        print(" failed", flush=True)
+        raise
+    print(f" {time.monotonic() - started:.1f} s", flush=True)
+
+
+def run(argv: Sequence[str], *, timeout_s: float = 900, env: dict[str, str] | None = None) -> str:
+    """Run a program and return what it printed; raises BootstrapError with its last lines when it fails."""
+    try:
+        done = subprocess.run(
+            argv,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            timeout=timeout_s,
+            env={**os.environ, **(env or {})},
+            cwd=ROOT,
+            check=False,
+        )
+    except FileNotFoundError as error:
+        raise BootstrapError(f"{argv[0]} is not installed") from error
+    except subprocess.TimeoutExpired as error:
+        raise BootstrapError(f"{' '.join(argv)} did not end within {timeout_s:.0f} s") from error
+    if done.returncode != 0:
+        tail = "\n    ".join(done.stdout.strip().splitlines()[-12:])
+        raise BootstrapError(f"{' '.join(argv[:6])} failed with exit code {done.returncode}:\n    {tail}")
+    return done.stdout
+
+
+def succeeds(argv: Sequence[str], timeout_s: float = 30) -> bool:
+    """Whether a program runs and ends well."""
+    try:
+        run(argv, timeout_s=timeout_s)
+    except BootstrapError:
+        return False
+    return True
+
+
+def apt_install(packages: Sequence[str], why: str) -> None:
+    """Install Debian packages as root; otherwise raise BootstrapError with the command to type."""
+    command = ["apt-get", "install", "--yes", "--no-install-recommends", *packages]
+    if shutil.which("apt-get") is None:
+        raise BootstrapError(f"{why}: install {', '.join(packages)} with this system's package manager")
+    if os.geteuid() != 0:
+        raise BootstrapError(f"{why}; type: sudo apt-get update && sudo {' '.join(command)}")
+    with step(f"installing {' '.join(packages)}"):
+        env = {"DEBIAN_FRONTEND": "noninteractive"}
+        run(["apt-get", "update", "-qq"], env=env)
+        run(command, env=env)
+
+
+def check_python() -> None:
+    """Raise BootstrapError when this Python is too old."""
+    found = ".".join(str(part) for part in sys.version_info[:3])
+    if tuple(sys.version_info[:2]) < OLDEST_PYTHON:
+        raise BootstrapError(f"python3 is {found}; expected 3.11 or newer")
+
+
+def check_disk(path: Path, need_mib: int) -> None:
+    """Raise BootstrapError when the disk of `path` has less than `need_mib` MiB left."""
+    left_mib = shutil.disk_usage(path).free // 2**20
+    if left_mib < need_mib:
+        raise BootstrapError(f"disk of {path}: {left_mib} MiB free, expected at least {need_mib} MiB")

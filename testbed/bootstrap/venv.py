@@ -1,0 +1,64 @@
+"""The virtual environment: made from the pinned requirements, made again when they change."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import sys
+
+from .steps import CACHE, ROOT, BootstrapError, apt_install, check_disk, check_python, run, step
+
+VENV = ROOT / ".venv"
+LOCK = ROOT / "requirements" / "testbed.txt"
+SOURCES = (".", "services/mqttxt/src", "services/sitl/src", "services/mission/src", "services/net/src")
+_MARK = VENV / ".made-from"
+
+
+def ensure_venv() -> None:
+    """Make `.venv` unless it is there and made from the present lock file."""
+    check_python()
+    CACHE.mkdir(exist_ok=True)
+    if venv_is_current():
+        return
+    check_disk(ROOT, 1500)
+    shutil.rmtree(VENV, ignore_errors=True)
+    with step("making the virtual environment"):
+        try:
+            run([sys.executable, "-m", "venv", str(VENV)])
+            failed = False
+        except BootstrapError:
+            failed = True
+    if failed:
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        shutil.rmtree(VENV, ignore_errors=True)
+        apt_install([f"python{version}-venv"], "python3 has no venv module")
+        run([sys.executable, "-m", "venv", str(VENV)])
+    with step("installing the pinned requirements"):
+        pip = [str(VENV / "bin" / "pip"), "install", "--quiet", "--disable-pip-version-check"]
+        run([*pip, "--require-hashes", "--only-binary", ":all:", "--requirement", str(LOCK)])
+    site = next((VENV / "lib").glob("python3.*")) / "site-packages"
+    (site / "mqttxt-testbed.pth").write_text("".join(f"{ROOT / source}\n" for source in SOURCES))
+    _MARK.write_text(_key())
+
+
+def venv_is_current() -> bool:
+    """Whether `.venv` was made from the present lock file by this Python, in this folder."""
+    return _MARK.exists() and _MARK.read_text() == _key()
+
+
+def lock() -> None:
+    """Pin `requirements/*.in` anew, with hashes, for every platform and Python from 3.11 on."""
+    tools = CACHE / "lock-tools"
+    with step("pinning the requirements"):
+        run([sys.executable, "-m", "venv", str(tools)])
+        run([str(tools / "bin" / "pip"), "install", "--quiet", "uv"])
+        for name in ("testbed", "node"):
+            options = ["--universal", "--python-version", "3.11", "--generate-hashes", "--upgrade"]
+            hidden = ["--no-emit-index-url", "--no-emit-find-links", "--custom-compile-command", "make lock"]
+            files = [f"requirements/{name}.in", "--output-file", f"requirements/{name}.txt"]
+            run([str(tools / "bin" / "uv"), "pip", "compile", "--quiet", *options, *hidden, *files])
+
+
+def _key() -> str:
+    parts = (LOCK.read_bytes(), sys.version.encode(), str(ROOT).encode(), "\n".join(SOURCES).encode())
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()

@@ -1,0 +1,35 @@
+"""The errors of the testbed, in one tree.
+
+TestbedError            something that ends a command with one line and exit code 1
+├── UserError           a wrong option or file: the line names it and what was expected (exit code 2)
+├── DockerError         Docker is missing, refuses, or a container is not well
+│   └── ContainerDied   a container ended that should run; names it, with its last log lines
+└── ResultsError        a results folder that cannot be read
+"""
+
+from __future__ import annotations
+
+
+class TestbedError(Exception):
+    """Base of every error that the testbed raises on purpose."""
+
+    __test__ = False
+    exit_code = 1
+
+
+class UserError(TestbedError):
+    """A wrong option or file: the message names it, its value and what was expected."""
+
+    exit_code = 2
+
+
+class DockerError(TestbedError):
+    """Docker is missing, refuses, or a container is not well."""
+
+
+class ContainerDied(DockerError):
+    """A container ended that should run; the message has its name and its last log lines."""
+
+
+class ResultsError(TestbedError):
+    """A results folder that cannot be read."""
