@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from .captures import Capture, write_counts
+from .captures import Capture, stop_all, write_counts
 from .interfaces import NetError, parse_nodes, read_ports, turn_off_offloads
 
 WATCH_S = 1.0
@@ -46,9 +46,10 @@ def _route(folder: Path, ready_file: Path) -> None:
     ports = read_ports(parse_nodes(os.environ.get("NODES", "")))
     for port in ports:
         turn_off_offloads(port)
-    folder.mkdir(parents=True, exist_ok=True)
-    running = [Capture(port, folder) for port in ports]
+    running: list[Capture] = []
     try:
+        folder.mkdir(parents=True, exist_ok=True)
+        running.extend(Capture(port, folder) for port in ports)
         for capture in running:
             capture.wait_until_listening()
         ready_file.touch()
@@ -58,7 +59,7 @@ def _route(folder: Path, ready_file: Path) -> None:
             if ended:
                 raise NetError(f"capture towards {ended[0].port.node} ended: {ended[0].said.strip()}")
     finally:
-        write_counts([capture.stop() for capture in running], folder / "captures.json")
+        write_counts(stop_all(running), folder / "captures.json")
 
 
 if __name__ == "__main__":

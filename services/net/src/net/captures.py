@@ -7,6 +7,8 @@ import re
 import signal
 import subprocess
 import threading
+import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,7 +16,8 @@ from .interfaces import NetError, Port
 
 BUFFER_KIB = 16_384
 START_TIMEOUT_S = 15.0
-STOP_TIMEOUT_S = 15.0
+STOP_TIMEOUT_S = 3.0
+"""For all captures together; less than the time that compose.yaml leaves a container to end."""
 _COUNTS = {
     "captured": re.compile(r"^(\d+) packets? captured", re.MULTILINE),
     "received": re.compile(r"^(\d+) packets? received by filter", re.MULTILINE),
@@ -24,13 +27,29 @@ _COUNTS = {
 
 @dataclass(frozen=True)
 class Counts:
-    """What tcpdump says of one capture when it ends; None where it did not say."""
+    """What tcpdump says of one capture when it ends; None where it did not say.
+
+    `captured` is in the file; what was `received` beyond it still waited in the kernel's buffer at the end.
+    """
 
     node: str
     interface: str
     captured: int | None
     received: int | None
     dropped: int | None
+
+
+def capture_command(port: Port, folder: Path) -> list[str]:
+    """tcpdump's arguments: whole frames, each written at once.
+
+    Without the immediate mode the kernel hands frames over up to a second late, and those of the last second are
+    lost when the capture ends.
+    """
+    return [
+        *("tcpdump", "--time-stamp-precision=nano", "--immediate-mode", "--packet-buffered", "--no-promiscuous-mode"),
+        *("-Z", "root", "-B", str(BUFFER_KIB), "-s", "0", "-n"),
+        *("-i", port.interface, "-w", str(folder / f"{port.node}.pcap")),
+    ]
 
 
 class Capture:
@@ -40,10 +59,8 @@ class Capture:
         self.port = port
         self.said = ""
         self._listening = threading.Event()
-        options = ["--time-stamp-precision=nano", "--packet-buffered", "--no-promiscuous-mode", "-Z", "root"]
-        target = ["-B", str(BUFFER_KIB), "-s", "0", "-n", "-i", port.interface, "-w", str(folder / f"{port.node}.pcap")]
         self._process = subprocess.Popen(
-            ["tcpdump", *options, *target], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            capture_command(port, folder), stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -56,11 +73,18 @@ class Capture:
     def has_ended(self) -> bool:
         return self._process.poll() is not None
 
-    def stop(self) -> Counts:
-        """End the capture by SIGINT, so that it writes what it has and says what it dropped."""
+    def interrupt(self) -> None:
+        """Ask the capture to write what it has, to say what it dropped, and to end."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
-        self._process.wait(STOP_TIMEOUT_S)
+
+    def finish(self, deadline_s: float) -> Counts:
+        """What it counted; a capture that has not ended by `deadline_s` (monotonic clock) is killed and says nothing."""
+        try:
+            self._process.wait(max(0.0, deadline_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
         self._reader.join(STOP_TIMEOUT_S)
         return parse_counts(self.port, self.said)
 
@@ -73,6 +97,14 @@ class Capture:
         self._listening.set()
 
 
+def stop_all(captures: Sequence[Capture]) -> list[Counts]:
+    """End all captures at once and return what each counted."""
+    for capture in captures:
+        capture.interrupt()
+    deadline_s = time.monotonic() + STOP_TIMEOUT_S
+    return [capture.finish(deadline_s) for capture in captures]
+
+
 def parse_counts(port: Port, said: str) -> Counts:
     """The counts in tcpdump's last words."""
     found = {name: pattern.search(said) for name, pattern in _COUNTS.items()}
@@ -80,7 +112,7 @@ def parse_counts(port: Port, said: str) -> Counts:
     return Counts(port.node, port.interface, **numbers)
 
 
-def write_counts(counts: list[Counts], path: Path) -> None:
+def write_counts(counts: Sequence[Counts], path: Path) -> None:
     """Write `captures.json`, whole or not at all."""
     fresh = path.with_suffix(".new")
     fresh.write_text(json.dumps([asdict(count) for count in counts], indent=1) + "\n")

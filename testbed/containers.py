@@ -1,0 +1,174 @@
+"""The one module that calls Docker: brings the fleet up, runs commands in it, watches it, takes it down."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from queue import Empty, Queue
+from typing import Any
+
+import docker
+from docker.errors import APIError, DockerException
+
+from .errors import ContainerDied, DockerError
+from .topology import COMPOSE_FILE, ROOT
+
+PROJECT = "mqttxt-testbed"
+HEALTHY_TIMEOUT_S = 90.0
+POLL_S = 0.5
+LOG_LINES = 12
+SERVICE_LABEL = "com.docker.compose.service"
+PROJECT_LABEL = "com.docker.compose.project"
+NODE_USER = "1000:1000"
+
+
+class Containers:
+    """The containers of one compose profile, for one run."""
+
+    def __init__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> None:
+        self._profile = profile
+        self._environment = {**os.environ, **settings, "RUN_DIR": str(run_dir)}
+        try:
+            self._client = docker.from_env()
+            self._client.ping()
+        except DockerException as error:
+            raise DockerError(f"Docker does not answer: {error}; type: make doctor") from error
+
+    def up(self, timeout_s: float = HEALTHY_TIMEOUT_S) -> None:
+        """Start everything and wait until all are healthy; raises DockerError naming what is not, and why."""
+        self.down()
+        self._compose("up", "--detach", "--no-build")
+        deadline = time.monotonic() + timeout_s
+        while waiting := self._unhealthy():
+            self.check_alive()
+            if time.monotonic() > deadline:
+                raise DockerError(self._describe(waiting[0], f"not healthy within {timeout_s:.0f} s"))
+            time.sleep(POLL_S)
+
+    def check_alive(self) -> None:
+        """Raises ContainerDied for a container that has ended."""
+        for container in self._all():
+            if container.status in ("exited", "dead"):
+                code = container.attrs["State"].get("ExitCode")
+                raise ContainerDied(self._describe(container, f"ended with exit code {code}"))
+
+    def execute(self, service: str, command: list[str], alive_every_s: float = 1.0) -> Iterator[str]:
+        """Run a command in a service; yields its lines, returns its exit code.
+
+        Raises ContainerDied when any container of the fleet ends meanwhile.
+        """
+        container = self._service(service)
+        api = self._client.api
+        run_id = api.exec_create(container.id, command, user=NODE_USER)["Id"]
+        lines: Queue[str | None] = Queue()
+        reader = threading.Thread(target=_read_lines, args=(api.exec_start(run_id, stream=True), lines), daemon=True)
+        reader.start()
+        while True:
+            try:
+                line = lines.get(timeout=alive_every_s)
+            except Empty:
+                self.check_alive()
+                continue
+            if line is None:
+                self.check_alive()
+                return int(api.exec_inspect(run_id)["ExitCode"])
+            yield line
+
+    def output(self, service: str, command: list[str]) -> str:
+        """What a short command prints in a service."""
+        result = self._service(service).exec_run(command, user=NODE_USER)
+        return str(result.output.decode(errors="replace"))
+
+    def save_logs(self, folder: Path) -> None:
+        """Every container's log into `folder`."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for container in self._all():
+            (folder / f"{container.labels[SERVICE_LABEL]}.log").write_bytes(container.logs(timestamps=True))
+
+    def stop(self, service: str, timeout_s: int = 20) -> None:
+        """Stop one service and wait until it has ended."""
+        for container in self._all():
+            if container.labels[SERVICE_LABEL] == service:
+                container.stop(timeout=timeout_s)
+
+    def down(self) -> None:
+        """End and remove everything of this project."""
+        self._compose("down", "--timeout", "3", "--volumes", "--remove-orphans")
+
+    def images(self) -> dict[str, str]:
+        """Image ids by name."""
+        return {tag: container.image.id for container in self._all() for tag in container.image.tags}
+
+    def cpu_seconds(self) -> dict[str, float]:
+        """CPU seconds that each service has used so far."""
+        found = {}
+        for container in self._all():
+            usage = container.stats(stream=False, one_shot=True)["cpu_stats"]["cpu_usage"]["total_usage"]
+            found[container.labels[SERVICE_LABEL]] = usage / 1e9
+        return found
+
+    def versions(self) -> dict[str, str]:
+        """Versions of what runs the containers."""
+        info = self._client.version()
+        compose = subprocess.run(
+            [*compose_command(), "version", "--short"], capture_output=True, text=True, check=False
+        )
+        return {"docker": info["Version"], "compose": compose.stdout.strip(), "kernel": info["KernelVersion"]}
+
+    def _all(self) -> list[Any]:
+        try:
+            return list(self._client.containers.list(all=True, filters={"label": f"{PROJECT_LABEL}={PROJECT}"}))
+        except APIError as error:
+            raise DockerError(f"Docker does not answer: {error}") from error
+
+    def _service(self, service: str) -> Any:
+        for container in self._all():
+            if container.labels[SERVICE_LABEL] == service:
+                return container
+        raise DockerError(f"no container of service {service} runs")
+
+    def _unhealthy(self) -> list[Any]:
+        found = self._all()
+        if not found:
+            raise DockerError("compose started no container")
+        return [c for c in found if c.attrs["State"].get("Health", {}).get("Status") not in (None, "healthy")]
+
+    def _describe(self, container: Any, what: str) -> str:
+        tail = container.logs(tail=LOG_LINES).decode(errors="replace").strip()
+        said = "\n    ".join(tail.splitlines()) or "(it logged nothing)"
+        return f"{container.labels[SERVICE_LABEL]} {what}; its last log lines:\n    {said}"
+
+    def _compose(self, *words: str) -> None:
+        options = ["--project-name", PROJECT, "--file", str(COMPOSE_FILE), "--profile", self._profile]
+        command = [*compose_command(), *options, *words]
+        done = subprocess.run(command, cwd=ROOT, env=self._environment, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            reasons = [line for line in done.stderr.splitlines() if "rror" in line] or done.stderr.splitlines()
+            raise DockerError(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
+
+
+def compose_command() -> list[str]:
+    """`docker compose` where it is installed, else docker-compose; raises DockerError without either."""
+    probe = ["docker", "compose", "version"]
+    if shutil.which("docker") and subprocess.run(probe, capture_output=True, check=False).returncode == 0:
+        return ["docker", "compose"]
+    if shutil.which("docker-compose"):
+        return ["docker-compose"]
+    raise DockerError("neither `docker compose` nor docker-compose is installed; type: make doctor")
+
+
+def _read_lines(chunks: Iterator[bytes], lines: Queue[str | None]) -> None:
+    """Cut a stream into lines; None at its end."""
+    rest = b""
+    for chunk in chunks:
+        *whole, rest = (rest + chunk).split(b"\n")
+        for line in whole:
+            lines.put(line.decode(errors="replace"))
+    if rest:
+        lines.put(rest.decode(errors="replace"))
+    lines.put(None)

@@ -1,0 +1,72 @@
+"""The manifest: under which conditions an attempt was flown, written at run time."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import subprocess
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from .experiments import Plan
+from .topology import ROOT, Topology
+
+MANIFEST_VERSION = 1
+NODE_PACKAGES = ("paho-mqtt", "pymavlink", "cbor2", "fastcrc")
+SITL_SEED = 1
+
+
+def describe(plan: Plan, protocol: str, number: int, topology: Topology, settings: dict[str, str]) -> dict[str, Any]:
+    """What is known before the containers start."""
+    return {
+        "version": MANIFEST_VERSION,
+        "experiment": plan.experiment,
+        "arm": plan.arm.name,
+        "profile": plan.profile,
+        "protocol": protocol,
+        "attempt": number,
+        "status": "running",
+        "reason": None,
+        "revision": revision(),
+        "configuration": {**asdict(plan.arm), **settings},
+        "seeds": {"sitl": SITL_SEED},
+        "shaper": "none",
+        "host": {
+            "kernel": platform.release(),
+            "machine": platform.machine(),
+            "cores": os.cpu_count(),
+            "python": platform.python_version(),
+            "load_before": os.getloadavg()[0],
+        },
+        "versions": {name: _pinned(name) for name in NODE_PACKAGES} | {"scapy": version("scapy")},
+        "topology": {
+            "nodes": [asdict(node) for node in topology.nodes],
+            "links": [asdict(link) for link in topology.links],
+        },
+    }
+
+
+def revision() -> dict[str, Any]:
+    """The git revision, and whether the tree has changes that are not committed; None outside a repository."""
+    try:
+        found = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
+        changed = subprocess.run(["git", "status", "--porcelain"], cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return {"commit": None, "dirty": None}
+    return {"commit": found.stdout.strip(), "dirty": bool(changed.stdout.strip())}
+
+
+def mosquitto_version(help_text: str) -> str | None:
+    """The version in `mosquitto -h`'s first line."""
+    found = re.search(r"mosquitto version (\S+)", help_text)
+    return found[1] if found else None
+
+
+def _pinned(package: str) -> str | None:
+    """The version in the containers' lock file."""
+    lock = Path(ROOT / "requirements" / "node.txt").read_text(encoding="utf-8")
+    found = re.search(rf"^{re.escape(package)}==(\S+)", lock, re.MULTILINE)
+    return found[1] if found else None

@@ -1,0 +1,64 @@
+"""Progress on the terminal: a line a step, which drone is where."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+
+from rich.console import Console
+from rich.status import Status
+
+
+class ConsoleProgress:
+    """On a terminal a live line for the present step; elsewhere a line whenever the step changes."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._status: Status | None = None
+        self._step = ""
+        self._step_started = 0.0
+        self._drones: dict[str, str] = {}
+
+    def attempt(self, protocol: str, number: int, of: int) -> None:
+        self._console.print(f"attempt {number} of {of} over {protocol}")
+
+    @contextlib.contextmanager
+    def phase(self, text: str) -> Iterator[None]:
+        """Announce a phase and how long it took."""
+        self._finish_step()
+        started = time.monotonic()
+        try:
+            yield
+        except BaseException:
+            self._console.print(f"  {text} … failed")
+            raise
+        self._console.print(f"  {text} … {time.monotonic() - started:.1f} s")
+
+    def step(self, name: str, drones: dict[str, str]) -> None:
+        if name != self._step:
+            self._finish_step()
+            self._step, self._step_started = name, time.monotonic()
+        self._drones = drones
+        if self._console.is_terminal:
+            if self._status is None:
+                self._status = self._console.status("")
+                self._status.start()
+            self._status.update(f"{name:<9} {self._where()}")
+
+    def ended(self, status: str, reason: str | None) -> None:
+        self._finish_step()
+        self._console.print(f"  {status}" + (f": {reason}" if reason else ""), soft_wrap=True)
+
+    def _where(self) -> str:
+        return " · ".join(f"{drone} {text}" for drone, text in self._drones.items())
+
+    def _finish_step(self) -> None:
+        """The step is over: say how long it took and where each drone is."""
+        if self._status is not None:
+            self._status.stop()
+            self._status = None
+        if self._step:
+            took = time.monotonic() - self._step_started
+            self._console.print(f"  {self._step:<9} {took:5.1f} s  {self._where()}", soft_wrap=True)
+        self._step = ""

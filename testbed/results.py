@@ -1,0 +1,140 @@
+"""The results folder: where a series and its attempts are, what is in them, and how they are read back."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from .errors import ResultsError, UserError
+from .topology import Link, Node, Topology
+
+METRICS = "metrics.json"
+REPORT = "report.html"
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One attempt's folder."""
+
+    path: Path
+    protocol: str
+    number: int
+
+    def manifest(self) -> dict[str, Any]:
+        """Raises ResultsError when it is missing or not what a run writes."""
+        found = read_json(self.path / "manifest.json")
+        for name in ("experiment", "arm", "profile", "status", "topology"):
+            if name not in found:
+                raise ResultsError(f"{self.path / 'manifest.json'}: {name} is missing")
+        return found
+
+    def topology(self) -> Topology:
+        described = self.manifest()["topology"]
+        nodes = tuple(Node(node["name"], node["address"]) for node in described["nodes"])
+        links = tuple(Link(link["name"], link["lower"], link["upper"]) for link in described["links"])
+        return Topology(nodes, links)
+
+    def events(self) -> list[dict[str, Any]]:
+        return read_json_lines(self.path / "events.jsonl")
+
+    def autopilot_events(self) -> dict[str, list[dict[str, Any]]]:
+        """The autopilots' own events by node."""
+        return {path.stem: read_json_lines(path) for path in sorted((self.path / "sitl").glob("*.jsonl"))}
+
+    def captures(self) -> list[dict[str, Any]]:
+        """What each capture counted; empty when the network was not ended well."""
+        path = self.path / "pcap" / "captures.json"
+        return list(json.loads(path.read_text())) if path.exists() else []
+
+
+@dataclass(frozen=True)
+class Series:
+    """One series: attempts of an experiment in an arm on a profile, begun at one time."""
+
+    path: Path
+
+    def attempts(self) -> list[Attempt]:
+        """Every attempt, by protocol and number."""
+        folders = sorted(self.path.glob("*/attempt-*"))
+        return [Attempt(path, path.parent.name, int(path.name.removeprefix("attempt-"))) for path in folders]
+
+
+def new_series(root: Path, experiment: str, arm: str, profile: str) -> Series:
+    """A folder of its own for a series, never one that is there."""
+    name = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    folder = root / experiment / f"{arm}-{profile}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for suffix in ("", *(f"-{n}" for n in range(2, 100))):
+            path = folder / f"{name}{suffix}"
+            if not path.exists():
+                path.mkdir()
+                return Series(path)
+    except OSError as error:
+        raise UserError(f"results folder {folder}: {error.strerror}") from error
+    raise UserError(f"results folder {folder}: 99 series began in the same second")
+
+
+def new_attempt(series: Series, protocol: str, number: int) -> Attempt:
+    """A folder for an attempt, writable from inside the containers."""
+    path = series.path / protocol / f"attempt-{number:02d}"
+    for folder in (path, path / "pcap", path / "sitl", path / "logs"):
+        folder.mkdir(parents=True)
+        folder.chmod(0o777)
+    return Attempt(path, protocol, number)
+
+
+def point_latest(root: Path, series: Series) -> None:
+    """Make `results/<experiment>/latest` point to a series, at no time to nothing."""
+    experiment = series.path.parent.parent
+    fresh = experiment / ".latest.new"
+    fresh.unlink(missing_ok=True)
+    fresh.symlink_to(os.path.relpath(series.path, experiment))
+    fresh.replace(experiment / "latest")
+
+
+def open_series(path: Path) -> Series:
+    """A series from its folder, `latest` included; raises ResultsError."""
+    if not path.is_dir():
+        raise ResultsError(f"{path}: expected a results folder")
+    series = Series(path.resolve())
+    if not series.attempts():
+        raise ResultsError(f"{path}: expected a series, with <protocol>/attempt-NN in it")
+    return series
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write a file whole or not at all."""
+    fresh = path.with_name(f".{path.name}.new")
+    fresh.write_text(json.dumps(document, indent=1, sort_keys=False) + "\n", encoding="utf-8")
+    fresh.replace(path)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Raises ResultsError where there is no JSON object."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ResultsError(f"{path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ResultsError(f"{path}: not JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise ResultsError(f"{path}: expected an object")
+    return found
+
+
+def read_json_lines(path: Path) -> list[dict[str, Any]]:
+    """The objects of a file, up to a last line that was cut off; empty when there is none."""
+    if not path.exists():
+        return []
+    found = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            found.append(json.loads(line))
+        except ValueError:
+            break
+    return found

@@ -1,0 +1,160 @@
+"""Flies the attempts of a series: up, mission, down, and what there is to say of each."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from .containers import Containers
+from .errors import DockerError, TestbedError, UserError
+from .experiments import Plan
+from .manifest import describe, mosquitto_version
+from .results import Attempt, Series, new_attempt, new_series, point_latest, write_json
+from .topology import FLEET, read_topology
+
+CLOUD_URL = "mqtt://198.18.1.3:1883"
+MISSION_OVER = {0: "completed", 1: "failed"}
+
+
+class Progress(Protocol):
+    """Who is told how a run goes."""
+
+    def attempt(self, protocol: str, number: int, of: int) -> None: ...
+    def phase(self, text: str) -> contextlib.AbstractContextManager[None]: ...
+    def step(self, name: str, drones: dict[str, str]) -> None: ...
+    def ended(self, status: str, reason: str | None) -> None: ...
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How an attempt ended."""
+
+    status: str
+    reason: str | None = None
+
+
+class Interrupted(TestbedError):
+    """Ctrl-C or SIGTERM: everything was ended, what was captured is kept."""
+
+    exit_code = 130
+
+
+def run_series(
+    plan: Plan, root: Path, progress: Progress, make_containers: Callable[..., Containers] = Containers
+) -> tuple[Series, list[Ended]]:
+    """Fly every attempt of a plan. A failed attempt does not end the series; a lost Docker does."""
+    series = new_series(root, plan.experiment, plan.arm.name, plan.profile)
+    endings = []
+    with _signals_interrupt():
+        for number in range(1, plan.attempts + 1):
+            for protocol in plan.protocols:
+                progress.attempt(protocol, number, plan.attempts)
+                attempt = new_attempt(series, protocol, number)
+                ended = _fly(plan, attempt, progress, make_containers)
+                progress.ended(ended.status, ended.reason)
+                endings.append(ended)
+                point_latest(root, series)
+    return series, endings
+
+
+def settings_of(plan: Plan) -> dict[str, str]:
+    """The environment that compose.yaml's variables take."""
+    return {"QOS": str(plan.arm.qos), "STREAMS": plan.arm.streams, "ENCODING_FLAG": ""}
+
+
+def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
+    settings = settings_of(plan)
+    manifest = describe(plan, attempt.protocol, attempt.number, read_topology(), settings)
+    write_json(attempt.path / "manifest.json", manifest)
+    containers = make_containers(attempt.protocol, attempt.path, settings)
+    ended = Ended("failed", "interrupted")
+    try:
+        with progress.phase("starting 17 containers"):
+            containers.up()
+        manifest["images"] = containers.images()
+        manifest["versions"] |= containers.versions()
+        manifest["versions"]["mosquitto"] = mosquitto_version(containers.output("cloud", ["mosquitto", "-h"]))
+        ended = _mission(plan, containers, progress)
+        manifest["cpu_s"] = containers.cpu_seconds()
+    except DockerError as error:
+        ended = Ended("failed", str(error))
+        if not (attempt.path / "events.jsonl").exists():
+            raise
+    finally:
+        with progress.phase("ending the containers"):
+            _take_down(containers, attempt)
+        manifest["captures"] = attempt.captures()
+        ended = _void_if_dropped(ended, manifest["captures"])
+        manifest |= {"status": ended.status, "reason": ended.reason}
+        manifest["host"]["load_after"] = os.getloadavg()[0]
+        write_json(attempt.path / "manifest.json", manifest)
+    return ended
+
+
+def _mission(plan: Plan, containers: Containers, progress: Progress) -> Ended:
+    fleet = ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in FLEET.items())
+    options = ["--fleet", fleet, "--cloud", CLOUD_URL, "--qos", str(plan.arm.qos), "--events", "/run-dir/events.jsonl"]
+    lines = containers.execute("gs", ["mission", "fly", plan.experiment, *options])
+    said = ""
+    while True:
+        try:
+            line = next(lines)
+        except StopIteration as stop:
+            code = stop.value
+            break
+        shown = _progress_line(line)
+        if shown is not None:
+            progress.step(shown["step"], shown["drones"])
+        elif line.startswith("mission: "):
+            said = line.removeprefix("mission: ")
+    if code not in MISSION_OVER:
+        raise UserError(f"the mission could not be flown (exit code {code}): {said}")
+    return Ended(MISSION_OVER[code], said or None)
+
+
+def _progress_line(line: str) -> dict[str, Any] | None:
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) and {"step", "drones"} <= set(found) else None
+
+
+def _take_down(containers: Containers, attempt: Attempt) -> None:
+    """End the network first, so that its captures are whole; then save the logs, then everything else."""
+    containers.stop("net")
+    containers.save_logs(attempt.path / "logs")
+    containers.down()
+
+
+def _void_if_dropped(ended: Ended, captures: list[dict[str, Any]]) -> Ended:
+    """A run whose captures dropped packets proves nothing."""
+    dropped = [f"{capture['node']} {capture['dropped']}" for capture in captures if capture["dropped"] != 0]
+    if dropped and ended.status == "completed":
+        return Ended("void", f"captures dropped packets: {', '.join(dropped)}")
+    return ended
+
+
+@contextlib.contextmanager
+def _signals_interrupt() -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does."""
+
+    def interrupt(*_: object) -> None:
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)  # what follows is the taking down: it is short, and must be whole
+        raise Interrupted("interrupted; the containers are ended, what was captured is kept")
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    for number in before:
+        signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

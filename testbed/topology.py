@@ -1,0 +1,80 @@
+"""The topology: nodes with their addresses, read from compose.yaml, and the links between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .errors import UserError
+
+ROOT = Path(__file__).resolve().parents[1]
+COMPOSE_FILE = ROOT / "compose.yaml"
+FLEET = {1: (1, 2, 3), 2: (4, 5, 6)}
+"""Which fog has which drones; the addresses in compose.yaml's commands follow it."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node and its address."""
+
+    name: str
+    address: str
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link between a node and the next one towards the cloud; up is towards the cloud."""
+
+    name: str
+    lower: str
+    upper: str
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Nodes and links, in the order in which people think of them."""
+
+    nodes: tuple[Node, ...]
+    links: tuple[Link, ...]
+
+    def name_of(self, address: str) -> str | None:
+        return next((node.name for node in self.nodes if node.address == address), None)
+
+    def link_of(self, source: str, destination: str) -> str | None:
+        """`air:uav1:up` for a pair of neighbours, None for any other pair."""
+        for link in self.links:
+            if (source, destination) == (link.lower, link.upper):
+                return f"{link.name}:up"
+            if (source, destination) == (link.upper, link.lower):
+                return f"{link.name}:down"
+        return None
+
+
+def links_of(names: list[str], fleet: dict[int, tuple[int, ...]] | None = None) -> tuple[Link, ...]:
+    """wan gs-cloud, backhaul cloud-fogX, air fogX-uavY, for the nodes that are there."""
+    chosen = fleet if fleet is not None else FLEET
+    links = [Link("wan:gs", "gs", "cloud")]
+    links += [Link(f"backhaul:fog{fog}", f"fog{fog}", "cloud") for fog in chosen]
+    links += [Link(f"air:uav{drone}", f"uav{drone}", f"fog{fog}") for fog, drones in chosen.items() for drone in drones]
+    return tuple(link for link in links if link.lower in names and link.upper in names)
+
+
+def read_topology(path: Path = COMPOSE_FILE) -> Topology:
+    """The topology of a compose file; raises UserError where a node's address cannot be told."""
+    try:
+        services: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))["services"]
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise UserError(f"{path}: expected a compose file with services: {error}") from error
+    nodes = []
+    for name, service in services.items():
+        networks = service.get("networks")
+        if name == "net" or not isinstance(networks, dict):
+            continue
+        addresses = [config["ipv4_address"] for config in networks.values() if config]
+        if len(addresses) != 1:
+            raise UserError(f"{path}: services.{name}.networks: expected one network with an ipv4_address")
+        nodes.append(Node(name, addresses[0]))
+    return Topology(tuple(nodes), links_of([node.name for node in nodes]))
