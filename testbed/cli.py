@@ -45,7 +45,7 @@ def run(
     """Fly an experiment, measure it, and write its report. Exit code 0 only if every attempt was completed."""
     with _errors_as_lines():
         plan = make_plan(experiment, attempts, arm, profile, protocols)
-        console = Console(highlight=False)
+        console = _console()
         series, endings = run_series(plan, RESULTS, ConsoleProgress(console))
         _report(series.path, console)
         if any(ended.status != "completed" for ended in endings):
@@ -59,7 +59,7 @@ def report(
     """Make metrics and report again, from the results folder alone."""
     with _errors_as_lines():
         for path in results:
-            _report(path, Console(highlight=False))
+            _report(path, _console())
 
 
 @app.command()
@@ -70,7 +70,7 @@ def up() -> None:
             folder.mkdir(parents=True, exist_ok=True)
             folder.chmod(0o777)
         plan = make_plan("scenario-1", "1", "thesis", "ideal", "mqttxt")
-        with ConsoleProgress(Console(highlight=False)).phase("starting 17 containers"):
+        with ConsoleProgress(_console()).phase("starting 17 containers"):
             Containers("mqttxt", LIVE, settings_of(plan)).up()
         typer.echo(f"""\
 Six drones are up. To look and to fly:
@@ -83,8 +83,14 @@ Six drones are up. To look and to fly:
 @app.command()
 def down() -> None:
     """End what `up` started."""
-    with _errors_as_lines(), ConsoleProgress(Console(highlight=False)).phase("ending the containers"):
+    with _errors_as_lines(), ConsoleProgress(_console()).phase("ending the containers"):
         Containers("mqttxt", LIVE, {}).down()
+
+
+def _console() -> Console:
+    """The terminal; a file or a pipe is given room for the tables."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=120)
 
 
 def _report(path: Path, console: Console) -> None:

@@ -81,14 +81,13 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
         manifest["versions"] |= containers.versions()
         manifest["versions"]["mosquitto"] = mosquitto_version(containers.output("cloud", ["mosquitto", "-h"]))
         ended = _mission(plan, containers, progress)
-        manifest["cpu_s"] = containers.cpu_seconds()
     except DockerError as error:
         ended = Ended("failed", str(error))
         if not (attempt.path / "events.jsonl").exists():
             raise
     finally:
         with progress.phase("ending the containers"):
-            _take_down(containers, attempt)
+            manifest["cpu_s"] = _take_down(containers, attempt)
         manifest["captures"] = attempt.captures()
         ended = _void_if_dropped(ended, manifest["captures"])
         manifest |= {"status": ended.status, "reason": ended.reason}
@@ -126,11 +125,16 @@ def _progress_line(line: str) -> dict[str, Any] | None:
     return found if isinstance(found, dict) and {"step", "drones"} <= set(found) else None
 
 
-def _take_down(containers: Containers, attempt: Attempt) -> None:
-    """End the network first, so that its captures are whole; then save the logs, then everything else."""
+def _take_down(containers: Containers, attempt: Attempt) -> dict[str, float]:
+    """End the network first, so that its captures are whole; then save the logs, then everything else.
+
+    Returns the CPU seconds of each service.
+    """
+    used = containers.cpu_seconds()
     containers.stop("net")
     containers.save_logs(attempt.path / "logs")
     containers.down()
+    return used
 
 
 def _void_if_dropped(ended: Ended, captures: list[dict[str, Any]]) -> Ended:

@@ -94,8 +94,7 @@ def _time_axis(end_s: float, y: float) -> str:
     step = 5 if end_s <= 60 else 10 if end_s <= 150 else 30
     ticks = range(0, int(end_s) + 1, step)
     return "".join(
-        f'<text class="tick" x="{_x(t, end_s):.1f}" y="{y + 18}" text-anchor="middle">{t}{" s" if t == 0 else ""}</text>'
-        for t in ticks
+        f'<text class="tick" x="{_x(t, end_s):.1f}" y="{y + 18}" text-anchor="middle">{t} s</text>' for t in ticks
     )
 
 

@@ -35,7 +35,7 @@ def loss(share: float | None, of: int) -> str:
     if share is None or of == 0:
         return "–"
     if share == 0:
-        return f"0 of {of:,} (< {300 / of:.2g} %)"
+        return f"0 of {of:,} (< {300 / of:.2g} %)" if of > 3 else f"0 of {of}"
     return f"{100 * share:.2g} % of {of:,}"
 
 
