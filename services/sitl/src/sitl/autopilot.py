@@ -121,9 +121,7 @@ class Autopilot:
         """Answer a message that is for this system."""
         kind = message.get_type()
         if kind in ("COMMAND_LONG", "COMMAND_INT"):
-            params = [message.param1, message.param2, message.param3, message.param4]
-            known = [None if math.isnan(param) else param for param in params]
-            detail = {"command": message.command, "params": known}
+            detail = {"command": message.command, "params": _params(message)}
             self._out.append(Happened("command", detail))
             result = self._command(message)
             self._out.insert(1, Reply(_ack(message, result)))
@@ -388,6 +386,17 @@ class Autopilot:
             0.0,
             round(self.now_s * 1e6),
         )
+
+
+def _params(message: Any) -> list[float | None]:
+    """The seven parameters as they came, COMMAND_INT's positions as integers; None for NaN."""
+    first = [message.param1, message.param2, message.param3, message.param4]
+    last = [message.x, message.y, message.z] if message.get_type() == "COMMAND_INT" else _long_position(message)
+    return [None if math.isnan(param) else param for param in (*first, *last)]
+
+
+def _long_position(message: Any) -> list[float]:
+    return [message.param5, message.param6, message.param7]
 
 
 def _z(message: Any) -> float:

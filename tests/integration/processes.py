@@ -1,0 +1,263 @@
+"""Real processes for the integration tests: brokers, roles and autopilots, each on loopback, each ended by its id."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+import docker
+
+ROOT = Path(__file__).resolve().parents[2]
+NODE_IMAGE = "mqttxt-testbed/node:latest"
+PATIENCE_S = 30.0
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    """A port of loopback that nobody uses now."""
+    with socket.socket(socket.AF_INET, kind) as sock:
+        sock.bind(("127.0.0.1", 0))
+        return int(sock.getsockname()[1])
+
+
+def wait_until(condition: Callable[[], bool], what: str, limit_s: float = PATIENCE_S) -> None:
+    """Wait until something holds; fails the test with `what` when it does not."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
+        time.sleep(0.02)
+
+
+async def eventually(condition: Callable[[], bool], what: str, limit_s: float = PATIENCE_S) -> None:
+    """`wait_until` for a test whose event loop has to go on."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
+        await asyncio.sleep(0.02)
+
+
+class Broker:
+    """A real Mosquitto on a loopback port, from the testbed's own image."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.port = free_port()
+        self._configuration = folder / f"{name}.conf"
+        self._configuration.write_text(
+            f"persistence false\nlistener {self.port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
+        )
+        self._configuration.chmod(0o644)
+        folder.chmod(0o755)
+        self._docker = docker.from_env()
+        self._container: Any = None
+
+    @property
+    def url(self) -> str:
+        return f"mqtt://127.0.0.1:{self.port}"
+
+    def start(self) -> Self:
+        self._container = self._docker.containers.run(
+            NODE_IMAGE,
+            ["-c", "/etc/broker.conf"],
+            entrypoint="mosquitto",
+            network_mode="host",
+            user="1000:1000",
+            volumes={str(self._configuration): {"bind": "/etc/broker.conf", "mode": "ro"}},
+            detach=True,
+        )
+        wait_until(self._listens, f"broker on port {self.port}")
+        return self
+
+    def kill(self) -> None:
+        """End it at once, as a power loss would."""
+        container, self._container = self._container, None
+        if container is not None:
+            container.remove(force=True)
+
+    def stall(self) -> None:
+        self._container.kill(signal="SIGSTOP")
+
+    def go_on(self) -> None:
+        self._container.kill(signal="SIGCONT")
+
+    def _listens(self) -> bool:
+        with socket.socket() as sock:
+            return sock.connect_ex(("127.0.0.1", self.port)) == 0
+
+
+class Process:
+    """A Python module of the repository as a process of its own."""
+
+    def __init__(self, folder: Path, name: str, module: str, *arguments: str) -> None:
+        self.name = name
+        self.ready_file = folder / f"{name}.ready"
+        self.log = folder / f"{name}.log"
+        self._command = [sys.executable, "-m", module, *arguments]
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> Self:
+        self.ready_file.unlink(missing_ok=True)
+        with self.log.open("ab") as log:
+            self._process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=ROOT)
+        return self
+
+    def wait_ready(self) -> Self:
+        wait_until(lambda: self.ready_file.exists() or self.exit_code is not None, f"{self.name} ready")
+        assert self.exit_code is None, f"{self.name} ended: {self.log.read_text()[-2000:]}"
+        return self
+
+    @property
+    def exit_code(self) -> int | None:
+        return self._process.poll() if self._process is not None else None
+
+    def wait(self, limit_s: float = PATIENCE_S) -> int:
+        assert self._process is not None
+        return self._process.wait(limit_s)
+
+    def kill(self) -> None:
+        """SIGKILL, as a crash would end it."""
+        if self._process is not None:
+            with contextlib.suppress(ProcessLookupError):
+                self._process.send_signal(signal.SIGCONT)
+            self._process.kill()
+            self._process.wait()
+
+    def stop(self) -> int:
+        assert self._process is not None
+        self._process.terminate()
+        return self._process.wait(PATIENCE_S)
+
+    def stall(self) -> None:
+        assert self._process is not None
+        os.kill(self._process.pid, signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        assert self._process is not None
+        os.kill(self._process.pid, signal.SIGCONT)
+
+
+class Proxy:
+    """A TCP proxy on loopback that can hold every byte, in both directions, and let them go again."""
+
+    def __init__(self, target_port: int) -> None:
+        self._target_port = target_port
+        self._open = asyncio.Event()
+        self._open.set()
+        self._server: asyncio.Server | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def start(self) -> Self:
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        return self
+
+    @property
+    def url(self) -> str:
+        assert self._server is not None
+        return f"mqtt://127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
+
+    def stall(self) -> None:
+        self._open.clear()
+
+    def go_on(self) -> None:
+        self._open.set()
+
+    async def close(self) -> None:
+        assert self._server is not None
+        self._server.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        there, to_there = await asyncio.open_connection("127.0.0.1", self._target_port)
+        for source, sink in ((reader, to_there), (there, writer)):
+            task = asyncio.create_task(self._pass_on(source, sink))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _pass_on(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
+        try:
+            while data := await source.read(65_536):
+                await self._open.wait()
+                sink.write(data)
+                await sink.drain()
+        except ConnectionError:
+            return
+        finally:
+            sink.close()
+
+
+class System:
+    """A cloud broker, a fog broker, an activator and two drones with their autopilots, as real processes."""
+
+    def __init__(self, folder: Path, qos: int = 1) -> None:
+        self.folder = folder
+        self.cloud = Broker(folder, "cloud")
+        self.fog = Broker(folder, "fog")
+        self.autopilots = {drone: free_port(socket.SOCK_DGRAM) for drone in (1, 2)}
+        self.sitls = {drone: self._sitl(drone) for drone in self.autopilots}
+        self.qos = qos
+        self.activator = self.make_activator(self.cloud.url, self.fog.url)
+        self.uavs = {drone: self.make_uav(drone, self.fog.url) for drone in self.autopilots}
+
+    def make_activator(self, cloud: str, fog: str, name: str = "activator") -> Process:
+        ready = str(self.folder / f"{name}.ready")
+        options = ["--fog", "1", "--cloud", cloud, "--fog-broker", fog, "--drones", "1,2", "--ready-file", ready]
+        return Process(self.folder, name, "mqttxt", "activator", *options, "--qos", str(self.qos))
+
+    def make_uav(self, drone: int, broker: str, name: str | None = None, autopilot_port: int | None = None) -> Process:
+        called = name or f"uav{drone}"
+        address = f"udp:127.0.0.1:{autopilot_port or self.autopilots[drone]}"
+        options = ["--drone", str(drone), "--broker", broker, "--autopilot", address, "--qos", str(self.qos)]
+        files = ["--journal", str(self.folder / called), "--ready-file", str(self.folder / f"{called}.ready")]
+        return Process(self.folder, called, "mqttxt", "uav", *options, *files)
+
+    def _sitl(self, drone: int) -> Process:
+        files = [
+            "--events",
+            str(self.folder / f"sitl{drone}.jsonl"),
+            "--ready-file",
+            str(self.folder / f"sitl{drone}.ready"),
+        ]
+        control = ["--control", str(self.folder / f"sitl{drone}.sock"), "--streams", "normal"]
+        ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self.autopilots[drone]}"]
+        fleet = ["--fleet", str(ROOT / "services" / "sitl" / "fleet.yaml"), "--system", str(drone)]
+        return Process(self.folder, f"sitl{drone}", "sitl", "fly", *fleet, *ports, *files, *control)
+
+    def start(self) -> Self:
+        self.cloud.start()
+        self.fog.start()
+        for process in (*self.sitls.values(), self.activator, *self.uavs.values()):
+            process.start()
+        for process in (*self.sitls.values(), self.activator, *self.uavs.values()):
+            process.wait_ready()
+        return self
+
+    def close(self) -> None:
+        for process in (*self.uavs.values(), self.activator, *self.sitls.values()):
+            process.kill()
+        for broker in (self.fog, self.cloud):
+            broker.kill()
+
+    def commanded(self, drone: int, mav_cmd: int) -> list[dict[str, Any]]:
+        """What an autopilot received of a MAV_CMD, with the time of each."""
+        path = self.folder / f"sitl{drone}.jsonl"
+        lines = path.read_text().splitlines() if path.exists() else []
+        events = [json.loads(line) for line in lines if line.endswith("}")]
+        return [event for event in events if event["event"] == "command" and event["command"] == mav_cmd]
+
+    def control(self, drone: int, request: dict[str, Any]) -> dict[str, Any]:
+        """The autopilot's side channel."""
+        with socket.socket(socket.AF_UNIX) as sock:
+            sock.connect(str(self.folder / f"sitl{drone}.sock"))
+            sock.sendall(json.dumps(request).encode() + b"\n")
+            found: dict[str, Any] = json.loads(sock.makefile().readline())
+            return found

@@ -1,0 +1,184 @@
+"""Each part is killed in mid-flight and started again: every open command has exactly one last word, nothing is
+executed twice, and everything comes back by itself."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import ROOT, Process, System, eventually, free_port, wait_until
+
+from mqttxt import Arm, GroundStation, Hold, Land, Outcome, Takeoff, Word
+
+pytestmark = pytest.mark.integration
+
+TAKEOFF, LAND = 22, 21
+ALTITUDE_M = 8
+
+
+@pytest.fixture(params=[1, 0], ids=["qos1", "qos0"])
+def fleet(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
+    """Two drones on one fog, at either QoS."""
+    made = System(tmp_path, qos=request.param)
+    try:
+        yield made.start()
+    finally:
+        made.close()
+
+
+async def _collect(stream: Any, heard: list[Outcome]) -> None:
+    async for outcome in stream:
+        heard.append(outcome)
+
+
+async def _airborne_with_open_takeoff(fleet: System, fog: Any) -> tuple[list[Outcome], asyncio.Task[None]]:
+    """Both drones climb; the broadcast takeoff is accepted and still open."""
+    async for outcome in fog.broadcast(Arm()):
+        assert not outcome.is_last or outcome.word is Word.COMPLETED
+    heard: list[Outcome] = []
+    listening = asyncio.create_task(_collect(fog.broadcast(Takeoff(ALTITUDE_M), limit_s=25), heard))
+    await eventually(lambda: len(heard) == 2, "takeoff accepted by both")
+    assert {outcome.word for outcome in heard} == {Word.ACCEPTED}
+    return heard, listening
+
+
+def _last_words(heard: list[Outcome]) -> dict[int | None, list[Word]]:
+    found: dict[int | None, list[Word]] = {}
+    for outcome in heard:
+        if outcome.is_last:
+            found.setdefault(outcome.drone, []).append(outcome.word)
+    return found
+
+
+async def _all_back(fog: Any) -> None:
+    await eventually(lambda: fog.is_live and all(fog.drone(d).is_reachable for d in (1, 2)), "everything is back", 60)
+
+
+async def _land_all(fleet: System, fog: Any) -> None:
+    """The proof that commands flow again; and that each autopilot got each command once."""
+    heard: list[Outcome] = []
+    await _collect(fog.broadcast(Land()), heard)
+    assert _last_words(heard) == {1: [Word.COMPLETED], 2: [Word.COMPLETED]}
+    for drone in (1, 2):
+        assert len(fleet.commanded(drone, TAKEOFF)) == 1
+        assert len(fleet.commanded(drone, LAND)) == 1
+
+
+@pytest.mark.parametrize("victim", ["uav", "activator", "fog broker", "cloud broker"])
+async def test_kill_in_mid_flight_and_restart(fleet: System, victim: str) -> None:
+    async with GroundStation(fleet.cloud.url, qos=fleet.qos) as station:
+        (fog,) = await station.connect([1])
+        await _all_back(fog)
+        heard, listening = await _airborne_with_open_takeoff(fleet, fog)
+
+        part = {
+            "uav": fleet.uavs[1],
+            "activator": fleet.activator,
+            "fog broker": fleet.fog,
+            "cloud broker": fleet.cloud,
+        }[victim]
+        await asyncio.to_thread(part.kill)
+        await asyncio.to_thread(part.start)
+        await _all_back(fog)
+        await asyncio.wait_for(listening, 90)
+
+        words = _last_words(heard)
+        assert {drone: len(said) for drone, said in words.items()} == {1: 1, 2: 1}
+        assert words[2] == [Word.COMPLETED]
+        if victim == "uav":
+            assert words[1] == [Word.UNCONFIRMED]
+            assert [o.reason for o in heard if o.drone == 1 and o.is_last] == ["restarted"]
+        else:
+            assert words[1] == [Word.COMPLETED]
+        await _land_all(fleet, fog)
+
+
+async def test_a_ground_station_dies_and_another_takes_over(fleet: System) -> None:
+    command = [sys.executable, "-m", "mqttxt", "gs", "send", "takeoff", str(ALTITUDE_M), "--cloud", fleet.cloud.url]
+    async with GroundStation(fleet.cloud.url, qos=fleet.qos) as first:
+        (fog,) = await first.connect([1])
+        await _all_back(fog)
+        async for outcome in fog.broadcast(Arm()):
+            assert not outcome.is_last or outcome.word is Word.COMPLETED
+    with subprocess.Popen([*command, "--qos", str(fleet.qos)], cwd=ROOT, stdout=subprocess.DEVNULL) as dying:
+        wait_until(lambda: bool(fleet.commanded(1, TAKEOFF) and fleet.commanded(2, TAKEOFF)), "takeoff commanded")
+        dying.kill()
+
+    async with GroundStation(fleet.cloud.url, qos=fleet.qos) as second:
+        (fog,) = await second.connect([1])
+        await _all_back(fog)
+        height = {drone: fleet.control(drone, {"get": "state"})["altitude_m"] for drone in (1, 2)}
+        await eventually(
+            lambda: all(fleet.control(d, {"get": "state"})["altitude_m"] > ALTITUDE_M - 0.5 for d in (1, 2)),
+            f"the drones finish what they were told (from {height})",
+        )
+        await _land_all(fleet, fog)
+
+
+async def test_a_query_after_the_deadline_is_answered_from_the_ledger(system: System) -> None:
+    async with GroundStation(system.cloud.url) as station:
+        (fog,) = await station.connect([1])
+        await _all_back(fog)
+        heard: list[Outcome] = []
+        await _collect(fog.drone(1).outcomes(Arm(), ttl_s=0.5), heard)
+        assert _last_words(heard) == {1: [Word.COMPLETED]}
+        pending = station.station.commands[heard[0].id]
+        await eventually(lambda: station.clock.now_ms() > pending.close_at_ms - 19_000, "the deadline has passed")
+        answers: list[Any] = []
+        station._listeners.append(answers.append)
+        pending.words.clear()
+        station.carry_out([pending.publish])
+        await eventually(lambda: any(isinstance(a, Outcome) for a in answers), "an answer")
+        assert [a.word for a in answers if isinstance(a, Outcome)] == [Word.COMPLETED]
+        assert len(system.commanded(1, 400)) == 1
+
+
+async def test_a_second_uav_client_of_a_number_is_refused(system: System) -> None:
+    async with GroundStation(system.cloud.url) as station:
+        (fog,) = await station.connect([1])
+        await _all_back(fog)
+        twin = system.make_uav(1, system.fog.url, name="twin", autopilot_port=_second_sitl(system))
+        twin.start()
+        try:
+            code = await asyncio.to_thread(twin.wait)
+        finally:
+            twin.kill()
+        assert code == 1
+        assert "refused: another live UAV client is drone 1 already" in twin.log.read_text()
+        assert system.uavs[1].exit_code is None
+        await _all_back(fog)
+        assert (await fog.drone(1).send(Hold())).word is Word.COMPLETED
+
+
+def _second_sitl(system: System) -> int:
+    """Another autopilot that claims to be drone 1, as a mistake in a fleet would have it."""
+    port = free_port(socket.SOCK_DGRAM)
+    ready = str(system.folder / "twin-sitl.ready")
+    options = ["--system", "1", "--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--ready-file", ready]
+    system.sitls[99] = Process(system.folder, "twin-sitl", "sitl", "fly", *options).start()
+    system.sitls[99].wait_ready()
+    return port
+
+
+async def test_a_second_activator_of_a_fog_refuses_to_start(system: System) -> None:
+    rival = system.make_activator(system.cloud.url, system.fog.url, name="rival").start()
+    try:
+        assert await asyncio.to_thread(rival.wait) == 1
+    finally:
+        rival.kill()
+    assert "refused: another live activator is fog 1 already" in rival.log.read_text()
+    assert system.activator.exit_code is None
+
+
+async def test_a_wrong_system_id_is_refused_before_anything_is_connected(system: System) -> None:
+    stranger = system.make_uav(7, system.fog.url, name="stranger", autopilot_port=_second_sitl(system)).start()
+    try:
+        assert await asyncio.to_thread(stranger.wait) == 2
+    finally:
+        stranger.kill()
+    assert "has MAVLink system id 1; expected 7" in stranger.log.read_text()
