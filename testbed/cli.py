@@ -41,12 +41,13 @@ def run(
     arm: Annotated[str, typer.Option(help="How the fleet talks: thesis.")] = "thesis",
     profile: Annotated[str, typer.Option(help="How the links are: ideal.")] = "ideal",
     protocols: Annotated[str, typer.Option(help="Over what, a list: mqttxt.")] = "mqttxt",
+    results: Annotated[Path, typer.Option(help="Folder for the results.")] = RESULTS,
 ) -> None:
     """Fly an experiment, measure it, and write its report. Exit code 0 only if every attempt was completed."""
     with _errors_as_lines():
         plan = make_plan(experiment, attempts, arm, profile, protocols)
         console = _console()
-        series, endings = run_series(plan, RESULTS, ConsoleProgress(console))
+        series, endings = run_series(plan, results.absolute(), ConsoleProgress(console))
         _report(series.path, console)
         if any(ended.status != "completed" for ended in endings):
             raise typer.Exit(1)

@@ -118,6 +118,7 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
             "commands": _lost_share(len(traffic.commands_sent), len(traffic.commands_received)),
             "states": _lost_share(len(traffic.states_sent), len(traffic.states_sent & traffic.states_received)),
         },
+        "commands_sent": len(traffic.commands_sent),
         "states_sent": len(traffic.states_sent),
         "wire_loss": lost / entered if entered else None,
         "delay_ms": command_delays_ms(traffic, events),

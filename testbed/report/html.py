@@ -68,7 +68,6 @@ def _attempt(series: Series, attempt: Attempt, metrics: dict[str, Any]) -> dict[
         "grid": _grid(measured, commands) if measured is not None else [],
         "dropped": sum(capture["dropped"] or 0 for capture in manifest.get("captures", [])),
         "captured": sum(capture["captured"] or 0 for capture in manifest.get("captures", [])),
-        "commands_sent": sum(1 for event in events if event["event"] == "command"),
     }
 
 

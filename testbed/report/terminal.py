@@ -29,7 +29,6 @@ def attempts_table(metrics: dict[str, Any]) -> Table:
     for protocol, side in metrics["protocols"].items():
         name = PROTOCOL_NAMES.get(protocol, protocol)
         for attempt in side["attempts"]:
-            commands = len({entry["command"] for entries in attempt["outcomes"].values() for entry in entries})
             table.add_row(
                 name,
                 str(attempt["attempt"]),
@@ -37,7 +36,7 @@ def attempts_table(metrics: dict[str, Any]) -> Table:
                 seconds(attempt["mission_s"]),
                 f"{attempt['packets']:,}",
                 size(attempt["size_bytes"]),
-                loss(attempt["message_loss"]["commands"], commands),
+                loss(attempt["message_loss"]["commands"], attempt["commands_sent"]),
                 loss(attempt["message_loss"]["states"], attempt["states_sent"]),
                 loss(attempt["wire_loss"], attempt["packets"]),
             )

@@ -27,7 +27,9 @@ def seconds(value: float | None) -> str:
 def milliseconds(value: float | None) -> str:
     if value is None:
         return "–"
-    return f"{value:.2f} ms" if value < 10 else f"{value:,.0f} ms"
+    if value >= 1000:
+        return f"{value / 1000:.2f} s"
+    return f"{value:.2f} ms" if value < 10 else f"{value:.0f} ms"
 
 
 def loss(share: float | None, of: int) -> str:
@@ -41,6 +43,7 @@ def loss(share: float | None, of: int) -> str:
 
 def finding(metrics: dict[str, Any]) -> str:
     """One plain sentence: what was flown, over what, and how it went."""
+    experiment = EXPERIMENT_NAMES.get(metrics["experiment"], metrics["experiment"]).lower()
     parts = []
     for protocol, side in metrics["protocols"].items():
         name = PROTOCOL_NAMES.get(protocol, protocol)
@@ -55,8 +58,8 @@ def finding(metrics: dict[str, Any]) -> str:
         much = "" if len(completed) == 1 else " (medians)"
         how = "" if len(completed) == len(flown) else f", in {len(completed)} of {len(flown)} attempts"
         parts.append(
-            f"{drones} drones on two fogs flew it over {name} in {mission:.1f} s "
+            f"over {name} {drones} drones on two fogs flew {experiment} in {mission:.1f} s, "
             f"with {packets:,.0f} packets and {size(bytes_)} on all links{much}{how}"
         )
-    experiment = EXPERIMENT_NAMES.get(metrics["experiment"], metrics["experiment"])
-    return f"{experiment}: {'; '.join(parts)}."
+    said = "; ".join(parts)
+    return f"{said[0].upper()}{said[1:]}."

@@ -221,13 +221,9 @@ class System:
         return Process(self.folder, called, "mqttxt", "uav", *options, *files)
 
     def _sitl(self, drone: int) -> Process:
-        files = [
-            "--events",
-            str(self.folder / f"sitl{drone}.jsonl"),
-            "--ready-file",
-            str(self.folder / f"sitl{drone}.ready"),
-        ]
-        control = ["--control", str(self.folder / f"sitl{drone}.sock"), "--streams", "normal"]
+        base = str(self.folder / f"sitl{drone}")
+        files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready"]
+        control = ["--control", f"{base}.sock", "--streams", "normal"]
         ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self.autopilots[drone]}"]
         fleet = ["--fleet", str(ROOT / "services" / "sitl" / "fleet.yaml"), "--system", str(drone)]
         return Process(self.folder, f"sitl{drone}", "sitl", "fly", *fleet, *ports, *files, *control)
