@@ -16,6 +16,11 @@ from math import ceil, floor
 RHO = 1e-3
 """Largest relative error of a clock's rate that the bounds allow for (1 ms a second)."""
 
+_SLOWEST = 1 - 2 * RHO
+"""At least as much passes on another clock while 1 passes on the own one: below (1 - rho) / (1 + rho)."""
+_FASTEST = (1 + RHO) / (1 - RHO)
+"""At most as much; 1 + 2 rho would be too little by 2 rho squared."""
+
 MAX_TTL_MS = 60_000
 DEFAULT_TTL_MS = 5_000
 BEACON_INTERVAL_MS = 10_000
@@ -67,6 +72,15 @@ def stamp_is_newer(candidate: int, reference: int) -> bool:
     return 0 < (candidate - reference) % STAMP_MODULUS < STAMP_MODULUS // 2
 
 
+def stamp_supersedes(candidate: int, reference: int, elapsed_ms: int) -> bool:
+    """Whether `candidate`, received `elapsed_ms` after `reference`, replaces it.
+
+    After a quarter of the stamps' span without a word their order says nothing any more, but arrival does:
+    states are repeated every 30 s, so a drone that was out of reach for minutes is heard again at once.
+    """
+    return elapsed_ms > _STAMP_SPAN_MS // 4 or stamp_is_newer(candidate, reference)
+
+
 @dataclass(frozen=True)
 class Beacon:
     """A process's word about its own clock: `[session, now_ms, echoed nonce, held_ms]`.
@@ -103,25 +117,29 @@ class RemoteClock:
         if beacon.session != self.session:
             raise ValueError(f"beacon of session {beacon.session}, expected {self.session}")
         self.last_beacon_ms = received_ms
-        lower = beacon.now_ms - received_ms * (1 - 2 * RHO)
+        lower = beacon.now_ms - (received_ms + 1) * _SLOWEST
         if self._lower_offset is None or lower > self._lower_offset:
             self._lower_offset = lower
         if asked_ms is not None and beacon.held_ms is not None:
-            upper = beacon.now_ms - beacon.held_ms + 2 - asked_ms * (1 + 2 * RHO)
+            upper = beacon.now_ms - beacon.held_ms + 2 - asked_ms * _FASTEST
             if self._upper_offset is None or upper < self._upper_offset:
                 self._upper_offset = upper
 
     def deadline_ms(self, now_ms: int, ttl_ms: float) -> int | None:
-        """D = T + (now - r)(1 - 2 rho) + ttl (1 - 2 rho), the largest over all beacons; None without one."""
+        """D = T + (now - r)(1 - 2 rho) + ttl (1 - 2 rho), the largest over all beacons; None without one.
+
+        Clocks are read in whole milliseconds: r counts as one more, and D is one less because the executor's
+        clock still reads D for almost a millisecond after it.
+        """
         if self._lower_offset is None:
             return None
-        return floor(self._lower_offset + (now_ms + ttl_ms) * (1 - 2 * RHO))
+        return floor(self._lower_offset + (now_ms + ttl_ms) * _SLOWEST) - 1
 
     def latest_now_ms(self, now_ms: int) -> int | None:
         """The most that the remote clock can read at the own time `now_ms`; None before an echo."""
         if self._upper_offset is None:
             return None
-        return ceil(self._upper_offset + now_ms * (1 + 2 * RHO))
+        return ceil(self._upper_offset + (now_ms + 1) * _FASTEST)
 
     def age_ms(self, stamped: int, now_ms: int) -> int | None:
         """Upper bound of the age of something stamped by the remote process; None before an echo."""

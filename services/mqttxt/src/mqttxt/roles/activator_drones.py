@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass, field
 
-from ..clock import Beacon, RemoteClock, stamp, stamp_is_newer
+from ..clock import Beacon, RemoteClock, stamp, stamp_supersedes
 from ..messages import BeaconMessage, DroneLease, DroneRecord, Presence, RosterEntry
 from ..topics import CloudSide, FogSide
 from ..wire.codec import encode
@@ -28,7 +28,6 @@ class Known:
     state: StampedState
     received_ms: int
     relay_stamp: int | None = None
-    relayed_at_ms: int = 0
 
 
 @dataclass
@@ -115,7 +114,7 @@ class Drones:
         if link is None or link.clock is None:
             return None
         known = link.states.get(name)
-        if known is not None and not stamp_is_newer(state.stamp, known.state.stamp):
+        if known is not None and not stamp_supersedes(state.stamp, known.state.stamp, now_ms - known.received_ms):
             return None
         link.states[name] = Known(state, now_ms)
         return name
@@ -174,6 +173,7 @@ class Drones:
     def _bind(self, link: DroneLink, session: int, now_ms: int) -> list[Effect]:
         out = self._announce(link, False) if link.announced else []
         link.session = session
+        link.challenger = None
         link.up = True
         link.clock = RemoteClock(session)
         link.states.clear()
@@ -181,6 +181,8 @@ class Drones:
         return [*out, self._lease(link, now_ms)]
 
     def _contest(self, link: DroneLink, challenger: int, now_ms: int) -> list[Effect]:
+        if link.challenger == challenger:
+            return []
         link.challenger = challenger
         link.contest_until_ms = now_ms + CONTEST_MS
         return [

@@ -21,7 +21,7 @@ from ..messages import (
     Word,
 )
 from ..outcomes import Event, Outcome
-from ..topics import CloudSide, DroneTopic, FogTopic, station_of, station_reachable
+from ..topics import CloudSide, DroneTopic, FogTopic, check_prefix, station_of, station_reachable
 from ..wire.codec import decode, encode
 from ..wire.states import decode_state
 from .effects import Effect, Inbound, Log, Publish, Subscribe, Will
@@ -77,7 +77,7 @@ class GroundStation:
         self.fogs: dict[int, FogView] = {}
         self.commands: dict[CommandId, Pending] = {}
         self.connected = False
-        self._prefix = prefix
+        self._prefix = check_prefix(prefix)
         self._lease_s = lease_s
         self._presence_topic = station_reachable(name, prefix)
         self._seq = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass, field
 
-from ..clock import Beacon, RemoteClock, stamp_is_newer
+from ..clock import Beacon, RemoteClock, stamp_supersedes
 from ..messages import BeaconMessage, DroneRecord, FogPresence, Registration
 from ..outcomes import Event, Reachability, StateUpdate
 from ..topics import CloudSide
@@ -19,10 +19,11 @@ LINK = "cloud"
 
 @dataclass
 class KnownState:
-    """A state with its stamps, and when it came in the station's own time."""
+    """A state with its stamps, when it came in the station's own time, and the clock that its relay stamp is of."""
 
     message: StampedState
     received_ms: int
+    clock: RemoteClock | None
 
 
 @dataclass
@@ -102,17 +103,17 @@ class FogView:
         """`fogX/droneY/state/Z`: an update unless it is older than what is known."""
         drone = self.drones.setdefault(number, DroneView(number))
         known = drone.states.get(message.state.name)
-        if known is not None and not stamp_is_newer(message.stamp, known.message.stamp):
+        if known is not None and not stamp_supersedes(message.stamp, known.message.stamp, now_ms - known.received_ms):
             return []
-        drone.states[message.state.name] = KnownState(message, now_ms)
+        drone.states[message.state.name] = KnownState(message, now_ms, self.clock)
         age_ms = self.age_ms(drone.states[message.state.name], now_ms)
         return [StateUpdate(self.number, number, message.state, message.stamp, age_ms)]
 
     def age_ms(self, known: KnownState, now_ms: int) -> int | None:
         """Upper bound of a state's age; None before the fog has echoed this station."""
-        if self.clock is None or known.message.relay_stamp is None:
+        if known.clock is None or known.message.relay_stamp is None:
             return None
-        age_ms = self.clock.age_ms(known.message.relay_stamp, known.received_ms)
+        age_ms = known.clock.age_ms(known.message.relay_stamp, known.received_ms)
         return None if age_ms is None else age_ms + now_ms - known.received_ms
 
     def tick(self, now_ms: int) -> tuple[list[Publish], list[Event]]:

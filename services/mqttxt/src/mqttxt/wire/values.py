@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import is_dataclass
 from enum import Enum
@@ -28,7 +27,15 @@ Converters = tuple[Callable[[Any, Encoding], Plain], Callable[[Plain, Encoding, 
 
 def refuse(path: str, expected: str, got: object) -> NoReturn:
     """Raise PayloadError naming the field, what was expected and what came."""
-    raise PayloadError(f"{path or 'payload'}: expected {expected}, got {repr(got)[:60]}")
+    raise PayloadError(f"{path or 'payload'}: expected {expected}, got {shown(got)}")
+
+
+def shown(value: object) -> str:
+    """A received value in an error's text. Python refuses to write very long numbers in decimal."""
+    try:
+        return repr(value)[:60]
+    except ValueError:
+        return "a very long number"
 
 
 def mark_of(hint: Any) -> Any:
@@ -70,7 +77,7 @@ def _integer(low: int, high: int) -> Converters:
 def _constant(constant: int) -> Converters:
     def check(plain: Plain, _: Encoding, path: str) -> int:
         if type(plain) is not int or plain != constant:
-            raise PayloadError(f"{path}: expected {constant}, got {repr(plain)[:60]}", "version")
+            raise PayloadError(f"{path}: expected {constant}, got {shown(plain)}", "version")
         return constant
 
     return (lambda value, _: constant), check
@@ -79,9 +86,10 @@ def _constant(constant: int) -> Converters:
 def _scaled(mark: Scaled) -> Converters:
     low, high = round(mark.low * mark.per_unit), round(mark.high * mark.per_unit)
     expected = f"a number from {mark.low:g} to {mark.high:g}"
+    furthest = max(abs(mark.low), abs(mark.high)) + 1  # NaN, infinity and huge numbers never get to round()
 
     def quantise(value: Plain, path: str) -> int:
-        if type(value) not in (int, float) or not math.isfinite(value):
+        if type(value) not in (int, float) or not abs(value) <= furthest:
             refuse(path, expected, value)
         ticks: int = round(value * mark.per_unit)
         if not low <= ticks <= high:
@@ -106,9 +114,14 @@ def _text(mark: Text) -> Converters:
     def from_plain(plain: Plain, _: Encoding, path: str) -> str:
         if not isinstance(plain, str) or len(plain) > mark.longest:
             refuse(path, f"a string of at most {mark.longest} characters", plain)
+        if any("\ud800" <= character <= "\udfff" for character in plain):
+            refuse(path, "text that UTF-8 can carry", plain)
         return plain
 
-    return (lambda value, _: str(value)[: mark.longest]), from_plain
+    def to_plain(value: Any, _: Encoding) -> str:
+        return str(value)[: mark.longest].encode(errors="replace").decode()
+
+    return to_plain, from_plain
 
 
 def _items(mark: Items, inner: Any, nested: Callable[[type[Any]], Converters]) -> Converters:
