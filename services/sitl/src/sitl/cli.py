@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import signal
+import socket
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -54,10 +55,10 @@ def fly(
         if streams not in SETS:
             raise SitlError(f"--streams {streams!r}: expected one of {', '.join(SETS)}")
         config = load(fleet, system) if fleet is not None else DroneConfig(system)
-        links = [LinkConfig(_address("--listen", listen), _address("--send", send), streams)]
+        links = [LinkConfig(_address("--listen", listen), _reachable("--send", send), streams)]
         if gcs:
             links.append(LinkConfig(("127.0.0.1", 18569 + system), ("127.0.0.1", 14550), "gcs"))
-            typer.echo(_how_to_connect(links[0]))
+            typer.echo(_how_to_connect(system, links[0]))
         vehicle = Vehicle(config, [link.streams for link in links], seed)
         process = Process(vehicle, links, events=events, control=control, ready_file=ready_file)
         asyncio.run(_until_signal(process))
@@ -87,14 +88,26 @@ def _address(option: str, text: str) -> tuple[str, int]:
     return host, int(port)
 
 
-def _how_to_connect(onboard: LinkConfig) -> str:
+def _reachable(option: str, text: str) -> tuple[str, int]:
+    """An address that can be sent to, as numbers."""
+    host, port = _address(option, text)
+    try:
+        found = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise SitlError(f"{option} {text!r}: {error.strerror}") from error
+    if port == 0:
+        raise SitlError(f"{option} {text!r}: expected a port from 1 to 65535")
+    return str(found[0][4][0]), port
+
+
+def _how_to_connect(system: int, onboard: LinkConfig) -> str:
     host, port = onboard.send
     return f"""\
 A simulated PX4 multicopter flies on loopback; Ctrl-C ends it.
   QGroundControl   connects by itself (UDP 14550)
   MAVSDK           await mavsdk.add_any_connection("udpin://{host}:{port}")
   MAVProxy         mavproxy.py --master=udp:{host}:{port}
-  MQTT-XT          mqttxt uav --drone 1 --broker mqtt://HOST:1883 --autopilot udp:{host}:{port}"""
+  MQTT-XT          mqttxt uav --drone {system} --broker mqtt://HOST:1883 --autopilot udp:{host}:{port}"""
 
 
 def main() -> None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 EARTH_M = 6_371_000.0
 VERTICAL_ACCELERATION_M_S2 = 2.0
+Vector = tuple[float, float, float]
+"""North, east, up."""
 HOVER_W = 220.0
 CLIMB_W_PER_M_S = 60.0
 CRUISE_W_PER_M_S = 8.0
@@ -46,7 +48,7 @@ class Motion:
     def groundspeed_m_s(self) -> float:
         return math.hypot(self.velocity[0], self.velocity[1])
 
-    def step(self, wanted: tuple[float, float, float], acceleration_m_s2: float, dt_s: float) -> None:
+    def step(self, wanted: Vector, acceleration_m_s2: float, dt_s: float) -> None:
         """Move on by `dt_s` towards the wanted velocity, as fast as the acceleration allows; the ground stops."""
         change = [wanted[0] - self.velocity[0], wanted[1] - self.velocity[1]]
         size = math.hypot(*change)

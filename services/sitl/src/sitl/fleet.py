@@ -10,7 +10,7 @@ import yaml
 
 from .dynamics import Place
 from .errors import SitlError
-from .parameters import DEFAULTS
+from .parameters import SPECS
 
 _RANGES = {
     "latitude_deg": (-90, 90),
@@ -42,6 +42,8 @@ def load(path: Path, system_id: int) -> DroneConfig:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise SitlError(f"{path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise SitlError(f"{path}: not UTF-8 text") from error
     except yaml.YAMLError as error:
         raise SitlError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(document, dict) or not isinstance(document.get("drones"), dict):
@@ -75,9 +77,12 @@ def _parameters(path: Path, where: str, entry: Any) -> dict[str, float]:
     if not isinstance(entry, dict):
         raise SitlError(f"{path}: {where}: expected a mapping of names to numbers, got {entry!r}")
     for name in entry:
-        if name not in DEFAULTS:
-            raise SitlError(f"{path}: {where}.{name}: expected one of {', '.join(DEFAULTS)}")
-    return {name: _number(path, f"{where}.{name}", value, -1e6, 1e6) for name, value in entry.items()}
+        if name not in SPECS:
+            raise SitlError(f"{path}: {where}.{name}: expected one of {', '.join(SPECS)}")
+    return {
+        name: _number(path, f"{where}.{name}", value, SPECS[name].low, SPECS[name].high)
+        for name, value in entry.items()
+    }
 
 
 def _number(path: Path, where: str, value: Any, low: float, high: float) -> float:

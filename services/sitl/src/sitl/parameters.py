@@ -3,56 +3,70 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from .errors import SitlError
 
-DEFAULTS: dict[str, float | int] = {
-    "BAT1_CAPACITY": 5000.0,
-    "COM_DISARM_LAND": 2.0,
-    "COM_DISARM_PRFLT": 10.0,
-    "COM_OF_LOSS_T": 1.0,
-    "MAV_SYS_ID": 1,
-    "MAV_TYPE": 2,
-    "MIS_TAKEOFF_ALT": 2.5,
-    "MPC_ACC_HOR": 3.0,
-    "MPC_LAND_ALT1": 10.0,
-    "MPC_LAND_ALT2": 5.0,
-    "MPC_LAND_SPEED": 0.7,
-    "MPC_TKO_SPEED": 1.5,
-    "MPC_XY_CRUISE": 5.0,
-    "MPC_XY_VEL_MAX": 12.0,
-    "MPC_Z_V_AUTO_DN": 1.5,
-    "MPC_Z_V_AUTO_UP": 3.0,
-    "NAV_ACC_RAD": 10.0,
-    "NAV_DLL_ACT": 0,
-    "RTL_RETURN_ALT": 60.0,
-    "SYS_AUTOSTART": 10016,
+
+@dataclass(frozen=True)
+class Spec:
+    """A parameter's default and range; an int default makes it an INT32 parameter, else it is REAL32."""
+
+    default: float | int
+    low: float
+    high: float
+
+
+SPECS: dict[str, Spec] = {
+    "BAT1_CAPACITY": Spec(5000.0, 1, 1_000_000),
+    "COM_DISARM_LAND": Spec(2.0, -1, 20),
+    "COM_DISARM_PRFLT": Spec(10.0, -1, 3600),
+    "COM_OF_LOSS_T": Spec(1.0, 0, 60),
+    "MAV_SYS_ID": Spec(1, 1, 250),
+    "MAV_TYPE": Spec(2, 0, 22),
+    "MIS_TAKEOFF_ALT": Spec(2.5, 0, 80),
+    "MPC_ACC_HOR": Spec(3.0, 2, 15),
+    "MPC_LAND_ALT1": Spec(10.0, 0, 100),
+    "MPC_LAND_ALT2": Spec(5.0, 0, 100),
+    "MPC_LAND_SPEED": Spec(0.7, 0.2, 3),
+    "MPC_TKO_SPEED": Spec(1.5, 0.5, 5),
+    "MPC_XY_CRUISE": Spec(5.0, 0.5, 20),
+    "MPC_XY_VEL_MAX": Spec(12.0, 0.5, 20),
+    "MPC_Z_VEL_MAX_DN": Spec(1.5, 0.5, 4),
+    "MPC_Z_VEL_MAX_UP": Spec(3.0, 0.5, 8),
+    "MPC_Z_V_AUTO_DN": Spec(1.5, 0.5, 4),
+    "MPC_Z_V_AUTO_UP": Spec(3.0, 0.5, 8),
+    "NAV_ACC_RAD": Spec(10.0, 0.05, 200),
+    "NAV_DLL_ACT": Spec(0, 0, 6),
+    "RTL_RETURN_ALT": Spec(60.0, 0, 1000),
+    "SYS_AUTOSTART": Spec(10016, 0, 99_999_999),
 }
-"""As PX4 ships them (multicopter); an int is an INT32 parameter."""
+"""Names, types and defaults as PX4 ships them (multicopter), in the order of their indices; ranges about PX4's."""
+_NAMES = list(SPECS)
 
 
 class Parameters:
     """The parameters of one autopilot."""
 
     def __init__(self, overrides: dict[str, float] | None = None) -> None:
-        self._values = dict(DEFAULTS)
+        self._values = {name: spec.default for name, spec in SPECS.items()}
         for name, value in (overrides or {}).items():
-            if name not in self._values:
-                raise SitlError(f"parameter {name}: expected one of {', '.join(DEFAULTS)}")
-            self.set(name, value)
+            if not self.set(name, value):
+                raise SitlError(f"parameter {name}: {value!r} is not possible")
 
     def __getitem__(self, name: str) -> float:
         return float(self._values[name])
 
-    def set(self, name: str, value: float) -> None:
-        self._values[name] = int(value) if isinstance(DEFAULTS[name], int) else float(value)
-
-    def names(self) -> list[str]:
-        """In the order of their indices."""
-        return sorted(self._values)
+    def set(self, name: str, value: float) -> bool:
+        """Set one; False, and nothing changes, for an unknown name, NaN or a value out of range."""
+        spec = SPECS.get(name)
+        if spec is None or not spec.low <= value <= spec.high:
+            return False
+        self._values[name] = int(value) if isinstance(spec.default, int) else float(value)
+        return True
 
     def message(self, name: str) -> Any:
         """PARAM_VALUE; an INT32 travels as its bytes in the float's place."""
@@ -61,24 +75,25 @@ class Parameters:
             wire, kind = _as_float(value), mavlink.MAV_PARAM_TYPE_INT32
         else:
             wire, kind = value, mavlink.MAV_PARAM_TYPE_REAL32
-        return mavlink.MAVLink_param_value_message(
-            name.encode(), wire, kind, len(self._values), self.names().index(name)
-        )
+        return mavlink.MAVLink_param_value_message(name.encode(), wire, kind, len(_NAMES), _NAMES.index(name))
 
     def on_message(self, message: Any) -> list[Any]:
-        """Answers to PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET; an unknown name has none."""
+        """Answers to PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET; an unknown name has none.
+
+        A set of the wrong type or out of range is answered with the value that stays.
+        """
         kind = message.get_type()
         if kind == "PARAM_REQUEST_LIST":
-            return [self.message(name) for name in self.names()]
-        name = str(message.param_id)
+            return [self.message(name) for name in _NAMES]
         if kind == "PARAM_REQUEST_READ" and message.param_index >= 0:
-            names = self.names()
-            return [self.message(names[message.param_index])] if message.param_index < len(names) else []
+            return [self.message(name) for name in _NAMES[message.param_index : message.param_index + 1]]
+        name = str(message.param_id)
         if name not in self._values:
             return []
         if kind == "PARAM_SET":
             is_int = message.param_type == mavlink.MAV_PARAM_TYPE_INT32
-            self.set(name, _as_int(message.param_value) if is_int else message.param_value)
+            if is_int == isinstance(SPECS[name].default, int):
+                self.set(name, _as_int(message.param_value) if is_int else message.param_value)
         return [self.message(name)]
 
 

@@ -15,8 +15,8 @@ from typing import Any, TextIO, cast
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from .autopilot import Happened, Output
 from .errors import SitlError
+from .modes import Happened, Output
 from .vehicle import Vehicle
 
 logger = logging.getLogger("sitl")
@@ -53,12 +53,20 @@ class _Link(asyncio.DatagramProtocol):
         """Nobody listens there yet (ICMP port unreachable): as with a real autopilot, it keeps sending."""
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        self._peer = addr
-        for message in self._codec.parse_buffer(data) or ():
-            if message.get_type() == "BAD_DATA":
-                self._process.count("malformed", str(message.reason))
+        codec = self._codec
+        for message in codec.parse_buffer(data) or ():
+            kind = message.get_type()
+            if kind == "BAD_DATA":
+                self._process.count(" ".join(message.reason.split()[:2]), message.reason)
+            elif kind.startswith("UNKNOWN"):
+                self._process.count("unknown message", kind)
             else:
+                self._peer = addr
                 self._process.on_message(self._number, message)
+        if codec.buf_len():
+            # A frame never spans datagrams: what is left of a cut one must not swallow the next.
+            self._process.count("cut short", f"{codec.buf_len()} bytes left over")
+            codec.buf, codec.buf_index = bytearray(), 0
 
     def send(self, message: Any) -> None:
         assert self._transport is not None
@@ -100,9 +108,7 @@ class Process:
                 stack.callback(transport.close)
                 self._links.append(link)
             if self._control is not None:
-                self._control.unlink(missing_ok=True)
-                server = await asyncio.start_unix_server(self._on_control, str(self._control))
-                stack.callback(server.close)
+                stack.callback((await self._open_control(self._control)).close)
             await self._fly()
 
     def on_message(self, link: int, message: Any) -> None:
@@ -114,7 +120,7 @@ class Process:
             logger.warning("%s: %s (further ones are counted, not logged)", kind, detail)
 
     async def _fly(self) -> None:
-        next_mark_s = 0.0
+        next_tick_s = next_mark_s = 0.0
         while True:
             now_s = time.monotonic() - self._started
             self._carry_out(None, self.vehicle.advance(now_s))
@@ -123,10 +129,12 @@ class Process:
                     link.send(message)
             if now_s >= next_mark_s:
                 next_mark_s = now_s + POSITION_S
-                self._write(Happened("position", self.vehicle.control({"get": "state"})[0]))
+                self._write(self.vehicle.position())
                 if self._ready_file is not None:
-                    self._ready_file.touch()
-            await asyncio.sleep(TICK_S)
+                    _touch(self._ready_file)
+            # Ticks keep to a grid, or every one would be late by its own work and a stream of 100 Hz slower than that.
+            next_tick_s = max(next_tick_s + TICK_S, now_s)
+            await asyncio.sleep(next_tick_s - (time.monotonic() - self._started))
 
     def _carry_out(self, link: int | None, outputs: list[Output]) -> None:
         """Replies go to the link that asked; what the vehicle says by itself goes to all."""
@@ -145,20 +153,24 @@ class Process:
             self._events.write(json.dumps(record, default=str) + "\n")
             self._events.flush()
 
-    async def _on_control(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One JSON object a line in, one a line out."""
+    async def _open_control(self, path: Path) -> asyncio.Server:
         try:
-            async for line in reader:
+            path.unlink(missing_ok=True)
+            return await asyncio.start_unix_server(self._on_control, str(path))
+        except OSError as error:
+            raise SitlError(f"--control {path}: {error.strerror or error}") from error
+
+    async def _on_control(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One JSON object a line in, one a line out; a tester who is gone is no error."""
+        with contextlib.closing(writer), contextlib.suppress(ConnectionError):
+            while line := await reader.readline():
                 try:
-                    request = json.loads(line)
-                    answer, outputs = self.vehicle.control(request if isinstance(request, dict) else {})
+                    answer, outputs = self.vehicle.control(json.loads(line))
                 except (ValueError, SitlError) as error:
                     answer, outputs = {"error": str(error)}, []
                 self._carry_out(None, outputs)
                 writer.write(json.dumps(answer).encode() + b"\n")
                 await writer.drain()
-        finally:
-            writer.close()
 
 
 def _bind(address: tuple[str, int]) -> socket.socket:
@@ -167,7 +179,7 @@ def _bind(address: tuple[str, int]) -> socket.socket:
         sock.bind(address)
     except OSError as error:
         sock.close()
-        raise SitlError(f"--listen {address[0]}:{address[1]}: {error.strerror}") from error
+        raise SitlError(f"cannot receive on {address[0]}:{address[1]}: {error.strerror}") from error
     sock.setblocking(False)
     return sock
 
@@ -178,3 +190,10 @@ def _open_events(path: Path) -> TextIO:
         return path.open("a", encoding="utf-8")
     except OSError as error:
         raise SitlError(f"--events {path}: {error.strerror}") from error
+
+
+def _touch(path: Path) -> None:
+    try:
+        path.touch()
+    except OSError as error:
+        raise SitlError(f"--ready-file {path}: {error.strerror}") from error

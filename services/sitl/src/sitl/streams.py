@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pymavlink.dialects.v20 import common as mavlink
 
 RATES_HZ: dict[str, tuple[float, float, float]] = {
@@ -38,6 +40,8 @@ RATES_HZ: dict[str, tuple[float, float, float]] = {
 """Hz in the sets onboard, normal and gcs, from PX4's start scripts and mavlink_main. CURRENT_MODE (0.5) and
 AVAILABLE_MODES (0.3) are left out: pymavlink's common dialect does not have them."""
 
+FASTEST_HZ = 100.0
+"""As fast as the stand-in's clock ticks."""
 SETS = ("onboard", "normal", "gcs")
 NAMES = {getattr(mavlink, f"MAVLINK_MSG_ID_{name}"): name for name in RATES_HZ}
 
@@ -50,6 +54,7 @@ class Streams:
         self._default_hz = {name: rates[index] for name, rates in RATES_HZ.items()}
         self._hz = dict(self._default_hz)
         self._next_s = {name: i / len(RATES_HZ) / max(hz, 1) for i, (name, hz) in enumerate(self._hz.items())}
+        """When each is due next; apart from each other, so that they do not all fall on one tick."""
 
     def due(self, now_s: float) -> list[str]:
         """The names of the messages to send now; a late caller sends each at most once."""
@@ -63,16 +68,17 @@ class Streams:
         return found
 
     def set_interval(self, message_id: int, interval_us: float) -> bool:
-        """SET_MESSAGE_INTERVAL: -1 stops, 0 is the default, else microseconds. False for an unknown message."""
+        """SET_MESSAGE_INTERVAL, at once: -1 stops, 0 is the default, else microseconds. False for an unknown one."""
         name = NAMES.get(message_id)
-        if name is None:
+        if name is None or not math.isfinite(interval_us):
             return False
+        self._next_s[name] = 0.0
         if interval_us < 0:
             self._hz[name] = 0.0
         elif interval_us == 0:
             self._hz[name] = self._default_hz[name]
         else:
-            self._hz[name] = min(1e6 / interval_us, 250.0)
+            self._hz[name] = min(1e6 / interval_us, FASTEST_HZ)
         return True
 
     def interval_us(self, message_id: int) -> int:

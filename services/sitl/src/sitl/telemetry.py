@@ -9,7 +9,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from .autopilot import Autopilot, Mode
+from .autopilot import Autopilot
+from .modes import Mode
 
 GRAVITY_M_S2 = 9.80665
 SENSORS = (
@@ -72,8 +73,8 @@ class Telemetry:
         return mavlink.MAVLink_attitude_quaternion_message(self._boot_ms(), *self._quaternion(), *rates)
 
     def _global_position(self) -> Any:
-        ap, place, v = self._ap, self._ap.place, self._ap.motion.velocity
-        relative_mm = round((place.altitude_m - ap.home.altitude_m) * 1000)
+        ap, place, v = self._ap, self._ap.guidance.place, self._ap.motion.velocity
+        relative_mm = round((place.altitude_m - ap.guidance.home.altitude_m) * 1000)
         return mavlink.MAVLink_global_position_int_message(
             self._boot_ms(),
             *(round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)),
@@ -92,13 +93,13 @@ class Telemetry:
         acc = (self._noise(0.1), self._noise(0.1), -GRAVITY_M_S2 + self._noise(0.1))
         gyro = [self._noise(0.01) for _ in range(3)]
         mag = (0.21 + self._noise(0.002), 0.01 + self._noise(0.002), 0.43 + self._noise(0.002))
-        height = self._ap.place.altitude_m
+        height = self._ap.guidance.place.altitude_m
         return mavlink.MAVLink_highres_imu_message(
             self._usec(), *acc, *gyro, *mag, self._pressure_hpa(), 0.0, height, 25.0, 0x1DFF, 0
         )
 
     def _pressure_hpa(self) -> float:
-        return float(1013.25 * (1 - self._ap.place.altitude_m / 44_330) ** 5.255)
+        return float(1013.25 * (1 - self._ap.guidance.place.altitude_m / 44_330) ** 5.255)
 
     def _odometry(self) -> Any:
         p, v = self._ap.motion.position, self._ap.motion.velocity
@@ -117,13 +118,13 @@ class Telemetry:
         )
 
     def _position_target_local(self) -> Any:
-        t = self._ap.target
+        t = self._ap.guidance.target
         return mavlink.MAVLink_position_target_local_ned_message(
             self._boot_ms(), mavlink.MAV_FRAME_LOCAL_NED, 0, t[0], t[1], -t[2], 0, 0, 0, 0, 0, -0.1, 0, 0
         )
 
     def _position_target_global(self) -> Any:
-        place = self._ap.origin.offset(*self._ap.target)
+        place = self._ap.guidance.origin.offset(*self._ap.guidance.target)
         return mavlink.MAVLink_position_target_global_int_message(
             self._boot_ms(),
             mavlink.MAV_FRAME_GLOBAL_INT,
@@ -142,7 +143,7 @@ class Telemetry:
         return mavlink.MAVLink_rc_channels_message(self._boot_ms(), 8, *sticks, *[0] * 10, 255)
 
     def _gps(self) -> Any:
-        place, speed = self._ap.place, self._ap.motion.groundspeed_m_s
+        place, speed = self._ap.guidance.place, self._ap.motion.groundspeed_m_s
         altitude_mm = round(place.altitude_m * 1000)
         return mavlink.MAVLink_gps_raw_int_message(
             *(self._usec(), mavlink.GPS_FIX_TYPE_3D_FIX),
@@ -156,16 +157,16 @@ class Telemetry:
         throttle = 0 if self._ap.landed else 50
         return mavlink.MAVLink_vfr_hud_message(
             *(motion.groundspeed_m_s, motion.groundspeed_m_s, self._heading_cdeg() // 100, throttle),
-            *(self._ap.place.altitude_m, motion.velocity[2]),
+            *(self._ap.guidance.place.altitude_m, motion.velocity[2]),
         )
 
     def _altitude(self) -> Any:
         up = self._ap.motion.position[2]
-        amsl = self._ap.place.altitude_m
-        return mavlink.MAVLink_altitude_message(self._usec(), amsl, amsl, up, up - self._ap.home_up_m, up, up)
+        amsl = self._ap.guidance.place.altitude_m
+        return mavlink.MAVLink_altitude_message(self._usec(), amsl, amsl, up, up - self._ap.guidance.home_up_m, up, up)
 
     def _nav(self) -> Any:
-        t, p = self._ap.target, self._ap.motion.position
+        t, p = self._ap.guidance.target, self._ap.motion.position
         distance = min(65_535, round(math.hypot(t[0] - p[0], t[1] - p[1])))
         roll, pitch, _ = self._tilt()
         bearing = round(math.degrees(math.atan2(t[1] - p[1], t[0] - p[0])))
@@ -203,7 +204,7 @@ class Telemetry:
         return mavlink.MAVLink_estimator_status_message(self._usec(), 831, *ratios, 0.0, 0.0, 0.3, 0.4)
 
     def _origin(self) -> Any:
-        origin = self._ap.origin
+        origin = self._ap.guidance.origin
         return mavlink.MAVLink_gps_global_origin_message(
             round(origin.latitude_deg * 1e7),
             round(origin.longitude_deg * 1e7),
@@ -221,7 +222,9 @@ class Telemetry:
 
     def _wind(self) -> Any:
         wind = (self._noise(0.5), self._noise(0.5), 0.0)
-        return mavlink.MAVLink_wind_cov_message(self._usec(), *wind, 0.1, 0.0, self._ap.place.altitude_m, 0.5, 0.0)
+        return mavlink.MAVLink_wind_cov_message(
+            self._usec(), *wind, 0.1, 0.0, self._ap.guidance.place.altitude_m, 0.5, 0.0
+        )
 
     def _timesync(self) -> Any:
         return mavlink.MAVLink_timesync_message(0, self._usec() * 1000)

@@ -1,0 +1,228 @@
+"""What the autopilot does with commands and set-points, and how it answers: PX4's rules, results and reasons."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from .autopilot import Autopilot
+from .guidance import SetPoint
+from .modes import Happened, Mode, Output, Reply
+
+FORCE = 21196.0
+"""param2 of MAV_CMD_COMPONENT_ARM_DISARM that forces it."""
+IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_ATTITUDE = 0b111, 0b111_000, 0b1000_0000
+SPEED_AT_FULL_TILT_M_S, CLIMB_AT_FULL_THRUST_M_S = 10.0, 3.0
+"""An attitude is flown as a velocity: enough for a link's experiment."""
+_CURRENT = 0x7FFFFFFF
+"""COMMAND_INT's x or y where the current position is meant."""
+_RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
+_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT, *_RELATIVE)
+
+ACCEPTED, DENIED = int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_DENIED)
+REJECTED = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
+
+
+def handle(autopilot: Autopilot, message: Any) -> list[Output]:
+    """Carry out a command, a mode change or a set-point that is for this system; other messages have no answer."""
+    kind = message.get_type()
+    if kind in ("COMMAND_LONG", "COMMAND_INT"):
+        handler = _COMMANDS.get(message.command, _unsupported)
+        result = handler(autopilot, message)
+        return [received(message), Reply(acknowledgement(message, result)), *autopilot.take_out()]
+    if kind == "SET_MODE":
+        _set_mode(autopilot, message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF)
+    elif kind == "SET_POSITION_TARGET_LOCAL_NED":
+        _position_target(autopilot, message)
+    elif kind == "SET_ATTITUDE_TARGET":
+        _attitude_target(autopilot, message)
+    return autopilot.take_out()
+
+
+def received(message: Any) -> Happened:
+    """The event of a received command: its number and seven parameters, null for NaN and infinities."""
+    first = (message.param1, message.param2, message.param3, message.param4)
+    in_int = message.get_type() == "COMMAND_INT"
+    last = (message.x, message.y, message.z) if in_int else (message.param5, message.param6, message.param7)
+    params = [param if math.isfinite(param) else None for param in (*first, *last)]
+    return Happened("command", {"command": message.command, "params": params, "from": message.get_srcSystem()})
+
+
+def acknowledgement(message: Any, result: int) -> mavlink.MAVLink_command_ack_message:
+    """COMMAND_ACK to whoever sent the command."""
+    source = (message.get_srcSystem(), message.get_srcComponent())
+    return mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *source)
+
+
+def whole(value: float) -> int | None:
+    """A parameter that carries an integer; None for NaN and infinities."""
+    return int(value) if math.isfinite(value) else None
+
+
+def _refuse(autopilot: Autopilot, why: str, result: int = REJECTED) -> int:
+    autopilot.say(why)
+    return result
+
+
+def _unsupported(autopilot: Autopilot, message: Any) -> int:
+    return UNSUPPORTED
+
+
+def _arm_disarm(autopilot: Autopilot, message: Any) -> int:
+    if message.param1 not in (0.0, 1.0):
+        return _refuse(autopilot, f"Unsupported ARM_DISARM param: {message.param1:.3f}", UNSUPPORTED)
+    forced = message.param2 == FORCE
+    if message.param1 == 1.0:
+        reason = None if autopilot.armed or forced else autopilot.arm_refusal()
+        if reason is not None:
+            return _refuse(autopilot, reason)
+        autopilot.arm()
+    else:
+        if autopilot.armed and not autopilot.landed and not forced:
+            return _refuse(autopilot, "Disarming denied: not landed")
+        autopilot.disarm()
+    return ACCEPTED
+
+
+def _takeoff(autopilot: Autopilot, message: Any) -> int:
+    if not autopilot.armed:
+        return _refuse(autopilot, "Takeoff denied: disarmed")
+    if not autopilot.landed:
+        # A retransmission of the takeoff that is being flown is no new command.
+        return ACCEPTED if autopilot.mode is Mode.TAKEOFF else _refuse(autopilot, "Takeoff denied: already in air")
+    z = _z(message)
+    if math.isinf(z):
+        return _refuse(autopilot, "Takeoff denied: altitude is not a number", DENIED)
+    _take_off_to(autopilot, None if math.isnan(z) else _up(autopilot, message, z))
+    return ACCEPTED
+
+
+def _take_off_to(autopilot: Autopilot, up_m: float | None) -> None:
+    """Never downwards; without a height to MIS_TAKEOFF_ALT above home."""
+    guidance = autopilot.guidance
+    north, east, here = guidance.motion.position
+    if up_m is None:
+        up_m = guidance.home_up_m + autopilot.parameters["MIS_TAKEOFF_ALT"]
+    if up_m < here:
+        autopilot.say("Already higher than takeoff altitude")
+    guidance.target = (north, east, max(up_m, here))
+    autopilot.enter(Mode.TAKEOFF)
+
+
+def _land(autopilot: Autopilot, message: Any) -> int:
+    autopilot.enter(Mode.LAND)
+    return ACCEPTED
+
+
+def _reposition(autopilot: Autopilot, message: Any) -> int:
+    guidance = autopilot.guidance
+    if not autopilot.armed or autopilot.landed:
+        return _refuse(autopilot, "Reposition rejected: not flying")
+    z = _z(message)
+    place = _horizontal(autopilot, message)
+    if place is None or math.isinf(z) or (message.get_type() == "COMMAND_INT" and message.frame not in _FRAMES):
+        return _refuse(autopilot, "Reposition rejected: position is not valid", DENIED)
+    changes_mode = bool((whole(message.param2) or 0) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
+    if autopilot.mode is not Mode.HOLD and not changes_mode:
+        return _refuse(autopilot, "Reposition rejected: not in hold")
+    up = guidance.motion.position[2] if math.isnan(z) else max(0.0, _up(autopilot, message, z))
+    autopilot.enter(Mode.HOLD)
+    guidance.target = (*guidance.origin.metres_to(*place), up)
+    return ACCEPTED
+
+
+def _horizontal(autopilot: Autopilot, message: Any) -> tuple[float, float] | None:
+    """Latitude and longitude in degrees, the drone's own where the command leaves one out; None where invalid."""
+    here = autopilot.guidance.place
+    if message.get_type() == "COMMAND_INT":
+        wanted = [math.nan if value == _CURRENT else value / 1e7 for value in (message.x, message.y)]
+    else:
+        wanted = [message.param5, message.param6]
+    latitude = here.latitude_deg if math.isnan(wanted[0]) else wanted[0]
+    longitude = here.longitude_deg if math.isnan(wanted[1]) else wanted[1]
+    return (latitude, longitude) if abs(latitude) <= 90 and abs(longitude) <= 180 else None
+
+
+def _do_set_mode(autopilot: Autopilot, message: Any) -> int:
+    flags, main, sub = (whole(value) for value in (message.param1, message.param2, message.param3))
+    if flags is None or not flags & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        return _refuse(autopilot, "Mode change denied: custom mode expected", DENIED)
+    return _set_mode(autopilot, main or 0, sub or 0)
+
+
+def _set_mode(autopilot: Autopilot, main: int, sub: int) -> int:
+    try:
+        mode = Mode((main, sub))
+    except ValueError:
+        return _refuse(autopilot, f"Unknown mode {main} {sub}", DENIED)
+    if mode is Mode.OFFBOARD and not autopilot.guidance.has_set_point(autopilot.now_s):
+        return _refuse(autopilot, "Switching to offboard is not possible: no signal")
+    if mode is not Mode.TAKEOFF:
+        autopilot.enter(mode)
+    elif autopilot.armed and autopilot.landed:
+        _take_off_to(autopilot, None)
+    elif autopilot.mode is not Mode.TAKEOFF:
+        return _refuse(autopilot, "Takeoff denied: not armed on the ground")
+    return ACCEPTED
+
+
+def _z(message: Any) -> float:
+    return float(message.z if message.get_type() == "COMMAND_INT" else message.param7)
+
+
+def _up(autopilot: Autopilot, message: Any, z: float) -> float:
+    """A command's altitude over the origin; only COMMAND_INT names a frame, COMMAND_LONG's is AMSL."""
+    guidance = autopilot.guidance
+    if message.get_type() == "COMMAND_INT" and message.frame in _RELATIVE:
+        return guidance.home_up_m + z
+    return z - guidance.origin.altitude_m
+
+
+def _position_target(autopilot: Autopilot, message: Any) -> None:
+    """A position goes before a velocity beside it; one with NaN, or in another frame, counts as none."""
+    local, body = mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_NED
+    position, velocity = (message.x, message.y, -message.z), (message.vx, message.vy, -message.vz)
+    if message.type_mask & IGNORE_POSITION == 0 and message.coordinate_frame == local and _finite(position):
+        autopilot.guidance.set_point = SetPoint(autopilot.now_s, position=position)
+    elif message.type_mask & IGNORE_VELOCITY == 0 and message.coordinate_frame in (local, body) and _finite(velocity):
+        if message.coordinate_frame == body:
+            velocity = (*_turned(velocity[0], velocity[1], autopilot.motion.yaw_rad), velocity[2])
+        autopilot.guidance.set_point = SetPoint(autopilot.now_s, velocity=velocity)
+
+
+def _attitude_target(autopilot: Autopilot, message: Any) -> None:
+    """Tilt becomes horizontal speed, thrust around hover becomes climb; rates alone count as level."""
+    w, x, y, z = (1.0, 0.0, 0.0, 0.0) if message.type_mask & IGNORE_ATTITUDE else message.q
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    if not (math.isfinite(size) and size > 0.5 and 0.0 <= message.thrust <= 1.0):
+        return
+    w, x, y, z = w / size, x / size, y / size, z / size
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    forward, right = -math.sin(pitch) * SPEED_AT_FULL_TILT_M_S, math.sin(roll) * SPEED_AT_FULL_TILT_M_S
+    climb = (message.thrust - 0.5) * 2 * CLIMB_AT_FULL_THRUST_M_S
+    autopilot.guidance.set_point = SetPoint(autopilot.now_s, velocity=(*_turned(forward, right, yaw), climb))
+
+
+def _turned(forward: float, right: float, yaw_rad: float) -> tuple[float, float]:
+    """Body axes to north and east."""
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    return forward * cos - right * sin, forward * sin + right * cos
+
+
+def _finite(values: tuple[float, ...]) -> bool:
+    return all(math.isfinite(value) for value in values)
+
+
+_COMMANDS: dict[int, Callable[[Autopilot, Any], int]] = {
+    mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
+    mavlink.MAV_CMD_NAV_TAKEOFF: _takeoff,
+    mavlink.MAV_CMD_NAV_LAND: _land,
+    mavlink.MAV_CMD_DO_REPOSITION: _reposition,
+    mavlink.MAV_CMD_DO_SET_MODE: _do_set_mode,
+}

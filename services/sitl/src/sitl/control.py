@@ -1,0 +1,84 @@
+"""The side channel's language: what a test may set on the drone, past all links; JSON objects, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from .autopilot import Autopilot
+from .errors import SitlError
+from .modes import Mode
+
+_MESSAGES = frozenset(kind.msgname for kind in mavlink.mavlink_map.values())
+
+
+def parse(request: Any) -> dict[str, Any] | None:
+    """What to set, or None for a question: `{"set": {...}}` or `{"get": "state"}`. Raises SitlError for others."""
+    if request == {"get": "state"}:
+        return None
+    if not isinstance(request, dict) or set(request) != {"set"} or not isinstance(request["set"], dict):
+        raise SitlError(f'{request}: expected {{"get": "state"}} or {{"set": {{...}}}}')
+    wanted: dict[str, Any] = request["set"]
+    for name, value in wanted.items():
+        if name not in _CHECKS:
+            raise SitlError(f"set {name}: expected one of {', '.join(_CHECKS)}")
+        right, expected = _CHECKS[name]
+        if not right(value):
+            raise SitlError(f"set {name}: expected {expected}, got {value!r}")
+    return wanted
+
+
+def apply(autopilot: Autopilot, wanted: dict[str, Any]) -> None:
+    """Put the drone into a state. `armed` and `altitude_m` put it back home first; `mode` is a pilot's hand."""
+    battery = autopilot.battery
+    autopilot.healthy = wanted.get("healthy", autopilot.healthy)
+    if "battery_pct" in wanted:
+        battery.left_wh = battery.capacity_wh * wanted["battery_pct"] / 100
+    if "armed" in wanted or "altitude_m" in wanted:
+        autopilot.put_back(altitude_m=wanted.get("altitude_m", 0.0), armed=wanted.get("armed", False))
+    if "mode" in wanted:
+        autopilot.enter(Mode[wanted["mode"].upper()])
+
+
+def state(autopilot: Autopilot) -> dict[str, Any]:
+    """The drone's true state, without noise or link."""
+    guidance = autopilot.guidance
+    return {
+        "mode": autopilot.mode.name.lower(),
+        "armed": autopilot.armed,
+        "landed": autopilot.landed,
+        "healthy": autopilot.healthy,
+        "latitude_deg": round(guidance.place.latitude_deg, 7),
+        "longitude_deg": round(guidance.place.longitude_deg, 7),
+        "altitude_m": round(guidance.motion.position[2] - guidance.home_up_m, 3),
+        "groundspeed_m_s": round(guidance.motion.groundspeed_m_s, 3),
+        "battery_pct": round(autopilot.battery.remaining_pct, 2),
+    }
+
+
+def _is_number(value: Any, low: float, high: float) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+
+
+def _is_mode(value: Any) -> bool:
+    return isinstance(value, str) and value.upper() in Mode.__members__
+
+
+def _is_flag(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
+def _is_mute(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(name, str) and name in _MESSAGES for name in value)
+
+
+_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "mode": (_is_mode, "one of " + ", ".join(name.lower() for name in Mode.__members__)),
+    "armed": (_is_flag, "true or false"),
+    "altitude_m": (lambda value: _is_number(value, 0, 1000), "metres above home from 0 to 1000"),
+    "battery_pct": (lambda value: _is_number(value, 0, 100), "a number from 0 to 100"),
+    "healthy": (_is_flag, "true or false"),
+    "mute": (_is_mute, "a list of MAVLink messages such as COMMAND_ACK; an empty one ends it"),
+}

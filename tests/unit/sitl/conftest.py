@@ -1,0 +1,96 @@
+"""A drone to test: messages in, messages and events out, at simulated times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from sitl.fleet import DroneConfig
+from sitl.modes import Happened, Reply
+from sitl.vehicle import Vehicle
+
+NAN = float("nan")
+GCS = (245, 190)
+
+
+class Drone:
+    """A vehicle with one link, flown by a test."""
+
+    def __init__(self, **parameters: float) -> None:
+        self.vehicle = Vehicle(DroneConfig(1, parameters=parameters), ["onboard"])
+        self.out: list[Any] = []
+
+    @property
+    def autopilot(self) -> Any:
+        return self.vehicle.autopilot
+
+    @property
+    def up_m(self) -> float:
+        return float(self.autopilot.motion.position[2])
+
+    @property
+    def mode(self) -> str:
+        return str(self.autopilot.mode.name)
+
+    def fly(self, seconds: float) -> None:
+        self.out += self.vehicle.advance(self.autopilot.now_s + seconds)
+
+    def fly_until(self, condition: Callable[[], bool], limit_s: float = 300) -> float:
+        """Simulated seconds until the condition holds."""
+        start_s = self.autopilot.now_s
+        while not condition():
+            assert self.autopilot.now_s - start_s < limit_s, "the condition never came true"
+            self.fly(0.1)
+        return float(self.autopilot.now_s - start_s)
+
+    def tell(self, message: Any) -> list[Any]:
+        """The messages that answer one from the ground station, which is packed and parsed as on a wire."""
+        packed = message.pack(mavlink.MAVLink(None, *GCS))
+        outputs = self.vehicle.handle(0, mavlink.MAVLink(None).parse_buffer(packed)[0])
+        self.out += outputs
+        return [output.message for output in outputs if isinstance(output, Reply)]
+
+    def command(self, number: int, *params: float, system: int = 1, component: int = 1) -> int | None:
+        """COMMAND_LONG; its MAV_RESULT, None where nothing answers."""
+        seven = [*params, *[0.0] * (7 - len(params))]
+        return _result(self.tell(mavlink.MAVLink_command_long_message(system, component, number, 0, *seven)))
+
+    def command_int(
+        self, number: int, *params: float, x: int = 0, y: int = 0, z: float = 0, frame: int = 0
+    ) -> int | None:
+        four = [*params, *[0.0] * (4 - len(params))]
+        return _result(self.tell(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *four, x, y, z)))
+
+    def take_off(self, altitude_m: float = 10.0) -> None:
+        """Armed and hovering."""
+        assert self.command(400, 1) == 0
+        assert self.command(22, NAN, 0, 0, NAN, NAN, NAN, self.autopilot.guidance.home.altitude_m + altitude_m) == 0
+        self.fly_until(lambda: self.mode == "HOLD" and abs(self.autopilot.motion.velocity[2]) < 0.05)
+
+    def events(self) -> list[str]:
+        return [output.event for output in self.out if isinstance(output, Happened)]
+
+    def sent(self, kind: str) -> list[Any]:
+        return [o.message for o in self.out if isinstance(o, Reply) and o.message.get_type() == kind]
+
+    def texts(self) -> list[str]:
+        return [message.text for message in self.sent("STATUSTEXT")]
+
+
+def _result(answers: list[Any]) -> int | None:
+    acks = [answer for answer in answers if answer.get_type() == "COMMAND_ACK"]
+    assert len(acks) <= 1
+    return int(acks[0].result) if acks else None
+
+
+@pytest.fixture
+def drone() -> Drone:
+    return Drone()
+
+
+@pytest.fixture
+def make_drone() -> type[Drone]:
+    return Drone

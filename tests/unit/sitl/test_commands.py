@@ -1,0 +1,287 @@
+"""PX4's rules for commands and set-points, with their results and reasons."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from sitl.fleet import DroneConfig
+from sitl.streams import RATES_HZ
+from sitl.vehicle import Vehicle
+
+NAN = float("nan")
+ACCEPTED, REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
+ARM, TAKEOFF, LAND, REPOSITION, SET_MODE = 400, 22, 21, 192, 176
+FORCE = 21196
+
+
+def test_arming_is_told_at_once(drone: Any) -> None:
+    assert drone.command(ARM, 1) == ACCEPTED
+    assert drone.sent("HEARTBEAT")[-1].base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+    assert drone.sent("HOME_POSITION")
+    assert drone.events() == ["command", "armed"]
+
+
+def test_arming_again_is_accepted_and_changes_nothing(drone: Any) -> None:
+    drone.command(ARM, 1)
+    assert drone.command(ARM, 1) == ACCEPTED
+    assert drone.events().count("armed") == 1
+
+
+@pytest.mark.parametrize(("wanted", "why"), [({"healthy": False}, "not ready"), ({"battery_pct": 3}, "low battery")])
+def test_arming_is_refused_with_a_reason(drone: Any, wanted: dict[str, Any], why: str) -> None:
+    drone.vehicle.control({"set": wanted})
+    assert drone.command(ARM, 1) == REJECTED
+    assert why in drone.texts()[-1]
+    assert drone.command(ARM, 1, FORCE) == ACCEPTED
+
+
+def test_arming_by_any_other_number_is_unsupported(drone: Any) -> None:
+    assert drone.command(ARM, 0.5) == UNSUPPORTED
+    assert not drone.autopilot.armed
+
+
+def test_disarming_in_the_air_must_be_forced(drone: Any) -> None:
+    drone.take_off()
+    assert drone.command(ARM, 0) == REJECTED
+    assert drone.texts()[-1] == "Disarming denied: not landed"
+    assert drone.command(ARM, 0, FORCE) == ACCEPTED
+    assert drone.fly_until(lambda: drone.autopilot.landed) < 5, "without motors it falls"
+
+
+def test_takeoff_while_disarmed_is_refused(drone: Any) -> None:
+    assert drone.command(TAKEOFF, *[NAN] * 7) == REJECTED
+    assert "disarmed" in drone.texts()[-1]
+
+
+def test_takeoff_without_a_height_takes_the_parameter(make_drone: Any) -> None:
+    drone = make_drone(MIS_TAKEOFF_ALT=7)
+    drone.command(ARM, 1)
+    assert drone.command(TAKEOFF, *[NAN] * 7) == ACCEPTED
+    drone.fly(20)
+    assert drone.up_m == pytest.approx(7, abs=0.1)
+
+
+def test_takeoff_heights_are_above_sea_level(drone: Any) -> None:
+    drone.take_off(12)
+    assert drone.up_m == pytest.approx(12, abs=0.35)
+
+
+def test_takeoff_as_command_int_honours_the_frame(drone: Any) -> None:
+    drone.command(ARM, 1)
+    assert drone.command_int(TAKEOFF, z=6, frame=mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT) == ACCEPTED
+    drone.fly(20)
+    assert drone.up_m == pytest.approx(6, abs=0.1)
+
+
+def test_a_takeoff_below_the_drone_does_not_move_it(drone: Any) -> None:
+    drone.command(ARM, 1)
+    assert drone.command(TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == ACCEPTED, "MAVProxy's `takeoff 10`, read as AMSL"
+    assert drone.texts()[-1] == "Already higher than takeoff altitude"
+    drone.fly(5)
+    assert drone.up_m == 0.0
+
+
+def test_a_takeoff_sent_twice_is_one(drone: Any) -> None:
+    drone.command(ARM, 1)
+    drone.command(TAKEOFF, *[NAN] * 7)
+    drone.fly(1)
+    assert drone.command(TAKEOFF, *[NAN] * 7) == ACCEPTED
+    drone.fly(10)
+    assert drone.command(TAKEOFF, *[NAN] * 7) == REJECTED, "it is in the air already"
+
+
+@pytest.mark.parametrize("frame", [0, 5])
+def test_goto_above_sea_level(drone: Any, frame: int) -> None:
+    drone.take_off()
+    _goto(drone, 40, 30, 488 + 15, frame)
+    drone.fly(30)
+    _assert_at(drone, 40, 30, 15)
+
+
+@pytest.mark.parametrize("frame", [3, 6])
+def test_goto_above_home(drone: Any, frame: int) -> None:
+    drone.take_off()
+    _goto(drone, -20, 10, 12, frame)
+    drone.fly(30)
+    _assert_at(drone, -20, 10, 12)
+
+
+def test_goto_keeps_what_it_leaves_out(drone: Any) -> None:
+    drone.take_off()
+    assert drone.command_int(REPOSITION, -1, 1, x=2**31 - 1, y=2**31 - 1, z=NAN) == ACCEPTED
+    drone.fly(10)
+    _assert_at(drone, 0, 0, 10)
+
+
+def test_goto_as_command_long(drone: Any) -> None:
+    drone.take_off()
+    place = drone.autopilot.guidance.origin.offset(50, 0, 0)
+    altitude_m = 488 + 10
+    answer = drone.command(REPOSITION, -1, 1, 0, NAN, place.latitude_deg, place.longitude_deg, altitude_m)
+    assert answer == ACCEPTED
+    drone.fly(30)
+    assert drone.autopilot.motion.position[0] == pytest.approx(50, abs=1), "float32 degrees are about half a metre"
+
+
+def test_goto_flies_no_faster_and_no_harder_than_its_parameters(make_drone: Any) -> None:
+    drone = make_drone(MPC_XY_CRUISE=8, MPC_ACC_HOR=2)
+    drone.take_off()
+    _goto(drone, 100, 0, 498, 0)
+    last, fastest, hardest = 0.0, 0.0, 0.0
+    for _ in range(1000):
+        drone.fly(0.02)
+        speed = drone.autopilot.motion.groundspeed_m_s
+        fastest, hardest, last = max(fastest, speed), max(hardest, abs(speed - last) / 0.02), speed
+    assert fastest == pytest.approx(8, abs=0.1)
+    assert hardest <= 2.001
+
+
+@pytest.mark.parametrize(("x", "z", "frame"), [(910_000_000, 500.0, 0), (0, math.inf, 0), (0, 500.0, 1)])
+def test_goto_to_nowhere_is_denied(drone: Any, x: int, z: float, frame: int) -> None:
+    drone.take_off()
+    assert drone.command_int(REPOSITION, -1, 1, x=x, z=z, frame=frame) == DENIED
+
+
+def test_goto_is_refused_on_the_ground_and_outside_hold_without_leave_to_change_the_mode(drone: Any) -> None:
+    assert drone.command_int(REPOSITION, -1, 1, z=NAN) == REJECTED
+    drone.take_off()
+    drone.command(SET_MODE, 1, 4, 5)
+    assert drone.command_int(REPOSITION, -1, 0, z=NAN) == REJECTED
+    assert drone.mode == "RETURN"
+
+
+def test_land_and_disarm_after_com_disarm_land(drone: Any) -> None:
+    drone.take_off()
+    assert drone.command(LAND, *[NAN] * 7) == ACCEPTED
+    drone.fly_until(lambda: drone.autopilot.landed)
+    assert drone.fly_until(lambda: not drone.autopilot.armed) == pytest.approx(2.0, abs=0.2)
+    order = [event for event in drone.events() if event not in ("command", "mode")]
+    assert order == ["armed", "took_off", "landed", "disarmed"]
+
+
+def test_a_mode_change_is_told_at_once_in_px4s_numbers(drone: Any) -> None:
+    assert drone.command(SET_MODE, 1, 4, 5) == ACCEPTED
+    assert drone.sent("HEARTBEAT")[-1].custom_mode == 4 << 16 | 5 << 24
+
+
+@pytest.mark.parametrize(
+    ("params", "result"),
+    [((0, 4, 3), DENIED), ((1, 9, 9), DENIED), ((1, 4, NAN), DENIED), ((NAN, 4, 3), DENIED), ((1, 6, 0), REJECTED)],
+)
+def test_mode_changes_that_are_refused(drone: Any, params: tuple[float, ...], result: int) -> None:
+    assert drone.command(SET_MODE, *params) == result
+    assert drone.mode == "HOLD"
+    assert drone.texts()
+
+
+def test_an_unknown_command_is_unsupported(drone: Any) -> None:
+    assert drone.command(31_000) == UNSUPPORTED
+
+
+def test_others_commands_have_no_answer(drone: Any) -> None:
+    assert drone.command(ARM, 1, system=2) is None
+    assert drone.command(ARM, 1, component=100) is None
+    assert drone.command(ARM, 1, system=0, component=0) == ACCEPTED, "MAVProxy's disarm targets component 0"
+
+
+def test_every_command_is_an_event_with_its_parameters(drone: Any) -> None:
+    drone.command(TAKEOFF, 1, 2, 3, NAN, 5, 6, 7)
+    drone.command(512, 242)
+    events = [output.detail for output in drone.out if hasattr(output, "detail")]
+    assert events[0] == {"command": 22, "params": [1, 2, 3, None, 5, 6, 7], "from": 245}
+    assert events[1]["command"] == 512
+
+
+def test_an_offboard_velocity_is_flown_until_its_controller_is_silent(drone: Any) -> None:
+    drone.take_off()
+    drone.tell(_velocity(2.0, 0.0, 0.0))
+    assert drone.command(SET_MODE, 1, 6, 0) == ACCEPTED
+    for _ in range(50):
+        drone.tell(_velocity(2.0, 0.0, -1.0))
+        drone.fly(0.1)
+    assert drone.autopilot.motion.velocity == pytest.approx([2.0, 0.0, 1.0], abs=0.01)
+    assert drone.fly_until(lambda: drone.mode == "HOLD") == pytest.approx(1.0, abs=0.2)
+    assert drone.texts()[-1] == "Offboard control lost, holding"
+
+
+def test_an_offboard_position_and_a_body_velocity(drone: Any) -> None:
+    drone.take_off()
+    drone.tell(_set_point((5.0, 5.0, -12.0), (0.0, 0.0, 0.0), mask=0b1111_1111_1000))
+    assert drone.autopilot.guidance.set_point.position == (5.0, 5.0, 12.0)
+    drone.autopilot.motion.yaw_rad = math.pi / 2
+    drone.tell(_set_point((0, 0, 0), (1.0, 0.0, 0.0), mask=0b1111_1100_0111, frame=mavlink.MAV_FRAME_BODY_NED))
+    assert drone.autopilot.guidance.set_point.velocity == pytest.approx((0.0, 1.0, 0.0))
+
+
+def test_an_attitude_is_flown_as_tilt_and_thrust(drone: Any) -> None:
+    drone.take_off()
+    half = math.radians(-10) / 2
+    level_mask = 0
+    q = [math.cos(half), 0.0, math.sin(half), 0.0]
+    drone.tell(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, level_mask, q, 0, 0, 0, 0.75))
+    north, east, up = drone.autopilot.guidance.set_point.velocity
+    assert north > 1, "nose down is forward"
+    assert east == pytest.approx(0)
+    assert up == pytest.approx(1.5)
+
+
+FLOATS = st.floats(width=32)
+
+
+@given(st.sampled_from([21, 22, 176, 192, 400, 510, 511, 512, 520, 999]), st.lists(FLOATS, min_size=7, max_size=7))
+def test_no_parameter_ends_the_flight(number: int, params: list[float]) -> None:
+    vehicle = Vehicle(DroneConfig(1), ["onboard"])
+    vehicle.control({"set": {"altitude_m": 10}})
+    _tell(vehicle, mavlink.MAVLink_command_long_message(1, 1, number, 0, *params))
+    _tell(vehicle, mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, *params[:4], 0, 0, params[6]))
+    _assert_flies_on(vehicle)
+
+
+@given(st.lists(FLOATS, min_size=9, max_size=9), st.integers(0, 0xFFFF), st.sampled_from([1, 8, 21]))
+def test_no_set_point_ends_the_flight(values: list[float], mask: int, frame: int) -> None:
+    vehicle = Vehicle(DroneConfig(1), ["onboard"])
+    vehicle.control({"set": {"altitude_m": 10}})
+    _tell(vehicle, _set_point(values[:3], values[3:6], mask=mask, frame=frame))
+    _tell(vehicle, mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0))
+    _assert_flies_on(vehicle)
+    _tell(vehicle, mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask & 0xFF, values[:4], 0, 0, 0, values[8]))
+    _assert_flies_on(vehicle)
+
+
+def _tell(vehicle: Vehicle, message: Any) -> None:
+    packed = message.pack(mavlink.MAVLink(None, 245, 190))
+    for one in mavlink.MAVLink(None).parse_buffer(packed):
+        vehicle.handle(0, one)
+
+
+def _assert_flies_on(vehicle: Vehicle) -> None:
+    """Everything it streams can still be packed, after half a second of flight."""
+    vehicle.advance(vehicle.autopilot.now_s + 0.5)
+    for name in RATES_HZ:
+        vehicle.telemetry.make(name).pack(mavlink.MAVLink(None))
+
+
+def _velocity(north: float, east: float, down: float) -> Any:
+    return _set_point((0.0, 0.0, 0.0), (north, east, down), mask=0b1111_1100_0111)
+
+
+def _set_point(position: Any, velocity: Any, *, mask: int, frame: int = mavlink.MAV_FRAME_LOCAL_NED) -> Any:
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, mask, *position, *velocity, 0, 0, 0, 0, 0
+    )
+
+
+def _goto(drone: Any, north_m: float, east_m: float, z: float, frame: int) -> None:
+    place = drone.autopilot.guidance.origin.offset(north_m, east_m, 0)
+    x, y = round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)
+    assert drone.command_int(REPOSITION, -1, 1, 0, NAN, x=x, y=y, z=z, frame=frame) == ACCEPTED
+
+
+def _assert_at(drone: Any, north_m: float, east_m: float, up_m: float) -> None:
+    assert drone.autopilot.motion.position == pytest.approx([north_m, east_m, up_m], abs=0.3)

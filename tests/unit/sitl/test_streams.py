@@ -1,0 +1,74 @@
+"""Which messages are due when, and how a ground station changes that."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from sitl.streams import RATES_HZ, SETS, Streams
+from sitl.telemetry import _MAKERS
+
+BATTERY, ATTITUDE, PING = 147, 30, 4
+
+
+def count(streams: Streams, seconds: float, start_s: float = 0.0, tick_s: float = 0.01) -> Counter[str]:
+    found: Counter[str] = Counter()
+    for tick in range(round(seconds / tick_s)):
+        found.update(streams.due(start_s + tick * tick_s))
+    return found
+
+
+@pytest.mark.parametrize("chosen", SETS)
+def test_rates_are_px4s(chosen: str) -> None:
+    found = count(Streams(chosen), 20)
+    for name, rates in RATES_HZ.items():
+        assert found[name] == pytest.approx(rates[SETS.index(chosen)] * 20, abs=1), name
+
+
+def test_the_sum_is_px4s_load() -> None:
+    """About 451, 64 and 393 messages a second, with the few that are left out here."""
+    totals = [sum(rates[i] for rates in RATES_HZ.values()) for i in range(3)]
+    assert totals == pytest.approx([451, 64, 393], abs=4)
+
+
+def test_rates_are_ceilings_when_the_caller_is_slow() -> None:
+    assert count(Streams("onboard"), 10, tick_s=0.02)["ATTITUDE"] <= 500
+
+
+def test_messages_do_not_all_fall_on_one_tick() -> None:
+    streams = Streams("normal")
+    assert max(len(streams.due(tick * 0.01)) for tick in range(300)) <= 8
+
+
+def test_every_streamed_message_can_be_made() -> None:
+    assert set(_MAKERS) == set(RATES_HZ)
+
+
+def test_an_interval_is_set_at_once_stopped_and_put_back() -> None:
+    streams = Streams("onboard")
+    count(streams, 10)
+    assert streams.set_interval(BATTERY, 100_000)
+    assert "BATTERY_STATUS" in streams.due(10.0)
+    assert count(streams, 10, 10.01)["BATTERY_STATUS"] == pytest.approx(100, abs=1)
+    streams.set_interval(BATTERY, -1)
+    assert count(streams, 10, 20)["BATTERY_STATUS"] == 0
+    assert streams.interval_us(BATTERY) == -1
+    streams.set_interval(BATTERY, 0)
+    assert streams.interval_us(BATTERY) == 2_000_000
+
+
+def test_intervals_by_command(drone: Any) -> None:
+    assert drone.command(511, ATTITUDE, 20_000) == 0
+    (ack, answer) = drone.tell(mavlink.MAVLink_command_long_message(1, 1, 510, 0, ATTITUDE, 0, 0, 0, 0, 0, 0))
+    assert (ack.result, answer.message_id, answer.interval_us) == (0, ATTITUDE, 20_000)
+    assert drone.command_int(511, ATTITUDE, -1) == 0, "COMMAND_INT carries the same parameters"
+    assert drone.vehicle.links[0].interval_us(ATTITUDE) == -1
+
+
+def test_an_unknown_message_is_unsupported(drone: Any) -> None:
+    assert drone.command(511, 9999, 20_000) == mavlink.MAV_RESULT_UNSUPPORTED
+    assert drone.command(511, ATTITUDE, float("nan")) == mavlink.MAV_RESULT_UNSUPPORTED
+    assert drone.vehicle.links[0].interval_us(9999) == 0
