@@ -1,4 +1,4 @@
-"""Scenario 1 as people type it: flown in containers, captured, measured, reported; and ended well when it goes wrong."""
+"""Scenario 1 as people type it: flown, captured, measured and reported; and ended well when it goes wrong."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def heard_topics(limit_s: int) -> dict[str, bytes]:
     gs = containers()["gs"]
     command = ["mosquitto_sub", "-h", "198.18.1.3", "-t", "fog1/#", "-W", str(limit_s), "-F", "%t %x"]
     output = gs.exec_run(command).output.decode()  # type: ignore[attr-defined]
-    return dict((line.split(" ")[0], bytes.fromhex(line.split(" ")[1])) for line in output.splitlines() if " " in line)
+    return {line.split(" ")[0]: bytes.fromhex(line.split(" ")[1]) for line in output.splitlines() if " " in line}
 
 
 def test_scenario_1_is_flown_measured_and_reported(tmp_path: Path) -> None:

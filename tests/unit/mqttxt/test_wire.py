@@ -1,0 +1,232 @@
+"""Payloads: both forms carry the same, schemas hold, and nothing that is off gets in (section 3)."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cbor2
+import jsonschema
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mqttxt
+from mqttxt.commands import COMMANDS, Goto, Takeoff
+from mqttxt.errors import PayloadError
+from mqttxt.messages import (
+    BeaconMessage,
+    By,
+    CommandMessage,
+    DroneLease,
+    FogPresence,
+    FogResultMessage,
+    Presence,
+    Registration,
+    ResultMessage,
+    RosterEntry,
+    Word,
+)
+from mqttxt.states import STATES, Battery, Heading, Location
+from mqttxt.wire import schema
+from mqttxt.wire.codec import MAX_PAYLOAD, decode, encode, encoding_of, plan_of
+from mqttxt.wire.fields import Constant, Integer, Items, Named, Scaled, Text
+from mqttxt.wire.identify import identify
+from mqttxt.wire.states import StampedState, decode_state, encode_state, message_class
+from mqttxt.wire.values import Encoding
+
+SCHEMAS = Path(mqttxt.__file__).parent / "schemas"
+JSON_SCHEMA = json.loads((SCHEMAS / "payload-v1.schema.json").read_text())
+CDDL = (SCHEMAS / "payload-v1.cddl").read_text()
+
+
+def values(mark: Any) -> st.SearchStrategy[Any]:
+    """Whatever a field may carry."""
+    if isinstance(mark, Integer):
+        return st.integers(mark.low, mark.high)
+    if isinstance(mark, Constant):
+        return st.just(mark.value)
+    if isinstance(mark, Scaled):
+        low, high = round(mark.low * mark.per_unit), round(mark.high * mark.per_unit)
+        return st.integers(low, high).map(lambda ticks: ticks / mark.per_unit)
+    if isinstance(mark, Text):
+        return st.text(max_size=mark.longest)
+    if isinstance(mark, Items):
+        return st.lists(messages(RosterEntry), max_size=5).map(tuple)
+    if mark is bool:
+        return st.booleans()
+    if issubclass(mark, Named):
+        return st.sampled_from(list(mark))
+    return messages(mark)
+
+
+def messages(cls: type[Any]) -> st.SearchStrategy[Any]:
+    """Any message of a class."""
+    plan = plan_of(cls)
+    fields = {f.name: values(f.mark) if not f.optional else st.none() | values(f.mark) for f in plan.fields}
+    if plan.variant is not None:
+        name, variant = plan.variant
+        fields[name] = st.one_of([messages(body) for _, _, body in variant.codes])
+    return st.builds(cls, **fields)
+
+
+EVERY = [*schema.MESSAGES, *(message_class(name, relayed) for name in STATES for relayed in (True, False))]
+
+
+@pytest.mark.parametrize("cls", EVERY, ids=lambda cls: cls.__name__)
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_both_forms_give_the_same_message_back_and_follow_their_schemas(cls: type[Any], data: Any) -> None:
+    message = data.draw(messages(cls))
+    as_cbor, as_json = encode(message), encode(message, Encoding.JSON)
+    assert decode(cls, as_cbor) == decode(cls, as_json) == message
+    assert (encoding_of(as_cbor), encoding_of(as_json)) == (Encoding.CBOR, Encoding.JSON)
+    validator_of(cls).validate(json.loads(as_json))
+
+
+@cache
+def validator_of(cls: type[Any]) -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator({**JSON_SCHEMA, "$ref": f"#/$defs/{cls.__name__}"})
+
+
+def test_the_schemas_in_the_package_are_made_from_the_messages() -> None:
+    assert schema.json_schema() == JSON_SCHEMA, "run python -m mqttxt.wire.schema services/mqttxt/src/mqttxt/schemas"
+    assert schema.cddl() == CDDL
+
+
+@pytest.mark.parametrize("cls", EVERY, ids=lambda cls: cls.__name__)
+@settings(max_examples=60, deadline=None)
+@given(payload=st.binary(max_size=60))
+def test_no_bytes_raise_anything_but_payload_error(cls: type[Any], payload: bytes) -> None:
+    for candidate in (payload, b"{" + payload, b"\x88\x01" + payload):
+        identify(candidate)
+        try:
+            decode(cls, candidate)
+        except PayloadError:
+            continue
+
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(max_size=5),
+    lambda inner: st.lists(inner, max_size=9) | st.dictionaries(st.text(max_size=5), inner, max_size=5),
+    max_leaves=12,
+)
+
+
+@given(PLAIN)
+def test_no_cbor_raises_anything_but_payload_error(plain: Any) -> None:
+    for cls in (CommandMessage, ResultMessage, FogPresence):
+        try:
+            decode(cls, cbor2.dumps(plain))
+        except PayloadError:
+            continue
+
+
+def _command(**changed: Any) -> dict[str, Any]:
+    plain: dict[str, Any] = json.loads(
+        encode(
+            CommandMessage(
+                gs_session=1, seq=2, executor_session=3, deadline_ms=4, limit_s=5.0, command=Takeoff(altitude_m=10)
+            ),
+            Encoding.JSON,
+        )
+    )
+    return {**plain, **changed}
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"version": 2}, "version: expected 1, got 2"),
+        ({"extra": 1}, "fields of Takeoff, got ['extra']"),
+        ({"altitude_m": "10"}, "altitude_m: expected a number from 0.5 to 10000"),
+        ({"altitude_m": 1e9}, "altitude_m: expected a number from 0.5 to 10000"),
+        ({"altitude_m": True}, "altitude_m: expected a number"),
+        ({"seq": 1.5}, "seq: expected a whole number from 0 to 4294967295"),
+        ({"gs_session": 0}, "gs_session: expected a whole number from 1 to"),
+        ({"command": "explode"}, "command: expected a known command, got 'explode'"),
+        ({"deadline_ms": -1}, "deadline_ms: expected a whole number"),
+    ],
+)
+def test_what_is_off_is_refused_with_the_field_and_what_was_expected(changed: dict[str, Any], said: str) -> None:
+    with pytest.raises(PayloadError) as refusal:
+        decode(CommandMessage, json.dumps(_command(**changed)).encode())
+    assert said in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("payload", "said"),
+    [
+        (b"", "got nothing"),
+        (b"{" * 40, "not JSON"),
+        (b'{"version":1,"session":1,"up":NaN}', "got NaN"),
+        (b'{"version":1,"version":1,"session":1,"up":true}', "each field once"),
+        (b'{"version":1,"session":1}', "up: expected a value"),
+        (b"\x83\x01\x01\xf5\x00", "bytes behind the end"),
+        (b"\x82\x01\x01", "up: expected a value"),
+        (b"\x84\x01\x01\xf5\x00", "at most 3 fields"),
+        (b"\x9f\x01\x01\xf5\xff", "not CBOR"),
+        (b"\x83\x01\xfb\x7f\xf8\x00\x00\x00\x00\x00\x00\xf5", "session: expected a whole number"),
+        (b"\x81" * 500, "not CBOR"),
+        (b"\x83\x01\x01\xf5" + b"\0" * MAX_PAYLOAD, "at most"),
+    ],
+)
+def test_malformed_payloads_are_refused_with_a_reason(payload: bytes, said: str) -> None:
+    with pytest.raises(PayloadError, match=said):
+        decode(Presence, payload)
+
+
+def test_nan_cannot_be_sent() -> None:
+    with pytest.raises(PayloadError):
+        encode(message_class("groundspeed", False)(stamp=1, groundspeed_m_s=float("nan")))
+
+
+def test_states_are_small_and_relayed_ones_carry_both_stamps() -> None:
+    assert len(encode_state(StampedState(Battery(87), 4000), Encoding.CBOR)) == 6
+    assert len(encode_state(StampedState(Heading(359.99), 4000), Encoding.CBOR)) == 7
+    relayed = StampedState(Location(47.397742, 8.545594, 488.0, 10.0), stamp=4000, relay_stamp=17)
+    for encoding in Encoding:
+        assert decode_state("location", encode_state(relayed, encoding), relayed=True) == relayed
+    with pytest.raises(PayloadError):
+        decode_state("altimeter", b"\x82\x00\x00", relayed=False)
+
+
+def test_trailing_nothing_is_left_out() -> None:
+    plain = cbor2.loads(encode(ResultMessage(gs_session=1, seq=2, session=3, stamp=4, word=Word.COMPLETED)))
+    assert plain == [1, 1, 2, 3, None, 4, 3]
+    by = By(gs_session=1, seq=9)
+    plain = cbor2.loads(encode(ResultMessage(gs_session=1, seq=2, session=3, stamp=4, word=Word.SUPERSEDED, by=by)))
+    assert plain == [1, 1, 2, 3, None, 4, 9, None, None, None, [1, 9]]
+
+
+def test_cbor_is_integers_in_mavlinks_units() -> None:
+    message = CommandMessage(
+        gs_session=1, seq=2, executor_session=3, deadline_ms=4, limit_s=5.0, command=Goto(47.5, -8.25, 12.5)
+    )
+    assert cbor2.loads(encode(message)) == [1, 1, 2, 3, 4, 50, 5, 475_000_000, -82_500_000, 12_500]
+
+
+def test_a_malformed_command_can_still_be_named() -> None:
+    broken = json.dumps(_command(altitude_m="high")).encode()
+    assert identify(broken) == (1, 2)
+    assert identify(cbor2.dumps([9, 1, 2, "?"])) == (1, 2)
+    assert identify(cbor2.dumps([1, 0, 2])) is None
+    assert identify(b"\xff") is None
+
+
+def test_every_command_has_a_name_and_a_limit() -> None:
+    assert set(COMMANDS) == {"arm", "disarm", "takeoff", "land", "goto", "hold", "return"}
+    assert all(cls.limit_s > 0 for cls in COMMANDS.values())
+
+
+def test_messages_are_what_the_specification_says() -> None:
+    lease = DroneLease(activator_session=1, drone_session=2, nonce=3, bound=True)
+    assert cbor2.loads(encode(lease)) == [1, 1, 2, 3, True]
+    beacon = BeaconMessage(session=1, now_ms=2, nonce=3, held_ms=4)
+    assert cbor2.loads(encode(beacon)) == [1, 2, 3, 4]
+    registration = Registration(name="g", session=1, nonce=2, lease_s=30)
+    assert cbor2.loads(encode(registration)) == [1, "g", 1, 2, 30]
+    roster = FogResultMessage(gs_session=1, seq=2, session=3, stamp=4, roster=())
+    assert cbor2.loads(encode(roster)) == [1, 1, 2, 3, 4, []]

@@ -1,0 +1,230 @@
+"""The roles connected without any I/O: what one publishes the others receive, in order, at a time of the test's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from mqttxt.messages import CommandMessage, ResultMessage
+from mqttxt.roles.activator import Activator
+from mqttxt.roles.activator_drones import CLOUD, FOG
+from mqttxt.roles.effects import Inbound, Journal, Log, Publish, Stop, Subscribe, Transmit
+from mqttxt.roles.ground_station import GroundStation
+from mqttxt.roles.settings import Settings
+from mqttxt.roles.uav_client import UavClient, Unfinished
+from mqttxt.wire.codec import decode
+
+GS_SESSION, FOG_SESSION, UAV_SESSION = 0x11, 0x22, 0x33
+HOME = (473_977_420, 85_455_940, 488_000)
+"""Degrees in 1e-7 and millimetres above mean sea level."""
+
+
+def from_autopilot(message: Any, system: int = 1, component: int = 1) -> Any:
+    """A message as it comes out of the parser: with its sender."""
+    codec = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+    (parsed,) = mavlink.MAVLink(None).parse_buffer(message.pack(codec))
+    return parsed
+
+
+def heartbeat(armed: bool = False, main: int = 4, sub: int = 3, system: int = 1) -> Any:
+    base = 1 | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
+    return from_autopilot(mavlink.MAVLink_heartbeat_message(2, 12, base, main << 16 | sub << 24, 4, 3), system)
+
+
+def ack(command: int, result: int = 0, progress: int = 0) -> Any:
+    return from_autopilot(mavlink.MAVLink_command_ack_message(command, result, progress, 0, 1, 191))
+
+
+def position(altitude_m: float = 0.0, north_1e7: int = 0) -> Any:
+    latitude, longitude, amsl_mm = HOME
+    up_mm = round(altitude_m * 1000)
+    return from_autopilot(
+        mavlink.MAVLink_global_position_int_message(
+            0, latitude + north_1e7, longitude, amsl_mm + up_mm, up_mm, 0, 0, 0, 9000
+        )
+    )
+
+
+def landed(state: int) -> Any:
+    return from_autopilot(mavlink.MAVLink_extended_sys_state_message(0, state))
+
+
+def home() -> Any:
+    return from_autopilot(mavlink.MAVLink_home_position_message(*HOME, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, 0))
+
+
+def ready(client: UavClient, now_ms: int = 0) -> None:
+    """Heartbeat, home and position have come, the fog broker is connected and subscribed."""
+    for message in (heartbeat(), home(), position(), landed(1)):
+        client.on_mavlink(message, now_ms)
+    for effect in client.on_connected(now_ms):
+        if isinstance(effect, Subscribe):
+            client.on_subscribed(effect, now_ms)
+
+
+def command_payload(command: Any, **changed: Any) -> CommandMessage:
+    fields = {
+        "gs_session": GS_SESSION,
+        "seq": 1,
+        "executor_session": UAV_SESSION,
+        "deadline_ms": 5000,
+        "limit_s": 60.0,
+        "command": command,
+    }
+    return CommandMessage(**{**fields, **changed})
+
+
+def results(effects: Iterable[Any]) -> list[ResultMessage]:
+    """The results among the effects."""
+    return [
+        decode(ResultMessage, e.payload) for e in effects if isinstance(e, Publish) and "/commands_result/" in e.topic
+    ]
+
+
+def transmitted(effects: Iterable[Any]) -> list[Any]:
+    """The flight commands among the effects, not heartbeats and questions."""
+    return [e for e in effects if isinstance(e, Transmit) and e.ref is not None]
+
+
+@dataclass
+class World:
+    """A ground station, an activator and one drone, and everything that happened between them."""
+
+    qos: int = 1
+    now_ms: int = 0
+    heard: list[Any] = field(default_factory=list)
+    sent: list[tuple[str, Publish]] = field(default_factory=list)
+    wrote: list[Transmit] = field(default_factory=list)
+    journal: list[Journal] = field(default_factory=list)
+    logs: list[Log] = field(default_factory=list)
+    stops: list[Stop] = field(default_factory=list)
+    retained: dict[tuple[str, str], Publish] = field(default_factory=dict)
+    drop: set[str] = field(default_factory=set)
+    """Kinds of topics (their last or next to last level) that are lost on the way."""
+
+    def __post_init__(self) -> None:
+        settings = Settings(qos=self.qos)
+        self.gs = GroundStation("g", GS_SESSION, settings)
+        self.activator = Activator(1, FOG_SESSION, settings, drones=(1,))
+        self.uav = UavClient(1, UAV_SESSION, settings)
+        self.subscribed: list[tuple[str, str, str, bool]] = []
+
+    def start(self) -> World:
+        """Everything connected, the drone reachable, the ground station registered."""
+        self.gs.add_fogs([1])
+        for message in (heartbeat(), home(), position(), landed(1)):
+            self.uav.on_mavlink(message, self.now_ms)
+        self.run("activator", self.activator.on_connected(FOG, self.now_ms))
+        self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
+        self.run("uav", self.uav.on_connected(self.now_ms))
+        self.run("gs", self.gs.on_connected(self.now_ms))
+        return self
+
+    def restart_activator(self, session: int) -> None:
+        """The activator dies and another one starts in its place."""
+        self.subscribed = [entry for entry in self.subscribed if entry[0] != "activator"]
+        will = self.activator.will()
+        self.route("activator", Publish(CLOUD, will.topic, will.payload, 1, retain=True))
+        self.activator = Activator(1, session, Settings(qos=self.qos), drones=(1,))
+        self.run("activator", self.activator.on_connected(FOG, self.now_ms))
+        self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
+
+    def restart_uav(self, session: int, unfinished: list[Unfinished]) -> None:
+        """The UAV client dies and another one starts with what the journal kept."""
+        self.subscribed = [entry for entry in self.subscribed if entry[0] != "uav"]
+        will = self.uav.will()
+        self.route("uav", Publish(FOG, will.topic, will.payload, 1, retain=True))
+        self.uav = UavClient(1, session, Settings(qos=self.qos), unfinished=unfinished)
+        for message in (heartbeat(), home(), position(), landed(1)):
+            self.uav.on_mavlink(message, self.now_ms)
+        self.run("uav", self.uav.on_connected(self.now_ms))
+
+    def autopilot(self, *messages: Any) -> None:
+        for message in messages:
+            self.run("uav", self.uav.on_mavlink(message, self.now_ms))
+
+    def send(self, command: Any, drone: int | None = 1, **options: Any) -> Any:
+        command_id, outputs = self.gs.send(1, drone, command, self.now_ms, **options)
+        self.run("gs", outputs)
+        return command_id
+
+    def pass_time(self, milliseconds: int, step_ms: int = 100) -> None:
+        """Let time pass; the autopilot keeps its heartbeat."""
+        until = self.now_ms + milliseconds
+        while self.now_ms < until:
+            self.now_ms = min(until, self.now_ms + step_ms)
+            self.uav.vehicle.heartbeat_ms = self.now_ms
+            for name in ("uav", "activator", "gs"):
+                self.run(name, getattr(self, name).tick(self.now_ms))
+
+    def run(self, name: str, outputs: Iterable[Any]) -> None:
+        """Carry out what a role asked for."""
+        for output in outputs:
+            if isinstance(output, Publish):
+                self.sent.append((name, output))
+                self.route(name, output)
+            elif isinstance(output, Subscribe):
+                self._subscribe(name, output)
+            elif isinstance(output, Transmit):
+                self._write(output)
+            elif isinstance(output, Journal):
+                self.journal.append(output)
+            elif isinstance(output, Log):
+                self.logs.append(output)
+            elif isinstance(output, Stop):
+                self.stops.append(output)
+            else:
+                self.heard.append(output)
+
+    def route(self, name: str, publish: Publish) -> None:
+        """What a broker does: keep what is retained, and hand it to whoever subscribed."""
+        if publish.retain:
+            self.retained[publish.link, publish.topic] = publish
+        levels = publish.topic.split("/")
+        if self.drop & set(levels[-2:]):
+            return
+        receivers = [s for s in self.subscribed if s[1] == publish.link and matches(s[2], publish.topic)]
+        for receiver, _, _, live_only in receivers:
+            self._deliver(receiver, publish, publish.retain and live_only)
+        if publish.ref is not None and publish.qos > 0:
+            code = 0 if receivers else 0x10
+            role = getattr(self, name)
+            link = () if name != "activator" else (publish.link,)
+            self.run(name, role.on_published(*link, publish.ref, code, self.now_ms))
+
+    def _subscribe(self, name: str, effect: Subscribe) -> None:
+        self.subscribed += [(name, effect.link, topic, effect.live_only) for topic in effect.filters]
+        self.run(name, getattr(self, name).on_subscribed(effect, self.now_ms))
+        if not effect.live_only:
+            for (link, topic), publish in list(self.retained.items()):
+                if link == effect.link and any(matches(wanted, topic) for wanted in effect.filters):
+                    self._deliver(name, publish, True)
+
+    def _deliver(self, name: str, publish: Publish, retained: bool) -> None:
+        message = Inbound(publish.topic, publish.payload, publish.qos, retained)
+        role = getattr(self, name)
+        link = (publish.link,) if name == "activator" else ()
+        self.run(name, role.on_message(*link, message, self.now_ms))
+
+    def _write(self, effect: Transmit) -> None:
+        if effect.ref is None:
+            return
+        if effect.not_after_ms is not None and self.now_ms > effect.not_after_ms:
+            self.run("uav", self.uav.on_refused(effect.ref, True, self.now_ms))
+        else:
+            self.wrote.append(effect)
+            self.run("uav", self.uav.on_transmitted(effect.ref, self.now_ms))
+
+
+def matches(wanted: str, topic: str) -> bool:
+    """MQTT's topic filters (MQTT 5.0, 4.7)."""
+    filters, levels = wanted.split("/"), topic.split("/")
+    for index, one in enumerate(filters):
+        if one == "#":
+            return True
+        if index >= len(levels) or one not in ("+", levels[index]):
+            return False
+    return len(filters) == len(levels)
