@@ -46,10 +46,12 @@ def _route(folder: Path, ready_file: Path) -> None:
     ports = read_ports(parse_nodes(os.environ.get("NODES", "")))
     for port in ports:
         turn_off_offloads(port)
-    running: list[Capture] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        running.extend(Capture(port, folder) for port in ports)
+    except OSError as error:
+        raise NetError(f"--captures {folder}: {error.strerror}") from error
+    running = [Capture(port, folder) for port in ports]
+    try:
         for capture in running:
             capture.wait_until_listening()
         ready_file.touch()

@@ -79,7 +79,7 @@ class Capture:
             self._process.send_signal(signal.SIGINT)
 
     def finish(self, deadline_s: float) -> Counts:
-        """What it counted; a capture that has not ended by `deadline_s` (monotonic clock) is killed and says nothing."""
+        """What it counted; one that has not ended by `deadline_s` (monotonic clock) is killed and says nothing."""
         try:
             self._process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
