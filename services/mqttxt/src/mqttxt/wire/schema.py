@@ -76,6 +76,7 @@ def _json_field(mark: Any, definitions: dict[str, Any]) -> dict[str, Any]:
     if isinstance(mark, Text):
         return {"type": "string", "maxLength": mark.longest}
     if isinstance(mark, Items):
+        _define(messages.RosterEntry, definitions)
         return {"type": "array", "maxItems": mark.most, "items": {"$ref": "#/$defs/RosterEntry"}}
     if mark is bool:
         return {"type": "boolean"}
