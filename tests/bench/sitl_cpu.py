@@ -1,0 +1,93 @@
+"""CPU that six autopilot stand-ins take at PX4's onboard rates while they fly, and what they send."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import cast
+
+from pymavlink.dialects.v20 import common as mavlink
+
+ROOT = Path(__file__).resolve().parents[2]
+DRONES = 6
+WARM_UP_S, WINDOW_S = 4.0, 10.0
+_TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
+
+
+class _Receiver(asyncio.DatagramProtocol):
+    """Counts datagrams and their bytes, and answers the first with arm and takeoff."""
+
+    def __init__(self) -> None:
+        self.count = self.size_bytes = 0
+        self._flies = False
+        self._transport: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        self.count += 1
+        self.size_bytes += len(data)
+        if not self._flies and self._transport is not None:
+            self._flies = True
+            codec = mavlink.MAVLink(None, 245, 190)
+            for command, first in ((400, 1.0), (22, 0.0)):
+                message = mavlink.MAVLink_command_long_message(0, 1, command, 0, first, 0, 0, 0, 0, 0, 1000.0)
+                self._transport.sendto(message.pack(codec), addr)
+
+
+def measure() -> str:
+    """One line of figures; takes about 15 s."""
+    return asyncio.run(_measure())
+
+
+async def _measure() -> str:
+    loop = asyncio.get_running_loop()
+    receivers, transports, processes = [], [], []
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            for drone in range(1, DRONES + 1):
+                transport, receiver = await loop.create_datagram_endpoint(_Receiver, ("127.0.0.1", 0))
+                send = "127.0.0.1:{}".format(transport.get_extra_info("sockname")[1])
+                options = ["--system", str(drone), "--listen", "127.0.0.1:0", "--send", send]
+                events = ["--events", f"{folder}/{drone}.jsonl"]
+                command = [sys.executable, "-m", "sitl", "fly", *options, *events]
+                processes.append(subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL))
+                receivers.append(receiver)
+                transports.append(transport)
+            await asyncio.sleep(WARM_UP_S)
+            before = (time.monotonic(), _cpu_s(processes), sum(r.count for r in receivers), _bytes(receivers))
+            await asyncio.sleep(WINDOW_S)
+            after = (time.monotonic(), _cpu_s(processes), sum(r.count for r in receivers), _bytes(receivers))
+        finally:
+            for process in processes:
+                process.terminate()
+            for process in processes:
+                process.wait()
+            for transport in transports:
+                transport.close()
+    wall_s, cpu_s, messages, size_bytes = (b - a for a, b in zip(before, after, strict=True))
+    rate = messages / wall_s / DRONES
+    wire_kbit_s = (size_bytes + 28 * messages) * 8 / 1000 / wall_s / DRONES
+    return (
+        f"sitl: {DRONES} drones climbing at onboard rates take {100 * cpu_s / wall_s:.1f} % of one core; "
+        f"each sends {rate:.0f} messages/s, {wire_kbit_s:.0f} kbit/s with UDP/IP"
+    )
+
+
+def _bytes(receivers: list[_Receiver]) -> int:
+    return sum(receiver.size_bytes for receiver in receivers)
+
+
+def _cpu_s(processes: list[subprocess.Popen[bytes]]) -> float:
+    """User and system time of the processes so far."""
+    total = 0
+    for process in processes:
+        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        total += int(fields[11]) + int(fields[12])
+    return total / _TICKS_A_SECOND
