@@ -52,6 +52,7 @@ class Activator:
         self.leases: dict[tuple[str, int], Lease] = {}
         self.connected = {CLOUD: False, FOG: False}
         self.born = False
+        self._was_born = False
         self._broker = broker
         self._subacks = {CLOUD: 0, FOG: 0}
         self._next_beacon_ms = 0
@@ -141,6 +142,9 @@ class Activator:
         return [*(self.drones.record_of(number) for number in gone), self._publish_presence(up=False)]
 
     def _on_cloud(self, topic: DroneTopic | FogTopic | StationTopic, message: Inbound, now_ms: int) -> list[Effect]:
+        is_doubtful = not self.born and (self._rival is not None or not self._was_born)
+        if is_doubtful and isinstance(topic, DroneTopic | FogTopic) and topic.kind in ("commands", "init_connect"):
+            return [Log("not_born", f"{message.topic}: left to the activator that may own fog {self.fog}")]
         if isinstance(topic, StationTopic):
             return self._on_station(topic.name, decode(Presence, message.payload))
         if isinstance(topic, DroneTopic):
@@ -243,7 +247,7 @@ class Activator:
         return [Publish(CLOUD, self.cloud.init_connect, payload, qos=1)]
 
     def _be_born(self, now_ms: int) -> list[Effect]:
-        self.born = True
+        self.born = self._was_born = True
         self._rebirth_at_ms = None
         return [
             Unsubscribe(CLOUD, (self.cloud.clock,)),

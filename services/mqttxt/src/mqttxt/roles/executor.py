@@ -189,7 +189,7 @@ class Executor:
                 return []
         elif now_ms < run.last_send_ms + RESEND_MS:
             return []
-        elif run.sends < SENDS and now_ms <= run.deadline_ms:
+        elif run.sends < SENDS and now_ms <= run.deadline_ms and self._newer(run) is None:
             return self._send(run, now_ms)
         elif now_ms < run.last_send_ms + 2 * RESEND_MS:
             return []
@@ -219,9 +219,17 @@ class Executor:
         run.accepted_number = self.vehicle.number
         out: list[Output] = [Said(run.id, Word.ACCEPTED, late_ms=run.late_ms)]
         for other in [r for r in self._runs if r is not run and r.phase is Phase.RUNNING]:
-            if other.plan.group is run.plan.group:
+            if other.plan.group is run.plan.group and other is not self._newer(run):
                 out.append(self._end(other, Word.SUPERSEDED, by=run.id))
+        newer = self._newer(run)
+        if newer is not None and newer.phase is Phase.RUNNING:
+            out.append(self._end(run, Word.SUPERSEDED, by=newer.id))
         return out
+
+    def _newer(self, run: Run) -> Run | None:
+        """A later command of the same group that was sent too: the older one must not be said again after it."""
+        later = self._runs[self._runs.index(run) + 1 :]
+        return next((r for r in later if r.plan.group is run.plan.group and r.phase is not Phase.WAITING), None)
 
     def _on_stray_ack(self, message: Any) -> list[Output]:
         left = self._stray_acks.get(message.command)

@@ -43,7 +43,7 @@ class Leg:
     publishes: int = 0
     words: list[ResultMessage] = field(default_factory=list)
     retry: Retry | None = None
-    settled: bool = False
+    truth: ResultMessage | None = None
 
     @property
     def is_closed(self) -> bool:
@@ -52,8 +52,9 @@ class Leg:
 
 @dataclass
 class Job:
-    """What the activator records about a command: its deadline, its drones, and how it was answered."""
+    """What the activator records about a command: where it was sent, its deadline, and how it was answered."""
 
+    drone: int | None
     message: CommandMessage
     deadline_ms: int
     close_at_ms: int
@@ -84,12 +85,11 @@ class Relay:
         deadline_ms = command.deadline_ms if known and command.deadline_ms is not None else now_ms
         keep_ms = min(deadline_ms, now_ms + MAX_TTL_MS)
         verdict = self.ledger.examine(command.id, command.command, keep_ms, now_ms)
-        if verdict is Admission.DUPLICATE:
-            entry = self.ledger.get(command.id)
-            assert entry is not None
+        entry = self.ledger.get(command.id)
+        if verdict is Admission.DUPLICATE and entry is not None and entry.record.drone == drone:
             return self._answer(entry)
-        if verdict in (Admission.CONFLICT, Admission.FULL):
-            reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
+        if verdict is not Admission.NEW:
+            reason = "ledger_full" if verdict is Admission.FULL else "id_conflict"
             return [self._denial(drone, command.command.name, command.id, reason, now_ms)]
         return self._admit(drone, command, message.retain, known, keep_ms, deadline_ms, now_ms)
 
@@ -108,10 +108,10 @@ class Relay:
             return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
         if leg.is_closed:
             unconfirmed = leg.words[-1].word is Word.UNCONFIRMED and leg.words[-1].session == self._session
-            if not unconfirmed or leg.settled or not result.word.is_last:
+            if not unconfirmed or leg.truth or not result.word.is_last or result.word is Word.UNCONFIRMED:
                 return []
-            leg.settled = True
-            return [self._publish_result(link.number, name, replace(relayed, settled=True))]
+            leg.truth = replace(relayed, settled=True)
+            return [self._publish_result(link.number, name, leg.truth)]
         if any(word.word is result.word and word.percent == result.percent for word in leg.words):
             return []
         return self._say(entry, leg, relayed, now_ms)
@@ -161,7 +161,7 @@ class Relay:
     ) -> list[Effect]:
         close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
         query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
-        job = Job(command, deadline_ms, close_at_ms, query)
+        job = Job(drone, command, deadline_ms, close_at_ms, query)
         entry = self.ledger.enter(command.id, command.command, job, keep_ms)
         refusal = None
         if retained:
@@ -252,11 +252,12 @@ class Relay:
         return [self._publish_result(leg.drone, entry.record.message.command.name, result)]
 
     def _answer(self, entry: Entry[Job]) -> list[Effect]:
-        """A duplicate hears the roster and each drone's newest word again."""
+        """A duplicate hears the roster, each drone's newest word, and the truth that came after it."""
         job = entry.record
         name = job.message.command.name
         out: list[Effect] = [self._publish_fog_result(name, job.answer)] if job.answer is not None else []
-        return out + [self._publish_result(leg.drone, name, leg.words[-1]) for leg in job.legs.values() if leg.words]
+        newest = [(leg.drone, word) for leg in job.legs.values() for word in (*leg.words[-1:], leg.truth) if word]
+        return out + [self._publish_result(drone, name, word) for drone, word in newest]
 
     def _on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
         out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]

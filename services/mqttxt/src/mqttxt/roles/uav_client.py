@@ -207,7 +207,7 @@ class UavClient:
             known = identify(message.payload)
             if known is not None and self.ledger.get(known) is None:
                 denial = self._result(Said(known, Word.DENIED, str(error)), now_ms)
-                out.append(self._publish_result("malformed", denial))
+                out.append(self._publish_result("malformed", denial, kept=False))
             return out
         return self._on_command(command, message.retain, now_ms)
 
@@ -224,7 +224,7 @@ class UavClient:
         if verdict in (Admission.CONFLICT, Admission.FULL):
             reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
             denial = self._result(Said(command.id, Word.DENIED, reason), now_ms)
-            return [self._publish_result(command.command.name, denial)]
+            return [self._publish_result(command.command.name, denial, kept=False)]
         self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms)
         refusal = self._refusal(command, deadline_ms, retained, now_ms)
         if refusal is not None:
@@ -311,9 +311,11 @@ class UavClient:
         self._restored.clear()
         return out
 
-    def _publish_result(self, name: str, result: ResultMessage) -> Publish:
+    def _publish_result(self, name: str, result: ResultMessage, kept: bool = True) -> Publish:
+        """Only the acknowledgement of a last word that the ledger keeps ends its repetition."""
         topic = self.topics.commands_result(self.drone, name)
-        return self._publish(topic, encode(result, self.settings.encoding), ref=result.id)
+        ref = result.id if kept and result.word.is_last else None
+        return self._publish(topic, encode(result, self.settings.encoding), ref=ref)
 
     def _publish(self, topic: str, payload: bytes, ref: CommandId | None = None) -> Publish:
         return Publish(LINK, topic, payload, self.settings.qos, ref=ref)

@@ -1,0 +1,282 @@
+"""The executor: one open command of a MAV_CMD, writes within the deadline, one last word (section 5)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+from world import ack, heartbeat, home, landed, position
+
+from mqttxt.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff
+from mqttxt.dialect.vehicle import Vehicle
+from mqttxt.messages import CommandId, Word
+from mqttxt.roles.effects import Log, Transmit
+from mqttxt.roles.executor import Executor, Said
+
+ARM, TAKEOFF, LAND, MODE = 400, 22, 21, 176
+
+
+class Bench:
+    """An executor and its vehicle; the autopilot has told everything."""
+
+    def __init__(self, *told: Any) -> None:
+        self.vehicle = Vehicle(1)
+        self.executor = Executor(self.vehicle)
+        self.now_ms = 0
+        for message in told or (heartbeat(), home(), position(), landed(1)):
+            self.vehicle.update(message, 0)
+
+    def start(self, seq: int, command: Command, deadline_ms: int = 60_000, limit_ms: int = 60_000) -> list[Any]:
+        return self.executor.start(CommandId(1, seq), command, deadline_ms, limit_ms, self.now_ms)
+
+    def hear(self, *messages: Any) -> list[Any]:
+        out: list[Any] = []
+        for message in messages:
+            self.vehicle.update(message, self.now_ms)
+            out += self.executor.on_message(message, self.now_ms)
+        return out
+
+    def until(self, now_ms: int) -> list[Any]:
+        """Let time pass with the autopilot alive."""
+        out: list[Any] = []
+        while self.now_ms < now_ms:
+            self.now_ms += 100
+            self.vehicle.heartbeat_ms = self.now_ms
+            out += self.executor.tick(self.now_ms)
+        return out
+
+
+def said(outputs: list[Any]) -> list[tuple[int, Word, str | None]]:
+    return [(o.id.seq, o.word, o.reason) for o in outputs if isinstance(o, Said)]
+
+
+def written(outputs: list[Any]) -> list[int]:
+    return [o.message.command for o in outputs if isinstance(o, Transmit)]
+
+
+def test_completed_needs_the_effect_newer_than_the_acknowledgement() -> None:
+    bench = Bench(heartbeat(armed=True), home(), position(), landed(1))
+    assert written(bench.start(1, Arm())) == [ARM]
+    assert said(bench.hear(heartbeat(armed=True))) == []
+    assert said(bench.hear(ack(ARM))) == [(1, Word.ACCEPTED, None)]
+    assert said(bench.until(500)) == []
+    assert said(bench.hear(heartbeat(armed=True))) == [(1, Word.COMPLETED, None)]
+
+
+def test_every_write_carries_the_deadline() -> None:
+    bench = Bench()
+    out = bench.start(1, Arm(), deadline_ms=700) + bench.until(5000)
+    transmits = [o for o in out if isinstance(o, Transmit)]
+    assert len(transmits) == 2
+    assert {t.not_after_ms for t in transmits} == {700}
+
+
+def test_without_an_answer_it_is_repeated_and_then_unconfirmed() -> None:
+    bench = Bench()
+    out = bench.start(1, Arm()) + bench.until(5000)
+    assert written(out) == [ARM] * 4
+    assert said(out) == [(1, Word.UNCONFIRMED, "no_ack")]
+
+
+def test_after_a_time_out_the_number_is_barred_for_three_seconds() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    bench.until(2500)
+    assert written(bench.start(2, Disarm())) == []
+    assert written(bench.until(5400)) == []
+    assert written(bench.until(5600)) == [ARM]
+
+
+def test_a_late_acknowledgement_is_discarded_and_never_credited_to_the_next() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    bench.until(2500)
+    bench.start(2, Disarm())
+    out = bench.hear(ack(ARM))
+    assert said(out) == []
+    assert [o.kind for o in out if isinstance(o, Log)] == ["ack_discarded"]
+    assert bench.until(2700) == []
+
+
+def test_only_one_command_of_a_number_is_open() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    assert written(bench.start(2, Disarm())) == []
+    assert said(bench.hear(ack(ARM))) == [(1, Word.ACCEPTED, None)]
+    out = bench.until(200)
+    assert written(out) == [ARM]
+    assert said(bench.hear(ack(ARM))) == [(2, Word.ACCEPTED, None), (1, Word.SUPERSEDED, None)]
+
+
+def test_waiting_past_the_deadline_is_expired_and_never_written() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    out = bench.start(2, Disarm(), deadline_ms=300) + bench.until(400)
+    assert said(out) == [(2, Word.EXPIRED, None)]
+    assert written(out) == []
+
+
+def test_a_write_refused_for_its_lateness_is_expired() -> None:
+    bench = Bench()
+    bench.start(1, Arm(), deadline_ms=100)
+    assert said(bench.executor.on_refused(CommandId(1, 1), True, 150)) == [(1, Word.EXPIRED, None)]
+
+
+def test_a_refused_retransmission_is_not_expired_for_the_first_was_written() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    bench.until(500)
+    assert bench.executor.on_refused(CommandId(1, 1), True, 550) == []
+    assert said(bench.hear(ack(ARM))) == [(1, Word.ACCEPTED, None)]
+
+
+def test_a_link_that_takes_nothing_is_tried_again() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    assert bench.executor.on_refused(CommandId(1, 1), False, 0) == []
+    assert written(bench.until(100)) == [ARM]
+
+
+def test_lateness_after_the_write_is_told() -> None:
+    bench = Bench()
+    bench.start(1, Arm(), deadline_ms=100)
+    bench.executor.on_transmitted(CommandId(1, 1), 130)
+    accepted, completed = [*bench.hear(ack(ARM)), *bench.hear(heartbeat(armed=True))]
+    assert accepted.late_ms == completed.late_ms == 30
+
+
+@pytest.mark.parametrize(
+    ("result", "word", "reason"),
+    [
+        (1, Word.DENIED, "temporarily_rejected"),
+        (2, Word.DENIED, "autopilot"),
+        (3, Word.UNSUPPORTED, None),
+        (4, Word.FAILED, "autopilot"),
+        (6, Word.FAILED, "cancelled"),
+    ],
+)
+def test_the_autopilots_refusal_is_the_last_word(result: int, word: Word, reason: str | None) -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    assert said(bench.hear(ack(ARM, result))) == [(1, word, reason)]
+    assert bench.until(3000) == []
+
+
+def test_in_progress_tells_its_percentage_and_ends_retransmission() -> None:
+    bench = Bench()
+    bench.start(1, Arm(), limit_ms=4000)
+    (progress,) = bench.hear(ack(ARM, 5, 40))
+    assert (progress.word, progress.percent) == (Word.IN_PROGRESS, 40)
+    assert written(bench.until(3900)) == []
+
+
+def test_past_its_limit_a_command_has_failed() -> None:
+    bench = Bench()
+    bench.start(1, Land(), limit_ms=2000)
+    bench.hear(ack(LAND))
+    assert said(bench.until(2000)) == [(1, Word.FAILED, "timeout")]
+
+
+def test_past_its_limit_without_the_autopilot_nobody_knows() -> None:
+    bench = Bench()
+    bench.start(1, Land(), limit_ms=5000)
+    bench.hear(ack(LAND))
+    assert said(bench.executor.tick(5000)) == [(1, Word.UNCONFIRMED, "autopilot_lost")]
+
+
+def test_without_the_autopilots_heartbeat_nothing_starts() -> None:
+    bench = Bench()
+    bench.now_ms = 3001
+    assert said(bench.start(1, Arm())) == [(1, Word.DENIED, "no_autopilot")]
+
+
+@pytest.mark.parametrize("command", [Takeoff(altitude_m=10), Goto(47.0, 8.0, 10.0)])
+def test_altitudes_need_home(command: Command) -> None:
+    assert said(Bench(heartbeat()).start(1, command)) == [(1, Word.DENIED, "home_unknown")]
+
+
+def test_a_pilots_mode_ends_a_running_command() -> None:
+    bench = Bench()
+    bench.start(1, Land())
+    bench.hear(ack(LAND), heartbeat(armed=True, main=4, sub=6))
+    assert said(bench.hear(heartbeat(armed=True, main=3, sub=0))) == [(1, Word.FAILED, "mode_changed")]
+
+
+def test_a_mode_that_is_still_changing_has_three_seconds() -> None:
+    bench = Bench()
+    bench.start(1, Land())
+    bench.hear(ack(LAND), heartbeat(armed=True, main=4, sub=3))
+    bench.now_ms = 3000
+    assert said(bench.hear(heartbeat(armed=True, main=4, sub=3))) == []
+    bench.now_ms = 3100
+    assert said(bench.hear(heartbeat(armed=True, main=4, sub=3))) == [(1, Word.FAILED, "mode_changed")]
+
+
+def test_a_newer_flight_command_supersedes_the_running_one() -> None:
+    bench = Bench()
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.hear(ack(TAKEOFF))
+    assert written(bench.start(2, Land())) == [LAND]
+    accepted, superseded = bench.hear(ack(LAND))
+    assert (accepted.id.seq, accepted.word) == (2, Word.ACCEPTED)
+    assert (superseded.id.seq, superseded.word, superseded.by) == (1, Word.SUPERSEDED, CommandId(1, 2))
+
+
+def test_an_older_command_is_never_said_again_after_a_newer_one() -> None:
+    """A takeoff whose acknowledgement was lost must not be repeated while the drone lands."""
+    bench = Bench()
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.until(200)
+    bench.start(2, Land())
+    bench.hear(ack(LAND))
+    out = bench.until(5000)
+    assert written(out) == []
+    assert said(out) == [(1, Word.UNCONFIRMED, "no_ack")]
+
+
+def test_the_late_acknowledgement_of_an_older_command_does_not_end_the_newer() -> None:
+    bench = Bench()
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.start(2, Land())
+    bench.hear(ack(LAND))
+    assert said(bench.hear(ack(TAKEOFF))) == [(1, Word.ACCEPTED, None), (1, Word.SUPERSEDED, None)]
+    assert said(bench.hear(landed(1), heartbeat(main=4, sub=6))) == [(2, Word.COMPLETED, None)]
+
+
+def test_an_older_command_is_repeated_after_all_when_the_newer_was_denied() -> None:
+    bench = Bench()
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.start(2, Land())
+    bench.hear(ack(LAND, 2))
+    assert written(bench.until(600)) == [TAKEOFF]
+
+
+def test_a_waiting_command_is_superseded_by_the_next_of_its_kind() -> None:
+    bench = Bench()
+    bench.start(1, Hold())
+    bench.start(2, Return())
+    (superseded, transmit) = bench.start(3, Land())
+    assert (superseded.id.seq, superseded.word, superseded.by) == (2, Word.SUPERSEDED, CommandId(1, 3))
+    assert transmit.message.command == LAND
+
+
+def test_a_takeoff_is_completed_when_airborne_at_its_altitude() -> None:
+    bench = Bench()
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.hear(ack(TAKEOFF), heartbeat(armed=True, main=4, sub=2))
+    assert said(bench.hear(landed(2), position(9.4))) == []
+    assert said(bench.hear(landed(2), position(9.6))) == [(1, Word.COMPLETED, None)]
+
+
+def test_a_takeoff_that_is_disarmed_has_failed() -> None:
+    bench = Bench()
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.hear(ack(TAKEOFF), heartbeat(armed=True, main=4, sub=2))
+    assert said(bench.hear(heartbeat(armed=False, main=4, sub=2))) == [(1, Word.FAILED, "disarmed")]
+
+
+def test_an_acknowledgement_that_nobody_asked_for_is_counted() -> None:
+    bench = Bench()
+    assert [o.kind for o in bench.hear(ack(ARM))] == ["ack_unexpected"]
+    assert bench.hear(ack(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)) == []

@@ -1,0 +1,56 @@
+"""The ledger: duplicates are found, contents compared, and a full one denies (section 5)."""
+
+from __future__ import annotations
+
+from mqttxt.commands import Arm, Disarm
+from mqttxt.messages import CommandId
+from mqttxt.roles.ledger import KEEP_MS, Admission, Ledger
+
+ONE, TWO = CommandId(1, 1), CommandId(1, 2)
+
+
+def test_an_id_is_new_once_and_then_a_duplicate_or_a_conflict() -> None:
+    ledger: Ledger[None] = Ledger()
+    assert ledger.examine(ONE, Arm(), 5000, 0) is Admission.NEW
+    ledger.enter(ONE, Arm(), None, 5000)
+    assert ledger.examine(ONE, Arm(), 5000, 10) is Admission.DUPLICATE
+    assert ledger.examine(ONE, Disarm(), 5000, 10) is Admission.CONFLICT
+    assert ledger.examine(CommandId(2, 1), Arm(), 5000, 10) is Admission.NEW
+
+
+def test_an_outcome_is_kept_for_ten_minutes_after_the_deadline() -> None:
+    ledger: Ledger[None] = Ledger()
+    ledger.close(ledger.enter(ONE, Arm(), None, 5000), 100)
+    assert ledger.examine(ONE, Arm(), 5000, 5000 + KEEP_MS) is Admission.DUPLICATE
+    assert ledger.examine(TWO, Arm(), 5000, 5000 + KEEP_MS) is Admission.NEW
+    assert ledger.get(ONE) is not None
+    ledger.examine(TWO, Arm(), 5000, 5001 + KEEP_MS)
+    assert ledger.get(ONE) is None
+
+
+def test_an_open_entry_is_never_forgotten() -> None:
+    ledger: Ledger[None] = Ledger()
+    ledger.enter(ONE, Arm(), None, 5000)
+    ledger.examine(TWO, Arm(), 5000, 100 * KEEP_MS)
+    assert [entry.id for entry in ledger.open_entries()] == [ONE]
+
+
+def test_a_full_ledger_denies_and_never_evicts() -> None:
+    ledger: Ledger[None] = Ledger(capacity=1, keep_ms=10)
+    ledger.close(ledger.enter(ONE, Arm(), None, 100), 0)
+    assert ledger.examine(TWO, Arm(), 5000, 50) is Admission.FULL
+    assert ledger.get(ONE) is not None
+
+
+def test_what_was_denied_for_want_of_room_is_not_executed_when_there_is_room() -> None:
+    ledger: Ledger[None] = Ledger(capacity=1, keep_ms=10)
+    ledger.close(ledger.enter(ONE, Arm(), None, 100), 0)
+    ledger.examine(TWO, Arm(), 5000, 50)
+    assert ledger.examine(TWO, Arm(), 5000, 3000) is Admission.FULL
+    assert ledger.examine(CommandId(1, 3), Arm(), 9000, 5001) is Admission.NEW
+
+
+def test_an_id_from_a_journal_matches_any_contents() -> None:
+    ledger: Ledger[None] = Ledger()
+    ledger.close(ledger.enter(ONE, None, None, 0), 0)
+    assert ledger.examine(ONE, Disarm(), 5000, 10) is Admission.DUPLICATE
