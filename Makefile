@@ -2,6 +2,7 @@ ATTEMPTS ?= 1
 ARM ?= thesis
 PROFILE ?= ideal
 PROTOCOLS ?= mqttxt
+ENCODING ?= cbor
 BOOTSTRAP := python3 -m testbed.bootstrap
 PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
@@ -15,8 +16,8 @@ help: ## Say what each target does
 scenario-1: containers ## Fly scenario 1: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 	@$(PYTHON) -m testbed run scenario-1 --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --protocols '$(PROTOCOLS)'
 
-up: containers ## Start the six drones and leave them running, to explore by hand
-	@$(PYTHON) -m testbed up
+up: containers ## Start the six drones and leave them running, to explore by hand (ENCODING=json to read along)
+	@$(PYTHON) -m testbed up --encoding '$(ENCODING)'
 
 down: containers ## End what `make up` started
 	@$(PYTHON) -m testbed down

@@ -64,15 +64,17 @@ def report(
 
 
 @app.command()
-def up() -> None:
+def up(
+    encoding: Annotated[str, typer.Option(help="Payloads of fogs and drones: cbor, or json for people.")] = "cbor",
+) -> None:
     """Start the fleet and leave it running, to explore by hand."""
     with _errors_as_lines():
         for folder in (LIVE, LIVE / "pcap", LIVE / "sitl"):
             folder.mkdir(parents=True, exist_ok=True)
             folder.chmod(0o777)
-        plan = make_plan("scenario-1", "1", "thesis", "ideal", "mqttxt")
+        settings = settings_of(make_plan("scenario-1", "1", "thesis", "ideal", "mqttxt"), encoding)
         with ConsoleProgress(_console()).phase("starting 17 containers"):
-            Containers("mqttxt", LIVE, settings_of(plan)).up()
+            Containers("mqttxt", LIVE, settings).up()
         typer.echo(f"""\
 Six drones are up. To look and to fly:
   docker exec -it mqttxt-testbed_gs_1 mqttxt gs watch --fog 1 --fog 2

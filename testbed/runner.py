@@ -63,9 +63,12 @@ def run_series(
     return series, endings
 
 
-def settings_of(plan: Plan) -> dict[str, str]:
-    """The environment that compose.yaml's variables take."""
-    return {"QOS": str(plan.arm.qos), "STREAMS": plan.arm.streams, "ENCODING_FLAG": ""}
+def settings_of(plan: Plan, encoding: str = "cbor") -> dict[str, str]:
+    """The environment that compose.yaml's variables take. Raises UserError for an unknown encoding."""
+    flags = {"cbor": "", "json": "--json"}
+    if encoding not in flags:
+        raise UserError(f"ENCODING={encoding}: expected one of {', '.join(flags)}")
+    return {"QOS": str(plan.arm.qos), "STREAMS": plan.arm.streams, "ENCODING_FLAG": flags[encoding]}
 
 
 def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:

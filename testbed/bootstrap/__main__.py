@@ -6,8 +6,8 @@ import shutil
 import sys
 
 from .docker import compose_command, daemon_answers, ensure_docker, version
-from .images import BASE, NODE, ensure_images, has_image
-from .steps import BootstrapError, check_python
+from .images import BASE, IMAGES_NEED_MIB, NODE, ensure_images, has_image, node_is_current
+from .steps import ROOT, BootstrapError, check_python
 from .venv import ensure_venv, lock, venv_is_current
 
 
@@ -26,14 +26,19 @@ def doctor() -> None:
         ("Python", True, sys.version.split()[0], ""),
         ("virtual environment", venv_is_current(), ".venv", "make venv"),
         ("Docker daemon", daemon, version() if daemon else "", _docker_hint()),
+        ("disk", _free_mib() >= IMAGES_NEED_MIB, f"{_free_mib()} MiB free", f"free {IMAGES_NEED_MIB} MiB of {ROOT}"),
         ("compose", compose is not None, " ".join(compose or ()), "apt-get install docker-compose"),
         ("base image", daemon and has_image(BASE), BASE, "make containers"),
-        ("node image", daemon and has_image(NODE), NODE, "make containers"),
+        ("node image", daemon and node_is_current(), NODE, "make containers"),
     ]
     for name, there, found, hint in rows:
         print(f"  {name:<20} {'ok      ' if there else 'missing '} {found if there else 'type: ' + hint}")
     if not all(there for _, there, _, _ in rows):
         print("  make scenario-1 and make test get what is missing by themselves.")
+
+
+def _free_mib() -> int:
+    return shutil.disk_usage(ROOT).free // 2**20
 
 
 def _docker_hint() -> str:

@@ -40,7 +40,10 @@ def compose_command() -> list[str] | None:
 
 
 def _check_rights() -> None:
-    """A daemon that runs but does not talk to this user is not to be started a second time."""
+    """A daemon that runs elsewhere, or does not talk to this user, is not to be started a second time."""
+    host = os.environ.get("DOCKER_HOST")
+    if host and shutil.which("docker") is not None:
+        raise BootstrapError(f"DOCKER_HOST={host}: no Docker daemon answers there; start it, or unset DOCKER_HOST")
     socket = "/var/run/docker.sock"
     if os.path.exists(socket) and not os.access(socket, os.W_OK):
         raise BootstrapError("no rights for the Docker daemon; type: sudo usermod -aG docker $USER, then log in again")

@@ -14,6 +14,7 @@ BASE = "debian:trixie-slim"
 NODE = "mqttxt-testbed/node:latest"
 LABEL = "org.mqttxt.inputs"
 PULL_TIMEOUT_S = 60
+IMAGES_NEED_MIB = 2500
 _CA_BUNDLES = ("/etc/ssl/certs/ca-certificates.crt", "/etc/pki/tls/certs/ca-bundle.crt", "/etc/ssl/cert.pem")
 
 
@@ -22,7 +23,7 @@ def ensure_images() -> None:
     wanted = node_inputs()
     if _label() == wanted:
         return
-    check_disk(ROOT, 3000)
+    check_disk(storage(), IMAGES_NEED_MIB)
     if not has_image(BASE):
         _make_base()
     with step("building the node image"):
@@ -35,19 +36,35 @@ def ensure_images() -> None:
         )
 
 
+def node_is_current() -> bool:
+    """Whether the node image is there and made from the present sources."""
+    return _label() == node_inputs()
+
+
+def storage() -> Path:
+    """Where the daemon keeps its images; this repository's folder where that cannot be seen from here."""
+    kept = Path(run(["docker", "info", "--format", "{{.DockerRootDir}}"]).strip())
+    return kept if kept.is_dir() else ROOT
+
+
 def has_image(name: str) -> bool:
     return succeeds(["docker", "image", "inspect", name])
 
 
-def node_inputs() -> str:
+def node_inputs(root: Path = ROOT) -> str:
     """A digest of everything that the node image is made from."""
     digest = hashlib.sha256()
-    files = [ROOT / "requirements" / "node.txt", *sorted((ROOT / "services").rglob("*"))]
-    for path in files:
-        if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".md":
-            digest.update(f"{path.relative_to(ROOT)}\0{path.stat().st_mode & 0o111}\0".encode())
+    for path in [root / "requirements" / "node.txt", *sorted((root / "services").rglob("*"))]:
+        name = path.relative_to(root)
+        if path.is_file() and not any(_is_left_over(part) for part in name.parts):
+            digest.update(f"{name}\0{path.stat().st_mode & 0o100}\0".encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def _is_left_over(part: str) -> bool:
+    """Whether a file or folder is a tool's, not the project's; .dockerignore leaves the same ones out."""
+    return part.startswith(".") or part == "__pycache__" or part.endswith(".egg-info")
 
 
 def _label() -> str | None:
@@ -65,9 +82,11 @@ def _make_base() -> None:
     if pulled:
         return
     if shutil.which("mmdebstrap") is None:
-        apt_install(["mmdebstrap"], f"no registry has {BASE}, and mmdebstrap is not installed to make it")
+        packages = ["mmdebstrap", "debian-archive-keyring"]
+        apt_install(packages, f"no registry has {BASE}, and mmdebstrap is not installed to make it")
     if os.geteuid() != 0:
-        raise BootstrapError(f"no registry has {BASE}; making it with mmdebstrap needs root: type sudo make doctor")
+        needs = f"no registry has {BASE}, and making it with mmdebstrap needs root"
+        raise BootstrapError(f"{needs}; type: sudo python3 -m testbed.bootstrap containers")
     with step(f"making {BASE} from Debian's packages"), tempfile.TemporaryDirectory() as folder:
         archive = Path(folder) / "base.tar"
         slim = ["--dpkgopt=path-exclude=/usr/share/doc/*", "--dpkgopt=path-exclude=/usr/share/man/*"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,17 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / ".cache"
 OLDEST_PYTHON = (3, 11)
+_NO_NETWORK = "no network: the package registry cannot be reached; check the connection, proxy and DNS, then try again"
+_CAUSES = {
+    "no space left on device": "the disk is full; free some space, then try again",
+    "permission denied while trying to connect to the docker": "no rights for the Docker daemon; "
+    "type: sudo usermod -aG docker $USER, then log in again",
+    "certificate verify failed": "a proxy's certificate is not trusted; name its CA bundle in PIP_CERT, then try again",
+    "temporary failure (in name resolution|resolving)": _NO_NETWORK,
+    "failed to establish a new connection|network is unreachable": _NO_NETWORK,
+    "could not connect to |unable to connect to ": _NO_NETWORK,
+    "do not match the hashes": "a download does not match its pinned hash; it was altered on its way, or in a cache",
+}
 
 
 class BootstrapError(Exception):
@@ -53,9 +65,17 @@ def run(argv: Sequence[str], *, timeout_s: float = 900, env: dict[str, str] | No
     except subprocess.TimeoutExpired as error:
         raise BootstrapError(f"{' '.join(argv)} did not end within {timeout_s:.0f} s") from error
     if done.returncode != 0:
+        cause = known_cause(done.stdout)
+        if cause is not None:
+            raise BootstrapError(f"{' '.join(argv[:3])}: {cause}")
         tail = "\n    ".join(done.stdout.strip().splitlines()[-12:])
         raise BootstrapError(f"{' '.join(argv[:6])} failed with exit code {done.returncode}:\n    {tail}")
     return done.stdout
+
+
+def known_cause(output: str) -> str | None:
+    """What a person needs to know where a program failed of something common; None for anything else."""
+    return next((cause for sign, cause in _CAUSES.items() if re.search(sign, output, re.IGNORECASE)), None)
 
 
 def succeeds(argv: Sequence[str], timeout_s: float = 30) -> bool:

@@ -3,35 +3,44 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import shutil
 import sys
 
-from .steps import CACHE, ROOT, BootstrapError, apt_install, check_disk, check_python, run, step
+from .steps import CACHE, ROOT, apt_install, check_disk, check_python, run, step
 
 VENV = ROOT / ".venv"
 LOCK = ROOT / "requirements" / "testbed.txt"
 SOURCES = (".", "services/mqttxt/src", "services/sitl/src", "services/mission/src", "services/net/src")
 _MARK = VENV / ".made-from"
+_OLD = ROOT / ".cache" / "venv-before"
 
 
 def ensure_venv() -> None:
-    """Make `.venv` unless it is there and made from the present lock file."""
+    """Make `.venv` unless it is there and made from the present lock file; one that was there stays if that fails."""
     check_python()
     CACHE.mkdir(exist_ok=True)
     if venv_is_current():
         return
     check_disk(ROOT, 1500)
-    shutil.rmtree(VENV, ignore_errors=True)
-    with step("making the virtual environment"):
-        try:
-            run([sys.executable, "-m", "venv", str(VENV)])
-            failed = False
-        except BootstrapError:
-            failed = True
-    if failed:
-        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    shutil.rmtree(_OLD, ignore_errors=True)
+    if VENV.exists():
+        VENV.rename(_OLD)
+    try:
+        _make()
+    except BaseException:
         shutil.rmtree(VENV, ignore_errors=True)
-        apt_install([f"python{version}-venv"], "python3 has no venv module")
+        if _OLD.exists():
+            _OLD.rename(VENV)
+        raise
+    shutil.rmtree(_OLD, ignore_errors=True)
+
+
+def _make() -> None:
+    if not (_has_module("venv") and _has_module("ensurepip")):
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        apt_install([f"python{version}-venv"], f"{sys.executable} has no venv module")
+    with step("making the virtual environment"):
         run([sys.executable, "-m", "venv", str(VENV)])
     with step("installing the pinned requirements"):
         pip = [str(VENV / "bin" / "pip"), "install", "--quiet", "--disable-pip-version-check"]
@@ -39,6 +48,10 @@ def ensure_venv() -> None:
     site = next((VENV / "lib").glob("python3.*")) / "site-packages"
     (site / "mqttxt-testbed.pth").write_text("".join(f"{ROOT / source}\n" for source in SOURCES))
     _MARK.write_text(_key())
+
+
+def _has_module(name: str) -> bool:
+    return importlib.util.find_spec(name) is not None
 
 
 def venv_is_current() -> bool:
