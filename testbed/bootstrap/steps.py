@@ -22,7 +22,7 @@ _CAUSES = {
     "type: sudo usermod -aG docker $USER, then log in again",
     "certificate verify failed": "a proxy's certificate is not trusted; name its CA bundle in PIP_CERT, then try again",
     "temporary failure (in name resolution|resolving)": _NO_NETWORK,
-    "failed to establish a new connection|network is unreachable": _NO_NETWORK,
+    r"failed to establish a new connection|network is unreachable|\(from versions: none\)": _NO_NETWORK,
     "could not connect to |unable to connect to ": _NO_NETWORK,
     "do not match the hashes": "a download does not match its pinned hash; it was altered on its way, or in a cache",
 }

@@ -1,0 +1,126 @@
+"""The preparation's decisions: what is made again, what is said when something is missing."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections import namedtuple
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from testbed.bootstrap import docker as bootstrap_docker
+from testbed.bootstrap import steps, venv
+from testbed.bootstrap.images import node_inputs
+from testbed.bootstrap.steps import BootstrapError, check_disk, check_python, known_cause, run, succeeds
+
+Usage = namedtuple("Usage", "total used free")
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
+    (tmp_path / "requirements").mkdir()
+    (tmp_path / "requirements" / "node.txt").write_text("cbor2==6\n")
+    (tmp_path / "services" / "net").mkdir(parents=True)
+    (tmp_path / "services" / "net" / "a.py").write_text("1\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda root: (root / "services" / "net" / "a.py").write_text("2\n"),
+        lambda root: (root / "services" / "net" / "b.py").write_text("1\n"),
+        lambda root: (root / "services" / "net" / "a.py").chmod(0o755),
+        lambda root: (root / "requirements" / "node.txt").write_text("cbor2==7\n"),
+    ],
+)
+def test_the_image_is_made_again_when_its_inputs_change(sources: Path, change: Callable[[Path], object]) -> None:
+    before = node_inputs(sources)
+    change(sources)
+    assert node_inputs(sources) != before
+
+
+@pytest.mark.parametrize("name", [".ruff_cache/x", "net/__pycache__/a.pyc", "mqttxt.egg-info/PKG-INFO"])
+def test_the_image_is_kept_when_a_tool_leaves_files(sources: Path, name: str) -> None:
+    before = node_inputs(sources)
+    path = sources / "services" / name
+    path.parent.mkdir(parents=True)
+    path.write_text("left over")
+    assert node_inputs(sources) == before
+
+
+@pytest.mark.parametrize(
+    ("output", "said"),
+    [
+        ("write /x: no space left on device", "the disk is full"),
+        ("Temporary failure resolving 'a'", "no network"),
+        ("NewConnectionError: Failed to establish a new connection: [Errno 101]", "no network"),
+        ("permission denied while trying to connect to the Docker daemon socket", "no rights for the Docker daemon"),
+        ("SSLError: certificate verify failed", "a proxy's certificate is not trusted"),
+        ("ERROR: Could not find a version of x (from versions: none)", "no network"),
+        ("SyntaxError", None),
+    ],
+)
+def test_common_causes_are_said_in_one_line(output: str, said: str | None) -> None:
+    cause = known_cause(output)
+    assert cause is None if said is None else cause is not None and cause.startswith(said) and "\n" not in cause
+
+
+def test_a_program_that_fails_shows_its_last_lines() -> None:
+    script = "import sys; print('first'); print('last'); sys.exit(3)"
+    with pytest.raises(BootstrapError, match=r"failed with exit code 3:\n    first\n    last"):
+        run([sys.executable, "-c", script])
+
+
+def test_a_program_that_is_missing_or_hangs_is_named() -> None:
+    with pytest.raises(BootstrapError, match="no-such-program is not installed"):
+        run(["no-such-program"])
+    with pytest.raises(BootstrapError, match="did not end within 0 s"):
+        run([sys.executable, "-c", "import signal; signal.pause()"], timeout_s=0.2)
+    assert not succeeds(["no-such-program"])
+
+
+def test_an_old_python_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steps.sys, "version_info", (3, 10, 2))
+    with pytest.raises(BootstrapError, match=re.escape("python3 is 3.10.2; expected 3.11 or newer")):
+        check_python()
+
+
+def test_a_full_disk_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steps.shutil, "disk_usage", lambda _: Usage(0, 0, 5 * 2**20))
+    with pytest.raises(BootstrapError, match="disk of /data: 5 MiB free, expected at least 10 MiB"):
+        check_disk(Path("/data"), 10)
+
+
+def test_without_root_the_command_to_type_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steps.os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(steps.shutil, "which", lambda _: "/usr/bin/apt-get")
+    with pytest.raises(BootstrapError, match=r"sudo apt-get install --yes .* docker\.io"):
+        steps.apt_install(["docker.io"], "no Docker daemon is installed")
+
+
+def test_a_daemon_elsewhere_is_not_started_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DOCKER_HOST", "tcp://198.51.100.1:2375")
+    monkeypatch.setattr(bootstrap_docker, "daemon_answers", lambda: False)
+    monkeypatch.setattr(bootstrap_docker.shutil, "which", lambda _: "/usr/bin/docker")
+    with pytest.raises(BootstrapError, match=r"DOCKER_HOST=tcp:.*: no Docker daemon answers there"):
+        bootstrap_docker.ensure_docker()
+
+
+def test_an_environment_stays_when_a_new_one_cannot_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        venv.VENV.mkdir()
+        raise BootstrapError("no network")
+
+    cache = tmp_path / ".cache"
+    for name, value in {"CACHE": cache, "VENV": tmp_path / ".venv", "_OLD": cache / "old", "_make": fail}.items():
+        monkeypatch.setattr(venv, name, value)
+    monkeypatch.setattr(venv, "venv_is_current", lambda: False)
+    monkeypatch.setattr(venv, "check_disk", lambda *_: None)
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv" / "kept").touch()
+    with pytest.raises(BootstrapError, match="no network"):
+        venv.ensure_venv()
+    assert (tmp_path / ".venv" / "kept").exists()

@@ -1,0 +1,97 @@
+"""The topology that compose.yaml describes, and compose.yaml's agreement with itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from testbed.errors import UserError
+from testbed.topology import COMPOSE_FILE, read_topology
+
+DRONES = range(1, 7)
+
+
+@pytest.fixture(scope="module")
+def services() -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load(COMPOSE_FILE.read_text())["services"]
+    return found
+
+
+def test_nodes_have_the_addresses_of_the_design() -> None:
+    expected = {"gs": "198.18.0.3", "cloud": "198.18.1.3", "fog1": "198.18.11.3", "fog2": "198.18.12.3"}
+    expected |= {f"uav{drone}": f"198.18.2{drone}.3" for drone in DRONES}
+    assert {node.name: node.address for node in read_topology().nodes} == expected
+
+
+def test_links_lead_up_to_the_cloud() -> None:
+    found = {link.name: (link.lower, link.upper) for link in read_topology().links}
+    expected = {"wan:gs": ("gs", "cloud"), "backhaul:fog1": ("fog1", "cloud"), "backhaul:fog2": ("fog2", "cloud")}
+    expected |= {f"air:uav{drone}": (f"uav{drone}", "fog1" if drone <= 3 else "fog2") for drone in DRONES}
+    assert found == expected
+
+
+@pytest.mark.parametrize(
+    ("source", "destination", "link"),
+    [
+        ("gs", "cloud", "wan:gs:up"),
+        ("cloud", "fog2", "backhaul:fog2:down"),
+        ("uav4", "fog2", "air:uav4:up"),
+        ("fog1", "uav3", "air:uav3:down"),
+        ("uav1", "fog2", None),
+        ("gs", "uav1", None),
+    ],
+)
+def test_a_link_is_an_ordered_pair_of_neighbours(source: str, destination: str, link: str | None) -> None:
+    assert read_topology().link_of(source, destination) == link
+
+
+def test_an_address_has_a_name() -> None:
+    assert read_topology().name_of("198.18.24.3") == "uav4"
+    assert read_topology().name_of("198.18.24.2") is None
+
+
+def test_net_is_the_gateway_of_every_node(services: dict[str, Any]) -> None:
+    listed = dict(item.split("=") for item in services["net"]["environment"]["NODES"].split())
+    attached = {name: config["ipv4_address"] for name, config in services["net"]["networks"].items()}
+    gateways = {node.name: services[node.name]["environment"]["GATEWAY"] for node in read_topology().nodes}
+    assert listed == attached == gateways
+
+
+def test_each_drone_talks_to_its_own_fog(services: dict[str, Any]) -> None:
+    topology = read_topology()
+    address = {node.name: node.address for node in topology.nodes}
+    fog = {link.lower: link.upper for link in topology.links if link.name.startswith("air:")}
+    for drone in DRONES:
+        command = services[f"uav{drone}"]["command"]
+        assert f"--drone {drone} --broker mqtt://{address[fog[f'uav{drone}']]}:1883" in command
+        assert services[f"sitl{drone}"]["network_mode"] == f"service:uav{drone}"
+        assert f"--system {drone} " in services[f"sitl{drone}"]["command"]
+
+
+def test_nothing_is_privileged_or_throttled(services: dict[str, Any]) -> None:
+    for name, service in services.items():
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["read_only"], name
+        assert "mem_limit" in service, name
+        assert "cpu_shares" in service, name
+        assert not {"privileged", "cpus", "cpu_quota", "ports"} & service.keys(), name
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "expected a compose file with services"),
+        ("services: {gs: {networks: {a: {}, b: {}}}}", "services.gs.networks: expected one network"),
+        ("[", "expected a compose file with services"),
+    ],
+)
+def test_a_malformed_file_is_named(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "compose.yaml"
+    path.write_text(text)
+    with pytest.raises(UserError) as error:
+        read_topology(path)
+    assert str(path) in str(error.value)
+    assert said in str(error.value)
