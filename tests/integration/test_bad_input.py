@@ -1,0 +1,150 @@
+"""What is wrong on the wire never ends a process, and what a person gets wrong is one line."""
+
+from __future__ import annotations
+
+import json
+import random
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import cbor2
+import pytest
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from processes import ROOT, Broker, System, eventually
+
+from mqttxt import Arm, GroundStation, Word
+
+pytestmark = pytest.mark.integration
+
+GARBAGE_EACH = 40
+
+
+def _client(port: int) -> Client:
+    client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5)
+    client.connect("127.0.0.1", port)
+    client.loop_start()
+    return client
+
+
+def _garbage(seed: int) -> list[bytes]:
+    chance = random.Random(seed)
+    return [
+        b"",
+        b"{",
+        b"\xff" * 50,
+        b'{"version":2}',
+        cbor2.dumps([1, 2, 3]),
+        cbor2.dumps({"a": float("nan")}),
+        b"\x9f" * 20_000,
+        *(chance.randbytes(chance.randint(1, 60)) for _ in range(GARBAGE_EACH)),
+    ]
+
+
+async def test_garbage_on_every_topic_ends_nothing_and_is_answered_where_an_answer_is_due(system: System) -> None:
+    cloud, fog_broker = _client(system.cloud.port), _client(system.fog.port)
+    answers: list[Any] = []
+    cloud.on_message = lambda _c, _u, message: answers.append(json.loads(message.payload))
+    cloud.subscribe("fog1/drone1/commands_result/malformed")
+    rests = ("init_connect", "commands", "drone1/commands", "drone1/reachable", "reachable", "clock", "drone1/nothing")
+    below = ("drone1/commands", "drone1/init_connect", "drone1/reachable", "drone1/clock", "drone1/state/battery")
+    for number, garbage in enumerate(_garbage(1)):
+        for rest in rests:
+            cloud.publish(f"fog1/{rest}", garbage, qos=number % 2)
+        for rest in (*below, "drone1/state/x", "drone1/commands_result/arm", "drone999/clock", "x/reachable"):
+            fog_broker.publish(rest, garbage, qos=number % 2)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        for garbage in _garbage(2):
+            sock.sendto(garbage[:1000], ("127.0.0.1", system.autopilots[1]))
+
+    async with GroundStation(system.cloud.url) as station:
+        (fog,) = await station.connect([1])
+        await eventually(lambda: fog.drone(1).is_reachable, "drone 1 is (again) reachable")
+        broken = {"version": 1, "gs_session": 77, "seq": 5, "executor_session": 1, "command": "arm"}
+        cloud.publish("fog1/drone1/commands", json.dumps(broken), qos=1)
+        assert (await fog.drone(1).send(Arm())).word is Word.COMPLETED
+    for client in (cloud, fog_broker):
+        client.disconnect()
+        client.loop_stop()
+    assert [process.exit_code for process in (system.activator, *system.uavs.values())] == [None] * 3
+    for process in (system.activator, system.uavs[1]):
+        warnings = [line for line in process.log.read_text().splitlines() if "further ones are counted" in line]
+        kinds = [line.split("mqttxt: ")[1].split(":")[0] for line in warnings]
+        assert "malformed" in kinds
+        assert len(kinds) == len(set(kinds)), "each kind is logged once"
+
+
+async def test_a_malformed_command_with_an_id_is_denied(system: System) -> None:
+    heard: list[bytes] = []
+    listener = _client(system.cloud.port)
+    listener.on_message = lambda _c, _u, message: heard.append(message.payload)
+    listener.subscribe("fog1/drone1/commands_result/#", qos=1)
+    listener.publish("fog1/drone1/commands", cbor2.dumps([1, 77, 5, 1, 1000, "soon", 1]), qos=1)
+    await eventually(lambda: bool(heard), "an answer")
+    plain = cbor2.loads(heard[0])
+    listener.disconnect()
+    listener.loop_stop()
+    assert plain[1:3] == [77, 5]
+    assert plain[6] == Word.DENIED
+    assert "limit_s: expected a whole number" in plain[7]
+
+
+def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mqttxt", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+
+
+def _last_line(done: subprocess.CompletedProcess[str]) -> str:
+    assert "Traceback" not in done.stderr
+    return done.stderr.strip().splitlines()[-1]
+
+
+def test_a_broker_that_refuses_is_one_line(tmp_path: Path) -> None:
+    locked = Broker(tmp_path, "locked")
+    text = locked._configuration.read_text().replace("allow_anonymous true", "allow_anonymous false")
+    locked._configuration.write_text(text)
+    locked.start()
+    try:
+        done = _run("gs", "send", "arm", "--cloud", locked.url)
+    finally:
+        locked.kill()
+    assert done.returncode == 1
+    assert f"mqtt://127.0.0.1:{locked.port} refused the connection with reason code 0x87" in _last_line(done)
+
+
+def test_a_fog_that_does_not_answer_is_one_line(broker: Broker) -> None:
+    done = _run("gs", "send", "arm", "--fog", "9", "--cloud", broker.url, "--timeout", "1")
+    assert done.returncode == 1
+    assert _last_line(done) == "mqttxt: fog 9: no activator answered within 1 s"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["gs", "send", "jump"], "command 'jump': expected one of arm, disarm, takeoff, land, goto, hold, return"),
+        (["gs", "send", "takeoff", "high"], "takeoff altitude_m 'high': expected a number from 0.5 to 10000"),
+        (["gs", "send", "goto", "1", "2"], "goto: expected LATITUDE_DEG LONGITUDE_DEG ALTITUDE_M, got 1 2"),
+        (["gs", "send", "goto", "1", "2", "3"], "goto: expected --drone, because each drone has its own"),
+        (["gs", "send", "arm", "--cloud", "cloud:1883"], "broker 'cloud:1883': expected mqtt://HOST[:PORT]"),
+        (["gs", "send", "arm", "--qos", "2"], "--qos 2: expected 0 or 1"),
+        (["gs", "send", "arm", "--drone", "300"], "--drone 300: expected a whole number from 1 to 250"),
+        (["uav", "--drone", "0", "--broker", "mqtt://x"], "--drone 0: expected a whole number from 1 to 250"),
+        (
+            ["uav", "--drone", "1", "--broker", "mqtt://x", "--autopilot", "usb"],
+            "autopilot 'usb': expected udp:HOST:PORT",
+        ),
+        (["activator", "--fog", "1", "--cloud", "mqtt://x", "--listen", "x"], "--listen 'x': expected HOST:PORT"),
+        (["activator", "--fog", "1", "--cloud", "mqtt://x", "--drones", "a"], "--drones 'a': expected numbers"),
+        (
+            ["activator", "--fog", "1", "--cloud", "mqtt://x", "--fog-broker", "mqtt://x", "--fog-root", ""],
+            "fog root '': expected another root than the cloud side's",
+        ),
+    ],
+)
+def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(arguments: list[str], said: str) -> None:
+    done = _run(*arguments)
+    assert done.returncode == 2, done.stderr
+    assert said in _last_line(done)
