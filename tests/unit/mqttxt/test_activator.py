@@ -1,0 +1,205 @@
+"""The activator: gate, presence, identity and the stamps of states (sections 4, 6 and 9)."""
+
+from __future__ import annotations
+
+import pytest
+from fogs import BORN_MS, UAV_AHEAD_MS, Bench, of, ready, words
+from world import FOG_SESSION, GS_SESSION, UAV_SESSION
+
+from mqttxt.messages import (
+    BeaconMessage,
+    DroneLease,
+    DroneRecord,
+    FogPresence,
+    Presence,
+    Word,
+)
+from mqttxt.roles.effects import Inbound, Log, Publish, Stop, Unsubscribe
+from mqttxt.wire.codec import decode, encode
+from mqttxt.wire.states import decode_state
+
+# Birth and rivals
+
+
+def test_commands_are_subscribed_live_only_and_birth_waits_for_what_is_retained() -> None:
+    bench = Bench(born=False)
+    assert [s.live_only for s in bench.subscribes] == [True, False, False]
+    assert not bench.role.born
+    assert len(of(bench.beacons, "fog1/clock")) == 1
+    birth = bench.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=BORN_MS))
+    assert Unsubscribe("cloud", ("fog1/clock",)) in birth
+    (presence,) = of(birth, "fog1/reachable")
+    assert presence.retain
+    told = decode(FogPresence, presence.payload)
+    assert (told.session, told.up, told.authenticated) == (FOG_SESSION, True, False)
+    assert [entry.drone for entry in told.drones or ()] == [1]
+    (record,) = of(birth, "fog1/drone1/reachable")
+    assert decode(DroneRecord, record.payload) == DroneRecord(activator_session=FOG_SESSION, up=False)
+
+
+def test_a_live_rival_makes_the_second_activator_stop() -> None:
+    bench = Bench(born=False)
+    bench.cloud("reachable", FogPresence(session=99, up=True), retain=True)
+    question = bench.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=BORN_MS))
+    assert len(of(question, "fog1/init_connect")) == 1
+    (stop,) = bench.cloud("clock", BeaconMessage(session=99, now_ms=5))
+    assert isinstance(stop, Stop)
+
+
+def test_a_rival_that_does_not_answer_is_replaced() -> None:
+    bench = Bench(born=False)
+    bench.cloud("reachable", FogPresence(session=99, up=True), retain=True)
+    bench.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=BORN_MS))
+    assert of(bench.until(BORN_MS + 2900), "fog1/reachable") == []
+    assert len(of(bench.until(BORN_MS + 3000), "fog1/reachable")) == 1
+
+
+def test_before_its_birth_an_activator_answers_nobody() -> None:
+    bench = Bench(born=False)
+    assert [type(e) for e in bench.command()] == [Log]
+    assert [type(e) for e in bench.register()] == [Log]
+    assert bench.role.leases == {}
+
+
+@pytest.mark.parametrize("seen", [FogPresence(session=99, up=False), FogPresence(session=FOG_SESSION, up=False)])
+def test_a_late_will_is_answered_with_a_new_birth(seen: FogPresence) -> None:
+    bench = Bench()
+    bench.cloud("reachable", seen, retain=True)
+    (presence,) = of(bench.until(BORN_MS + 1100), "fog1/reachable")
+    assert decode(FogPresence, presence.payload).session == FOG_SESSION
+
+
+def test_another_sessions_word_about_a_drone_is_put_right() -> None:
+    bench = Bench()
+    (record,) = bench.cloud("drone1/reachable", DroneRecord(activator_session=99, up=True, drone_session=5), True)
+    assert decode(DroneRecord, record.payload) == DroneRecord(activator_session=FOG_SESSION, up=False)
+
+
+def test_a_clean_stop_says_so_for_the_fog_and_its_drones() -> None:
+    effects = ready().role.goodbye(BORN_MS)
+    assert [e.topic for e in effects if isinstance(e, Publish)] == ["fog1/drone1/reachable", "fog1/reachable"]
+    assert effects[-1] == Publish("cloud", "fog1/reachable", Bench().role.will().payload, 1, True)
+
+
+# Presence and identity of drones
+
+
+def test_a_drone_is_reachable_after_its_echo_and_not_before() -> None:
+    bench = Bench()
+    assert of(bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=True)), "fog1/drone1/reachable") == []
+    (record,) = of(bench.appear(), "fog1/drone1/reachable")
+    told = decode(DroneRecord, record.payload)
+    assert (told.up, told.drone_session, told.activator_session) == (True, UAV_SESSION, FOG_SESSION)
+
+
+def test_a_drones_will_or_silence_makes_it_unreachable() -> None:
+    (record,) = of(ready().fog("drone1/reachable", Presence(session=UAV_SESSION, up=False)), "fog1/drone1/reachable")
+    assert not decode(DroneRecord, record.payload).up
+    bench = ready()
+    assert of(bench.until(BORN_MS + 30_000), "fog1/drone1/reachable") == []
+    (record,) = of(bench.until(BORN_MS + 30_100), "fog1/drone1/reachable")
+    assert not decode(DroneRecord, record.payload).up
+
+
+def test_an_old_sessions_will_changes_nothing() -> None:
+    assert of(ready().fog("drone1/reachable", Presence(session=77, up=False)), "fog1/drone1/reachable") == []
+
+
+def test_a_second_live_session_is_refused_and_the_first_stays_bound() -> None:
+    bench = ready()
+    (log, lease) = bench.fog("drone1/reachable", Presence(session=77, up=True))
+    assert log.kind == "contested"
+    question = decode(DroneLease, lease.payload)
+    assert question.drone_session == UAV_SESSION
+    (refusal,) = bench.echo(question.nonce)
+    answer = decode(DroneLease, refusal.payload)
+    assert (answer.drone_session, answer.bound) == (77, False)
+
+
+def test_a_first_session_that_does_not_answer_is_replaced() -> None:
+    bench = ready()
+    bench.fog("drone1/reachable", Presence(session=77, up=True))
+    leases = of(bench.until(BORN_MS + 1500), "drone1/init_connect")
+    assert [decode(DroneLease, e.payload).drone_session for e in leases] == [77]
+
+
+def test_a_restarted_drone_is_not_refused_by_its_own_echo() -> None:
+    """Born while the old session seemed alive; then the old will comes, and the new session is born again."""
+    bench = ready()
+    bench.fog("drone1/reachable", Presence(session=77, up=True))
+    bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))
+    effects = bench.appear(session=77)
+    assert all(decode(DroneLease, e.payload).bound for e in of(effects, "drone1/init_connect"))
+    assert len(of(effects, "fog1/drone1/reachable")) == 1
+    assert of(bench.until(BORN_MS + 3000), "fog1/drone1/reachable") == []
+
+
+def test_without_the_fog_broker_no_drone_is_reachable() -> None:
+    bench = ready()
+    (record,) = bench.role.on_disconnected("fog", bench.now_ms)
+    assert not decode(DroneRecord, record.payload).up  # type: ignore[union-attr]
+    assert words(bench.command()) == [(Word.UNREACHABLE, None)]
+
+
+# Gate and stamps
+
+
+def test_the_gate_lets_states_through_only_while_a_lease_lives() -> None:
+    bench = ready()
+    assert bench.state(50) == []
+    assert len(of(bench.register(), "fog1/drone1/state/battery")) == 1
+    bench.until(BORN_MS + 100)
+    assert len(of(bench.state(49), "fog1/drone1/state/battery")) == 1
+    bench.until(BORN_MS + 30_200)
+    assert bench.state(48) == []
+
+
+@pytest.mark.parametrize("how", ["end", "will"])
+def test_an_end_or_a_will_closes_the_gate(how: str) -> None:
+    bench = ready()
+    bench.register()
+    if how == "end":
+        bench.register(lease_s=0)
+    else:
+        will = Inbound("gs/alpha/reachable", encode(Presence(session=GS_SESSION, up=False)), 1)
+        bench.role.on_message("cloud", will, bench.now_ms)
+    assert not bench.role.gate_is_open()
+
+
+def test_leases_are_of_a_station_and_a_session() -> None:
+    bench = ready()
+    bench.register()
+    bench.register(session=5)
+    bench.role.on_message("cloud", Inbound("gs/alpha/reachable", encode(Presence(session=5, up=False))), 0)
+    assert set(bench.role.leases) == {("alpha", GS_SESSION)}
+
+
+def test_a_registration_is_echoed_by_a_beacon() -> None:
+    (beacon,) = of(Bench().register(), "fog1/clock")
+    assert decode(BeaconMessage, beacon.payload) == BeaconMessage(
+        session=FOG_SESSION, now_ms=BORN_MS, nonce=7, held_ms=0
+    )
+
+
+def test_the_gate_never_stops_results() -> None:
+    bench = ready()
+    bench.command()
+    assert words(bench.result(Word.ACCEPTED)) == [(Word.ACCEPTED, None)]
+
+
+def test_a_relayed_state_keeps_its_stamp_behind_a_conservative_one() -> None:
+    bench = ready()
+    bench.register()
+    bench.until(BORN_MS + 3000)
+    (publish,) = bench.state(40, stamped_ms=BORN_MS + 1000)
+    relayed = decode_state("battery", publish.payload, relayed=True)
+    assert relayed.stamp == (BORN_MS + 1000 + UAV_AHEAD_MS) // 10
+    assert BORN_MS + 900 <= relayed.relay_stamp * 10 <= BORN_MS + 1000  # type: ignore[operator]
+
+
+def test_an_older_state_does_not_replace_a_newer_one() -> None:
+    bench = ready()
+    bench.register()
+    bench.until(BORN_MS + 1000)
+    bench.state(40)
+    assert bench.state(41, stamped_ms=BORN_MS) == []

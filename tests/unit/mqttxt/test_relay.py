@@ -1,0 +1,159 @@
+"""The activator's way with commands: forwarded in time, answered, closed once (sections 4 and 5)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from fogs import BORN_MS, UAV_AHEAD_MS, Bench, of, ready, words
+from world import GS_SESSION, UAV_SESSION
+
+from mqttxt.commands import Arm, Command, Goto, Hold
+from mqttxt.messages import (
+    CommandId,
+    CommandMessage,
+    FogResultMessage,
+    Presence,
+    ResultMessage,
+    Word,
+)
+from mqttxt.roles.effects import Publish
+from mqttxt.wire.codec import decode
+
+
+def test_a_command_goes_on_with_the_drones_session_and_a_deadline_of_its_clock() -> None:
+    bench = ready()
+    (publish,) = bench.command(deadline_ms=BORN_MS + 5000)
+    assert (publish.topic, publish.qos, publish.retain, publish.expiry_s) == ("drone1/commands", 1, False, 5)
+    forwarded = decode(CommandMessage, publish.payload)
+    assert forwarded.executor_session == UAV_SESSION
+    assert forwarded.id == CommandId(GS_SESSION, 1)
+    assert forwarded.deadline_ms is not None
+    assert 0 <= BORN_MS + 5000 + UAV_AHEAD_MS - forwarded.deadline_ms <= 15
+
+
+@pytest.mark.parametrize(
+    ("changed", "word", "reason"),
+    [
+        ({"deadline_ms": BORN_MS}, Word.EXPIRED, None),
+        ({"deadline_ms": None}, Word.DENIED, "no_deadline"),
+        ({"executor_session": 0}, Word.DENIED, "no_deadline"),
+        ({"deadline_ms": BORN_MS + 60_001}, Word.DENIED, "deadline_too_far"),
+        ({"retain": True}, Word.DENIED, "retained"),
+        ({"to": "drone2/commands"}, Word.UNREACHABLE, None),
+    ],
+)
+def test_what_the_activator_closes_by_itself(changed: dict[str, Any], word: Word, reason: str | None) -> None:
+    effects = ready().command(**changed)
+    assert words(effects, 2 if "to" in changed else 1) == [(word, reason)]
+    assert of(effects, "drone1/commands") == []
+
+
+def test_no_subscriber_counts_as_not_published() -> None:
+    bench = ready()
+    (publish,) = bench.command()
+    assert words(list(bench.role.on_published("fog", publish.ref, 0x10, bench.now_ms))) == [
+        (Word.UNREACHABLE, "no_subscriber")
+    ]
+
+
+def test_afterwards_only_the_drone_has_the_last_word() -> None:
+    bench = ready()
+    (publish,) = bench.command()
+    assert bench.role.on_published("fog", publish.ref, 0, bench.now_ms) == []
+    bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))
+    assert words(bench.until(BORN_MS + 20_000)) == []
+
+
+def test_a_duplicate_is_answered_and_not_forwarded() -> None:
+    bench = ready()
+    bench.command()
+    bench.result(Word.ACCEPTED)
+    again = bench.command(deadline_ms=BORN_MS + 5000)
+    assert words(again) == [(Word.ACCEPTED, None)]
+    assert of(again, "drone1/commands") == []
+
+
+@pytest.mark.parametrize(("command", "to", "drone"), [(Hold(), "drone1/commands", 1), (Arm(), "drone2/commands", 2)])
+def test_one_id_with_other_contents_or_another_drone_is_denied(command: Command, to: str, drone: int) -> None:
+    bench = ready()
+    bench.command()
+    assert words(bench.command(command, to=to), drone) == [(Word.DENIED, "id_conflict")]
+
+
+def test_a_command_for_an_earlier_session_is_only_a_question() -> None:
+    bench = ready()
+    (publish,) = bench.command(executor_session=99)
+    assert decode(CommandMessage, publish.payload).deadline_ms == 0
+    assert words(bench.result(Word.EXPIRED)) == [(Word.EXPIRED, None)]
+
+
+def test_a_drone_with_a_new_session_is_only_asked() -> None:
+    bench = ready()
+    bench.command()
+    bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=False))
+    effects = bench.appear(session=77)
+    (publish,) = of(effects, "drone1/commands")
+    asked = decode(CommandMessage, publish.payload)
+    assert (asked.executor_session, asked.deadline_ms) == (77, 0)
+
+
+def test_past_deadline_limit_and_grace_it_is_unconfirmed_and_the_truth_settles_it_once() -> None:
+    bench = ready()
+    bench.command(limit_s=2.0)
+    bench.result(Word.ACCEPTED)
+    assert words(bench.until(BORN_MS + 12_000)) == []
+    assert words(bench.until(BORN_MS + 12_100)) == [(Word.UNCONFIRMED, None)]
+    assert bench.result(Word.UNCONFIRMED) == []
+    (settled,) = of(bench.result(Word.COMPLETED), "fog1/drone1/commands_result/arm")
+    assert decode(ResultMessage, settled.payload).settled
+    assert bench.result(Word.COMPLETED) == []
+    assert words(bench.command()) == [(Word.UNCONFIRMED, None), (Word.COMPLETED, None)]
+
+
+def test_a_word_is_relayed_once_and_never_after_the_last_one() -> None:
+    bench = ready()
+    bench.command()
+    assert len(bench.result(Word.ACCEPTED)) == 1
+    assert bench.result(Word.ACCEPTED) == []
+    assert len(bench.result(Word.COMPLETED)) == 1
+    assert bench.result(Word.FAILED) == []
+
+
+def test_a_word_of_another_session_or_another_drone_is_no_word() -> None:
+    bench = ready()
+    bench.command()
+    (log,) = bench.result(Word.COMPLETED, session=77)
+    assert log.kind == "unknown_session"
+
+
+def test_a_broadcast_begins_with_its_roster_and_has_a_word_for_each_entry() -> None:
+    bench = ready(drones=(1, 2))
+    effects = bench.command(to="commands")
+    assert isinstance(effects[0], Publish)
+    roster = decode(FogResultMessage, effects[0].payload).roster or ()
+    assert [(entry.drone, entry.session) for entry in roster] == [(1, UAV_SESSION), (2, None)]
+    assert len(of(effects, "drone1/commands")) == 1
+    assert words(effects, 2) == [(Word.UNREACHABLE, None)]
+    assert of(bench.appear(2, 55), "drone2/commands") == []
+
+
+def test_an_empty_fog_has_an_empty_roster() -> None:
+    (publish,) = Bench(drones=()).command(to="commands")
+    assert decode(FogResultMessage, publish.payload).roster == ()
+
+
+@pytest.mark.parametrize(
+    ("command", "changed", "reason"),
+    [(Goto(47.0, 8.0, 10.0), {}, "not_broadcastable"), (Arm(), {"deadline_ms": None}, "no_deadline")],
+)
+def test_a_broadcast_that_cannot_be_is_denied_by_the_fog(command: Command, changed: Any, reason: str) -> None:
+    (publish,) = ready().command(command, to="commands", **changed)
+    assert decode(FogResultMessage, publish.payload).denied == reason
+
+
+def test_at_qos_0_an_unanswered_command_is_sent_again_as_the_same_bytes() -> None:
+    bench = ready(qos=0)
+    (first,) = bench.command()
+    (again,) = of(bench.until(BORN_MS + 2000), "drone1/commands")
+    assert again.payload == first.payload

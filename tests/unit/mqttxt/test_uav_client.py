@@ -1,0 +1,248 @@
+"""The UAV client: what it executes, refuses, answers and tells of itself (sections 3, 4, 5 and 9)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cbor2
+import pytest
+from world import UAV_SESSION, ack, command_payload, heartbeat, ready, results, transmitted
+
+from mqttxt.commands import Arm, Disarm, Hold
+from mqttxt.messages import BeaconMessage, CommandId, DroneLease, Presence, Word
+from mqttxt.roles.effects import Inbound, Journal, Log, Publish, Stop, Subscribe, Transmit
+from mqttxt.roles.settings import Settings
+from mqttxt.roles.uav_client import UavClient, Unfinished
+from mqttxt.wire.codec import decode, encode
+
+ARM = 400
+
+
+def client(qos: int = 1, unfinished: list[Unfinished] | None = None, now_ms: int = 1000) -> UavClient:
+    made = UavClient(1, UAV_SESSION, Settings(qos=qos), unfinished=unfinished)
+    ready(made, now_ms)
+    return made
+
+
+def hear(uav: UavClient, message: Any, now_ms: int = 1000, retain: bool = False) -> list[Any]:
+    return list(uav.on_message(Inbound("drone1/commands", encode(message), 1, retain), now_ms))
+
+
+def words(effects: list[Any]) -> list[tuple[Word, str | None]]:
+    return [(result.word, result.reason) for result in results(effects)]
+
+
+def published(effects: list[Any], topic: str) -> list[Publish]:
+    return [e for e in effects if isinstance(e, Publish) and e.topic == topic]
+
+
+def test_commands_are_subscribed_without_what_is_retained() -> None:
+    uav = UavClient(1, UAV_SESSION, Settings())
+    commands, others = uav.on_connected(0)
+    assert commands == Subscribe("fog", ("drone1/commands",), live_only=True)
+    assert isinstance(others, Subscribe)
+    assert others.filters == ("drone1/init_connect", "drone1/reachable")
+    assert uav.on_subscribed(commands, 0) == []
+    birth, beacon = uav.on_subscribed(others, 0)
+    assert isinstance(birth, Publish)
+    assert (birth.retain, birth.qos) == (True, 1)
+    assert decode(Presence, birth.payload) == Presence(session=UAV_SESSION, up=True)
+    assert isinstance(beacon, Publish)
+    assert decode(BeaconMessage, beacon.payload).session == UAV_SESSION
+
+
+def test_a_command_is_journaled_before_its_first_write() -> None:
+    effects = hear(client(), command_payload(Arm()))
+    kinds = [type(effect) for effect in effects]
+    assert kinds.index(Journal) < kinds.index(Transmit)
+    assert effects[kinds.index(Transmit)].not_after_ms == 5000
+
+
+@pytest.mark.parametrize(
+    ("changed", "retained", "word", "reason"),
+    [
+        ({}, True, Word.DENIED, "retained"),
+        ({"deadline_ms": None}, False, Word.DENIED, "no_deadline"),
+        ({"executor_session": 99}, False, Word.DENIED, "no_deadline"),
+        ({"deadline_ms": 999}, False, Word.EXPIRED, None),
+        ({"deadline_ms": 0}, False, Word.EXPIRED, None),
+        ({"deadline_ms": 61_001}, False, Word.DENIED, "deadline_too_far"),
+    ],
+)
+def test_what_is_not_executed(changed: dict[str, Any], retained: bool, word: Word, reason: str | None) -> None:
+    uav = client()
+    effects = hear(uav, command_payload(Arm(), **changed), retain=retained)
+    assert words(effects) == [(word, reason)]
+    assert transmitted(effects) == []
+    assert words(hear(uav, command_payload(Arm(), **changed), retain=retained)) == [(word, reason)]
+
+
+def test_the_last_millisecond_of_the_deadline_is_still_in_time() -> None:
+    assert len(transmitted(hear(client(), command_payload(Arm(), deadline_ms=1000)))) == 1
+
+
+def test_an_unknown_session_is_told_this_ones_beacon() -> None:
+    (result,) = results(hear(client(), command_payload(Arm(), executor_session=99), now_ms=1234))
+    assert result.beacon == BeaconMessage(session=UAV_SESSION, now_ms=1234)
+
+
+def test_a_duplicate_is_answered_and_not_executed() -> None:
+    uav = client()
+    hear(uav, command_payload(Arm()))
+    assert transmitted(hear(uav, command_payload(Arm()))) == []
+    uav.on_mavlink(ack(ARM), 1100)
+    again = hear(uav, command_payload(Arm()), 1200)
+    assert words(again) == [(Word.ACCEPTED, None)]
+    assert transmitted(again) == []
+    uav.on_mavlink(heartbeat(armed=True), 1300)
+    assert words(hear(uav, command_payload(Arm(), deadline_ms=0), 90_000)) == [(Word.COMPLETED, None)]
+
+
+def test_one_id_with_other_contents_is_denied_and_the_first_goes_on() -> None:
+    uav = client()
+    hear(uav, command_payload(Arm()))
+    conflict = hear(uav, command_payload(Disarm()))
+    assert words(conflict) == [(Word.DENIED, "id_conflict")]
+    assert all(e.ref is None for e in conflict if isinstance(e, Publish))
+    assert words(list(uav.on_mavlink(ack(ARM), 1100))) == [(Word.ACCEPTED, None)]
+
+
+def test_a_lower_number_is_overtaken_by_a_started_one_of_its_session() -> None:
+    uav = client()
+    hear(uav, command_payload(Hold(), seq=5))
+    assert words(hear(uav, command_payload(Arm(), seq=4))) == [(Word.OVERTAKEN, None)]
+    assert len(transmitted(hear(uav, command_payload(Arm(), seq=4, gs_session=0x77)))) == 1
+
+
+def test_a_malformed_command_is_denied_where_it_can_be_named() -> None:
+    broken = cbor2.dumps([1, 0x11, 1, UAV_SESSION, 5000, 600, 99])
+    effects = list(client().on_message(Inbound("drone1/commands", broken), 1000))
+    assert words(effects) == [(Word.DENIED, "command: expected a known command, got 99")]
+    assert [type(e) for e in client().on_message(Inbound("drone1/commands", b"\xff"), 1000)] == [Log]
+
+
+def test_a_full_ledger_denies() -> None:
+    uav = client()
+    uav.ledger._capacity = 0
+    effects = hear(uav, command_payload(Arm()))
+    assert words(effects) == [(Word.DENIED, "ledger_full")]
+    assert transmitted(effects) == []
+
+
+def test_another_drones_topic_is_not_listened_to() -> None:
+    (log,) = client().on_message(Inbound("drone2/commands", encode(command_payload(Arm()))), 1000)
+    assert isinstance(log, Log)
+
+
+def test_a_last_word_stays_in_the_journal_until_it_is_acknowledged() -> None:
+    uav = client()
+    hear(uav, command_payload(Arm()))
+    (accepted,) = [e for e in uav.on_mavlink(ack(ARM), 1100) if isinstance(e, Publish)]
+    assert accepted.ref is None
+    effects = list(uav.on_mavlink(heartbeat(armed=True), 1200))
+    assert [type(e) for e in effects] == [Journal, Publish]
+    ref = effects[1].ref
+    assert ref == CommandId(0x11, 1)
+    assert uav.on_published(ref, 0x10, 1300) == []
+    assert words(list(uav.tick(2400))) == [(Word.COMPLETED, None)]
+    assert uav.on_published(ref, 0, 2500) == [Journal(ref, "arm", done=True)]
+    assert uav.on_published(ref, 0, 2600) == []
+
+
+def test_a_word_said_while_disconnected_is_published_after_the_next_birth() -> None:
+    uav = client()
+    hear(uav, command_payload(Arm()))
+    uav.on_disconnected(1050)
+    assert words(list(uav.on_mavlink(ack(ARM), 1100))) == []
+    uav.on_mavlink(heartbeat(armed=True), 1200)
+    effects = [e for s in uav.on_connected(1300) for e in uav.on_subscribed(s, 1300)]  # type: ignore[arg-type]
+    assert words(effects) == [(Word.COMPLETED, None)]
+
+
+def test_what_an_earlier_session_left_open_is_unconfirmed() -> None:
+    uav = UavClient(
+        1,
+        UAV_SESSION,
+        Settings(),
+        unfinished=[
+            Unfinished(CommandId(0x11, 1), "arm"),
+            Unfinished(CommandId(0x11, 2), "hold", Word.COMPLETED),
+        ],
+    )
+    effects = [e for s in uav.on_connected(0) for e in uav.on_subscribed(s, 0)]  # type: ignore[arg-type]
+    assert words(effects) == [(Word.UNCONFIRMED, "restarted"), (Word.COMPLETED, None)]
+    again = hear(uav, command_payload(Arm(), deadline_ms=0), 10)
+    assert words(again) == [(Word.UNCONFIRMED, "restarted")]
+    assert transmitted(again) == []
+
+
+def test_a_question_of_the_activator_is_echoed_at_once() -> None:
+    lease = DroneLease(activator_session=9, drone_session=UAV_SESSION, nonce=42, bound=True)
+    (beacon,) = client().on_message(Inbound("drone1/init_connect", encode(lease)), 1500)
+    assert isinstance(beacon, Publish)
+    assert decode(BeaconMessage, beacon.payload) == BeaconMessage(session=UAV_SESSION, now_ms=1500, nonce=42, held_ms=0)
+
+
+def test_a_second_client_of_a_number_stops_when_it_is_refused() -> None:
+    refusal = DroneLease(activator_session=9, drone_session=UAV_SESSION, nonce=42, bound=False)
+    (stop,) = client().on_message(Inbound("drone1/init_connect", encode(refusal)), 1500)
+    assert isinstance(stop, Stop)
+    others = DroneLease(activator_session=9, drone_session=77, nonce=42, bound=False)
+    assert client().on_message(Inbound("drone1/init_connect", encode(others)), 1500) == []
+
+
+@pytest.mark.parametrize("seen", [Presence(session=77, up=False), Presence(session=UAV_SESSION, up=False)])
+def test_a_late_will_is_answered_with_a_new_birth(seen: Presence) -> None:
+    uav = client()
+    uav.on_message(Inbound("drone1/reachable", encode(seen), retain=True), 1100)
+    (birth,) = published(list(uav.tick(2100)), "drone1/reachable")
+    assert decode(Presence, birth.payload) == Presence(session=UAV_SESSION, up=True)
+    assert birth.retain
+
+
+def test_the_own_birth_needs_no_answer() -> None:
+    uav = client()
+    uav.on_message(Inbound("drone1/reachable", encode(Presence(session=UAV_SESSION, up=True)), retain=True), 1100)
+    assert published(list(uav.tick(2500)), "drone1/reachable") == []
+
+
+def test_beacons_come_every_ten_seconds_and_heartbeats_every_second() -> None:
+    uav = client(now_ms=0)
+    effects = [e for now in range(100, 30_001, 100) for e in uav.tick(now)]
+    assert len(published(effects, "drone1/clock")) == 3
+    beats = [e for e in effects if isinstance(e, Transmit) and e.message.get_type() == "HEARTBEAT"]
+    assert len(beats) == 30
+    assert beats[0].message.type == 18
+    assert all(beat.ref is None for beat in beats)
+
+
+def test_a_clean_stop_says_that_the_drone_is_gone() -> None:
+    uav = client()
+    (down,) = uav.goodbye(2000)
+    assert isinstance(down, Publish)
+    assert (
+        decode(Presence, down.payload)
+        == Presence(session=UAV_SESSION, up=False)
+        == decode(Presence, uav.will().payload)
+    )
+
+
+def test_at_qos_0_results_leave_the_journal_when_they_are_said() -> None:
+    uav = client(qos=0)
+    hear(uav, command_payload(Arm()))
+    uav.on_mavlink(ack(ARM), 1100)
+    effects = list(uav.on_mavlink(heartbeat(armed=True), 1200))
+    assert [e.done for e in effects if isinstance(e, Journal)] == [False, True]
+    assert {e.qos for e in effects if isinstance(e, Publish)} == {0}
+
+
+def test_states_are_published_once_and_again_after_a_reconnection() -> None:
+    uav = client()
+    first = [e.topic for e in uav.tick(1100) if isinstance(e, Publish) and "/state/" in e.topic]
+    assert "drone1/state/armed" in first
+    assert [e for e in uav.tick(1200) if isinstance(e, Publish) and "/state/" in e.topic] == []
+    uav.on_disconnected(1300)
+    for subscribe in uav.on_connected(1400):
+        uav.on_subscribed(subscribe, 1400)  # type: ignore[arg-type]
+    again = [e.topic for e in uav.tick(1500) if isinstance(e, Publish) and "/state/" in e.topic]
+    assert again == first
