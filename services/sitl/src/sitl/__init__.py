@@ -1,5 +1,6 @@
 """A PX4-like autopilot stand-in: MAVLink 2 in and out, simple flight dynamics between.
 
-Pure modules (`parameters`, `dynamics`, `autopilot`, `telemetry`, `streams`) take messages and time; `process`
-has the sockets and the clock.
+Pure modules take messages and time: `vehicle` joins `autopilot` (state), `guidance` (where it wants to go), `commands`
+(PX4's rules), `telemetry`, `streams`, `parameters` and `control` (the side channel). `process` has the sockets and the
+clock.
 """
