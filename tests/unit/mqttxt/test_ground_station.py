@@ -1,0 +1,267 @@
+"""The ground station: registrations, and exactly one last word (sections 4, 5 and 6); all roles together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from fogs import of
+from world import GS_SESSION, World, ack, heartbeat
+
+from mqttxt.commands import Arm, Goto, Hold
+from mqttxt.errors import ConfigurationError, FogUnreachable
+from mqttxt.messages import (
+    BeaconMessage,
+    CommandMessage,
+    DroneRecord,
+    FogPresence,
+    FogResultMessage,
+    Presence,
+    Registration,
+    ResultMessage,
+    RosterEntry,
+    Word,
+)
+from mqttxt.outcomes import Outcome, Reachability, StateUpdate
+from mqttxt.roles.effects import Inbound, Publish, Subscribe
+from mqttxt.roles.ground_station import GroundStation
+from mqttxt.roles.settings import Settings
+from mqttxt.roles.uav_client import Unfinished
+from mqttxt.wire.codec import decode, encode
+
+ARM = 400
+FOG = 0x22
+
+
+class Bench:
+    """A ground station whose fog is this test."""
+
+    def __init__(self, qos: int = 1, registered: bool = True) -> None:
+        self.role = GroundStation("alpha", GS_SESSION, Settings(qos=qos))
+        self.now_ms = 10_000
+        self.role.add_fogs([1])
+        self.subscribes = [e for e in self.role.on_connected(self.now_ms) if isinstance(e, Subscribe)]
+        if registered:
+            for subscribe in self.subscribes:
+                self.role.on_subscribed(subscribe, self.now_ms)
+            self.confirm(self.hear("reachable", FogPresence(session=FOG, up=True)))
+            self.hear("drone1/reachable", DroneRecord(activator_session=FOG, up=True, drone_session=5))
+
+    def hear(self, rest: str, message: Any) -> list[Any]:
+        return list(self.role.on_message(Inbound(f"fog1/{rest}", encode(message), 1), self.now_ms))
+
+    def confirm(self, effects: list[Any], session: int = FOG) -> list[Any]:
+        (publish,) = of(effects, "fog1/init_connect")
+        nonce = decode(Registration, publish.payload).nonce
+        return self.hear("clock", BeaconMessage(session=session, now_ms=self.now_ms, nonce=nonce, held_ms=0))
+
+    def until(self, now_ms: int) -> list[Any]:
+        out: list[Any] = []
+        while self.now_ms < now_ms:
+            self.now_ms += 100
+            out += self.role.tick(self.now_ms)
+        return out
+
+    def send(self, command: Any = None, drone: int | None = 1, **how: Any) -> Publish:
+        _, (publish,) = self.role.send(1, drone, command or Arm(), self.now_ms, **how)
+        assert isinstance(publish, Publish)
+        return publish
+
+    def result(self, word: Word, seq: int = 1, **changed: Any) -> list[Any]:
+        message = ResultMessage(gs_session=GS_SESSION, seq=seq, session=5, stamp=1, word=word, **changed)
+        return [(o.word, o.settled) for o in self.hear("drone1/commands_result/arm", message) if isinstance(o, Outcome)]
+
+
+def test_it_registers_after_the_suback_and_not_before() -> None:
+    bench = Bench(registered=False)
+    own, fog = bench.subscribes
+    assert of(bench.hear("reachable", FogPresence(session=FOG, up=True)), "fog1/init_connect") == []
+    (publish,) = bench.role.on_subscribed(fog, bench.now_ms)
+    registration = decode(Registration, publish.payload)  # type: ignore[union-attr]
+    assert (registration.name, registration.session, registration.lease_s) == ("alpha", GS_SESSION, 30)
+    (birth,) = bench.role.on_subscribed(own, bench.now_ms)
+    assert decode(Presence, birth.payload).up  # type: ignore[union-attr]
+
+
+def test_a_lease_is_renewed_at_a_third_and_at_each_activator_session() -> None:
+    bench = Bench()
+    assert len(of(bench.until(30_000), "fog1/init_connect")) == 2
+    assert len(of(bench.hear("reachable", FogPresence(session=99, up=True)), "fog1/init_connect")) == 1
+
+
+def test_without_a_confirmed_registration_or_beacons_nothing_is_sent() -> None:
+    with pytest.raises(FogUnreachable):
+        Bench(registered=False).send()
+    bench = Bench()
+    bench.until(40_100)
+    with pytest.raises(FogUnreachable):
+        bench.send()
+    bench = Bench()
+    bench.hear("reachable", FogPresence(session=99, up=True))
+    with pytest.raises(FogUnreachable):
+        bench.send()
+
+
+@pytest.mark.parametrize("how", [{"ttl_ms": 0}, {"ttl_ms": 60_001}, {"command": Goto(1.0, 2.0, 3.0), "drone": None}])
+def test_what_cannot_be_sent_is_a_users_mistake(how: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError):
+        Bench().send(**how)
+
+
+def test_numbers_rise_by_one_over_all_topics_and_deadlines_are_of_the_fogs_clock() -> None:
+    bench = Bench()
+    one, two = bench.send(), bench.send(Hold(), None)
+    assert (one.topic, two.topic) == ("fog1/drone1/commands", "fog1/commands")
+    first, second = decode(CommandMessage, one.payload), decode(CommandMessage, two.payload)
+    assert (first.seq, second.seq, first.executor_session) == (1, 2, FOG)
+    assert first.deadline_ms is not None
+    assert 0 <= bench.now_ms + 5000 - first.deadline_ms <= 15
+    assert (one.retain, one.expiry_s) == (False, 5)
+
+
+def test_there_is_exactly_one_last_word() -> None:
+    bench = Bench()
+    bench.send()
+    assert bench.result(Word.ACCEPTED) == [(Word.ACCEPTED, False)]
+    assert bench.result(Word.ACCEPTED) == []
+    assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
+    assert bench.result(Word.FAILED) == []
+
+
+def test_the_truth_after_an_unconfirmed_settles_it_once() -> None:
+    bench = Bench()
+    bench.send()
+    assert bench.result(Word.UNCONFIRMED) == [(Word.UNCONFIRMED, False)]
+    assert bench.result(Word.COMPLETED, settled=True) == [(Word.COMPLETED, True)]
+    assert bench.result(Word.FAILED, settled=True) == []
+
+
+def test_failing_everybody_else_the_station_closes_it_as_unconfirmed() -> None:
+    bench = Bench()
+    bench.send(limit_s=1.0)
+    told = [o.word for o in bench.until(60_000) if isinstance(o, Outcome)]
+    assert told == [Word.UNCONFIRMED]
+    assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, True)]
+
+
+def test_a_foreign_result_is_no_outcome() -> None:
+    bench = Bench()
+    bench.send()
+    assert bench.result(Word.COMPLETED, seq=9) == []
+
+
+def test_after_a_reconnection_open_commands_are_asked_for_by_the_same_bytes() -> None:
+    bench = Bench()
+    sent = bench.send()
+    bench.role.on_disconnected(bench.now_ms)
+    for effect in bench.role.on_connected(bench.now_ms):
+        bench.role.on_subscribed(effect, bench.now_ms)  # type: ignore[arg-type]
+    effects = bench.hear("reachable", FogPresence(session=FOG, up=True))
+    assert sent in bench.confirm(effects)
+    bench.result(Word.COMPLETED)
+    assert sent not in bench.until(bench.now_ms + 20_000)
+
+
+def test_a_broadcast_has_a_last_word_for_each_drone_of_its_roster() -> None:
+    bench = Bench()
+    bench.send(Hold(), None, limit_s=1.0)
+    fields: dict[str, Any] = {"gs_session": GS_SESSION, "seq": 1, "session": FOG, "stamp": 1}
+    roster = (RosterEntry(drone=1, session=5), RosterEntry(drone=2))
+    bench.hear("commands_result/hold", FogResultMessage(**fields, roster=roster))
+    assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
+    told = [(o.drone, o.word) for o in bench.until(60_000) if isinstance(o, Outcome)]
+    assert told == [(2, Word.UNCONFIRMED)]
+
+
+def test_a_fogs_denial_ends_a_broadcast() -> None:
+    bench = Bench()
+    bench.send(Hold(), None)
+    denial = FogResultMessage(gs_session=GS_SESSION, seq=1, session=FOG, stamp=1, denied="ledger_full")
+    (outcome,) = bench.hear("commands_result/hold", denial)
+    assert (outcome.drone, outcome.word, outcome.reason) == (None, Word.DENIED, "ledger_full")
+    assert bench.hear("commands_result/hold", denial) == []
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        DroneRecord(activator_session=FOG, up=False),
+        DroneRecord(activator_session=99, up=True, drone_session=5),
+    ],
+)
+def test_reachable_needs_a_record_of_the_live_activators_session(record: DroneRecord) -> None:
+    assert Bench().hear("drone1/reachable", record) == [Reachability(1, 1, False)]
+
+
+def test_reachable_needs_beacons() -> None:
+    assert Reachability(1, 1, False) in Bench().until(40_100)
+
+
+def test_a_late_will_is_answered_with_a_new_birth_also_below_a_prefix() -> None:
+    station = GroundStation("alpha", GS_SESSION, Settings(), prefix="acme")
+    station.on_connected(0)
+    station.on_message(Inbound("acme/gs/alpha/reachable", encode(Presence(session=9, up=False)), 1), 100)
+    assert len(of(station.tick(1100), "acme/gs/alpha/reachable")) == 1
+
+
+def test_a_clean_stop_ends_the_lease() -> None:
+    end, down = Bench().role.goodbye(10_000)
+    assert decode(Registration, end.payload).lease_s == 0  # type: ignore[union-attr]
+    assert not decode(Presence, down.payload).up  # type: ignore[union-attr]
+
+
+# All roles together
+
+
+def outcomes(world: World) -> list[Word]:
+    return [event.word for event in world.heard if isinstance(event, Outcome)]
+
+
+def started(qos: int = 1) -> World:
+    world = World(qos=qos, now_ms=1000).start()
+    world.pass_time(500)
+    return world
+
+
+@pytest.mark.parametrize("qos", [0, 1])
+def test_a_command_flies_from_end_to_end(qos: int) -> None:
+    world = started(qos)
+    world.send(Arm())
+    world.autopilot(ack(ARM), heartbeat(armed=True))
+    assert outcomes(world) == [Word.ACCEPTED, Word.COMPLETED]
+    assert len(world.wrote) == 1
+    assert world.logs == []
+    updates = [event for event in world.heard if isinstance(event, StateUpdate)]
+    assert updates
+    assert all(update.age_ms is not None for update in updates)
+
+
+def test_lost_results_at_qos_0_are_asked_for_and_nothing_runs_twice() -> None:
+    world = started(0)
+    world.drop = {"commands_result"}
+    world.send(Arm())
+    world.autopilot(ack(ARM), heartbeat(armed=True))
+    assert outcomes(world) == []
+    world.drop = set()
+    world.pass_time(4000)
+    assert outcomes(world)[-1] is Word.COMPLETED
+    assert len(world.wrote) == 1
+
+
+def test_a_restarted_drone_closes_what_it_left_open() -> None:
+    world = started()
+    command_id = world.send(Arm())
+    world.restart_uav(0x44, [Unfinished(command_id, "arm")])
+    world.pass_time(3000)
+    assert outcomes(world) == [Word.UNCONFIRMED]
+    assert len(world.wrote) == 1
+
+
+def test_a_restarted_activator_asks_the_drone_and_executes_nothing_again() -> None:
+    world = started()
+    world.send(Arm())
+    world.restart_activator(0x55)
+    world.autopilot(ack(ARM), heartbeat(armed=True))
+    world.pass_time(5000)
+    assert outcomes(world)[-1] is Word.COMPLETED
+    assert len(world.wrote) == 1
