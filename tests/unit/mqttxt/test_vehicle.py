@@ -1,0 +1,93 @@
+"""What an autopilot's messages tell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+from world import from_autopilot, heartbeat, home, landed, position
+
+from mqttxt.dialect.vehicle import Vehicle
+from mqttxt.states import (
+    Armed,
+    Battery,
+    FlightMode,
+    FlightModeName,
+    Groundspeed,
+    Heading,
+    Health,
+    Home,
+    Landed,
+    LandedState,
+    Location,
+    MaxGroundspeed,
+)
+
+
+def battery(remaining: int, number: int = 0) -> Any:
+    return mavlink.MAVLink_battery_status_message(number, 0, 0, 0, [0] * 10, 0, 0, 0, remaining)
+
+
+def speed(groundspeed: float) -> Any:
+    return mavlink.MAVLink_vfr_hud_message(0.0, groundspeed, 0, 0, 0.0, 0.0)
+
+
+def health(present: int, enabled: int, healthy: int) -> Any:
+    return mavlink.MAVLink_sys_status_message(present, enabled, healthy, 0, 0, 0, 50, 0, 0, 0, 0, 0, 0)
+
+
+def parameter(name: bytes, value: float) -> Any:
+    return mavlink.MAVLink_param_value_message(name, value, 9, 1, 0)
+
+
+PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+
+
+@pytest.mark.parametrize(
+    ("message", "told"),
+    [
+        (heartbeat(armed=True, main=4, sub=6), [Armed(True), FlightMode(FlightModeName.LAND)]),
+        (position(10.0), [Location(47.397742, 8.545594, 498.0, 10.0), Heading(90.0)]),
+        (landed(2), [LandedState(Landed.IN_AIR)]),
+        (landed(9), []),
+        (home(), [Home(47.397742, 8.545594, 488.0)]),
+        (from_autopilot(battery(87)), [Battery(87)]),
+        (from_autopilot(battery(-1)), []),
+        (from_autopilot(battery(87, number=1)), []),
+        (from_autopilot(speed(2.5)), [Groundspeed(2.5)]),
+        (from_autopilot(speed(float("nan"))), []),
+        (from_autopilot(health(0b11, 0b11, 0b01)), [Health(False, 0b10)]),
+        (from_autopilot(health(PREARM | 1, PREARM | 1, PREARM)), [Health(True, 1)]),
+        (from_autopilot(parameter(b"MPC_XY_VEL_MAX", 12.0)), [MaxGroundspeed(12.0)]),
+        (from_autopilot(parameter(b"MPC_XY_CRUISE", 5.0)), []),
+    ],
+)
+def test_a_message_tells_its_states(message: Any, told: list[Any]) -> None:
+    assert Vehicle(1).update(message, 0) == told
+
+
+@pytest.mark.parametrize(("system", "component"), [(2, 1), (1, 191)])
+def test_others_are_not_listened_to(system: int, component: int) -> None:
+    vehicle = Vehicle(1)
+    assert vehicle.update(from_autopilot(battery(87), system, component), 0) == []
+    assert (vehicle.number, vehicle.states) == (0, {})
+
+
+def test_an_autopilot_is_alive_for_three_seconds_after_a_heartbeat() -> None:
+    vehicle = Vehicle(1)
+    assert not vehicle.is_alive(0)
+    vehicle.update(heartbeat(), 1000)
+    assert vehicle.is_alive(4000)
+    assert not vehicle.is_alive(4001)
+
+
+def test_newer_means_a_later_message() -> None:
+    vehicle = Vehicle(1)
+    vehicle.update(heartbeat(armed=True), 0)
+    number = vehicle.number
+    vehicle.update(home(), 0)
+    assert vehicle.seen(Armed) == Armed(True)
+    assert vehicle.seen(Armed, number) is None
+    vehicle.update(heartbeat(armed=True), 0)
+    assert vehicle.seen(Armed, number) == Armed(True)
