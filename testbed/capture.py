@@ -70,6 +70,8 @@ def read_frames(path: Path, notes: CaptureNotes | None = None) -> Iterator[Frame
     with reader:
         for data, meta in reader:
             position += 16 + len(data)
+            if len(data) < meta.caplen:
+                break
             t_ns = meta.sec * 1_000_000_000 + meta.usec * (1 if nano else 1000)
             yield dissect(t_ns, data, meta.wirelen)
     if notes is not None:

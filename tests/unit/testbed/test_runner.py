@@ -1,0 +1,162 @@
+"""The order of a run, and how it ends when something goes wrong, with a fleet that is made up."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from testbed.errors import ContainerDied, DockerError
+from testbed.experiments import make_plan
+from testbed.runner import Ended, Interrupted, run_series
+
+
+class Quiet:
+    """Progress that is only written down."""
+
+    def __init__(self) -> None:
+        self.said: list[Any] = []
+
+    def attempt(self, protocol: str, number: int, of: int) -> None:
+        self.said.append((protocol, number, of))
+
+    @contextlib.contextmanager
+    def phase(self, text: str) -> Iterator[None]:
+        self.said.append(text)
+        yield
+
+    def step(self, name: str, drones: dict[str, str]) -> None:
+        self.said.append((name, drones))
+
+    def ended(self, status: str, reason: str | None) -> None:
+        self.said.append((status, reason))
+
+
+class Fleet:
+    """Containers that do as a test says: the lines of the mission, its exit code, or what it raises."""
+
+    def __init__(self, lines: list[str], code: int = 0, *, raises: Exception | None = None, dropped: int = 0) -> None:
+        self.did: list[str] = []
+        self._lines, self._code, self._raises, self._dropped = lines, code, raises, dropped
+        self._run_dir = Path()
+
+    def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
+        self._run_dir = run_dir
+        return self
+
+    def up(self) -> None:
+        self.did.append("up")
+
+    def images(self) -> dict[str, str]:
+        return {"node": "sha256:1"}
+
+    def versions(self) -> dict[str, str]:
+        return {"docker": "1"}
+
+    def output(self, service: str, command: list[str]) -> str:
+        return "mosquitto version 2.0.21\n"
+
+    def execute(self, service: str, command: list[str]) -> Generator[str, None, int]:
+        self.did.append(f"mission in {service}")
+        (self._run_dir / "events.jsonl").touch()
+        yield from self._lines
+        if self._raises is not None:
+            raise self._raises
+        return self._code
+
+    def cpu_seconds(self) -> dict[str, float]:
+        return {"gs": 1.0}
+
+    def stop(self, service: str) -> None:
+        self.did.append(f"stop {service}")
+        counts = [{"node": "gs", "captured": 1, "dropped": self._dropped}]
+        (self._run_dir / "pcap" / "captures.json").write_text(json.dumps(counts))
+
+    def save_logs(self, folder: Path) -> None:
+        self.did.append("logs")
+
+    def down(self) -> None:
+        self.did.append("down")
+
+
+TAKEOFF = json.dumps({"step": "takeoff", "drones": {"1": "armed, 3.0 m"}})
+
+
+def _fly(root: Path, fleet: Fleet, attempts: str = "1") -> tuple[Path, list[Ended], Quiet]:
+    progress = Quiet()
+    plan = make_plan("scenario-1", attempts, "thesis", "ideal", "mqttxt")
+    series, endings = run_series(plan, root, progress, fleet)
+    return series.path, endings, progress
+
+
+def _manifest(root: Path) -> dict[str, Any]:
+    (path,) = root.glob("scenario-1/thesis-ideal/*/mqttxt/attempt-01/manifest.json")
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def test_a_run_goes_up_flies_and_ends_the_captures_before_the_rest(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF, "something else"])
+    path, endings, progress = _fly(tmp_path, fleet)
+    assert fleet.did == ["up", "mission in gs", "stop net", "logs", "down"]
+    assert endings == [Ended("completed")]
+    assert ("takeoff", {"1": "armed, 3.0 m"}) in progress.said
+    manifest = _manifest(tmp_path)
+    assert manifest["status"] == "completed"
+    assert manifest["versions"]["mosquitto"] == "2.0.21"
+    assert manifest["cpu_s"] == {"gs": 1.0}
+    assert (tmp_path / "scenario-1" / "latest").resolve() == path.resolve()
+
+
+def test_a_failed_mission_keeps_its_reason_and_the_series_goes_on(tmp_path: Path) -> None:
+    _, endings, _ = _fly(tmp_path, Fleet(["mission: scenario-1 failed: arm: drone 3: denied"], code=1), attempts="2")
+    assert endings == [Ended("failed", "scenario-1 failed: arm: drone 3: denied")] * 2
+
+
+def test_a_container_that_dies_fails_the_attempt_by_its_name(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF], raises=ContainerDied("uav3 ended with exit code 137; its last log lines:\n    bye"))
+    _, endings, _ = _fly(tmp_path, fleet)
+    assert endings[0].status == "failed"
+    assert str(endings[0].reason).startswith("uav3 ended with exit code 137")
+    assert fleet.did[-3:] == ["stop net", "logs", "down"]
+
+
+def test_a_capture_that_dropped_makes_the_attempt_void(tmp_path: Path) -> None:
+    _, endings, _ = _fly(tmp_path, Fleet([TAKEOFF], dropped=2))
+    assert endings == [Ended("void", "captures dropped packets: gs 2")]
+
+
+def test_containers_that_never_come_up_end_the_run_and_are_taken_down(tmp_path: Path) -> None:
+    class Broken(Fleet):
+        def up(self) -> None:
+            raise DockerError("fog1 not healthy within 90 s")
+
+    fleet = Broken([])
+    with pytest.raises(DockerError, match="fog1 not healthy"):
+        _fly(tmp_path, fleet)
+    assert fleet.did == ["stop net", "logs", "down"]
+    assert _manifest(tmp_path)["status"] == "failed"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_everything_and_keeps_what_there_is(tmp_path: Path, number: int) -> None:
+    class Interrupting(Fleet):
+        def execute(self, service: str, command: list[str]) -> Generator[str, None, int]:
+            yield from super().execute(service, command)
+            os.kill(os.getpid(), number)
+            return 0
+
+    before = signal.getsignal(number)
+    fleet = Interrupting([TAKEOFF])
+    with pytest.raises(Interrupted) as interrupted:
+        _fly(tmp_path, fleet)
+    assert interrupted.value.exit_code == 130
+    assert fleet.did[-3:] == ["stop net", "logs", "down"]
+    assert (_manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]) == ("failed", "interrupted")
+    assert signal.getsignal(number) is before
