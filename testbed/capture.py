@@ -66,16 +66,16 @@ def read_frames(path: Path, notes: CaptureNotes | None = None) -> Iterator[Frame
     except (OSError, Scapy_Exception) as error:
         raise ResultsError(f"{path}: not a capture: {error}") from error
     nano = bool(getattr(reader, "nano", False))
-    position = 24
+    whole = 24
     with reader:
         for data, meta in reader:
-            position += 16 + len(data)
             if len(data) < meta.caplen:
                 break
+            whole += 16 + len(data)
             t_ns = meta.sec * 1_000_000_000 + meta.usec * (1 if nano else 1000)
             yield dissect(t_ns, data, meta.wirelen)
     if notes is not None:
-        notes.truncated = position != path.stat().st_size
+        notes.truncated = whole != path.stat().st_size
 
 
 def dissect(t_ns: int, data: bytes, size: int) -> Frame:
