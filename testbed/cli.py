@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from .containers import Containers
+from .containers import Containers, only_run
 from .errors import TestbedError
 from .experiments import make_plan
 from .metrics import measure_series
@@ -47,6 +47,7 @@ def run(
     with _errors_as_lines():
         plan = make_plan(experiment, attempts, arm, profile, protocols)
         console = _console()
+        only_run()
         series, endings = run_series(plan, results.absolute(), ConsoleProgress(console))
         _report(series.path, console)
         if any(ended.status != "completed" for ended in endings):
@@ -73,6 +74,7 @@ def up(
             folder.mkdir(parents=True, exist_ok=True)
             folder.chmod(0o777)
         settings = settings_of(make_plan("scenario-1", "1", "thesis", "ideal", "mqttxt"), encoding)
+        only_run()
         with ConsoleProgress(_console()).phase("starting 17 containers"):
             Containers("mqttxt", LIVE, settings).up()
         typer.echo(f"""\

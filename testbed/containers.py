@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Generator, Iterator
@@ -23,6 +25,7 @@ PROJECT = "mqttxt-testbed"
 HEALTHY_TIMEOUT_S = 90.0
 POLL_S = 0.5
 LOG_LINES = 12
+LOCK = Path(tempfile.gettempdir()) / "mqttxt-testbed.lock"
 SERVICE_LABEL = "com.docker.compose.service"
 PROJECT_LABEL = "com.docker.compose.project"
 NODE_USER = "1000:1000"
@@ -147,8 +150,25 @@ class Containers:
         command = [*compose_command(), *options, *words]
         done = subprocess.run(command, cwd=ROOT, env=self._environment, capture_output=True, text=True, check=False)
         if done.returncode != 0:
+            if "verlap" in done.stderr:
+                raise DockerError(
+                    "a network within 198.18.0.0/15 is in use by another Docker network; `make down` ends a fleet that "
+                    "was left, `docker network ls` shows the others"
+                )
             reasons = [line for line in done.stderr.splitlines() if "rror" in line] or done.stderr.splitlines()
             raise DockerError(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
+
+
+def only_run() -> None:
+    """Keep other runs out until this process ends: a fleet's addresses exist once. Raises DockerError naming them."""
+    handle = os.open(LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        pid = os.read(handle, 20).decode() or "unknown"
+        raise DockerError(f"another run is going on (process {pid}); only one fleet can fly at a time") from None
+    os.truncate(handle, 0)
+    os.write(handle, str(os.getpid()).encode())
 
 
 def compose_command() -> list[str]:

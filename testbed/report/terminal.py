@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..results import Series
-from .words import PROTOCOL_NAMES, finding, loss, seconds, size
+from .words import PROTOCOL_NAMES, finding, seconds, short_loss, size
 
 
 def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> None:
@@ -36,9 +36,9 @@ def attempts_table(metrics: dict[str, Any]) -> Table:
                 seconds(attempt["mission_s"]),
                 f"{attempt['packets']:,}",
                 size(attempt["size_bytes"]),
-                loss(attempt["message_loss"]["commands"], attempt["commands_sent"]),
-                loss(attempt["message_loss"]["states"], attempt["states_sent"]),
-                loss(attempt["wire_loss"], attempt["packets"]),
+                short_loss(attempt["message_loss"]["commands"], attempt["commands_sent"]),
+                short_loss(attempt["message_loss"]["states"], attempt["states_sent"]),
+                short_loss(attempt["wire_loss"], attempt["packets"]),
             )
         for void in side["void"]:
             table.add_row(name, str(void["attempt"]), f"void: {void['reason']}", *["–"] * 6)

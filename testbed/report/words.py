@@ -32,8 +32,13 @@ def milliseconds(value: float | None) -> str:
     return f"{value:.2f} ms" if value < 10 else f"{value:.0f} ms"
 
 
+def short_loss(share: float | None, of: int) -> str:
+    """A loss where there is little room: how many of how many."""
+    return "–" if share is None or of == 0 else f"{round(share * of):,} of {of:,}"
+
+
 def loss(share: float | None, of: int) -> str:
-    """A loss as percent; none of n is shown as its 95 % bound, below 3/n."""
+    """A loss as percent; none of n is shown with its 95 % bound, below 3/n."""
     if share is None or of == 0:
         return "–"
     if share == 0:
