@@ -1,0 +1,152 @@
+"""Scenario 1 on a fleet that is made up: each step waits for what it asked for, and says why it failed."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mission import scenarios
+from mission.__main__ import parse_fleet
+from mission.events import EventLog
+from mission.fleet import MissionError, Result, Status
+from mission.steps import Steps
+
+
+class Fleet:
+    """Two drones that do at once what they are told, unless `answers` says otherwise."""
+
+    drones = (1, 2)
+
+    def __init__(self, **answers: list[Result]) -> None:
+        self.asked: list[Any] = []
+        self._answers = answers
+        self._now = Status(armed=False, mode="hold", altitude_m=0.0, landed="on_ground")
+        self._news = asyncio.Event()
+
+    async def connect(self, limit_s: float) -> None: ...
+
+    async def close(self) -> None: ...
+
+    async def arm(self) -> list[Result]:
+        return self._answer("arm", Status(armed=True, mode="hold", altitude_m=0.0, landed="on_ground"))
+
+    async def takeoff(self, altitude_m: float) -> list[Result]:
+        self.asked.append(altitude_m)
+        return self._answer("takeoff", Status(armed=True, mode="hold", altitude_m=altitude_m, landed="in_air"))
+
+    async def land(self) -> list[Result]:
+        return self._answer("land", Status(armed=False, mode="land", altitude_m=0.0, landed="on_ground"))
+
+    def status(self, drone: int) -> Status:
+        return self._now
+
+    async def changed(self) -> None:
+        await self._news.wait()
+        self._news.clear()
+
+    def becomes(self, status: Status) -> None:
+        self._now = status
+        self._news.set()
+
+    def _answer(self, name: str, status: Status) -> list[Result]:
+        self.asked.append(name)
+        self.becomes(status)
+        return self._answers.get(name, [Result(drone, "completed") for drone in self.drones])
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> EventLog:
+    return EventLog(tmp_path / "events.jsonl", StringIO())
+
+
+def _events(tmp_path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture(autouse=True)
+def _short_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scenarios, "HOLD_S", 0.05)
+
+
+async def test_scenario_1_goes_through_its_steps(log: EventLog, tmp_path: Path) -> None:
+    fleet = Fleet()
+    await scenarios.scenario_1(fleet, Steps(fleet, log))
+    assert fleet.asked == ["arm", 10.0, "takeoff", "land"]
+    done = [(event["name"], event["ok"]) for event in _events(tmp_path) if event["event"] == "step_done"]
+    assert done == [(name, True) for name in ("arm", "takeoff", "hold", "land", "disarmed")]
+
+
+@pytest.mark.parametrize(
+    ("answers", "reason"),
+    [
+        ({"arm": [Result(1, "completed"), Result(2, "denied", "autopilot")]}, "arm: drone 2: denied (autopilot)"),
+        ({"takeoff": [Result(1, "completed")]}, "takeoff: drone 2: no answer"),
+        (
+            {"land": [Result(1, "unconfirmed"), Result(2, "failed", "timeout")]},
+            "land: drone 1: unconfirmed; drone 2: failed (timeout)",
+        ),
+    ],
+)
+async def test_a_drone_that_does_not_complete_fails_the_mission_by_name(
+    answers: dict[str, list[Result]], reason: str, log: EventLog, tmp_path: Path
+) -> None:
+    fleet = Fleet(**answers)
+    with pytest.raises(MissionError) as failure:
+        await scenarios.scenario_1(fleet, Steps(fleet, log))
+    assert str(failure.value) == reason
+    assert _events(tmp_path)[-1] == {
+        **{"t_ns": _events(tmp_path)[-1]["t_ns"], "event": "step_done", "name": reason.split(":")[0]},
+        **{"ok": False, "reason": reason},
+    }
+
+
+async def test_a_step_that_takes_too_long_says_where_each_drone_is(log: EventLog) -> None:
+    fleet = Fleet()
+
+    async def forever() -> list[Result]:
+        await asyncio.Event().wait()
+        return []
+
+    asking: Callable[[], Awaitable[list[Result]]] = forever
+    with pytest.raises(MissionError, match=r"arm: not done within 0\.05 s \(drone 1: disarmed, on the ground, hold; "):
+        await Steps(fleet, log).command("arm", asking, limit_s=0.05)
+
+
+async def test_a_drone_that_disarms_while_holding_fails_it(log: EventLog) -> None:
+    fleet = Fleet()
+    fleet.becomes(Status(armed=True, altitude_m=10.0))
+    holding = asyncio.create_task(Steps(fleet, log).hold(30))
+    await asyncio.sleep(0)
+    fleet.becomes(Status(armed=False, altitude_m=10.0))
+    with pytest.raises(MissionError, match="hold: drone 1 is disarmed"):
+        await holding
+
+
+def test_progress_is_a_line_for_programs() -> None:
+    shown = StringIO()
+    EventLog(Path("/dev/null"), shown).show("land", {1: "armed, 3.0 m"})
+    assert json.loads(shown.getvalue()) == {"step": "land", "drones": {"1": "armed, 3.0 m"}}
+
+
+def test_a_fleet_is_typed_as_fogs_and_drones() -> None:
+    assert parse_fleet("1:1,2,3;2:4") == {1: (1, 2, 3), 2: (4,)}
+    with pytest.raises(ValueError, match="--fleet '1;2': expected FOG:DRONE,DRONE;FOG:DRONE"):
+        parse_fleet("1;2")
+
+
+@pytest.mark.parametrize(
+    ("status", "shown"),
+    [
+        (Status(), "silent"),
+        (Status(armed=True, mode="hold", altitude_m=9.64, landed="in_air"), "armed, 9.6 m, hold"),
+        (Status(armed=False, mode="land", altitude_m=0.1, landed="on_ground"), "disarmed, on the ground, land"),
+    ],
+)
+def test_a_status_in_words(status: Status, shown: str) -> None:
+    assert str(status) == shown

@@ -1,0 +1,75 @@
+"""The journal: what was open survives a restart, what was acknowledged does not, a cut-off line is no harm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mqttxt.errors import ConfigurationError
+from mqttxt.io.journal import JournalFile
+from mqttxt.io.mqtt import BrokerAddress
+from mqttxt.messages import CommandId, Word
+from mqttxt.roles.effects import Journal
+from mqttxt.roles.uav_client import Unfinished
+
+OPEN, SAID, DONE = CommandId(1, 1), CommandId(1, 2), CommandId(1, 3)
+
+
+def _fill(path: Path) -> None:
+    journal = JournalFile(path)
+    for command_id in (OPEN, SAID, DONE):
+        journal.record(Journal(command_id, "takeoff"))
+    for command_id in (SAID, DONE):
+        journal.record(Journal(command_id, "takeoff", Word.FAILED, "timeout"))
+    journal.record(Journal(DONE, "takeoff", done=True))
+    journal.close()
+
+
+def test_open_ids_and_unheard_last_words_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "journal"
+    _fill(path)
+    expected = [Unfinished(OPEN, "takeoff"), Unfinished(SAID, "takeoff", Word.FAILED, "timeout")]
+    for _ in range(2):  # the file is made small at each start, and still says the same
+        journal = JournalFile(path)
+        assert journal.unfinished == expected
+        journal.close()
+    assert len(path.read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize("cut", [1, 5, 60])
+def test_a_line_that_a_power_loss_cut_off_costs_only_itself(tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "journal"
+    _fill(path)
+    path.write_bytes(path.read_bytes()[:-cut] + b"\xff")
+    journal = JournalFile(path)
+    assert Unfinished(OPEN, "takeoff") in journal.unfinished
+    assert [left.id for left in journal.unfinished] == [OPEN, SAID, DONE]
+    journal.close()
+
+
+def test_a_journal_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigurationError, match=r"journal .*file/journal: cannot be written"):
+        JournalFile(tmp_path / "file" / "journal")
+
+
+@pytest.mark.parametrize(
+    ("url", "address"),
+    [
+        ("mqtt://host", BrokerAddress("host", 1883)),
+        ("mqtts://host", BrokerAddress("host", 8883, tls=True)),
+        ("mqtt://me:p%40ss@10.0.0.1:99", BrokerAddress("10.0.0.1", 99, username="me", password="p@ss")),
+    ],
+)
+def test_broker_addresses(url: str, address: BrokerAddress) -> None:
+    assert BrokerAddress.parse(url) == address
+    assert "p@ss" not in str(address)
+
+
+@pytest.mark.parametrize(
+    "url", ["host", "http://host", "mqtt://", "mqtt://host:x", "mqtt://host:99999", "mqtt://h/topic"]
+)
+def test_what_is_no_brokers_address_is_named(url: str) -> None:
+    with pytest.raises(ConfigurationError, match="expected mqtt://HOST"):
+        BrokerAddress.parse(url, "--broker")
