@@ -26,7 +26,7 @@ from mqttxt.outcomes import Outcome, Reachability, StateUpdate
 from mqttxt.roles.effects import Inbound, Publish, Subscribe
 from mqttxt.roles.ground_station import GroundStation
 from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import Unfinished
+from mqttxt.roles.uav_commands import Unfinished
 from mqttxt.wire.codec import decode, encode
 
 ARM = 400

@@ -11,7 +11,7 @@ from mqttxt.io.journal import JournalFile
 from mqttxt.io.mqtt import BrokerAddress
 from mqttxt.messages import CommandId, Word
 from mqttxt.roles.effects import Journal
-from mqttxt.roles.uav_client import Unfinished
+from mqttxt.roles.uav_commands import Unfinished
 
 OPEN, SAID, DONE = CommandId(1, 1), CommandId(1, 2), CommandId(1, 3)
 

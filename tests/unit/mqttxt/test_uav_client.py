@@ -12,7 +12,8 @@ from mqttxt.commands import Arm, Disarm, Hold
 from mqttxt.messages import BeaconMessage, CommandId, DroneLease, Presence, Word
 from mqttxt.roles.effects import Inbound, Journal, Log, Publish, Stop, Subscribe, Transmit
 from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient, Unfinished
+from mqttxt.roles.uav_client import UavClient
+from mqttxt.roles.uav_commands import Unfinished
 from mqttxt.wire.codec import decode, encode
 
 ARM = 400
@@ -123,7 +124,7 @@ def test_a_malformed_command_is_denied_where_it_can_be_named() -> None:
 
 def test_a_full_ledger_denies() -> None:
     uav = client()
-    uav.ledger._capacity = 0
+    uav.desk.ledger._capacity = 0
     effects = hear(uav, command_payload(Arm()))
     assert words(effects) == [(Word.DENIED, "ledger_full")]
     assert transmitted(effects) == []

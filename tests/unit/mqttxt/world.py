@@ -14,7 +14,8 @@ from mqttxt.roles.activator_drones import CLOUD, FOG
 from mqttxt.roles.effects import Inbound, Journal, Log, Publish, Stop, Subscribe, Transmit
 from mqttxt.roles.ground_station import GroundStation
 from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient, Unfinished
+from mqttxt.roles.uav_client import UavClient
+from mqttxt.roles.uav_commands import Unfinished
 from mqttxt.wire.codec import decode
 
 GS_SESSION, FOG_SESSION, UAV_SESSION = 0x11, 0x22, 0x33

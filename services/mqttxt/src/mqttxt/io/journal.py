@@ -14,7 +14,7 @@ from pathlib import Path
 from ..errors import ConfigurationError
 from ..messages import CommandId, Word
 from ..roles.effects import Journal
-from ..roles.uav_client import Unfinished
+from ..roles.uav_commands import Unfinished
 
 logger = logging.getLogger("mqttxt.journal")
 

@@ -12,7 +12,8 @@ from ..clock import SessionClock
 from ..errors import ConfigurationError
 from ..roles.effects import Inbound, Journal, Transmit
 from ..roles.settings import Settings
-from ..roles.uav_client import LINK, UavClient
+from ..roles.uav_client import UavClient
+from ..roles.uav_commands import LINK
 from ..topics import FogSide
 from .journal import JournalFile
 from .mavlink import AutopilotAddress, AutopilotLink

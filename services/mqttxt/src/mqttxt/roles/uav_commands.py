@@ -1,0 +1,214 @@
+"""What a UAV client does with commands: admit, execute, answer, and answer again until it was heard."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..clock import MAX_TTL_MS, stamp
+from ..dialect.vehicle import Vehicle
+from ..errors import PayloadError
+from ..messages import BeaconMessage, By, CommandId, CommandMessage, ResultMessage, Word
+from ..topics import FogSide
+from ..wire.codec import decode, encode
+from ..wire.identify import identify
+from .effects import Effect, Inbound, Journal, Log, Publish
+from .executor import Executor, Output, Said
+from .ledger import Admission, Ledger
+from .settings import NO_MATCHING_SUBSCRIBERS, Settings
+
+LINK = "fog"
+NO_DEADLINE = "no_deadline"
+KEPT_BACK_MS = 1000
+"""How long a result waits before it is published again, where nobody was there to get it."""
+
+
+@dataclass
+class Answers:
+    """What was said of a command: its name for the topic, the words, and which last word was acknowledged."""
+
+    name: str
+    words: list[ResultMessage] = field(default_factory=list)
+    delivered: bool = False
+
+    @property
+    def last(self) -> ResultMessage | None:
+        return self.words[-1] if self.words and self.words[-1].word.is_last else None
+
+
+@dataclass(frozen=True)
+class Unfinished:
+    """What a journal tells of an earlier session: an id that was open, or a last word that nobody acknowledged."""
+
+    id: CommandId
+    command: str
+    word: Word | None = None
+    reason: str | None = None
+
+
+class CommandDesk:
+    """The commands of one UAV client session: ledger, order, executor, and the words about them.
+
+    `may_publish` is set while the client is born; `republish_at_ms` when a last word has to be said again.
+    """
+
+    def __init__(
+        self,
+        drone: int,
+        session: int,
+        settings: Settings,
+        topics: FogSide,
+        vehicle: Vehicle,
+        unfinished: list[Unfinished],
+    ) -> None:
+        self.ledger: Ledger[Answers] = Ledger()
+        self.executor = Executor(vehicle)
+        self.may_publish = False
+        self.republish_at_ms: int | None = None
+        self._drone = drone
+        self._session = session
+        self._settings = settings
+        self._topics = topics
+        self._highest_started: dict[int, int] = {}
+        self._restored = list(unfinished)
+        for left in self._restored:
+            entry = self.ledger.enter(left.id, None, Answers(left.command), 0)
+            self.ledger.close(entry, 0)
+
+    def on_payload(self, message: Inbound, now_ms: int) -> list[Effect]:
+        try:
+            command = decode(CommandMessage, message.payload)
+        except PayloadError as error:
+            out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
+            known = identify(message.payload)
+            if known is not None and self.ledger.get(known) is None:
+                denial = self._result(Said(known, Word.DENIED, str(error)), now_ms)
+                out.append(self._publish_result("malformed", denial, kept=False))
+            return out
+        return self._on_command(command, message.retain, now_ms)
+
+    def _on_command(self, command: CommandMessage, retained: bool, now_ms: int) -> list[Effect]:
+        deadline_ms = command.deadline_ms
+        if command.executor_session != self._session or deadline_ms is None:
+            deadline_ms = None
+        known_until_ms = min(deadline_ms or now_ms, now_ms + MAX_TTL_MS)
+        verdict = self.ledger.examine(command.id, command.command, known_until_ms, now_ms)
+        if verdict is Admission.DUPLICATE:
+            entry = self.ledger.get(command.id)
+            assert entry is not None
+            return self._answer(entry.record)
+        if verdict in (Admission.CONFLICT, Admission.FULL):
+            reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
+            denial = self._result(Said(command.id, Word.DENIED, reason), now_ms)
+            return [self._publish_result(command.command.name, denial, kept=False)]
+        self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms)
+        refusal = self._refusal(command, deadline_ms, retained, now_ms)
+        if refusal is not None:
+            return self.carry_out([refusal], now_ms)
+        assert deadline_ms is not None
+        limit_ms = round(command.limit_s * 1000)
+        started = self.executor.start(command.id, command.command, deadline_ms, limit_ms, now_ms)
+        if not any(isinstance(output, Said) and output.id == command.id for output in started):
+            self._highest_started[command.gs_session] = command.seq
+        return [Journal(command.id, command.command.name), *self.carry_out(started, now_ms)]
+
+    def _refusal(self, command: CommandMessage, deadline_ms: int | None, retained: bool, now_ms: int) -> Said | None:
+        """Why a new command is not started, None when it is."""
+        if retained:
+            return Said(command.id, Word.DENIED, "retained")
+        if deadline_ms is None:
+            return Said(command.id, Word.DENIED, NO_DEADLINE)
+        if deadline_ms > now_ms + MAX_TTL_MS:
+            return Said(command.id, Word.DENIED, "deadline_too_far")
+        if now_ms > deadline_ms:
+            return Said(command.id, Word.EXPIRED)
+        if command.seq < self._highest_started.get(command.gs_session, -1):
+            return Said(command.id, Word.OVERTAKEN)
+        return None
+
+    def carry_out(self, outputs: list[Output], now_ms: int) -> list[Effect]:
+        """Effects as they are; words become results, recorded in ledger and journal before they leave."""
+        out: list[Effect] = []
+        for output in outputs:
+            if not isinstance(output, Said):
+                out.append(output)
+                continue
+            entry = self.ledger.get(output.id)
+            assert entry is not None
+            result = self._result(output, now_ms)
+            entry.record.words.append(result)
+            if output.word.is_last:
+                self.ledger.close(entry, now_ms)
+                out.append(Journal(entry.id, entry.record.name, output.word, output.reason))
+            out += self._answer(entry.record)
+        return out
+
+    def _result(self, said: Said, now_ms: int) -> ResultMessage:
+        return ResultMessage(
+            gs_session=said.id.gs_session,
+            seq=said.id.seq,
+            session=self._session,
+            stamp=stamp(now_ms),
+            word=said.word,
+            reason=said.reason,
+            percent=said.percent,
+            late_ms=said.late_ms,
+            by=By(gs_session=said.by.gs_session, seq=said.by.seq) if said.by is not None else None,
+            beacon=BeaconMessage(session=self._session, now_ms=now_ms) if said.reason == NO_DEADLINE else None,
+        )
+
+    def _answer(self, record: Answers) -> list[Effect]:
+        """The newest word, while there is somebody to publish it to; without one it will come by itself.
+
+        At QoS 0 nothing acknowledges it: what is lost is asked for again.
+        """
+        if not record.words or not self.may_publish:
+            return []
+        newest = record.words[-1]
+        out: list[Effect] = [self._publish_result(record.name, newest)]
+        if self._settings.qos == 0 and newest.word.is_last and not record.delivered:
+            record.delivered = True
+            out.append(Journal(newest.id, record.name, done=True))
+        return out
+
+    def republish(self) -> list[Effect]:
+        """The newest words whose delivery was not acknowledged."""
+        records = [entry.record for entry in self.ledger.entries()]
+        return [effect for record in records if not record.delivered for effect in self._answer(record)]
+
+    def close_restored(self, now_ms: int) -> list[Effect]:
+        """Ids that an earlier session left: nobody knows what became of the open ones."""
+        out: list[Effect] = []
+        for left in self._restored:
+            entry = self.ledger.get(left.id)
+            assert entry is not None
+            word, reason = (left.word, left.reason) if left.word else (Word.UNCONFIRMED, "restarted")
+            entry.record.words.append(self._result(Said(left.id, word, reason), now_ms))
+            out.append(Journal(left.id, left.command, word, reason))
+        self._restored.clear()
+        return out
+
+    def _publish_result(self, name: str, result: ResultMessage, kept: bool = True) -> Publish:
+        """Only the acknowledgement of a last word that the ledger keeps ends its repetition."""
+        topic = self._topics.commands_result(self._drone, name)
+        ref = result.id if kept and result.word.is_last else None
+        return Publish(LINK, topic, encode(result, self._settings.encoding), self._settings.qos, ref=ref)
+
+    def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
+        """A QoS 1 publish with `ref` was acknowledged with an MQTT reason code."""
+        entry = self.ledger.get(ref)
+        if entry is None or entry.record.delivered or entry.record.last is None:
+            return []
+        if code == NO_MATCHING_SUBSCRIBERS or code >= 0x80:
+            self.republish_at_ms = now_ms + KEPT_BACK_MS
+            return []
+        entry.record.delivered = True
+        return [Journal(entry.id, entry.record.name, done=True)]
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """Deadlines and limits of what runs, and last words that nobody was there to get."""
+        out = self.carry_out(self.executor.tick(now_ms), now_ms)
+        if self.may_publish and self.republish_at_ms is not None and now_ms >= self.republish_at_ms:
+            self.republish_at_ms = None
+            out += self.republish()
+        return out
