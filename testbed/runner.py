@@ -83,6 +83,7 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
         manifest["images"] = containers.images()
         manifest["versions"] |= containers.versions()
         manifest["versions"]["mosquitto"] = mosquitto_version(containers.output("cloud", ["mosquitto", "-h"]))
+        manifest["versions"]["tc"] = containers.output("net", ["tc", "-V"]).strip()
         ended = _mission(plan, containers, progress)
     except DockerError as error:
         ended = Ended("failed", str(error))
