@@ -90,6 +90,7 @@ def test_scenario_1_is_flown_measured_and_reported(tmp_path: Path) -> None:
     assert run.wait() == 0, run.output
 
     assert {"fog1/commands", "fog1/commands_result/land", "fog1/clock", "fog1/reachable"} <= set(topics)
+    assert b"mqtt://198.18.11.3:1883" in topics["fog1/reachable"]
     for drone in (1, 2, 3):
         assert {f"fog1/drone{drone}/state/location", f"fog1/drone{drone}/commands_result/land"} <= set(topics)
 

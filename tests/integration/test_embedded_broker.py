@@ -72,6 +72,7 @@ async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path)
             await eventually(lambda: len(heard) == 2, "takeoff accepted")
             await asyncio.to_thread(contained.kill_broker)
             await asyncio.wait_for(listening, 60)
+            assert fog._view.broker == f"mqtt://127.0.0.1:{contained.port}"
         assert "embedded broker ended with code" in contained.log()
         assert sorted((o.drone, o.word) for o in heard if o.is_last) == [(1, Word.COMPLETED), (2, Word.COMPLETED)]
         assert [len(system.commanded(n, 22)) for n in (1, 2)] == [1, 1]

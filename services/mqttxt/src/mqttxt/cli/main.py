@@ -60,13 +60,16 @@ def activator(
     def make() -> ActivatorRunner:
         embedded = None if fog_broker is not None else _embedded(listen)
         fog_url = fog_broker if fog_broker is not None else embedded.url if embedded is not None else ""
+        cloud_broker = BrokerAddress.parse(cloud, "--cloud")
+        advertised = embedded.url_towards(cloud_broker.host, cloud_broker.port) if embedded is not None else None
         return ActivatorRunner(
             check_number("--fog", fog),
-            BrokerAddress.parse(cloud, "--cloud"),
+            cloud_broker,
             BrokerAddress.parse(fog_url, "--fog-broker"),
             settings(qos, json),
             drones=_drone_numbers(drones),
             embedded=embedded,
+            advertised=BrokerAddress.parse(advertised) if advertised is not None else None,
             fog_root=check_prefix(fog_root) if fog_root is not None else None,
             prefix=prefix,
             ready_file=ready_file,

@@ -23,6 +23,7 @@ from ..states import (
 
 REFRESH_S = 0.5
 FIRST_STATES_S = 5.0
+SHOWN = frozenset({"armed", "battery", "flight_mode", "heading", "landed_state", "location"})
 
 
 async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) -> None:
@@ -31,7 +32,7 @@ async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) 
         known = [drone for fog in fogs for drone in fog.drones]
         with contextlib.suppress(TimeoutError):
             await station.wait_until(
-                lambda: all("battery" in d.states for d in known if d.is_reachable), timeout_s=FIRST_STATES_S
+                lambda: all(set(d.states) >= SHOWN for d in known if d.is_reachable), timeout_s=FIRST_STATES_S
             )
         wide = Console(width=140, file=console.file)
         wide.print(table(fogs))

@@ -34,7 +34,10 @@ class _Ready:
 
 
 class ActivatorRunner(Runner):
-    """Runs one fog's activator. `embedded` is its own broker, None where `fog_broker` runs elsewhere."""
+    """Runs one fog's activator. `embedded` is its own broker, None where `fog_broker` runs elsewhere.
+
+    `advertised` is the fog broker's address as others reach it, where that is another than `fog_broker`.
+    """
 
     def __init__(
         self,
@@ -45,6 +48,7 @@ class ActivatorRunner(Runner):
         *,
         drones: tuple[int, ...] = (),
         embedded: EmbeddedBroker | None = None,
+        advertised: BrokerAddress | None = None,
         fog_root: str | None = None,
         prefix: str = "",
         ready_file: Path | None = None,
@@ -62,7 +66,7 @@ class ActivatorRunner(Runner):
             clock.session,
             settings,
             drones=drones,
-            broker=str(fog_broker),
+            broker=str(advertised or fog_broker),
             cloud=cloud,
             fog_side=FogSide(root),
         )

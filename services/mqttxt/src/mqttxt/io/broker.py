@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import shutil
+import socket
 import tempfile
 from pathlib import Path
 
@@ -46,6 +47,21 @@ class EmbeddedBroker:
         """Where the activator itself reaches the broker."""
         host = "127.0.0.1" if self.host in ("0.0.0.0", "") else self.host
         return f"mqtt://{host}:{self.port}"
+
+    def url_towards(self, host: str, port: int) -> str:
+        """Where others reach the broker: on all interfaces, by the address of the one that leads to `host`.
+
+        Where there is no way to `host` yet, by this machine's name: a fog may start before its uplink.
+        """
+        if self.host != "0.0.0.0":
+            return self.url
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.connect((host, port))  # UDP: this only chooses the route
+                name = str(probe.getsockname()[0])
+            except OSError:
+                name = socket.gethostname()
+        return f"mqtt://{name}:{self.port}"
 
     async def run(self) -> None:
         """Start Mosquitto and start it again when it ends; raises ConfigurationError when it cannot start."""
