@@ -56,7 +56,12 @@ def run_series(
             for protocol in plan.protocols:
                 progress.attempt(protocol, number, plan.attempts)
                 attempt = new_attempt(series, protocol, number)
-                ended = _fly(plan, attempt, progress, make_containers)
+                try:
+                    ended = _fly(plan, attempt, progress, make_containers)
+                except OSError as error:
+                    raise TestbedError(
+                        f"{attempt.path}: {error.strerror or error}; the containers are ended, what was written is kept"
+                    ) from error
                 progress.ended(ended.status, ended.reason)
                 endings.append(ended)
                 point_latest(root, series)
@@ -134,10 +139,12 @@ def _take_down(containers: Containers, attempt: Attempt) -> dict[str, float]:
 
     Returns the CPU seconds of each service.
     """
-    used = containers.cpu_seconds()
-    containers.stop("net")
-    containers.save_logs(attempt.path / "logs")
-    containers.down()
+    try:
+        used = containers.cpu_seconds()
+        containers.stop("net")
+        containers.save_logs(attempt.path / "logs")
+    finally:
+        containers.down()
     return used
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import signal
@@ -12,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from testbed.errors import ContainerDied, DockerError
+from testbed.errors import ContainerDied, DockerError, TestbedError
 from testbed.experiments import make_plan
 from testbed.runner import Ended, Interrupted, run_series
 
@@ -142,6 +143,18 @@ def test_containers_that_never_come_up_end_the_run_and_are_taken_down(tmp_path: 
         _fly(tmp_path, fleet)
     assert fleet.did == ["stop net", "logs", "down"]
     assert _manifest(tmp_path)["status"] == "failed"
+
+
+def test_a_full_disk_leaves_no_container_behind(tmp_path: Path) -> None:
+    class Full(Fleet):
+        def save_logs(self, folder: Path) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    fleet = Full([TAKEOFF])
+    with pytest.raises(TestbedError, match=r"attempt-01: No space left on device; the containers are ended") as full:
+        _fly(tmp_path, fleet)
+    assert full.value.exit_code == 1
+    assert fleet.did[-2:] == ["stop net", "down"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

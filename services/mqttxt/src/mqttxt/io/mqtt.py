@@ -180,7 +180,8 @@ class MqttLink:
             self._refs.clear()
             if was_up:
                 self._events.disconnected(self.name)
-            client.loop_stop()
+            # In a thread: paho's own takes up to a second to end, and the other connections must go on.
+            await asyncio.shield(asyncio.to_thread(_disconnect, client))
 
     def _connect(self, client: Client) -> None:
         properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
