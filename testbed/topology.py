@@ -67,7 +67,7 @@ def read_topology(path: Path = COMPOSE_FILE) -> Topology:
     try:
         services: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))["services"]
     except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise UserError(f"{path}: expected a compose file with services: {error}") from error
+        raise UserError(f"{path}: expected a compose file with services: {' '.join(str(error).split())}") from error
     nodes = []
     for name, service in services.items():
         networks = service.get("networks")
