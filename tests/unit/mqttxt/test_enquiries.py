@@ -1,0 +1,56 @@
+"""What the UAV client asks of an autopilot that does not stream as PX4's onboard set does."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from pymavlink.dialects.v20 import common as mavlink
+from world import heartbeat, home, landed, position
+
+from mqttxt.dialect.vehicle import Vehicle
+from mqttxt.roles.enquiries import Enquiries
+
+
+def _asked(enquiries: Enquiries, vehicle: Vehicle, now_ms: int) -> set[object]:
+    """What is asked for now: message ids of rates and requests, names of parameters."""
+    vehicle.heartbeat_ms = now_ms
+    found: set[object] = set()
+    for question in enquiries.due(now_ms):
+        assert (question.target_system, question.target_component) == (1, 1)
+        name = getattr(question, "param_id", None)
+        found.add(int(question.param1) if name is None else name)
+    return found
+
+
+def test_a_silent_autopilot_is_asked_for_nothing() -> None:
+    assert Enquiries(Vehicle(1)).due(10_000) == []
+
+
+def test_only_the_parameter_is_asked_for_at_once_and_the_rest_if_it_does_not_come_by_itself() -> None:
+    vehicle = Vehicle(1)
+    vehicle.update(heartbeat(), 0)
+    enquiries = Enquiries(vehicle)
+    assert _asked(enquiries, vehicle, 0) == {"MPC_XY_VEL_MAX"}
+    vehicle.update(position(), 100)
+    vehicle.update(landed(1), 100)
+    asked = _asked(enquiries, vehicle, 4000)
+    assert asked == {
+        "MPC_XY_VEL_MAX",
+        mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
+        mavlink.MAVLINK_MSG_ID_VFR_HUD,
+        mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+        mavlink.MAVLINK_MSG_ID_HOME_POSITION,
+    }
+
+
+def test_what_has_come_is_not_asked_for_again_and_pauses_grow() -> None:
+    vehicle = Vehicle(1)
+    vehicle.update(heartbeat(), 0)
+    enquiries = Enquiries(vehicle)
+    home_id = mavlink.MAVLINK_MSG_ID_HOME_POSITION
+    times = [now for now in range(0, 60_000, 500) if home_id in _asked(enquiries, vehicle, now)]
+    gaps = [later - earlier for earlier, later in pairwise(times)]
+    assert times[0] == 3000
+    assert gaps[:5] == [1000, 2000, 5000, 10_000, 30_000]
+    vehicle.update(home(), 60_000)
+    assert home_id not in _asked(enquiries, vehicle, 200_000)
