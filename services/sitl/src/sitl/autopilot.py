@@ -135,10 +135,6 @@ class Autopilot:
         message = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, text.encode()[:50])
         self._out.append(Reply(message))
 
-    def note(self, output: Output) -> None:
-        """Put something between the rest, in order."""
-        self._out.append(output)
-
     def _set_armed(self, armed: bool) -> None:
         if armed != self.armed:
             self.armed = armed

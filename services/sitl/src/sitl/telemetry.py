@@ -36,9 +36,6 @@ class Telemetry:
         """The message `name`; raises KeyError for one that is not streamed."""
         return _MAKERS[name](self)
 
-    def knows(self, name: str) -> bool:
-        return name in _MAKERS
-
     def _noise(self, size: float) -> float:
         return self._random.uniform(-size, size)
 

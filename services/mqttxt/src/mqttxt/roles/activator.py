@@ -14,11 +14,10 @@ from ..wire.codec import decode, encode
 from .activator_drones import CLOUD, FOG, Drones
 from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe, Will
 from .relay import Relay
-from .settings import Settings
+from .settings import REBIRTH_MS, Settings
 
 CHALLENGE_MS = 3000
 """How long another live activator of this fog has to answer before this one takes its place."""
-REBIRTH_MS = 1000
 
 
 @dataclass

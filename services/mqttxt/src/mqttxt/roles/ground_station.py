@@ -26,11 +26,10 @@ from ..wire.codec import decode, encode
 from ..wire.states import decode_state
 from .effects import Effect, Inbound, Log, Publish, Subscribe, Will
 from .ledger import KEEP_MS
-from .settings import GRACE_MS, Retry, Settings
+from .settings import GRACE_MS, REBIRTH_MS, Retry, Settings
 from .station_fog import LINK, FogView
 
 DEFAULT_LEASE_S = 30
-REBIRTH_MS = 1000
 
 Output = Effect | Event
 
@@ -213,7 +212,7 @@ class GroundStation:
             events, confirmed = fog.on_beacon(decode(BeaconMessage, message.payload), now_ms)
             return [*events, *(self._ask_again(fog.number) if confirmed else [])]
         if isinstance(topic, FogTopic) and topic.kind == "reachable":
-            effects, events, _ = fog.on_presence(decode(FogPresence, message.payload), now_ms)
+            effects, events = fog.on_presence(decode(FogPresence, message.payload), now_ms)
             return [*effects, *events]
         raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
 

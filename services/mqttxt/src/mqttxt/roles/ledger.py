@@ -48,9 +48,6 @@ class Ledger(Generic[Record]):
         self._keep_ms = keep_ms
         self._barred_until_ms = -1
 
-    def __len__(self) -> int:
-        return len(self._entries)
-
     def get(self, command_id: CommandId) -> Entry[Record] | None:
         return self._entries.get(command_id)
 

@@ -28,10 +28,9 @@ from ..wire.identify import identify
 from .activator_drones import CLOUD, FOG, DroneLink, Drones
 from .effects import Effect, Inbound, Log, Publish
 from .ledger import Admission, Entry, Ledger
-from .settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, Retry, Settings
+from .settings import GRACE_MS, NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, Retry, Settings
 
 QUERY_DEADLINE_MS = 0
-NO_DEADLINE = "no_deadline"
 
 
 @dataclass

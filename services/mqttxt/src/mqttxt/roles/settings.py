@@ -9,6 +9,10 @@ from ..wire.values import Encoding
 BEACON_INTERVAL_MS = 10_000
 GRACE_MS = 5_000
 """How long after deadline and limit a command may stay without its last word before it is unconfirmed."""
+REBIRTH_MS = 1_000
+"""How long an owner waits before it puts its retained topic right, so that two of them do not race."""
+NO_DEADLINE = "no_deadline"
+"""Why a command without a deadline in the executor's clock is denied; a beacon goes with it."""
 RESEND_FIRST_MS = 2_000
 RESEND_LAST_MS = 16_000
 NO_MATCHING_SUBSCRIBERS = 0x10

@@ -61,13 +61,13 @@ class FogView:
         """Whether the activator says so, and a beacon of it came within three intervals."""
         return self.up and self.clock is not None and self.clock.is_live(now_ms, self._settings.beacon_interval_ms)
 
-    def on_presence(self, presence: FogPresence, now_ms: int) -> tuple[list[Publish], list[Event], bool]:
-        """`fogX/reachable`. The flag tells whether the activator is there anew, so that open commands are asked for."""
+    def on_presence(self, presence: FogPresence, now_ms: int) -> tuple[list[Publish], list[Event]]:
+        """`fogX/reachable`: an activator that is there anew is registered at."""
         if not presence.up:
             if presence.session != self.session or not self.up:
-                return [], [], False
+                return [], []
             self.up = self.registered = False
-            return [], self._review(now_ms), False
+            return [], self._review(now_ms)
         anew = not self.up or presence.session != self.session
         if presence.session != self.session:
             self.session = presence.session
@@ -78,7 +78,7 @@ class FogView:
         self.broker = presence.broker
         self.configured = tuple(entry.drone for entry in presence.drones or ())
         out = [self.registration(now_ms)] if anew and self.subscribed else []
-        return out, self._review(now_ms), anew
+        return out, self._review(now_ms)
 
     def on_beacon(self, message: BeaconMessage, now_ms: int) -> tuple[list[Event], bool]:
         """`fogX/clock`. The flag tells whether the registration is confirmed by it, for the first time."""

@@ -16,11 +16,10 @@ from ..wire.codec import decode, encode
 from ..wire.states import StampedState, encode_state
 from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Transmit, Will
 from .enquiries import Enquiries
-from .settings import Settings
+from .settings import REBIRTH_MS, Settings
 from .uav_commands import LINK, CommandDesk, Unfinished
 
 MAV_HEARTBEAT_MS = 1000
-REBIRTH_MS = 1000
 
 
 class UavClient:

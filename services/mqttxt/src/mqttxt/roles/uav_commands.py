@@ -15,10 +15,9 @@ from ..wire.identify import identify
 from .effects import Effect, Inbound, Journal, Log, Publish
 from .executor import Executor, Output, Said
 from .ledger import Admission, Ledger
-from .settings import NO_MATCHING_SUBSCRIBERS, Settings
+from .settings import NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, Settings
 
 LINK = "fog"
-NO_DEADLINE = "no_deadline"
 KEPT_BACK_MS = 1000
 """How long a result waits before it is published again, where nobody was there to get it."""
 
