@@ -80,6 +80,7 @@ def up(
         typer.echo(f"""\
 Six drones are up. To look and to fly:
   docker exec -it mqttxt-testbed_gs_1 mqttxt gs watch --fog 1 --fog 2
+  docker exec -it mqttxt-testbed_gs_1 mqttxt gs send arm --fog 1 --drone 2
   docker exec -it mqttxt-testbed_gs_1 mqttxt gs send takeoff 10 --fog 1 --drone 2
   docker exec -it mqttxt-testbed_gs_1 mosquitto_sub -h {CLOUD_URL.split("//")[1].split(":")[0]} -v -t 'fog1/#'
   make down""")

@@ -247,3 +247,16 @@ def test_states_are_published_once_and_again_after_a_reconnection() -> None:
         uav.on_subscribed(subscribe, 1400)  # type: ignore[arg-type]
     again = [e.topic for e in uav.tick(1500) if isinstance(e, Publish) and "/state/" in e.topic]
     assert again == first
+
+
+@pytest.mark.parametrize("asked", [{"deadline_ms": 0}, {"executor_session": 99}])
+@pytest.mark.parametrize("remembers", [True, False])
+def test_without_a_journal_nobody_knows_what_an_earlier_session_did(asked: dict[str, int], remembers: bool) -> None:
+    client = UavClient(1, UAV_SESSION, Settings(), remembers=remembers)
+    ready(client)
+    payload = encode(command_payload(Arm(), **asked))
+    (said,) = results(client.on_message(Inbound("drone1/commands", payload, 1), 100))
+    if remembers:
+        assert said.word in (Word.EXPIRED, Word.DENIED)
+    else:
+        assert (said.word, said.reason) == (Word.UNCONFIRMED, "no_journal")

@@ -44,11 +44,11 @@ async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) 
 
 
 def table(fogs: list[Fog]) -> Table:
-    """Fogs and drones, one row a drone; the age is an upper bound of the oldest moving state's."""
+    """Fogs and drones, one row a drone; when it was last heard is an upper bound."""
     shown = Table(title="MQTT-XT", title_justify="left")
     for heading in ("fog", "drone", "reachable", "armed", "mode", "landed"):
         shown.add_column(heading)
-    for heading in ("position", "altitude m", "speed m/s", "heading", "battery", "age s"):
+    for heading in ("position", "altitude m", "speed m/s", "heading", "battery", "heard s ago"):
         shown.add_column(heading, justify="right")
     for fog in fogs:
         name = f"{fog.number}" if fog.is_live else f"{fog.number} [red]gone[/]"
@@ -98,6 +98,6 @@ def _described(states: dict[str, KnownState]) -> list[str]:
 
 
 def _age(states: dict[str, KnownState]) -> str:
-    """Of the newest state: how long ago the drone was heard, at the most."""
+    """How long ago the drone was last heard, at the most: of its newest state."""
     ages = [known.age_ms for known in states.values() if known.age_ms is not None]
     return f"{min(ages) / 1000:.1f}" if ages else "-"

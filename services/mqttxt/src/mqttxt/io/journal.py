@@ -20,12 +20,16 @@ logger = logging.getLogger("mqttxt.journal")
 
 
 class JournalFile:
-    """Appends to `path`; `unfinished` is what the sessions before this one left."""
+    """Appends to `path`; `unfinished` is what the sessions before this one left.
+
+    `is_new`: there was no journal, so nothing is known of them.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            self.is_new = not path.exists()
             self.unfinished = _read(path)
             self._compact()
             self._file = path.open("a", encoding="ascii")

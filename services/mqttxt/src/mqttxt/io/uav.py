@@ -65,7 +65,9 @@ class UavRunner(Runner):
         ready_file: Path | None = None,
     ) -> None:
         clock = SessionClock()
-        self.client = UavClient(drone, clock.session, settings, topics, unfinished=journal.unfinished)
+        remembers = not journal.is_new
+        left = journal.unfinished
+        self.client = UavClient(drone, clock.session, settings, topics, unfinished=left, remembers=remembers)
         super().__init__(_OneLink(self.client), clock, ready_file)
         self._journal = journal
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)

@@ -28,9 +28,7 @@ from ..wire.identify import identify
 from .activator_drones import CLOUD, FOG, DroneLink, Drones
 from .effects import Effect, Inbound, Log, Publish
 from .ledger import Admission, Entry, Ledger
-from .settings import GRACE_MS, NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, Retry, Settings
-
-QUERY_DEADLINE_MS = 0
+from .settings import GRACE_MS, NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry, Settings
 
 
 @dataclass

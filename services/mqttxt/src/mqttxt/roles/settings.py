@@ -13,6 +13,8 @@ REBIRTH_MS = 1_000
 """How long an owner waits before it puts its retained topic right, so that two of them do not race."""
 NO_DEADLINE = "no_deadline"
 """Why a command without a deadline in the executor's clock is denied; a beacon goes with it."""
+QUERY_DEADLINE_MS = 0
+"""A deadline that is always past: the relay asks what became of a command that an earlier session may have had."""
 RESEND_FIRST_MS = 2_000
 RESEND_LAST_MS = 16_000
 NO_MATCHING_SUBSCRIBERS = 0x10

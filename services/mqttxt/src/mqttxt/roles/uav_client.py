@@ -33,13 +33,14 @@ class UavClient:
         topics: FogSide | None = None,
         policies: dict[str, Policy] | None = None,
         unfinished: list[Unfinished] | None = None,
+        remembers: bool = True,
     ) -> None:
         self.drone = drone
         self.session = session
         self.settings = settings
         self.topics = topics or FogSide()
         self.vehicle = Vehicle(drone)
-        self.desk = CommandDesk(drone, session, settings, self.topics, self.vehicle, unfinished or [])
+        self.desk = CommandDesk(drone, session, settings, self.topics, self.vehicle, unfinished or [], remembers)
         self.connected = False
         self.born = False
         self._throttle = Throttle(policies)

@@ -15,7 +15,7 @@ from ..wire.identify import identify
 from .effects import Effect, Inbound, Journal, Log, Publish
 from .executor import Executor, Output, Said
 from .ledger import Admission, Ledger
-from .settings import NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, Settings
+from .settings import NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Settings
 
 LINK = "fog"
 KEPT_BACK_MS = 1000
@@ -48,7 +48,9 @@ class Unfinished:
 class CommandDesk:
     """The commands of one UAV client session: ledger, order, executor, and the words about them.
 
-    `may_publish` is set while the client is born; `republish_at_ms` when a last word has to be said again.
+    `remembers` false: there is no journal of the sessions before this one, so that of an id which may have been
+    theirs nobody knows what became. `may_publish` is set while the client is born, `republish_at_ms` when a last
+    word has to be said again.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class CommandDesk:
         topics: FogSide,
         vehicle: Vehicle,
         unfinished: list[Unfinished],
+        remembers: bool = True,
     ) -> None:
         self.ledger: Ledger[Answers] = Ledger()
         self.executor = Executor(vehicle)
@@ -68,6 +71,7 @@ class CommandDesk:
         self._session = session
         self._settings = settings
         self._topics = topics
+        self._remembers = remembers
         self._highest_started: dict[int, int] = {}
         self._restored = list(unfinished)
         for left in self._restored:
@@ -115,6 +119,9 @@ class CommandDesk:
         """Why a new command is not started, None when it is."""
         if retained:
             return Said(command.id, Word.DENIED, "retained")
+        is_of_before = command.executor_session not in (0, self._session) or deadline_ms == QUERY_DEADLINE_MS
+        if is_of_before and not self._remembers:
+            return Said(command.id, Word.UNCONFIRMED, "no_journal")
         if deadline_ms is None:
             return Said(command.id, Word.DENIED, NO_DEADLINE)
         if deadline_ms > now_ms + MAX_TTL_MS:
