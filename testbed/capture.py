@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +20,11 @@ MQTT_TYPES = (
     *("subscribe", "suback", "unsubscribe", "unsuback", "pingreq", "pingresp", "disconnect", "auth"),
 )
 _TCP, _UDP = 6, 17
+_ETHER_TYPES = {0x0806: "arp", 0x86DD: "ipv6"}
+_IP_PROTOCOLS = {1: "icmp", 2: "igmp"}
+_PCAP_HEADER, _PACKET_HEADER = 24, 16
+
+logging.getLogger("scapy.runtime").setLevel(logging.ERROR)  # a capture that was cut off is said in the report
 
 
 @dataclass(frozen=True)
@@ -62,16 +68,20 @@ def read_frames(path: Path, notes: CaptureNotes | None = None) -> Iterator[Frame
     Raises ResultsError when the file is no pcap.
     """
     try:
+        if path.stat().st_size == 0:  # as a full disk leaves it
+            if notes is not None:
+                notes.truncated = True
+            return
         reader = RawPcapReader(str(path))
     except (OSError, Scapy_Exception) as error:
         raise ResultsError(f"{path}: not a capture: {error}") from error
     nano = bool(getattr(reader, "nano", False))
-    whole = 24
+    whole = _PCAP_HEADER
     with reader:
         for data, meta in reader:
             if len(data) < meta.caplen:
                 break
-            whole += 16 + len(data)
+            whole += _PACKET_HEADER + len(data)
             t_ns = meta.sec * 1_000_000_000 + meta.usec * (1 if nano else 1000)
             yield dissect(t_ns, data, meta.wirelen)
     if notes is not None:
@@ -81,7 +91,8 @@ def read_frames(path: Path, notes: CaptureNotes | None = None) -> Iterator[Frame
 def dissect(t_ns: int, data: bytes, size: int) -> Frame:
     """One frame's layers; whatever is not IPv4 over Ethernet is counted whole."""
     if len(data) < ETHERNET + 20 or data[12:14] != b"\x08\x00":
-        return Frame(t_ns, size, None, None, "other", {"ethernet": size})
+        name = _ETHER_TYPES.get(int.from_bytes(data[12:14], "big"), "other")
+        return Frame(t_ns, size, None, None, name, {"ethernet": size})
     ip = ETHERNET
     header = (data[ip] & 0x0F) * 4
     total = struct.unpack_from("!H", data, ip + 2)[0]
@@ -95,7 +106,7 @@ def dissect(t_ns: int, data: bytes, size: int) -> Frame:
         return Frame(t_ns, size, source, destination, "udp", layers, key=key)
     if protocol != _TCP or len(data) < start + 20:
         layers["payload"] = max(0, end - start)
-        name = "icmp" if protocol == 1 else "other"
+        name = _IP_PROTOCOLS.get(protocol, "other")
         return Frame(t_ns, size, source, destination, name, layers, key=key)
     offset = (data[start + 12] >> 4) * 4
     layers["tcp"] = offset

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from .experiments import Plan
+from .results import MANIFEST_VERSION
 from .topology import ROOT, Topology
 
-MANIFEST_VERSION = 1
 NODE_PACKAGES = ("paho-mqtt", "pymavlink", "cbor2", "fastcrc")
 SITL_SEED = 1
 

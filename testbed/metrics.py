@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter, defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from .capture import CaptureNotes, Frame, Publish, read_frames
 from .errors import ResultsError
 from .results import METRICS, Attempt, Series, write_json
 from .topology import Topology
+from .validity import common_revision, unsound_reason
 
 METRICS_VERSION = 1
 SCHEMA = Path(__file__).parent / "schemas" / "metrics.schema.json"
@@ -71,13 +73,13 @@ def measure_series(series: Series) -> dict[str, Any]:
     manifests = [attempt.manifest() for attempt in attempts]
     first = manifests[0]
     for attempt, manifest in zip(attempts, manifests, strict=True):
-        for name in ("experiment", "arm", "profile", "revision", "shaper"):
+        for name in ("experiment", "arm", "profile", "shaper"):
             if manifest[name] != first[name]:
                 raise ResultsError(f"{attempt.path}: {name} is {manifest[name]}, in the first attempt {first[name]}")
     document: dict[str, Any] = {
         "version": METRICS_VERSION,
         **{name: first[name] for name in ("experiment", "arm", "profile")},
-        "revision": first["revision"]["commit"],
+        "revision": common_revision(manifests),
         "shaper": first["shaper"],
         "protocols": {},
         "ratios": {},
@@ -89,7 +91,12 @@ def measure_series(series: Series) -> dict[str, Any]:
             side["void"].append({"attempt": attempt.number, "reason": measured["reason"]})
         else:
             side["attempts"].append(measured)
-    jsonschema.validate(document, json.loads(SCHEMA.read_text(encoding="utf-8")))
+    try:
+        jsonschema.validate(document, json.loads(SCHEMA.read_text(encoding="utf-8")))
+    except jsonschema.ValidationError as error:
+        raise ResultsError(
+            f"{series.path}: its metrics break their schema: {error.json_path}: {error.message}"
+        ) from error
     write_json(series.path / METRICS, document)
     return document
 
@@ -97,11 +104,10 @@ def measure_series(series: Series) -> dict[str, Any]:
 def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any]:
     """One attempt's entry in `metrics.json`."""
     events = attempt.events()
-    captures = attempt.captures()
     status, reason = manifest["status"], manifest["reason"]
-    dropped = [f"{c['node']}: {c['dropped']}" for c in captures if c["dropped"] != 0]
-    if status != "void" and (dropped or not captures):
-        status, reason = "void", f"captures dropped packets ({', '.join(dropped)})" if dropped else "no captures"
+    unsound = unsound_reason(attempt, manifest, events) if status == "completed" else None
+    if unsound is not None:
+        status, reason = "void", unsound
     window = mission_window(attempt, events)
     traffic = count_traffic(attempt, window) if window is not None else Traffic()
     links = {name: traffic.links[name] for name in sorted(traffic.links)}
@@ -115,8 +121,8 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
         "size_bytes": sum(link.bytes for link in links.values()),
         "packets": entered,
         "message_loss": {
-            "commands": _lost_share(len(traffic.commands_sent), len(traffic.commands_received)),
-            "states": _lost_share(len(traffic.states_sent), len(traffic.states_sent & traffic.states_received)),
+            "commands": lost_share(traffic.commands_sent, traffic.commands_received),
+            "states": lost_share(traffic.states_sent, traffic.states_received),
         },
         "commands_sent": len(traffic.commands_sent),
         "states_sent": len(traffic.states_sent),
@@ -267,8 +273,9 @@ def _state_key(publish: Publish, relayed: bool) -> Key | None:
         return None
 
 
-def _lost_share(sent: int, received: int) -> float | None:
-    return (sent - received) / sent if sent else None
+def lost_share(sent: Collection[Key], received: Collection[Key]) -> float | None:
+    """Which part of what was sent in the window never arrived; what arrived besides does not count."""
+    return sum(key not in received for key in sent) / len(sent) if sent else None
 
 
 def command_delays_ms(traffic: Traffic, events: list[dict[str, Any]]) -> dict[str, list[float]]:

@@ -14,6 +14,12 @@ from .topology import Link, Node, Topology
 
 METRICS = "metrics.json"
 REPORT = "report.html"
+MANIFEST_VERSION = 1
+CUT_OFF = "the run was cut off"
+_MANIFEST_FIELDS: dict[str, type] = {
+    **dict.fromkeys(("experiment", "arm", "profile", "status", "shaper"), str),
+    **dict.fromkeys(("revision", "configuration", "host", "versions", "topology"), dict),
+}
 
 
 @dataclass(frozen=True)
@@ -26,11 +32,20 @@ class Attempt:
 
     def manifest(self) -> dict[str, Any]:
         """Raises ResultsError when it is missing or not what a run writes."""
-        found = read_json(self.path / "manifest.json")
-        for name in ("experiment", "arm", "profile", "status", "topology"):
+        path = self.path / "manifest.json"
+        found = read_json(path)
+        if found.get("version") != MANIFEST_VERSION:
+            raise ResultsError(f"{path}: version is {found.get('version')}, expected {MANIFEST_VERSION}")
+        for name, kind in _MANIFEST_FIELDS.items():
             if name not in found:
-                raise ResultsError(f"{self.path / 'manifest.json'}: {name} is missing")
-        return found
+                raise ResultsError(f"{path}: {name} is missing")
+            if not isinstance(found[name], kind):
+                raise ResultsError(f"{path}: {name}: expected {'text' if kind is str else 'an object'}")
+        if found["status"] == "running":  # nobody was left to say how it ended
+            found |= {"status": "failed", "reason": CUT_OFF}
+        if found["status"] not in ("completed", "failed", "void"):
+            raise ResultsError(f"{path}: status is {found['status']}, expected completed, failed or void")
+        return {"reason": None, **found}
 
     def topology(self) -> Topology:
         described = self.manifest()["topology"]
@@ -48,7 +63,12 @@ class Attempt:
     def captures(self) -> list[dict[str, Any]]:
         """What each capture counted; empty when the network was not ended well."""
         path = self.path / "pcap" / "captures.json"
-        return list(json.loads(path.read_text())) if path.exists() else []
+        if not path.exists():
+            return []
+        found = _read_json(path)
+        if not isinstance(found, list) or not all(isinstance(c, dict) and {"node", "dropped"} <= set(c) for c in found):
+            raise ResultsError(f"{path}: expected a list of captures, each with node and dropped")
+        return found
 
 
 @dataclass(frozen=True)
@@ -59,7 +79,7 @@ class Series:
 
     def attempts(self) -> list[Attempt]:
         """Every attempt, by protocol and number."""
-        folders = sorted(self.path.glob("*/attempt-*"))
+        folders = sorted(path for path in self.path.glob("*/attempt-[0-9][0-9]") if path.is_dir())
         return [Attempt(path, path.parent.name, int(path.name.removeprefix("attempt-"))) for path in folders]
 
 
@@ -108,33 +128,47 @@ def open_series(path: Path) -> Series:
 
 
 def write_json(path: Path, document: Any) -> None:
-    """Write a file whole or not at all."""
+    """Write a file whole or not at all; an OSError names it."""
     fresh = path.with_name(f".{path.name}.new")
-    fresh.write_text(json.dumps(document, indent=1, sort_keys=False) + "\n", encoding="utf-8")
-    fresh.replace(path)
+    try:
+        fresh.write_text(json.dumps(document, indent=1, sort_keys=False) + "\n", encoding="utf-8")
+        fresh.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def read_json(path: Path) -> dict[str, Any]:
     """Raises ResultsError where there is no JSON object."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ResultsError(f"{path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ResultsError(f"{path}: not JSON: {error}") from error
+    found = _read_json(path)
     if not isinstance(found, dict):
         raise ResultsError(f"{path}: expected an object")
     return found
 
 
 def read_json_lines(path: Path) -> list[dict[str, Any]]:
-    """The objects of a file, up to a last line that was cut off; empty when there is none."""
+    """The events of a file, up to a last line that was cut off; empty when there is none.
+
+    Raises ResultsError naming a line in it that is no event.
+    """
     if not path.exists():
         return []
     found = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    lines = path.read_bytes().split(b"\n")
+    for number, line in enumerate(lines[:-1], 1):  # after the last line's end there is nothing, or what was cut off
         try:
-            found.append(json.loads(line))
-        except ValueError:
-            break
+            event = json.loads(line)
+        except ValueError as error:
+            raise ResultsError(f"{path}, line {number}: not JSON: {error}") from error
+        if not isinstance(event, dict) or not {"t_ns", "event"} <= set(event):
+            raise ResultsError(f"{path}, line {number}: expected an event with t_ns")
+        found.append(event)
     return found
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_bytes())
+    except OSError as error:
+        raise ResultsError(f"{path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ResultsError(f"{path}: not JSON: {error}") from error

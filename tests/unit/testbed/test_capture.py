@@ -9,6 +9,7 @@ from attempts import T0, frame, publish, write_pcap
 from hypothesis import given
 from hypothesis import strategies as st
 from scapy.layers.inet import ICMP, IP, UDP
+from scapy.layers.inet6 import IPv6
 from scapy.layers.l2 import ARP, Ether
 from scapy.packet import Raw
 
@@ -54,7 +55,8 @@ def test_no_segment_raises(body: bytes) -> None:
 @pytest.mark.parametrize(
     ("packet", "protocol"),
     [
-        (Ether() / ARP(), "other"),
+        (Ether() / ARP(), "arp"),
+        (Ether() / IPv6(), "ipv6"),
         (Ether() / IP(src="1.2.3.4", dst="5.6.7.8") / ICMP(), "icmp"),
         (Ether() / IP(src="1.2.3.4", dst="5.6.7.8") / UDP() / Raw(b"123"), "udp"),
     ],
@@ -83,6 +85,20 @@ def test_a_truncated_capture_is_read_up_to_the_cut_and_it_is_said(tmp_path: Path
     notes = CaptureNotes()
     assert len(list(read_frames(path, notes))) == 1
     assert not notes.truncated
+
+
+def test_an_empty_capture_is_one_that_was_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcap"
+    path.touch()
+    notes = CaptureNotes()
+    assert list(read_frames(path, notes)) == []
+    assert notes.truncated
+
+
+@given(st.binary(max_size=120), st.sampled_from([b"\x45", b"\x4f", b"\x40"]), st.sampled_from([1, 6, 17, 89]))
+def test_no_frame_raises(noise: bytes, version: bytes, protocol: int) -> None:
+    data = bytes(12) + b"\x08\x00" + version + noise[:8] + bytes([protocol]) + noise[8:]
+    assert dissect(T0, data, len(data)).size == len(data)
 
 
 def test_what_is_no_capture_is_said(tmp_path: Path) -> None:

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from attempts import make_attempt
+from attempts import make_attempt, manifest
 
 from testbed.errors import ResultsError
-from testbed.metrics import measure_series
+from testbed.metrics import lost_share, measure_series
 from testbed.results import new_series
 
 
@@ -43,7 +43,7 @@ def test_every_number_of_a_tiny_attempt(tmp_path: Path) -> None:
     assert measured["outcomes"] == {"1": [{"command": "arm", "word": "completed", "reason": None, "after_ms": 10.0}]}
     assert measured["mqtt"] == {"publish": 6}
     assert measured["before_mission"] == {"packets": 1, "bytes": 54}
-    assert measured["foreign"] == {"other": 1}
+    assert measured["foreign"] == {"arp": 1}
     assert measured["truncated"] == []
     assert json.loads((series.path / "metrics.json").read_text()) == metrics
 
@@ -54,7 +54,7 @@ def test_a_capture_that_dropped_packets_makes_the_attempt_void(tmp_path: Path) -
     make_attempt(series, number=2, dropped=3)
     side = measure_series(series)["protocols"]["mqttxt"]
     assert [attempt["attempt"] for attempt in side["attempts"]] == [1]
-    assert side["void"] == [{"attempt": 2, "reason": "captures dropped packets (gs: 3, cloud: 3, fog1: 3, uav1: 3)"}]
+    assert side["void"] == [{"attempt": 2, "reason": "captures dropped packets: gs 3, cloud 3, fog1 3, uav1 3"}]
 
 
 def test_a_failed_attempt_stays_with_its_reason_and_without_a_mission_time(tmp_path: Path) -> None:
@@ -74,6 +74,71 @@ def test_an_attempt_that_never_flew_has_no_traffic(tmp_path: Path) -> None:
     assert (measured["packets"], measured["mission_s"], measured["wire_loss"]) == (0, None, None)
 
 
+def test_a_failed_attempt_is_never_void(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series, dropped=3, status="failed", reason="takeoff: drone 1: denied")
+    second = make_attempt(series, number=2, status="failed", reason="net ended with exit code 137")
+    (second.path / "pcap" / "captures.json").unlink()
+    side = measure_series(series)["protocols"]["mqttxt"]
+    assert [attempt["status"] for attempt in side["attempts"]] == ["failed", "failed"]
+    assert side["void"] == []
+
+
+def test_what_was_sent_outside_the_window_is_no_gain() -> None:
+    sent, received = {(7, 1): 0, (7, 2): 0}, {(7, 2): 0, (7, 3): 0, (7, 4): 0}
+    assert lost_share(sent, received) == 0.5
+    assert lost_share({}, received) is None
+
+
+def test_a_run_that_was_cut_off_has_failed(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series, status="running")
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["status"], measured["reason"]) == ("failed", "the run was cut off")
+
+
+@pytest.mark.parametrize(
+    ("lost", "reason"),
+    [
+        ("pcap/captures.json", "no capture at cloud, fog1, gs, uav1"),
+        ("pcap/uav1.pcap", "no capture at uav1"),
+        ("events.jsonl", "events.jsonl does not have the mission's end"),
+        ("sitl/uav1.jsonl", "no autopilot's own word of disarming: uav1"),
+    ],
+)
+def test_nothing_is_guessed_where_a_file_is_lost(tmp_path: Path, lost: str, reason: str) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    (attempt.path / lost).unlink()
+    side = measure_series(series)["protocols"]["mqttxt"]
+    assert side == {"attempts": [], "void": [{"attempt": 1, "reason": reason}]}
+
+
+def test_a_capture_that_was_cut_off_is_counted_up_to_the_cut(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    (attempt.path / "pcap" / "uav1.pcap").write_bytes(b"")
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["packets"], measured["truncated"]) == (5, ["uav1.pcap"])
+
+
+def test_attempts_of_several_revisions_have_no_common_one(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series)
+    make_attempt(series, number=2, revision={"commit": "c0ffee", "dirty": True})
+    assert measure_series(series)["revision"] == "c0ffee"
+    make_attempt(series, number=3, revision={"commit": "decade", "dirty": False})
+    assert measure_series(series)["revision"] is None
+
+
+def test_a_malformed_captures_file_is_named(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    (attempt.path / "pcap" / "captures.json").write_text('[{"node": "gs"}]')
+    with pytest.raises(ResultsError, match=r"captures\.json: expected a list of captures"):
+        measure_series(series)
+
+
 def test_a_series_never_mixes_conditions(tmp_path: Path) -> None:
     series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
     make_attempt(series)
@@ -84,7 +149,14 @@ def test_a_series_never_mixes_conditions(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("{", "not JSON"), ("[]", "expected an object"), ("{}", "experiment is missing")],
+    [
+        ("{", "not JSON"),
+        ("[]", "expected an object"),
+        ("{}", "version is None, expected 1"),
+        ('{"version": 1}', "experiment is missing"),
+        ('{"version": 1, "experiment": []}', "experiment: expected text"),
+        (json.dumps(manifest(status="great")), "status is great, expected completed, failed or void"),
+    ],
 )
 def test_a_manifest_that_is_off_is_named(tmp_path: Path, text: str, said: str) -> None:
     series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
