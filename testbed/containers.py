@@ -72,15 +72,21 @@ class Containers:
         lines: Queue[str | None] = Queue()
         reader = threading.Thread(target=_read_lines, args=(api.exec_start(run_id, stream=True), lines), daemon=True)
         reader.start()
+        looked_s = time.monotonic()
         while True:
+            if time.monotonic() - looked_s >= alive_every_s:  # however often the command speaks
+                self.check_alive()
+                looked_s = time.monotonic()
             try:
                 line = lines.get(timeout=alive_every_s)
             except Empty:
-                self.check_alive()
                 continue
             if line is None:
                 self.check_alive()
-                return int(api.exec_inspect(run_id)["ExitCode"])
+                code = api.exec_inspect(run_id)["ExitCode"]
+                if code is None:
+                    raise DockerError(f"{service}: lost touch with {command[0]}, which still runs")
+                return int(code)
             yield line
 
     def output(self, service: str, command: list[str]) -> str:
@@ -148,7 +154,15 @@ class Containers:
     def _compose(self, *words: str) -> None:
         options = ["--project-name", PROJECT, "--file", str(COMPOSE_FILE), "--profile", self._profile]
         command = [*compose_command(), *options, *words]
-        done = subprocess.run(command, cwd=ROOT, env=self._environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command,
+            cwd=ROOT,
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            start_new_session=True,  # a second Ctrl-C does not reach what takes the fleet down
+        )
         if done.returncode != 0:
             if "verlap" in done.stderr:
                 raise DockerError(
@@ -187,12 +201,14 @@ def _cpu_seconds(container: Any) -> float:
 
 
 def _read_lines(chunks: Iterator[bytes], lines: Queue[str | None]) -> None:
-    """Cut a stream into lines; None at its end."""
+    """Cut a stream into lines; None at its end, also when it breaks."""
     rest = b""
-    for chunk in chunks:
-        *whole, rest = (rest + chunk).split(b"\n")
-        for line in whole:
-            lines.put(line.decode(errors="replace"))
-    if rest:
-        lines.put(rest.decode(errors="replace"))
-    lines.put(None)
+    try:
+        for chunk in chunks:
+            *whole, rest = (rest + chunk).split(b"\n")
+            for line in whole:
+                lines.put(line.decode(errors="replace"))
+        if rest:
+            lines.put(rest.decode(errors="replace"))
+    finally:
+        lines.put(None)

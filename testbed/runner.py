@@ -17,9 +17,12 @@ from .experiments import Plan
 from .manifest import describe, mosquitto_version
 from .results import Attempt, Series, new_attempt, new_series, point_latest, write_json
 from .topology import FLEET, read_topology
+from .validity import void_reason
 
 CLOUD_URL = "mqtt://198.18.1.3:1883"
 MISSION_OVER = {0: "completed", 1: "failed"}
+BAD_INPUT = 2
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 class Progress(Protocol):
@@ -51,7 +54,7 @@ def run_series(
     """Fly every attempt of a plan. A failed attempt does not end the series; a lost Docker does."""
     series = new_series(root, plan.experiment, plan.arm.name, plan.profile)
     endings = []
-    with _signals_interrupt():
+    with _signals_interrupt(series.path):
         for number in range(1, plan.attempts + 1):
             for protocol in plan.protocols:
                 progress.attempt(protocol, number, plan.attempts)
@@ -80,8 +83,32 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     settings = settings_of(plan)
     manifest = describe(plan, attempt.protocol, attempt.number, read_topology(), settings)
     write_json(attempt.path / "manifest.json", manifest)
-    containers = make_containers(attempt.protocol, attempt.path, settings)
     ended = Ended("failed", "interrupted")
+    try:
+        containers = make_containers(attempt.protocol, attempt.path, settings)
+        with _fleet_up(containers, attempt, manifest, progress):
+            ended = _mission(plan, containers, progress)
+    except Interrupted:
+        raise
+    except (TestbedError, OSError) as error:
+        ended = Ended("failed", str(error))
+        flown = (attempt.path / "events.jsonl").exists()
+        if not (isinstance(error, DockerError) and flown):
+            raise
+    finally:
+        manifest["captures"] = attempt.captures()
+        nodes = [node["name"] for node in manifest["topology"]["nodes"]]
+        reason = void_reason(manifest["captures"], nodes) if ended.status == "completed" else None
+        ended = Ended("void", reason) if reason is not None else ended
+        manifest |= {"status": ended.status, "reason": ended.reason}
+        manifest["host"]["load_after"] = os.getloadavg()[0]
+        write_json(attempt.path / "manifest.json", manifest)
+    return ended
+
+
+@contextlib.contextmanager
+def _fleet_up(containers: Containers, attempt: Attempt, manifest: dict[str, Any], progress: Progress) -> Iterator[None]:
+    """The fleet for as long as this lasts; it is taken down whatever happens."""
     try:
         with progress.phase("starting 17 containers"):
             containers.up()
@@ -89,20 +116,10 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
         manifest["versions"] |= containers.versions()
         manifest["versions"]["mosquitto"] = mosquitto_version(containers.output("cloud", ["mosquitto", "-h"]))
         manifest["versions"]["tc"] = containers.output("net", ["tc", "-V"]).strip()
-        ended = _mission(plan, containers, progress)
-    except DockerError as error:
-        ended = Ended("failed", str(error))
-        if not (attempt.path / "events.jsonl").exists():
-            raise
+        yield
     finally:
-        with progress.phase("ending the containers"):
+        with _signals_wait(), progress.phase("ending the containers"):
             manifest["cpu_s"] = _take_down(containers, attempt)
-        manifest["captures"] = attempt.captures()
-        ended = _void_if_dropped(ended, manifest["captures"])
-        manifest |= {"status": ended.status, "reason": ended.reason}
-        manifest["host"]["load_after"] = os.getloadavg()[0]
-        write_json(attempt.path / "manifest.json", manifest)
-    return ended
 
 
 def _mission(plan: Plan, containers: Containers, progress: Progress) -> Ended:
@@ -121,8 +138,10 @@ def _mission(plan: Plan, containers: Containers, progress: Progress) -> Ended:
             progress.step(shown["step"], shown["drones"])
         elif line.startswith("mission: "):
             said = line.removeprefix("mission: ")
+    if code == BAD_INPUT:
+        raise UserError(f"the mission could not be flown: {said}")
     if code not in MISSION_OVER:
-        raise UserError(f"the mission could not be flown (exit code {code}): {said}")
+        return Ended("failed", f"the mission's process ended with exit code {code}" + (f": {said}" if said else ""))
     return Ended(MISSION_OVER[code], said or None)
 
 
@@ -137,35 +156,40 @@ def _progress_line(line: str) -> dict[str, Any] | None:
 def _take_down(containers: Containers, attempt: Attempt) -> dict[str, float]:
     """End the network first, so that its captures are whole; then save the logs, then everything else.
 
-    Returns the CPU seconds of each service.
+    Each is done although another failed (a full disk, a container that is gone). Returns the CPU seconds of each
+    service.
     """
-    try:
-        used = containers.cpu_seconds()
-        containers.stop("net")
-        containers.save_logs(attempt.path / "logs")
-    finally:
-        containers.down()
-    return used
-
-
-def _void_if_dropped(ended: Ended, captures: list[dict[str, Any]]) -> Ended:
-    """A run whose captures dropped packets proves nothing."""
-    dropped = [f"{capture['node']} {capture['dropped']}" for capture in captures if capture["dropped"] != 0]
-    if dropped and ended.status == "completed":
-        return Ended("void", f"captures dropped packets: {', '.join(dropped)}")
-    return ended
+    with contextlib.ExitStack() as last_first:
+        last_first.callback(containers.down)
+        last_first.callback(containers.save_logs, attempt.path / "logs")
+        last_first.callback(containers.stop, "net")
+        return containers.cpu_seconds()
 
 
 @contextlib.contextmanager
-def _signals_interrupt() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does."""
+def _signals_wait() -> Iterator[None]:
+    """A signal within takes effect at the end: taking the containers down is short, and must be whole."""
+    heard: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: heard.append(number)) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if heard:
+            signal.raise_signal(signal.Signals(heard[0]))
+
+
+@contextlib.contextmanager
+def _signals_interrupt(kept: Path) -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does; `kept` is the folder of what was captured."""
 
     def interrupt(*_: object) -> None:
         for number in before:
-            signal.signal(number, signal.SIG_IGN)  # what follows is the taking down: it is short, and must be whole
-        raise Interrupted("interrupted; the containers are ended, what was captured is kept")
+            signal.signal(number, signal.SIG_IGN)  # once is enough
+        raise Interrupted(f"interrupted; the containers are ended, what was captured is kept in {kept}")
 
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    before = {number: signal.getsignal(number) for number in SIGNALS}
     for number in before:
         signal.signal(number, interrupt)
     try:

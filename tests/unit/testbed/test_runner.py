@@ -13,9 +13,10 @@ from typing import Any
 
 import pytest
 
-from testbed.errors import ContainerDied, DockerError, TestbedError
+from testbed.errors import ContainerDied, DockerError, TestbedError, UserError
 from testbed.experiments import make_plan
 from testbed.runner import Ended, Interrupted, run_series
+from testbed.topology import read_topology
 
 
 class Quiet:
@@ -76,7 +77,8 @@ class Fleet:
 
     def stop(self, service: str) -> None:
         self.did.append(f"stop {service}")
-        counts = [{"node": "gs", "captured": 1, "dropped": self._dropped}]
+        nodes = [node.name for node in read_topology().nodes]
+        counts = [{"node": node, "captured": 1, "dropped": self._dropped if node == "gs" else 0} for node in nodes]
         (self._run_dir / "pcap" / "captures.json").write_text(json.dumps(counts))
 
     def save_logs(self, folder: Path) -> None:
@@ -131,6 +133,65 @@ def test_a_container_that_dies_fails_the_attempt_by_its_name(tmp_path: Path) -> 
 def test_a_capture_that_dropped_makes_the_attempt_void(tmp_path: Path) -> None:
     _, endings, _ = _fly(tmp_path, Fleet([TAKEOFF], dropped=2))
     assert endings == [Ended("void", "captures dropped packets: gs 2")]
+
+
+@pytest.mark.parametrize("broken", ["cpu_seconds", "stop", "save_logs"])
+def test_the_containers_end_although_the_disk_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Fleet, broken, fail)
+    fleet = Fleet([TAKEOFF])
+    with pytest.raises(TestbedError, match="No space left"):
+        _fly(tmp_path, fleet)
+    assert fleet.did[-1] == "down"
+    assert _manifest(tmp_path)["status"] == "failed"
+
+
+def test_a_signal_while_the_containers_end_waits_for_them(tmp_path: Path) -> None:
+    class Late(Fleet):
+        def stop(self, service: str) -> None:
+            super().stop(service)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    fleet = Late([TAKEOFF])
+    with pytest.raises(Interrupted):
+        _fly(tmp_path, fleet)
+    assert fleet.did == ["up", "mission in gs", "stop net", "logs", "down"]
+    assert _manifest(tmp_path)["status"] == "completed"  # the mission was, before the signal came
+
+
+def test_a_completed_mission_without_captures_is_void(tmp_path: Path) -> None:
+    class Uncaptured(Fleet):
+        def stop(self, service: str) -> None:
+            self.did.append(f"stop {service}")
+
+    _, endings, _ = _fly(tmp_path, Uncaptured([TAKEOFF]))
+    assert endings[0].status == "void"
+    assert str(endings[0].reason).startswith("no capture at cloud, fog1")
+
+
+def test_a_mission_that_is_killed_fails_its_attempt_only(tmp_path: Path) -> None:
+    _, endings, _ = _fly(tmp_path, Fleet([TAKEOFF], code=137), attempts="2")
+    assert endings == [Ended("failed", "the mission's process ended with exit code 137")] * 2
+
+
+def test_a_mission_that_does_not_take_its_input_ends_the_run(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="the mission could not be flown: fleet=1:0: expected drones"):
+        _fly(tmp_path, Fleet(["mission: fleet=1:0: expected drones"], code=2))
+    assert _manifest(tmp_path)["reason"].startswith("the mission could not be flown")
+
+
+def test_a_daemon_that_does_not_answer_is_in_the_manifest(tmp_path: Path) -> None:
+    class Silent(Fleet):
+        def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
+            raise DockerError("Docker does not answer")
+
+    with pytest.raises(DockerError):
+        _fly(tmp_path, Silent([]))
+    assert (_manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]) == ("failed", "Docker does not answer")
 
 
 def test_containers_that_never_come_up_end_the_run_and_are_taken_down(tmp_path: Path) -> None:
