@@ -6,7 +6,7 @@ import contextlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -49,8 +49,9 @@ def run(
         console = _console()
         only_run()
         series, endings = run_series(plan, results.absolute(), ConsoleProgress(console))
-        _report(series.path, console)
-        if any(ended.status != "completed" for ended in endings):
+        metrics = _report(series.path, console)
+        counted = [attempt["status"] for side in metrics["protocols"].values() for attempt in side["attempts"]]
+        if counted != ["completed"] * len(endings):
             raise typer.Exit(1)
 
 
@@ -99,12 +100,13 @@ def _console() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=120)
 
 
-def _report(path: Path, console: Console) -> None:
+def _report(path: Path, console: Console) -> dict[str, Any]:
     series = open_series(path)
     metrics = measure_series(series)
     target = write_report(series, metrics)
     print_summary(series, metrics, console)
-    console.print(f"report: {_shown(target)}", soft_wrap=True)
+    console.print(f"report: {_shown(target)}", soft_wrap=True, markup=False)
+    return metrics
 
 
 def _shown(target: Path) -> str:

@@ -48,7 +48,8 @@ class ConsoleProgress:
 
     def ended(self, status: str, reason: str | None) -> None:
         self._finish_step()
-        self._console.print(f"  {status}" + (f": {reason}" if reason else ""), soft_wrap=True)
+        said = f"  {status}: {reason}" if reason else f"  {status}"
+        self._console.print(said, soft_wrap=True, markup=False)  # a reason may have a container's log in it
 
     def _where(self) -> str:
         return " · ".join(f"{drone} {text}" for drone, text in self._drones.items())
@@ -60,5 +61,5 @@ class ConsoleProgress:
             self._status = None
         if self._step:
             took = time.monotonic() - self._step_started
-            self._console.print(f"  {self._step:<9} {took:5.1f} s  {self._where()}", soft_wrap=True)
+            self._console.print(f"  {self._step:<9} {took:5.1f} s  {self._where()}", soft_wrap=True, markup=False)
         self._step = ""

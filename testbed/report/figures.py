@@ -41,14 +41,14 @@ def flights_of(sitl: dict[str, list[dict[str, Any]]], events: list[dict[str, Any
 
 def timeline(flights: list[Flight], end_s: float) -> str:
     """A row for each drone: its height, and a tick where a command had its last word."""
-    row, top = 54, 8
+    row, top = 54, 26
     height = top + row * len(flights) + 30
     most_m = max([alt for flight in flights for _, alt in flight.altitude] or [1.0]) or 1.0
     parts = []
     for index, flight in enumerate(flights):
         base = top + row * (index + 1) - 8
         points = " ".join(
-            f"{_x(t, end_s):.1f},{base - alt / most_m * (row - 18):.1f}" for t, alt in flight.altitude if t <= end_s + 1
+            f"{_x(t, end_s):.1f},{base - alt / most_m * (row - 18):.1f}" for t, alt in flight.altitude if t <= end_s
         )
         parts.append(
             f'<text class="label" x="{_LEFT - 10}" y="{base - 4}" text-anchor="end">drone {flight.drone}</text>'
@@ -61,9 +61,25 @@ def timeline(flights: list[Flight], end_s: float) -> str:
                 f'<g class="mark"><line x1="{x:.1f}" y1="{base - row + 16}" x2="{x:.1f}" y2="{base + 4}"/>'
                 f"<title>{escape(what)} after {at_s:.2f} s</title></g>"
             )
+    if flights:
+        parts += _first_row_labels(flights[0], end_s, most_m, top, row)
     parts.append(_time_axis(end_s, top + row * len(flights)))
     label = f"Height of each drone over time, up to {most_m:.1f} m; ticks are last words of commands"
     return _svg(height, label, parts)
+
+
+def _first_row_labels(flight: Flight, end_s: float, most_m: float, top: float, row: float) -> list[str]:
+    """What all rows share, said once: the height of the scale, and which command each tick belongs to."""
+    scale = f'<text class="tick" x="{_LEFT - 10}" y="{top + 14}" text-anchor="end">{most_m:.0f} m</text>'
+    labels = [scale]
+    free_from = 0.0
+    for at_s, what in flight.marks:
+        command = what.split(" ")[0]
+        x, half = _x(at_s, end_s), 4.0 * len(command)
+        x = min(max(x, half, free_from + half), WIDTH - half)
+        free_from = x + half
+        labels.append(f'<text class="tick" x="{x:.1f}" y="{top - 8}" text-anchor="middle">{escape(command)}</text>')
+    return labels
 
 
 def layer_bar(layers: dict[str, int]) -> str:

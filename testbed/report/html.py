@@ -33,6 +33,8 @@ def write_report(series: Series, metrics: dict[str, Any]) -> Path:
         title=words.EXPERIMENT_NAMES.get(metrics["experiment"], metrics["experiment"]),
         what=words.EXPERIMENT_WHAT.get(metrics["experiment"], ""),
         finding=words.finding(metrics),
+        notes=words.notes(metrics),
+        revisions=_revisions(attempts),
         names=words.PROTOCOL_NAMES,
         loss=words.loss,
         attempts=attempts,
@@ -69,6 +71,11 @@ def _attempt(series: Series, attempt: Attempt, metrics: dict[str, Any]) -> dict[
         "dropped": sum(capture["dropped"] or 0 for capture in manifest.get("captures", [])),
         "captured": sum(capture["captured"] or 0 for capture in manifest.get("captures", [])),
     }
+
+
+def _revisions(attempts: list[dict[str, Any]]) -> int:
+    """At how many revisions the attempts were flown."""
+    return len({str(attempt["manifest"]["revision"].get("commit")) for attempt in attempts})
 
 
 def _files(attempt: Attempt) -> list[Path]:

@@ -8,14 +8,16 @@ from rich.console import Console
 from rich.table import Table
 
 from ..results import Series
-from .words import PROTOCOL_NAMES, finding, seconds, short_loss, size
+from .words import PROTOCOL_NAMES, finding, notes, seconds, short_loss, size
 
 
 def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> None:
-    """A sentence, a row an attempt, and the traffic of the links."""
+    """A sentence, a row an attempt, what there is to say of them, and the traffic of the links."""
     console.print()
-    console.print(finding(metrics), soft_wrap=True)
+    console.print(finding(metrics), soft_wrap=True, markup=False)
     console.print(attempts_table(metrics))
+    for note in notes(metrics):
+        console.print(note, soft_wrap=True, markup=False)
     console.print(links_table(metrics))
 
 
@@ -41,7 +43,7 @@ def attempts_table(metrics: dict[str, Any]) -> Table:
                 short_loss(attempt["wire_loss"], attempt["packets"]),
             )
         for void in side["void"]:
-            table.add_row(name, str(void["attempt"]), f"void: {void['reason']}", *["–"] * 6)
+            table.add_row(name, str(void["attempt"]), "void", *["–"] * 6)
     return table
 
 

@@ -11,6 +11,7 @@ from attempts import make_attempt
 from rich.console import Console
 
 from testbed.metrics import measure_series
+from testbed.progress import ConsoleProgress
 from testbed.report import words
 from testbed.report.html import write_report
 from testbed.report.terminal import print_summary
@@ -28,9 +29,10 @@ def series(tmp_path: Path) -> Series:
 
 def test_the_page_says_what_happened_and_is_self_contained(series: Series) -> None:
     page = write_report(series, measure_series(series)).read_text()
-    assert "Over MQTT-XT 1 drones on two fogs flew scenario 1 in 9.0 s, with 7 packets" in page
+    assert "Over MQTT-XT 1 drone on one fog flew scenario 1 in 9.0 s, with 7 packets" in page
     assert "takeoff: drone 1: &lt;denied&gt;" in page
-    assert "void, not counted" in page
+    assert "void, not counted: captures dropped packets: gs 1" in page
+    assert "MQTT-XT, attempt 2 failed: takeoff" in page
     assert not re.search(r"""(src|href)=["'](https?:)?//""", page)
     links = re.findall(r'href="([^"#]+)"', page)
     assert "mqttxt/attempt-01/pcap/gs.pcap" in links
@@ -54,11 +56,17 @@ def test_the_terminal_shows_every_attempt_and_link(series: Series) -> None:
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in shown.splitlines() if line.startswith("│")]
     assert ["MQTT-XT", "1", "completed", "9.0 s", "7", "572 B"] in [row[:6] for row in rows]
     assert ["MQTT-XT", "2", "failed"] in [row[:3] for row in rows]
+    assert ["MQTT-XT", "3", "void"] in [row[:3] for row in rows]
+    assert "MQTT-XT, attempt 2 failed: takeoff: drone 1: <denied>" in shown
+    assert "MQTT-XT, attempt 3 is void, not counted: captures dropped packets: gs 1" in shown
     assert ["MQTT-XT", "air:uav1", "2", "1", "139 B", "85 B", "1"] in rows
 
 
+_MB = [(999_499, "999 kB"), (999_500, "1.00 MB"), (1_534_000, "1.53 MB")]
+
+
 @pytest.mark.parametrize(
-    ("value", "shown"), [(0, "0 B"), (999, "999 B"), (1000, "1 kB"), (167_340, "167 kB"), (1_534_000, "1.53 MB")]
+    ("value", "shown"), [(0, "0 B"), (999, "999 B"), (6000, "6.00 kB"), (9996, "10.0 kB"), (167_340, "167 kB"), *_MB]
 )
 def test_sizes_have_three_digits(value: int, shown: str) -> None:
     assert words.size(value) == shown
@@ -66,10 +74,34 @@ def test_sizes_have_three_digits(value: int, shown: str) -> None:
 
 @pytest.mark.parametrize(
     ("share", "of", "shown"),
-    [(None, 0, "–"), (0.0, 3, "0 of 3"), (0.0, 300, "0 of 300 (< 1 %)"), (0.25, 8, "25 % of 8")],
+    [
+        (None, 0, "–"),
+        (0.0, 3, "0 of 3"),
+        (0.0, 300, "0 of 300 (< 1 %)"),
+        (0.25, 8, "25 % of 8"),
+        (1.0, 6, "100 % of 6"),
+    ],
 )
 def test_no_loss_is_given_with_its_bound(share: float | None, of: int, shown: str) -> None:
     assert words.loss(share, of) == shown
+
+
+def test_a_log_in_a_reason_is_shown_as_it_is(tmp_path: Path) -> None:
+    made = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    reason = "uav3 ended with exit code 1; its last log lines:\n    [/run/mqttxt/ready] [red]gone"
+    make_attempt(made, status="failed", reason=reason)
+    console = Console(file=StringIO(), width=120)
+    print_summary(made, measure_series(made), console)
+    ConsoleProgress(console).ended("failed", reason)
+    assert console.file.getvalue().count("[/run/mqttxt/ready] [red]gone") == 2  # type: ignore[attr-defined]
+
+
+def test_none_that_counts_is_said(tmp_path: Path) -> None:
+    made = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(made, dropped=1)
+    assert words.finding(measure_series(made)) == "Over MQTT-XT no attempt that counts was completed."
+    make_attempt(made, number=2, status="failed", reason="denied")
+    assert words.finding(measure_series(made)) == "Over MQTT-XT the only attempt was not completed."
 
 
 @pytest.mark.parametrize(("value", "shown"), [(None, "–"), (1.234, "1.23 ms"), (123.4, "123 ms"), (7104.0, "7.10 s")])
