@@ -37,7 +37,7 @@ lint: venv
 	@.venv/bin/mypy
 	@PYTHONPATH=. .venv/bin/lint-imports --no-cache > .cache/imports.log || (cat .cache/imports.log; exit 1)
 
-bench: venv ## Measure what the documents quote
+bench: venv ## Measure speed and load, as shares and ratios of one run
 	@$(PYTHON) -m tests.bench
 
 sitl: venv ## Fly one simulated autopilot on loopback; prints how to connect to it

@@ -127,7 +127,7 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
         "commands_sent": len(traffic.commands_sent),
         "states_sent": len(traffic.states_sent),
         "wire_loss": lost / entered if entered else None,
-        "delay_ms": command_delays_ms(traffic, events),
+        "delay_ms": command_delays_ms(traffic),
         "outcomes": outcomes(events),
         "layers": dict(sorted(sum((link.layers for link in links.values()), Counter[str]()).items())),
         "mqtt": dict(sorted(traffic.mqtt.items())),
@@ -278,7 +278,7 @@ def lost_share(sent: Collection[Key], received: Collection[Key]) -> float | None
     return sum(key not in received for key in sent) / len(sent) if sent else None
 
 
-def command_delays_ms(traffic: Traffic, events: list[dict[str, Any]]) -> dict[str, list[float]]:
+def command_delays_ms(traffic: Traffic) -> dict[str, list[float]]:
     """One way, by capture: a command's first frame leaving gs to its first copy reaching each drone."""
     found: dict[str, list[float]] = defaultdict(list)
     for key, sent_ns in traffic.commands_sent.items():

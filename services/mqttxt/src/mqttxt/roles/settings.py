@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..clock import BEACON_INTERVAL_MS
 from ..wire.values import Encoding
 
-BEACON_INTERVAL_MS = 10_000
 GRACE_MS = 5_000
 """How long after deadline and limit a command may stay without its last word before it is unconfirmed."""
 REBIRTH_MS = 1_000

@@ -42,13 +42,17 @@ class UavClient:
         self.vehicle = Vehicle(drone)
         self.desk = CommandDesk(drone, session, settings, self.topics, self.vehicle, unfinished or [], remembers)
         self.connected = False
-        self.born = False
         self._throttle = Throttle(policies)
         self._enquiries = Enquiries(self.vehicle)
         self._awaited_subacks = 0
         self._next_beacon_ms = 0
         self._next_mav_heartbeat_ms = 0
         self._rebirth_at_ms: int | None = None
+
+    @property
+    def born(self) -> bool:
+        """Whether this session's birth is published, so that words and states may be."""
+        return self.desk.may_publish
 
     def will(self) -> Will:
         """The will of the connection to the fog broker."""
@@ -66,7 +70,7 @@ class UavClient:
         return [commands, Subscribe(LINK, others)]
 
     def on_disconnected(self, now_ms: int) -> list[Effect]:
-        self.connected = self.born = self.desk.may_publish = False
+        self.connected = self.desk.may_publish = False
         return []
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
@@ -74,7 +78,7 @@ class UavClient:
         self._awaited_subacks -= 1
         if self._awaited_subacks != 0:
             return []
-        self.born = self.desk.may_publish = True
+        self.desk.may_publish = True
         self._throttle.forget_published()
         out: list[Effect] = [self._birth(), self._beacon(now_ms)]
         return out + self.desk.close_restored(now_ms) + self.desk.republish()
@@ -125,7 +129,7 @@ class UavClient:
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop says that the drone is no longer reachable."""
-        self.born = self.desk.may_publish = False
+        self.desk.may_publish = False
         return [self._publish_presence(up=False)] if self.connected else []
 
     def _on_other(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:

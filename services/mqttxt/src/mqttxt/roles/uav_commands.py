@@ -92,7 +92,7 @@ class CommandDesk:
 
     def _on_command(self, command: CommandMessage, retained: bool, now_ms: int) -> list[Effect]:
         deadline_ms = command.deadline_ms
-        if command.executor_session != self._session or deadline_ms is None:
+        if command.executor_session != self._session:
             deadline_ms = None
         known_until_ms = min(deadline_ms or now_ms, now_ms + MAX_TTL_MS)
         verdict = self.ledger.examine(command.id, command.command, known_until_ms, now_ms)
