@@ -116,7 +116,7 @@ def test_a_lower_number_is_overtaken_by_a_started_one_of_its_session() -> None:
 
 
 def test_a_malformed_command_is_denied_where_it_can_be_named() -> None:
-    broken = cbor2.dumps([1, 0x11, 1, UAV_SESSION, 5000, 600, 99])
+    broken = cbor2.dumps([1, 0x11, 1, UAV_SESSION, 5000, 600, 0, 99])
     effects = list(client().on_message(Inbound("drone1/commands", broken), 1000))
     assert words(effects) == [(Word.DENIED, "command: expected a known command, got 99")]
     assert [type(e) for e in client().on_message(Inbound("drone1/commands", b"\xff"), 1000)] == [Log]

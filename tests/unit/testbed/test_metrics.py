@@ -22,8 +22,8 @@ def test_every_number_of_a_tiny_attempt(tmp_path: Path) -> None:
     assert measured["status"] == "completed"
     assert measured["mission_s"] == 9.0  # the command left at 0, the drone disarmed at 4 + 5
     assert measured["packets"] == 7
-    # headers 54, MQTT 5 beside its topic, payload 11; the topic has 13 characters on wan and backhaul, 15 on air
-    command = 54 + 5 + 11
+    # headers 54, MQTT 5 beside its topic, payload 12; the topic has 13 characters on wan and backhaul, 15 on air
+    command = 54 + 5 + 12
     state_up, state_down = 54 + 5 + 20 + 6, 54 + 5 + 25 + 7
     expected = {
         "wan:gs:up": (1, command + 13),

@@ -54,12 +54,12 @@ def test_the_terminal_shows_every_attempt_and_link(series: Series) -> None:
     print_summary(series, measure_series(series), console)
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in shown.splitlines() if line.startswith("│")]
-    assert ["MQTT-XT", "1", "completed", "9.0 s", "7", "572 B"] in [row[:6] for row in rows]
+    assert ["MQTT-XT", "1", "completed", "9.0 s", "7", "575 B"] in [row[:6] for row in rows]
     assert ["MQTT-XT", "2", "failed"] in [row[:3] for row in rows]
     assert ["MQTT-XT", "3", "void"] in [row[:3] for row in rows]
     assert "MQTT-XT, attempt 2 failed: takeoff: drone 1: <denied>" in shown
     assert "MQTT-XT, attempt 3 is void, not counted: captures dropped packets: gs 1" in shown
-    assert ["MQTT-XT", "air:uav1", "2", "1", "139 B", "85 B", "1"] in rows
+    assert ["MQTT-XT", "air:uav1", "2", "1", "139 B", "86 B", "1"] in rows
 
 
 _MB = [(999_499, "999 kB"), (999_500, "1.00 MB"), (1_534_000, "1.53 MB")]

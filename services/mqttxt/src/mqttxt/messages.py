@@ -26,6 +26,9 @@ from .wire.fields import (
     Version,
 )
 
+Limit = Annotated[float, Scaled(10, 0.1, 86_400)]
+"""Seconds within which a command must end."""
+
 
 class CommandId(NamedTuple):
     """What names a command from end to end: the ground station's session and its sequence number."""
@@ -72,6 +75,7 @@ class CommandMessage:
     """A command for the executor whose session it names, started no later than `deadline_ms` of its clock.
 
     A deadline that is past makes the message a query; 0 is always past. None: the sender had no beacon.
+    `epoch` is that of the sender's control of the drone: a takeover raises it, and lower ones are refused.
     """
 
     version: Version = VERSION
@@ -79,7 +83,8 @@ class CommandMessage:
     seq: U32
     executor_session: U32
     deadline_ms: Milliseconds | None = None
-    limit_s: Annotated[float, Scaled(10, 0.1, 86_400)]
+    limit_s: Limit
+    epoch: U32 = 0
     command: Annotated[Command, COMMAND]
 
     @property
@@ -160,12 +165,19 @@ class Presence:
 
 @dataclass(frozen=True, kw_only=True)
 class DroneRecord:
-    """Whether a drone is reachable, in the words of the activator session that says so (`fogX/droneY/reachable`)."""
+    """Whether a drone is reachable, and who controls it (`fogX/droneY/reachable`).
+
+    In the words of the activator session that says so. `holder` is the controlling station's name, absent while
+    nobody controls the drone; `epoch` rises with each takeover.
+    """
 
     version: Version = VERSION
     activator_session: Session
     up: bool
     drone_session: Session | None = None
+    holder: Annotated[str, Text(64)] | None = None
+    holder_session: Session | None = None
+    epoch: U32 | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,22 +195,39 @@ class FogPresence:
     drones: Annotated[tuple[RosterEntry, ...], Items(250)] | None = None
 
 
+class Control(Named):
+    """What a registering station wants: only to watch, control of what is free, or control of what others hold too."""
+
+    NONE = 0
+    WANT = 1
+    TAKE = 2
+
+
 @dataclass(frozen=True, kw_only=True)
 class Registration:
-    """A ground station's lease at a fog (`fogX/init_connect`); `lease_s` 0 ends it."""
+    """A ground station's lease at a fog (`fogX/init_connect`); `lease_s` 0 ends it.
+
+    `control` says what the station wants of the drones in `drones` (of all, where it is absent); `bundles` true
+    asks for states as `fogX/states`.
+    """
 
     version: Version = VERSION
     name: Annotated[str, Text(64)]
     session: Session
     nonce: U32
     lease_s: Annotated[int, Integer(0, 3600)]
+    control: Control | None = None
+    bundles: bool | None = None
+    drones: Annotated[tuple[DroneNumber, ...], Items(250)] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class DroneLease:
-    """The activator's word to the UAV client of one session (`droneY/init_connect`): a nonce to echo.
+    """The activator's word to the UAV client of one session (`droneY/init_connect`): a nonce to echo, and control.
 
-    `bound` false tells a second UAV client of the same number that it is refused.
+    `bound` false tells a second UAV client of the same number that it is refused. While a station controls the
+    drone, `holder_session` names it and the lease ends at `deadline_ms` of the drone's clock; while an offboard
+    command of it is open, that may go on until `offboard_until_ms`.
     """
 
     version: Version = VERSION
@@ -206,3 +235,7 @@ class DroneLease:
     drone_session: Session
     nonce: U32
     bound: bool
+    epoch: U32 = 0
+    holder_session: Session | None = None
+    deadline_ms: Milliseconds | None = None
+    offboard_until_ms: Milliseconds | None = None

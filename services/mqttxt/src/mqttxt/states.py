@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 from .commands import haversine_m
-from .wire.fields import U32, Altitude, Integer, Latitude, Longitude, Named, Scaled
+from .wire.fields import U32, Altitude, Integer, Latitude, Longitude, Named, Scaled, Variant
 
 Speed = Annotated[float, Scaled(100, 0, 655)]
 """Metres a second; CBOR carries centimetres a second."""
@@ -147,6 +147,10 @@ STATES: dict[str, type[State]] = {
     )
 }
 """Every state by its name."""
+
+
+STATE = Variant("state", tuple((code, cls.name, cls) for code, cls in enumerate(STATES.values(), start=1)))
+"""A state by its code (CBOR) or its name (JSON), where no topic names it."""
 
 
 @dataclass(frozen=True)

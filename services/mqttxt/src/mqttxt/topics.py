@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from .errors import ConfigurationError, PayloadError
 
 MAX_DRONE = 250
+MAX_SENSOR = 999_999_999
 _NUMBER = re.compile(r"[1-9][0-9]{0,8}")
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 
@@ -48,18 +49,24 @@ def check_number(what: str, value: int, most: int = 999_999_999) -> int:
 class DroneTopic:
     """What a fog-side topic, or the rest of a cloud-side one behind `fogX/`, says: drone, kind, name.
 
-    kind is `reachable`, `clock`, `init_connect`, `state`, `commands` or `commands_result`; name is the
-    state's or the command's, empty for the other kinds.
+    kind is `reachable`, `clock`, `init_connect`, `state`, `states`, `commands`, `commands_result`, `sensor` or
+    `sensor_ack`; name is the state's, the command's or the sensor value's kind, empty for the others; sensor is
+    the number in `sensorS`, 0 for the other kinds.
     """
 
     drone: int
     kind: str
     name: str = ""
+    sensor: int = 0
 
 
 @dataclass(frozen=True)
 class FogTopic:
-    """A cloud-side topic of a fog itself: kind, and the command's name for `commands_result`."""
+    """A cloud-side topic of a fog itself: kind, and the command's name for `commands_result` and `select`.
+
+    kind is `reachable`, `clock`, `init_connect`, `states`, `QoDS`, `PSMI`, `commands` (broadcast),
+    `commands_result` or `select` (`fogX/commands/C`, where PSMI chooses the drone).
+    """
 
     kind: str
     name: str = ""
@@ -72,8 +79,13 @@ class StationTopic:
     name: str
 
 
-_PLAIN_KINDS = frozenset({"reachable", "clock", "init_connect", "commands"})
+_FOG_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "QoDS", "PSMI"})
+_DRONE_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "sensor_ack"})
 _NAMED_KINDS = frozenset({"state", "commands_result"})
+MAVLINK_STATE = "mavlink/"
+"""Leads the name of a state that is a MAVLink message as it is."""
+SELECTABLE = ("goto",)
+"""The commands for which PSMI chooses a drone."""
 
 
 def _number(level: str, what: str, most: int) -> int | None:
@@ -106,6 +118,15 @@ class FogSide:
     def state(self, drone: int, name: str) -> str:
         return self._drone(drone, f"state/{name}")
 
+    def states(self, drone: int) -> str:
+        return self._drone(drone, "states")
+
+    def sensor(self, drone: int, sensor: int, kind: str) -> str:
+        return self._drone(drone, f"sensor{sensor}/{kind}")
+
+    def sensor_ack(self, drone: int) -> str:
+        return self._drone(drone, "sensor_ack")
+
     def commands(self, drone: int) -> str:
         return self._drone(drone, "commands")
 
@@ -113,15 +134,17 @@ class FogSide:
         return self._drone(drone, f"commands_result/{command}")
 
     def activator_filters(self) -> tuple[str, ...]:
-        """What an activator subscribes to; no two of them match one topic."""
-        return tuple(f"{self.root}+/{rest}" for rest in ("reachable", "clock", "state/#", "commands_result/#"))
+        """What an activator subscribes to; no two of them match one topic.
+
+        `+/+/+` is states, results and sensors: a filter cannot say `sensor` and any number.
+        """
+        return tuple(f"{self.root}+/{rest}" for rest in ("reachable", "clock", "states", "+/+", "state/mavlink/+"))
 
     def parse(self, topic: str) -> DroneTopic:
         """A topic below this root; raises PayloadError for any other."""
         if not topic.startswith(self.root):
             raise PayloadError(f"topic {topic!r}: expected the root {self.root!r}", "topic")
-        drone, kind, name = _drone_levels(topic, topic.removeprefix(self.root).split("/"))
-        return DroneTopic(drone, kind, name)
+        return _drone_topic(topic, topic.removeprefix(self.root).split("/"))
 
 
 class CloudSide:
@@ -136,6 +159,12 @@ class CloudSide:
     clock = property(lambda self: f"{self.root}clock")
     init_connect = property(lambda self: f"{self.root}init_connect")
     broadcast = property(lambda self: f"{self.root}commands")
+    states = property(lambda self: f"{self.root}states")
+    qods = property(lambda self: f"{self.root}QoDS")
+    psmi = property(lambda self: f"{self.root}PSMI")
+
+    def select(self, command: str) -> str:
+        return f"{self.root}commands/{command}"
 
     def fog_result(self, command: str) -> str:
         return f"{self.root}commands_result/{command}"
@@ -145,6 +174,9 @@ class CloudSide:
 
     def drone_state(self, drone: int, name: str) -> str:
         return f"{self.root}drone{drone}/state/{name}"
+
+    def drone_sensor(self, drone: int, sensor: int, kind: str) -> str:
+        return f"{self.root}drone{drone}/sensor{sensor}/{kind}"
 
     def drone_commands(self, drone: int) -> str:
         return f"{self.root}drone{drone}/commands"
@@ -157,7 +189,8 @@ class CloudSide:
         return f"{self.root}local/"
 
     def activator_command_filters(self) -> tuple[str, ...]:
-        return (f"{self.root}commands", f"{self.root}+/commands")
+        select = tuple(self.select(command) for command in SELECTABLE)
+        return (f"{self.root}commands", f"{self.root}+/commands", *select)
 
     def activator_filters(self) -> tuple[str, ...]:
         """What an activator subscribes to beside commands: registrations, stations, its own records."""
@@ -170,8 +203,8 @@ class CloudSide:
 
     def station_filters(self) -> tuple[str, ...]:
         """What a ground station subscribes to; no two of them match one topic."""
-        rests = ("reachable", "clock", "commands_result/#", "+/reachable", "+/state/#", "+/commands_result/#")
-        return tuple(f"{self.root}{rest}" for rest in rests)
+        own = ("reachable", "clock", "states", "QoDS", "PSMI", "commands_result/#")
+        return tuple(f"{self.root}{rest}" for rest in (*own, "+/reachable", "+/+/+", "+/state/mavlink/+"))
 
     def parse(self, topic: str) -> DroneTopic | FogTopic | StationTopic:
         """A topic of this fog or of a station; raises PayloadError for any other."""
@@ -181,19 +214,27 @@ class CloudSide:
         if not topic.startswith(self.root):
             raise PayloadError(f"topic {topic!r}: expected the root {self.root!r}", "topic")
         levels = topic.removeprefix(self.root).split("/")
-        if len(levels) == 1 and levels[0] in _PLAIN_KINDS:
+        if len(levels) == 1 and levels[0] in _FOG_KINDS:
             return FogTopic(levels[0])
         if len(levels) == 2 and levels[0] == "commands_result" and levels[1]:
             return FogTopic(levels[0], levels[1])
-        return DroneTopic(*_drone_levels(topic, levels))
+        if len(levels) == 2 and levels[0] == "commands" and levels[1] in SELECTABLE:
+            return FogTopic("select", levels[1])
+        return _drone_topic(topic, levels)
 
 
-def _drone_levels(topic: str, levels: list[str]) -> tuple[int, str, str]:
+def _drone_topic(topic: str, levels: list[str]) -> DroneTopic:
     drone = _number(levels[0], "drone", MAX_DRONE)
-    if drone is not None and len(levels) == 2 and levels[1] in _PLAIN_KINDS:
-        return drone, levels[1], ""
-    if drone is not None and len(levels) == 3 and levels[1] in _NAMED_KINDS and levels[2]:
-        return drone, levels[1], levels[2]
+    if drone is not None and len(levels) == 2 and levels[1] in _DRONE_KINDS:
+        return DroneTopic(drone, levels[1])
+    if drone is not None and len(levels) == 3 and levels[2]:
+        if levels[1] in _NAMED_KINDS:
+            return DroneTopic(drone, levels[1], levels[2])
+        sensor = _number(levels[1], "sensor", MAX_SENSOR)
+        if sensor is not None:
+            return DroneTopic(drone, "sensor", levels[2], sensor)
+    if drone is not None and len(levels) == 4 and levels[1:3] == ["state", "mavlink"] and levels[3]:
+        return DroneTopic(drone, "state", MAVLINK_STATE + levels[3])
     raise PayloadError(f"topic {topic!r}: not a topic of MQTT-XT", "topic")
 
 

@@ -9,15 +9,15 @@ from __future__ import annotations
 import json
 import types
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from io import BytesIO
 from typing import Any, NoReturn, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import cbor2
 
 from ..errors import PayloadError
-from .fields import Variant
-from .values import Converters, Encoding, Plain, converters, mark_of, refuse
+from .fields import Items, Variant
+from .values import Converters, Encoding, Plain, converters, item_of, mark_of, refuse
 
 MAX_PAYLOAD = 16_384
 """Bytes; a longer payload is refused unread."""
@@ -90,7 +90,10 @@ def _make_plan(cls: type[Any]) -> Plan:
         if optional and field.default is MISSING:
             raise TypeError(f"{cls.__name__}.{field.name}: an optional field needs the default None")
         to_plain, from_plain = converters(inner, _nested)
-        planned.append(FieldPlan(field.name, optional, mark_of(inner), to_plain, from_plain))
+        own = mark_of(inner)
+        if isinstance(own, Items):
+            own = replace(own, of=mark_of(item_of(inner)))
+        planned.append(FieldPlan(field.name, optional, own, to_plain, from_plain))
     required = max((i + 1 for i, plan in enumerate(planned) if not plan.optional), default=0)
     return Plan(cls, tuple(planned), variant, required)
 

@@ -45,9 +45,10 @@ class Text:
 
 @dataclass(frozen=True)
 class Items:
-    """A list of at most `most` items."""
+    """A list of at most `most` items; `of` is their mark, which `codec` takes from the annotation."""
 
     most: int
+    of: Any = None
 
 
 @dataclass(frozen=True)

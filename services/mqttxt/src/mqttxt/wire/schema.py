@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .. import messages
+from .. import messages, rankings
 from ..states import STATES
+from . import bundles
 from .codec import FieldPlan, Plan, plan_of
 from .fields import VERSION, Constant, Integer, Items, Named, Scaled, Text
 from .states import message_class
@@ -26,6 +27,11 @@ MESSAGES: tuple[type[Any], ...] = (
     messages.FogPresence,
     messages.Registration,
     messages.DroneLease,
+    rankings.SelectMessage,
+    rankings.PsmiMessage,
+    rankings.QodsMessage,
+    bundles.DroneBundle,
+    bundles.FogBundle,
 )
 
 
@@ -51,6 +57,7 @@ def _define(cls: type[Any], definitions: dict[str, Any]) -> None:
     plan = plan_of(cls)
     fields = {field.name: _json_field(field.mark, definitions) for field in plan.fields}
     required = [field.name for field in plan.fields if not field.optional]
+    definitions[cls.__name__] = {}
     if plan.variant is None:
         definitions[cls.__name__] = _object(fields, required)
         return
@@ -76,8 +83,7 @@ def _json_field(mark: Any, definitions: dict[str, Any]) -> dict[str, Any]:
     if isinstance(mark, Text):
         return {"type": "string", "maxLength": mark.longest}
     if isinstance(mark, Items):
-        _define(messages.RosterEntry, definitions)
-        return {"type": "array", "maxItems": mark.most, "items": {"$ref": "#/$defs/RosterEntry"}}
+        return {"type": "array", "maxItems": mark.most, "items": _json_field(mark.of, definitions)}
     if mark is bool:
         return {"type": "boolean"}
     if issubclass(mark, Named):
@@ -105,13 +111,14 @@ def _rule(cls: type[Any], rules: dict[str, str]) -> str:
     plan = plan_of(cls)
     if name in rules:
         return name
+    rules[name] = ""
     items = [_cddl_item(plan, index, field, rules) for index, field in enumerate(plan.fields)]
     if plan.variant is None:
         rules[name] = f"{name} = [{', '.join(items)}]\n"
         return name
     _, variant = plan.variant
     choices = [_cddl_choice(code, label, body, rules) for code, label, body in variant.codes]
-    rules[name] = f"{name} = [{', '.join(items)}, ({' // '.join(choices)})]\n"
+    rules[name] = f"{name} = [{', '.join([*items, ''])}({' // '.join(choices)})]\n"
     return name
 
 
@@ -137,7 +144,7 @@ def _cddl_type(mark: Any, rules: dict[str, str]) -> str:
     if isinstance(mark, Text):
         return f"tstr .size (0..{4 * mark.longest})"
     if isinstance(mark, Items):
-        return f"[0*{mark.most} {_rule(messages.RosterEntry, rules)}]"
+        return f"[0*{mark.most} {_cddl_type(mark.of, rules)}]"
     if mark is bool:
         return "bool"
     if issubclass(mark, Named):

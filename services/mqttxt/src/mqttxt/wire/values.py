@@ -43,6 +43,11 @@ def mark_of(hint: Any) -> Any:
     return get_args(hint)[1] if get_origin(hint) is Annotated else hint
 
 
+def item_of(hint: Any) -> Any:
+    """The items' type of an annotated tuple."""
+    return get_args(get_args(hint)[0])[0]
+
+
 def converters(hint: Any, nested: Callable[[type[Any]], Converters]) -> Converters:
     """The way of a value of type `hint` into both forms and out of them; `nested` does it for messages."""
     mark = mark_of(hint)
@@ -55,7 +60,7 @@ def converters(hint: Any, nested: Callable[[type[Any]], Converters]) -> Converte
     if isinstance(mark, Text):
         return _text(mark)
     if isinstance(mark, Items):
-        return _items(mark, get_args(get_args(hint)[0])[0], nested)
+        return _items(mark, item_of(hint), nested)
     if mark is bool:
         return _boolean()
     if isinstance(mark, type) and issubclass(mark, Named):
