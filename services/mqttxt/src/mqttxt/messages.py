@@ -208,7 +208,8 @@ class Registration:
     """A ground station's lease at a fog (`fogX/init_connect`); `lease_s` 0 ends it.
 
     `control` says what the station wants of the drones in `drones` (of all, where it is absent); `bundles` true
-    asks for states as `fogX/states`.
+    asks for states as `fogX/states`. `until_ms` is the lease's end in the activator's clock, as a command's
+    deadline is made; a takeover names the `epoch` that the station has seen.
     """
 
     version: Version = VERSION
@@ -219,6 +220,8 @@ class Registration:
     control: Control | None = None
     bundles: bool | None = None
     drones: Annotated[tuple[DroneNumber, ...], Items(250)] | None = None
+    until_ms: Milliseconds | None = None
+    epoch: U32 | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

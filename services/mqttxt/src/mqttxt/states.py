@@ -129,7 +129,28 @@ class Health:
     unhealthy_sensors: U32
 
 
-State = Battery | Location | Heading | Groundspeed | FlightMode | Armed | LandedState | MaxGroundspeed | Home | Health
+@dataclass(frozen=True)
+class Endurance:
+    """How long a full battery lasts in flight, configured or measured, and the cruise speed (MPC_XY_CRUISE)."""
+
+    name: ClassVar[str] = "endurance"
+    endurance_s: Annotated[int, Integer(60, 86_400)]
+    cruise_m_s: Speed
+
+
+State = (
+    Battery
+    | Location
+    | Heading
+    | Groundspeed
+    | FlightMode
+    | Armed
+    | LandedState
+    | MaxGroundspeed
+    | Home
+    | Health
+    | Endurance
+)
 
 STATES: dict[str, type[State]] = {
     cls.name: cls
@@ -144,6 +165,7 @@ STATES: dict[str, type[State]] = {
         MaxGroundspeed,
         Home,
         Health,
+        Endurance,
     )
 }
 """Every state by its name."""
@@ -194,6 +216,7 @@ POLICIES: dict[str, Policy] = {
     "max_groundspeed": Policy(_changed, min_interval_ms=1000),
     "home": Policy(_changed, min_interval_ms=1000),
     "health": Policy(_changed, min_interval_ms=1000),
+    "endurance": Policy(_changed, min_interval_ms=1000),
 }
 """The defaults: battery 1 %, location 0.5 m, heading 5 degrees, groundspeed 0.5 m/s, the others any change."""
 
