@@ -9,6 +9,7 @@ from world import FOG_SESSION, GS_SESSION, UAV_SESSION, command_payload
 from mqttxt.commands import Arm, Command
 from mqttxt.messages import (
     BeaconMessage,
+    Control,
     DroneLease,
     Presence,
     Registration,
@@ -88,8 +89,16 @@ class Bench:
         fields = {"gs_session": GS_SESSION, "seq": 1, "session": session, "stamp": stamp, "word": word}
         return self.fog("drone1/commands_result/arm", ResultMessage(**{**fields, **changed}))  # type: ignore[arg-type]
 
-    def register(self, lease_s: int = 30, name: str = "alpha", session: int = GS_SESSION) -> list[Any]:
-        return self.cloud("init_connect", Registration(name=name, session=session, nonce=7, lease_s=lease_s))
+    def register(
+        self,
+        lease_s: int = 30,
+        name: str = "alpha",
+        session: int = GS_SESSION,
+        control: Control = Control.WANT,
+        **more: Any,
+    ) -> list[Any]:
+        fields = {"name": name, "session": session, "nonce": 7, "lease_s": lease_s, "control": control}
+        return self.cloud("init_connect", Registration(**{**fields, **more}))
 
     def state(self, remaining: int = 50, stamped_ms: int | None = None) -> list[Any]:
         own_ms = (self.now_ms if stamped_ms is None else stamped_ms) + UAV_AHEAD_MS
@@ -97,7 +106,10 @@ class Bench:
         return self.fog("drone1/state/battery", encode_state(state, Encoding.CBOR))
 
 
-def ready(**how: Any) -> Bench:
+def ready(controlled: bool = True, **how: Any) -> Bench:
+    """Drone 1 is reachable and, unless a test wants the gate closed, under the control of station alpha."""
     bench = Bench(**how)
     bench.appear()
+    if controlled:
+        bench.register()
     return bench

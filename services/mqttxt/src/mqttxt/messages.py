@@ -207,7 +207,7 @@ class Control(Named):
 class Registration:
     """A ground station's lease at a fog (`fogX/init_connect`); `lease_s` 0 ends it.
 
-    `control` says what the station wants of the drones in `drones` (of all, where it is absent); `bundles` true
+    `control` says what the station wants of the drones in `drones` (of all, where they are absent); `bundles` true
     asks for states as `fogX/states`. `until_ms` is the lease's end in the activator's clock, as a command's
     deadline is made; a takeover names the `epoch` that the station has seen.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .messages import CommandId, Word
+from .rankings import Candidate, Ranked
 from .states import State
 
 
@@ -64,4 +65,42 @@ class Reachability:
     reachable: bool
 
 
-Event = Outcome | StateUpdate | Reachability
+@dataclass(frozen=True)
+class ControlChanged:
+    """Another station controls a drone now: `holder` is its name, None when nobody does; `mine` when it is this one."""
+
+    fog: int
+    drone: int
+    holder: str | None
+    mine: bool
+    epoch: int
+
+
+@dataclass(frozen=True)
+class PsmiList:
+    """What PSMI found for a command: soonest arrival first, and who is left out for which reason.
+
+    `chosen` is the drone that the command went to; of an offer, the one that is reserved.
+    """
+
+    fog: int
+    id: CommandId
+    listed: tuple[Candidate, ...]
+    left_out: tuple[Candidate, ...]
+    chosen: int | None
+
+    def __str__(self) -> str:
+        lines = [f"fog {self.fog}: PSMI {[candidate.drone for candidate in self.listed]}"]
+        lines += [f"  drone {c.drone}: {c.distance_m:.0f} m, {c.arrival_s:.1f} s" for c in self.listed if c.arrival_s]
+        return "\n".join(lines + [f"  drone {c.drone} left out: {c.reason}" for c in self.left_out])
+
+
+@dataclass(frozen=True)
+class QodsRanking:
+    """The available drones of a fog, best first."""
+
+    fog: int
+    ranking: tuple[Ranked, ...]
+
+
+Event = Outcome | StateUpdate | Reachability | ControlChanged | PsmiList | QodsRanking

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -220,6 +220,9 @@ POLICIES: dict[str, Policy] = {
 }
 """The defaults: battery 1 %, location 0.5 m, heading 5 degrees, groundspeed 0.5 m/s, the others any change."""
 
+URGENT = frozenset({"armed", "flight_mode", "landed_state"})
+"""What a bundle does not wait with."""
+
 
 class Throttle:
     """Decides when each state of one drone is published, by its policy."""
@@ -239,6 +242,10 @@ class Throttle:
         for state in found:
             self._published[state.name] = (state, now_ms)
         return found
+
+    def is_due(self, names: Iterable[str], now_ms: int) -> bool:
+        """Whether any of some states would be published now."""
+        return any(name in self._current and self._is_due(self._current[name], now_ms) for name in names)
 
     def forget_published(self) -> None:
         """Publish everything anew at the next `due`: the other side lost what it knew."""

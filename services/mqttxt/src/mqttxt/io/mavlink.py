@@ -21,6 +21,8 @@ from ..errors import ConfigurationError
 logger = logging.getLogger("mqttxt.mavlink")
 
 COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+GCS_SYSTEM, GCS_COMPONENT = 255, int(mavlink.MAV_COMP_ID_MISSIONPLANNER)
+"""What ground control stations use by convention."""
 REOPEN_S = 1.0
 _READ_BYTES = 65_536
 
@@ -60,6 +62,7 @@ class AutopilotLink:
     ) -> None:
         self.address = address
         self._encoder = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=COMPONENT)
+        self._gcs_encoder = mavlink.MAVLink(None, srcSystem=GCS_SYSTEM, srcComponent=GCS_COMPONENT)
         self._on_message = on_message
         self._on_malformed = on_malformed
         self._transport: _Transport | None = None
@@ -85,12 +88,16 @@ class AutopilotLink:
             logger.info("autopilot %s: link closed; opening it again", self.address)
             await asyncio.sleep(REOPEN_S)
 
-    def write(self, message: Any) -> bool:
-        """Hand one message to the operating system; False when it did not take all of it."""
+    def write(self, message: Any, as_gcs: bool = False) -> bool:
+        """Hand one message to the operating system; False when it did not take all of it.
+
+        `as_gcs`: in the name of a ground station, not of the companion computer.
+        """
         if self._transport is None:
             return False
-        packet = message.pack(self._encoder)
-        self._encoder.seq = (self._encoder.seq + 1) % 256
+        encoder = self._gcs_encoder if as_gcs else self._encoder
+        packet = message.pack(encoder)
+        encoder.seq = (encoder.seq + 1) % 256
         return self._transport.write(packet)
 
     async def _read(self, transport: _Transport) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from ..errors import PayloadError
@@ -13,18 +11,16 @@ from ..topics import CloudSide, DroneTopic, FogSide, FogTopic, StationTopic
 from ..wire.codec import decode, encode
 from .activator_drones import CLOUD, FOG, Drones
 from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe, Will
+from .leases import Leases
 from .relay import Relay
+from .selector import Selector
 from .settings import REBIRTH_MS, Settings
+from .state_relay import StateRelay
 
 CHALLENGE_MS = 3000
 """How long another live activator of this fog has to answer before this one takes its place."""
-
-
-@dataclass
-class Lease:
-    """A ground station's registration."""
-
-    until_ms: int
+_ASKING = frozenset({"commands", "select", "init_connect"})
+"""What is left to the activator that may own the fog already."""
 
 
 class Activator:
@@ -46,16 +42,17 @@ class Activator:
         self.settings = settings
         self.cloud = cloud or CloudSide(fog)
         self.fog_side = fog_side or FogSide()
-        self.drones = Drones(session, settings, self.cloud, self.fog_side, drones)
-        self.relay = Relay(session, settings, self.cloud, self.fog_side, self.drones)
-        self.leases: dict[tuple[str, int], Lease] = {}
+        self.leases = Leases(drones)
+        self.drones = Drones(session, settings, self.cloud, self.fog_side, drones, self.leases)
+        self.relay = Relay(session, settings, self.cloud, self.fog_side, self.drones, self.leases)
+        self.selector = Selector(session, settings, self.cloud, self.drones, self.leases, self.relay)
+        self.states = StateRelay(session, settings, self.cloud, self.drones, self.leases)
         self.connected = {CLOUD: False, FOG: False}
         self.born = False
         self._was_born = False
         self._broker = broker
         self._subacks = {CLOUD: 0, FOG: 0}
         self._next_beacon_ms = 0
-        self._published_roster: Any = None
         self._rival: int | None = None
         self._challenge_until_ms: int | None = None
         self._rebirth_at_ms: int | None = None
@@ -67,10 +64,6 @@ class Activator:
     def is_ready(self) -> bool:
         """Whether the activator is live on both brokers."""
         return self.born and self.connected[FOG] and self._subacks[FOG] == 0
-
-    def gate_is_open(self) -> bool:
-        """Whether states are relayed: while any ground station holds a lease."""
-        return bool(self.leases)
 
     def on_connected(self, link: str, now_ms: int) -> list[Effect]:
         self.connected[link] = True
@@ -119,9 +112,10 @@ class Activator:
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Everything that is due by time; to be called at least ten times a second."""
-        for key in [key for key, lease in self.leases.items() if now_ms > lease.until_ms]:
-            del self.leases[key]
-        out = self._watching_drones(self.drones.tick, now_ms) + self.relay.tick(now_ms)
+        out = self.drones.controlled_anew(self.leases.tick(now_ms), now_ms)
+        out += self._watched(self.drones.tick(now_ms), now_ms) + self.relay.tick(now_ms)
+        self.selector.tick(now_ms)
+        out += self.states.tick(now_ms)
         if self._challenge_until_ms is not None and now_ms >= self._challenge_until_ms:
             self._rival = self._challenge_until_ms = None
             out += self._be_born(now_ms)
@@ -142,16 +136,18 @@ class Activator:
 
     def _on_cloud(self, topic: DroneTopic | FogTopic | StationTopic, message: Inbound, now_ms: int) -> list[Effect]:
         is_doubtful = not self.born and (self._rival is not None or not self._was_born)
-        if is_doubtful and isinstance(topic, DroneTopic | FogTopic) and topic.kind in ("commands", "init_connect"):
+        if is_doubtful and isinstance(topic, DroneTopic | FogTopic) and topic.kind in _ASKING:
             return [Log("not_born", f"{message.topic}: left to the activator that may own fog {self.fog}")]
         if isinstance(topic, StationTopic):
-            return self._on_station(topic.name, decode(Presence, message.payload))
+            return self._on_station(topic.name, decode(Presence, message.payload), now_ms)
         if isinstance(topic, DroneTopic):
             if topic.kind == "commands":
                 return self.relay.on_command(topic.drone, message, now_ms)
-            return self._on_own_record(topic.drone, decode(DroneRecord, message.payload))
+            return self._on_own_record(topic.drone, decode(DroneRecord, message.payload), now_ms)
         if topic.kind == "commands":
             return self.relay.on_command(None, message, now_ms)
+        if topic.kind == "select":
+            return self.selector.on_select(topic.name, message, now_ms)
         if topic.kind == "init_connect":
             return self._on_registration(decode(Registration, message.payload), now_ms)
         if topic.kind == "clock":
@@ -163,55 +159,52 @@ class Activator:
     def _on_fog(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         if topic.kind == "reachable":
             presence = decode(Presence, message.payload)
-            return self._watching_drones(lambda now: self.drones.on_presence(topic.drone, presence, now), now_ms)
+            return self._watched(self.drones.on_presence(topic.drone, presence, now_ms), now_ms)
         if topic.kind == "clock":
             beacon = decode(BeaconMessage, message.payload)
-            return self._watching_drones(lambda now: self.drones.on_beacon(topic.drone, beacon, now), now_ms)
+            return self._watched(self.drones.on_beacon(topic.drone, beacon, now_ms), now_ms)
         link = self.drones.get(topic.drone)
         if topic.kind == "state":
-            name = self.drones.on_state(topic.drone, topic.name, message.payload, now_ms)
-            if name is None or link is None or not self.gate_is_open():
-                return []
-            return self.drones.relay_state(link, name, now_ms)
+            return self.states.on_state(link, topic.name, message.payload, now_ms)
+        if topic.kind == "states":
+            return self.states.on_bundle(link, message.payload, now_ms)
         if topic.kind == "commands_result":
             if link is None:
                 raise PayloadError(f"topic {message.topic!r}: a drone that was never reachable", "topic")
             return self.relay.on_result(link, message.payload, topic.name, now_ms)
         raise PayloadError(f"topic {message.topic!r}: not for an activator", "topic")
 
-    def _watching_drones(self, act: Callable[[int], list[Effect]], now_ms: int) -> list[Effect]:
-        """Do something with the drones, and then what follows from one having become reachable."""
-        before = {number for number, link in self.drones.links.items() if link.announced}
-        out = act(now_ms)
-        for number, link in self.drones.links.items():
-            if link.announced and number not in before:
-                out += self.relay.on_drone_reachable(link, now_ms)
-                if self.gate_is_open():
-                    out += [e for name in list(link.states) for e in self.drones.relay_state(link, name, now_ms)]
-        if self.born and self.drones.roster() != self._published_roster:
-            out.append(self._publish_presence(up=True))
+    def _watched(self, out: list[Effect], now_ms: int) -> list[Effect]:
+        """What follows from drones having become reachable, or not, behind what their part did by itself."""
+        appeared, self.drones.appeared = self.drones.appeared, []
+        for link in appeared:
+            out = out + self.relay.on_drone_reachable(link, now_ms) + self.states.relay_all([link], now_ms)
+        if self.drones.roster_changed:
+            self.states.qods.touched = True
+            if self.born:
+                out = [*out, self._publish_presence(up=True)]
         return out
 
     def _on_registration(self, message: Registration, now_ms: int) -> list[Effect]:
-        key = (message.name, message.session)
-        is_new = key not in self.leases
-        if message.lease_s > 0:
-            self.leases[key] = Lease(now_ms + message.lease_s * 1000)
-        else:
-            self.leases.pop(key, None)
-        out: list[Effect] = [self._beacon(now_ms, message.nonce)]
+        is_new = (message.name, message.session) not in self.leases
+        out = self.drones.controlled_anew(self.leases.register(message, now_ms), now_ms)
+        out.append(self._beacon(now_ms, message.nonce))
         if is_new and message.lease_s > 0:
-            out += self.drones.relay_all_states(now_ms)
+            self.states.qods.forget()
+            out += self.states.relay_all(self.drones.links.values(), now_ms)
         return out
 
-    def _on_station(self, name: str, presence: Presence) -> list[Effect]:
-        if not presence.up:
-            self.leases.pop((name, presence.session), None)
-        return []
+    def _on_station(self, name: str, presence: Presence, now_ms: int) -> list[Effect]:
+        if presence.up:
+            return []
+        return self.drones.controlled_anew(self.leases.end((name, presence.session), now_ms), now_ms)
 
-    def _on_own_record(self, drone: int, record: DroneRecord) -> list[Effect]:
-        """Another session's word about a drone of this fog is put right."""
-        if not self.born or self.drones.is_own_record(drone, record):
+    def _on_own_record(self, drone: int, record: DroneRecord, now_ms: int) -> list[Effect]:
+        """Another session's word about a drone of this fog is put right; before birth it says who had control."""
+        if not self.born:
+            self.drones.restore(drone, record, now_ms)
+            return []
+        if self.drones.is_own_record(drone, record):
             return []
         if record.activator_session == self.session:
             return []  # an own record that a newer one, already under way, replaces
@@ -265,7 +258,7 @@ class Activator:
         )
 
     def _publish_presence(self, up: bool) -> Publish:
-        self._published_roster = self.drones.roster()
+        self.drones.roster_changed = False
         payload = encode(self._presence(up), self.settings.encoding)
         return Publish(CLOUD, self.cloud.reachable, payload, qos=1, retain=True)
 

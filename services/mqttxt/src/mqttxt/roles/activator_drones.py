@@ -9,14 +9,18 @@ from ..clock import Beacon, RemoteClock, stamp, stamp_supersedes
 from ..messages import BeaconMessage, DroneLease, DroneRecord, Presence, RosterEntry
 from ..topics import CloudSide, FogSide
 from ..wire.codec import encode
-from ..wire.states import StampedState, decode_state, encode_state
+from ..wire.states import StampedState
 from .effects import Effect, Log, Publish
+from .leases import Key, Leases
 from .settings import Settings
 
 FOG = "fog"
 CLOUD = "cloud"
 CONTEST_MS = 1500
 """How long the bound session of a number has to answer when a second one appears."""
+OFFBOARD_LEASE_MS = 3000
+"""How long an offboard flight may go on after its station's newest renewal was sent."""
+OFFBOARD_RENEWAL_MS = 500
 STATE_KEPT_MS = 600_000
 """A stamp's span is 655 s: older states are not told any more."""
 
@@ -44,22 +48,43 @@ class DroneLink:
     challenger: int | None = None
     contest_until_ms: int = 0
     next_lease_ms: int = 0
+    in_offboard: bool = False
+
+    def age_ms(self, name: str, now_ms: int) -> int | None:
+        """Upper bound of a state's age; None where it or the drone's clock is not known."""
+        known = self.states.get(name)
+        if known is None or self.clock is None:
+            return None
+        age_ms = self.clock.age_ms(known.state.stamp, known.received_ms)
+        return None if age_ms is None else age_ms + now_ms - known.received_ms
 
     def is_live(self, now_ms: int, interval_ms: int) -> bool:
         return self.up and self.clock is not None and self.clock.is_live(now_ms, interval_ms)
 
 
 class Drones:
-    """Every drone configured for the fog or seen in this session."""
+    """Every drone configured for the fog or seen in this session.
+
+    `appeared` and `roster_changed` are what the activator has yet to act upon.
+    """
 
     def __init__(
-        self, session: int, settings: Settings, cloud: CloudSide, fog: FogSide, configured: tuple[int, ...]
+        self,
+        session: int,
+        settings: Settings,
+        cloud: CloudSide,
+        fog: FogSide,
+        configured: tuple[int, ...],
+        leases: Leases,
     ) -> None:
         self._session = session
         self._settings = settings
         self._cloud = cloud
         self._fog = fog
+        self._leases = leases
         self.links: dict[int, DroneLink] = {number: DroneLink(number) for number in configured}
+        self.appeared: list[DroneLink] = []
+        self.roster_changed = False
 
     def get(self, number: int) -> DroneLink | None:
         return self.links.get(number)
@@ -75,11 +100,16 @@ class Drones:
         gone = [link.number for link in self.links.values() if link.announced]
         for link in self.links.values():
             link.up = link.announced = False
+        self.roster_changed = self.roster_changed or bool(gone)
         return gone
 
     def on_presence(self, number: int, presence: Presence, now_ms: int) -> list[Effect]:
         """`droneY/reachable`: bind, contest, or mark as gone."""
-        link = self.links.setdefault(number, DroneLink(number))
+        link = self.links.get(number)
+        if link is None:
+            link = self.links[number] = DroneLink(number)
+            self._leases.add(number, now_ms)
+            self.roster_changed = True
         if not presence.up:
             if presence.session == link.session and link.up:
                 link.up = False
@@ -105,43 +135,31 @@ class Drones:
             link.challenger = None
         if link.up and not link.announced and link.clock.latest_now_ms(now_ms) is not None:
             out += self._announce(link, True)
+            if self._leases.holder(number) is not None:
+                out.append(self._lease(link, now_ms))
         return out
 
-    def on_state(self, number: int, name: str, payload: bytes, now_ms: int) -> str | None:
-        """`droneY/state/Z`: keep it if it is newer than what is known; returns its name then."""
-        link = self.links.get(number)
-        state = decode_state(name, payload, relayed=False)
-        if link is None or link.clock is None:
-            return None
+    def keep_state(self, link: DroneLink, name: str, state: StampedState, now_ms: int) -> bool:
+        """Keep a state if it is newer than what is known, and say whether it is."""
+        if link.clock is None:
+            return False
         known = link.states.get(name)
         if known is not None and not stamp_supersedes(state.stamp, known.state.stamp, now_ms - known.received_ms):
-            return None
+            return False
         link.states[name] = Known(state, now_ms)
-        return name
+        return True
 
-    def relay_state(self, link: DroneLink, name: str, now_ms: int) -> list[Effect]:
-        """The state for the ground stations, with a conservative stamp in front; nothing before an echo."""
+    def relayed(self, link: DroneLink, name: str, now_ms: int) -> StampedState | None:
+        """The state for the ground stations, with a conservative stamp in front; None before an echo."""
         known = link.states.get(name)
         if known is None or link.clock is None or now_ms - known.received_ms > STATE_KEPT_MS:
-            return []
+            return None
         if known.relay_stamp is None:
             age_ms = link.clock.age_ms(known.state.stamp, known.received_ms)
             if age_ms is None:
-                return []
+                return None
             known.relay_stamp = stamp(known.received_ms - age_ms)
-        relayed = StampedState(known.state.state, known.state.stamp, known.relay_stamp)
-        payload = encode_state(relayed, self._settings.encoding)
-        return [Publish(CLOUD, self._cloud.drone_state(link.number, name), payload, qos=0)]
-
-    def relay_all_states(self, now_ms: int) -> list[Effect]:
-        """What a station that has just registered needs to know."""
-        return [
-            effect
-            for link in self.links.values()
-            if link.announced
-            for name in link.states
-            for effect in self.relay_state(link, name, now_ms)
-        ]
+        return StampedState(known.state.state, known.state.stamp, known.relay_stamp)
 
     def records(self) -> list[Effect]:
         """Every drone's record, in this session's words."""
@@ -150,6 +168,22 @@ class Drones:
     def record_of(self, number: int) -> Effect:
         """The record of a drone, known or not: an unknown one is not reachable."""
         return self._record(self.links.get(number) or DroneLink(number))
+
+    def controlled_anew(self, numbers: set[int], now_ms: int) -> list[Effect]:
+        """Who controls some drones has changed: tell stations and drones."""
+        out: list[Effect] = []
+        for link in (self.links[number] for number in sorted(numbers) if number in self.links):
+            out.append(self._record(link))
+            if link.up and link.session is not None:
+                out.append(self._lease(link, now_ms))
+        return out
+
+    def restore(self, number: int, record: DroneRecord, now_ms: int) -> None:
+        """What an earlier session of this activator retained of a drone."""
+        key: Key | None = None
+        if record.holder is not None and record.holder_session is not None:
+            key = (record.holder, record.holder_session)
+        self._leases.restore(number, key, record.epoch or 0, now_ms)
 
     def is_own_record(self, number: int, record: DroneRecord) -> bool:
         """Whether a retained record says what this session would say."""
@@ -195,13 +229,20 @@ class Drones:
 
     def _announce(self, link: DroneLink, reachable: bool) -> list[Effect]:
         link.announced = reachable
+        self.roster_changed = True
+        if reachable:
+            self.appeared.append(link)
         return [self._record(link)]
 
     def _record(self, link: DroneLink) -> Publish:
+        holder = self._leases.holder(link.number)
         record = DroneRecord(
             activator_session=self._session,
             up=link.announced,
             drone_session=link.session if link.announced else None,
+            holder=holder.key[0] if holder is not None else None,
+            holder_session=holder.key[1] if holder is not None else None,
+            epoch=self._leases.epoch(link.number) or None,
         )
         payload = encode(record, self._settings.encoding)
         return Publish(CLOUD, self._cloud.drone_reachable(link.number), payload, qos=1, retain=True)
@@ -212,13 +253,35 @@ class Drones:
         link.nonces[nonce] = now_ms
         while len(link.nonces) > 8:
             del link.nonces[next(iter(link.nonces))]
-        link.next_lease_ms = now_ms + self._settings.beacon_interval_ms
-        return self._publish_lease(link.number, link.session, nonce, bound=True)
+        holder, deadline_ms, offboard_ms = self._leases.holder(link.number), None, None
+        interval_ms = OFFBOARD_RENEWAL_MS if link.in_offboard else self._settings.beacon_interval_ms
+        if holder is not None:
+            interval_ms = min(interval_ms, max(OFFBOARD_RENEWAL_MS, (holder.until_ms - now_ms) // 3))
+        link.next_lease_ms = now_ms + interval_ms
+        if holder is not None and link.clock is not None:
+            deadline_ms = link.clock.deadline_ms(now_ms, holder.until_ms - now_ms)
+            if link.in_offboard and holder.sent_ms is not None:
+                offboard_ms = link.clock.deadline_ms(now_ms, holder.sent_ms + OFFBOARD_LEASE_MS - now_ms)
+        has_control = holder is not None and deadline_ms is not None and deadline_ms >= 0
+        return self._publish_lease(
+            link.number,
+            DroneLease(
+                activator_session=self._session,
+                drone_session=link.session,
+                nonce=nonce,
+                bound=True,
+                epoch=self._leases.epoch(link.number),
+                holder_session=holder.key[1] if holder is not None and has_control else None,
+                deadline_ms=deadline_ms if has_control else None,
+                offboard_until_ms=max(0, offboard_ms) if offboard_ms is not None else None,
+            ),
+        )
 
     def _refuse(self, link: DroneLink, session: int) -> Publish:
-        return self._publish_lease(link.number, session, secrets.randbelow(2**32), bound=False)
+        nonce = secrets.randbelow(2**32)
+        refused = DroneLease(activator_session=self._session, drone_session=session, nonce=nonce, bound=False, epoch=0)
+        return self._publish_lease(link.number, refused)
 
-    def _publish_lease(self, number: int, session: int, nonce: int, bound: bool) -> Publish:
-        lease = DroneLease(activator_session=self._session, drone_session=session, nonce=nonce, bound=bound)
+    def _publish_lease(self, number: int, lease: DroneLease) -> Publish:
         payload = encode(lease, self._settings.encoding)
         return Publish(FOG, self._fog.init_connect(number), payload, qos=1)

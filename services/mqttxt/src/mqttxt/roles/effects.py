@@ -52,12 +52,13 @@ class Transmit:
     """Write a MAVLink message to the autopilot, unless the session clock reads past `not_after_ms`.
 
     The runner checks the clock immediately before the write and reports `on_transmitted` with the clock's
-    reading after it, or `on_refused`.
+    reading after it, or `on_refused`. `as_gcs`: in the name of a ground station, not of the companion computer.
     """
 
     message: Any
     not_after_ms: int | None = None
     ref: Hashable = None
+    as_gcs: bool = False
 
 
 @dataclass(frozen=True)

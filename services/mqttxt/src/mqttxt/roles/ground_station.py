@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from typing import Any
 
 from ..clock import DEFAULT_TTL_MS, MAX_TTL_MS, expiry_s
@@ -13,6 +12,7 @@ from ..messages import (
     BeaconMessage,
     CommandId,
     CommandMessage,
+    Control,
     DroneRecord,
     FogPresence,
     FogResultMessage,
@@ -20,42 +20,21 @@ from ..messages import (
     ResultMessage,
     Word,
 )
-from ..outcomes import Event, Outcome
-from ..topics import CloudSide, DroneTopic, FogTopic, check_prefix, station_of, station_reachable
+from ..outcomes import Event, Outcome, PsmiList
+from ..rankings import PsmiMessage, QodsMessage, SelectMessage, SelectMode
+from ..topics import SELECTABLE, CloudSide, DroneTopic, FogTopic, check_prefix, station_of, station_reachable
+from ..wire.bundles import FogBundle, states_of
 from ..wire.codec import decode, encode
 from ..wire.states import decode_state
 from .effects import Effect, Inbound, Log, Publish, Subscribe, Will
 from .ledger import KEEP_MS
+from .pending import Pending
 from .settings import GRACE_MS, REBIRTH_MS, Retry, Settings
 from .station_fog import LINK, FogView
 
 DEFAULT_LEASE_S = 30
 
 Output = Effect | Event
-
-
-@dataclass
-class Pending:
-    """A command of this station: where it went, and each drone's newest word."""
-
-    id: CommandId
-    fog: int
-    drone: int | None
-    command: Command
-    publish: Publish
-    close_at_ms: int
-    retry: Retry | None
-    roster: tuple[int, ...] | None
-    words: dict[int, Word] = field(default_factory=dict)
-    unconfirmed_here: set[int] = field(default_factory=set)
-    denied: bool = False
-
-    def open_drones(self) -> list[int]:
-        return [n for n in self.roster or () if n not in self.words or not self.words[n].is_last]
-
-    @property
-    def is_open(self) -> bool:
-        return not self.denied and (self.roster is None or bool(self.open_drones()))
 
 
 class GroundStation:
@@ -69,6 +48,7 @@ class GroundStation:
         *,
         prefix: str = "",
         lease_s: int = DEFAULT_LEASE_S,
+        control: bool = True,
     ) -> None:
         self.name = name
         self.session = session
@@ -78,6 +58,7 @@ class GroundStation:
         self.connected = False
         self._prefix = check_prefix(prefix)
         self._lease_s = lease_s
+        self._control = Control.WANT if control else Control.NONE
         self._presence_topic = station_reachable(name, prefix)
         self._seq = 0
         self._rebirth_at_ms: int | None = None
@@ -113,7 +94,7 @@ class GroundStation:
             if number in self.fogs:
                 continue
             topics = CloudSide(number, self._prefix)
-            fog = FogView(topics, self.name, self.session, self._lease_s, self.settings)
+            fog = FogView(topics, self.name, self.session, self._lease_s, self.settings, self._control)
             self.fogs[number] = fog
             if self.connected:
                 out.append(self._subscribe(fog))
@@ -134,38 +115,87 @@ class GroundStation:
         Raises FogUnreachable when the activator is not live, ConfigurationError for a ttl or a broadcast
         that cannot be.
         """
-        if not 0 < ttl_ms <= MAX_TTL_MS:
-            raise ConfigurationError(f"ttl {ttl_ms} ms: expected more than 0 and at most {MAX_TTL_MS}")
         if drone is None and not isinstance(command, BROADCASTABLE):
             raise ConfigurationError(f"broadcast {command.name}: expected a command that is the same for every drone")
+        fog, common = self._addressed(fog_number, command, ttl_ms, limit_s, now_ms)
+        message = CommandMessage(**common, command=command)
+        topic = fog.topics.broadcast if drone is None else fog.topics.drone_commands(drone)
+        pending = self._pend(fog, drone, message, topic, ttl_ms, now_ms)
+        pending.roster = None if drone is None else (drone,)
+        return message.id, [pending.publish]
+
+    def select(
+        self,
+        fog_number: int,
+        command: Command,
+        now_ms: int,
+        *,
+        mode: SelectMode = SelectMode.SELECT,
+        reservation: int | None = None,
+        ttl_ms: int = DEFAULT_TTL_MS,
+        limit_s: float | None = None,
+    ) -> tuple[CommandId, list[Output]]:
+        """Let a fog choose the drone for a command, or take one step of a choice across fogs; errors as `send`.
+
+        `limit_s` of an offer is how long the reservation holds.
+        """
+        if command.name not in SELECTABLE:
+            raise ConfigurationError(f"{command.name}: expected a command that PSMI ranks: {', '.join(SELECTABLE)}")
+        fog, common = self._addressed(fog_number, command, ttl_ms, limit_s, now_ms)
+        message = SelectMessage(**common, mode=mode, reservation=reservation, command=command)
+        pending = self._pend(fog, None, message, fog.topics.select(command.name), ttl_ms, now_ms)
+        pending.choosing = mode is SelectMode.SELECT
+        pending.denied = mode is SelectMode.RELEASE
+        return message.id, [pending.publish]
+
+    def take_over(self, fog_number: int, drones: tuple[int, ...] | None, now_ms: int) -> list[Output]:
+        """Take control of a fog's drones (None: of all), whoever holds it; raises FogUnreachable."""
+        fog = self.fogs.get(fog_number)
+        if fog is None or not fog.registered or not fog.is_live(now_ms):
+            raise FogUnreachable(f"fog {fog_number}: no live activator; control was not taken")
+        return [fog.registration(now_ms, take=True, drones=drones)]
+
+    def _addressed(
+        self, fog_number: int, command: Command, ttl_ms: int, limit_s: float | None, now_ms: int
+    ) -> tuple[FogView, dict[str, Any]]:
+        """The fog, and the fields that every command to it has; the sequence number is used up."""
+        if not 0 < ttl_ms <= MAX_TTL_MS:
+            raise ConfigurationError(f"ttl {ttl_ms} ms: expected more than 0 and at most {MAX_TTL_MS}")
         fog = self.fogs.get(fog_number)
         deadline_ms = fog.clock.deadline_ms(now_ms, ttl_ms) if fog is not None and fog.clock is not None else None
         if fog is None or deadline_ms is None or not fog.registered or not fog.is_live(now_ms):
             raise FogUnreachable(f"fog {fog_number}: no live activator; {command.name} was not sent")
-        assert fog.session is not None
         self._seq += 1
-        message = CommandMessage(
-            gs_session=self.session,
-            seq=self._seq,
-            executor_session=fog.session,
-            deadline_ms=max(0, deadline_ms),
-            limit_s=command.limit_s if limit_s is None else limit_s,
-            command=command,
-        )
-        topic = fog.topics.broadcast if drone is None else fog.topics.drone_commands(drone)
+        return fog, {
+            "gs_session": self.session,
+            "seq": self._seq,
+            "executor_session": fog.session,
+            "deadline_ms": max(0, deadline_ms),
+            "limit_s": command.limit_s if limit_s is None else limit_s,
+            "epoch": fog.epoch,
+        }
+
+    def _pend(
+        self,
+        fog: FogView,
+        drone: int | None,
+        message: CommandMessage | SelectMessage,
+        topic: str,
+        ttl_ms: int,
+        now_ms: int,
+    ) -> Pending:
         payload = encode(message, self.settings.encoding)
-        publish = Publish(LINK, topic, payload, self.settings.qos, expiry_s=expiry_s(ttl_ms))
-        self.commands[message.id] = Pending(
+        pending = self.commands[message.id] = Pending(
             message.id,
-            fog_number,
+            fog.number,
             drone,
-            command,
-            publish,
+            message.command,
+            Publish(LINK, topic, payload, self.settings.qos, expiry_s=expiry_s(ttl_ms)),
             close_at_ms=now_ms + ttl_ms + round(message.limit_s * 1000) + 2 * GRACE_MS,
             retry=Retry.of(self.settings.qos, now_ms, ttl_ms),
-            roster=None if drone is None else (drone,),
+            roster=None,
         )
-        return message.id, [publish]
+        return pending
 
     def on_message(self, message: Inbound, now_ms: int) -> list[Output]:
         """A message from the cloud broker; what does not follow the specification is counted."""
@@ -208,6 +238,13 @@ class GroundStation:
             return self._on_result(fog, topic.drone, decode(ResultMessage, message.payload), now_ms)
         if isinstance(topic, FogTopic) and topic.kind == "commands_result":
             return self._on_fog_result(fog, decode(FogResultMessage, message.payload), now_ms)
+        if isinstance(topic, FogTopic) and topic.kind == "states":
+            pairs = states_of(decode(FogBundle, message.payload))
+            return [event for drone, state in pairs for event in fog.on_state(drone, state, now_ms)]
+        if isinstance(topic, FogTopic) and topic.kind == "QoDS":
+            return [*fog.on_qods(decode(QodsMessage, message.payload))]
+        if isinstance(topic, FogTopic) and topic.kind == "PSMI":
+            return self._on_psmi(fog, decode(PsmiMessage, message.payload), now_ms)
         if isinstance(topic, FogTopic) and topic.kind == "clock":
             events, confirmed = fog.on_beacon(decode(BeaconMessage, message.payload), now_ms)
             return [*events, *(self._ask_again(fog.number) if confirmed else [])]
@@ -224,6 +261,8 @@ class GroundStation:
         pending = self.commands.get(result.id)
         if pending is None or pending.fog != fog.number:
             return []  # another station's, or one that was forgotten
+        if pending.drone is None and pending.command.name in SELECTABLE and drone not in (pending.roster or ()):
+            pending.roster = (*(pending.roster or ()), drone)  # chosen by PSMI, whose list may have been lost
         if pending.roster is not None and drone not in pending.roster:
             return [Log("foreign_result", f"drone {drone} on {result.id}, which was not sent to it")]
         age_ms = None
@@ -262,12 +301,24 @@ class GroundStation:
             return [Outcome(**{**vars(outcome), "settled": True})]
         return []
 
+    def _on_psmi(self, fog: FogView, message: PsmiMessage, now_ms: int) -> list[Output]:
+        pending = self.commands.get(message.id)
+        if pending is None or pending.fog != fog.number:
+            return []  # another station's
+        if message.hold_until_ms is not None or message.chosen is None:
+            pending.retry = None
+        elif message.chosen not in (pending.roster or ()):
+            pending.roster = (*(pending.roster or ()), message.chosen)
+        if message.hold_until_ms is not None:
+            pending.denied = True  # an offer is answered by its list: nothing flies by it
+        return [PsmiList(fog.number, message.id, message.listed, message.left_out, message.chosen)]
+
     def _on_fog_result(self, fog: FogView, result: FogResultMessage, now_ms: int) -> list[Output]:
         pending = self.commands.get(result.id)
         if pending is None or pending.fog != fog.number or pending.drone is not None or not pending.is_open:
             return []
         if result.denied is not None:
-            if pending.roster is not None:
+            if pending.roster is not None and not pending.choosing:
                 return []
             pending.denied = True
             return [Outcome(pending.id, fog.number, None, pending.command.name, Word.DENIED, result.denied)]

@@ -99,19 +99,17 @@ class Leases:
         if known is not None and known.sent_ms is not None:
             sent_ms = max(known.sent_ms, sent_ms) if sent_ms is not None else known.sent_ms
             until_ms = max(known.until_ms, until_ms)
+        control, scope = message.control or Control.NONE, frozenset(message.drones) if message.drones else None
+        taking = control is Control.TAKE
+        wanted = (known.drones if known is not None else None) if taking else scope
         self._leases[key] = Lease(
-            key,
-            until_ms,
-            sent_ms,
-            message.control or Control.NONE,
-            bool(message.bundles),
-            frozenset(message.drones) if message.drones is not None else None,
+            key, until_ms, sent_ms, Control.WANT if taking else control, bool(message.bundles), wanted
         )
         changed = {drone for drone, holder in self._holders.items() if holder == key and not self._may_keep(drone)}
         for drone in changed:
             del self._holders[drone]
-        if message.control is Control.TAKE:
-            changed |= self._take(self._leases[key], message.epoch or 0)
+        if taking:
+            changed |= self._take(key, self._drones if scope is None else self._drones & scope, message.epoch or 0)
         return changed | self._assign(now_ms)
 
     def end(self, key: Key, now_ms: int) -> set[int]:
@@ -151,15 +149,15 @@ class Leases:
         holder = self.holder(drone)
         return holder is not None and holder.wants(drone)
 
-    def _take(self, lease: Lease, epoch: int) -> set[int]:
+    def _take(self, key: Key, drones: set[int], epoch: int) -> set[int]:
         """Only who has seen the newest epoch may take: an old takeover that was stalled takes nothing."""
         if epoch < self._epoch:
             return set()
-        taken = {d for d in self._drones if lease.wants(d) and self._holders.get(d, lease.key) != lease.key}
+        taken = {drone for drone in drones if self._holders.get(drone, key) != key}
         if taken:
             self._epoch += 1
         for drone in taken:
-            self._holders[drone] = lease.key
+            self._holders[drone] = key
             self._epochs[drone] = self._epoch
             self._restored.pop(drone, None)
         return taken

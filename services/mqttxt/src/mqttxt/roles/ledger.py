@@ -6,11 +6,11 @@ not executed again; a full ledger denies and never evicts.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Generic, TypeVar
 
-from ..commands import Command
 from ..messages import CommandId
 
 KEEP_MS = 600_000
@@ -33,7 +33,7 @@ class Entry(Generic[Record]):
     """One id: its contents (None when known only from a journal), and what its owner records about it."""
 
     id: CommandId
-    command: Command | None
+    contents: Hashable | None
     record: Record
     keep_until_ms: int
     is_open: bool = True
@@ -57,7 +57,7 @@ class Ledger(Generic[Record]):
     def open_entries(self) -> list[Entry[Record]]:
         return [entry for entry in self._entries.values() if entry.is_open]
 
-    def examine(self, command_id: CommandId, command: Command, deadline_ms: int, now_ms: int) -> Admission:
+    def examine(self, command_id: CommandId, contents: Hashable, deadline_ms: int, now_ms: int) -> Admission:
         """What to do with a command, without entering it.
 
         While the deadline of an id that was denied for want of room has not passed, unknown ids are denied
@@ -65,7 +65,7 @@ class Ledger(Generic[Record]):
         """
         entry = self._entries.get(command_id)
         if entry is not None:
-            same = entry.command is None or entry.command == command
+            same = entry.contents is None or entry.contents == contents
             return Admission.DUPLICATE if same else Admission.CONFLICT
         self._purge(now_ms)
         if len(self._entries) >= self._capacity:
@@ -73,9 +73,11 @@ class Ledger(Generic[Record]):
             return Admission.FULL
         return Admission.FULL if now_ms <= self._barred_until_ms else Admission.NEW
 
-    def enter(self, command_id: CommandId, command: Command | None, record: Record, deadline_ms: int) -> Entry[Record]:
+    def enter(
+        self, command_id: CommandId, contents: Hashable | None, record: Record, deadline_ms: int
+    ) -> Entry[Record]:
         """Enter an id that `examine` called new, or one restored from a journal."""
-        entry = Entry(command_id, command, record, deadline_ms + self._keep_ms)
+        entry = Entry(command_id, contents, record, deadline_ms + self._keep_ms)
         self._entries[command_id] = entry
         return entry
 

@@ -7,11 +7,12 @@ activator is never executed: that session may have forwarded it, so the drones a
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..clock import MAX_TTL_MS, expiry_s, stamp
-from ..commands import BROADCASTABLE
+from ..commands import BROADCASTABLE, Goto, Hold, Land, Return, Takeoff
 from ..errors import PayloadError
 from ..messages import (
     BeaconMessage,
@@ -27,8 +28,16 @@ from ..wire.codec import decode, encode
 from ..wire.identify import identify
 from .activator_drones import CLOUD, FOG, DroneLink, Drones
 from .effects import Effect, Inbound, Log, Publish
+from .leases import Leases
 from .ledger import Admission, Entry, Ledger
 from .settings import GRACE_MS, NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry, Settings
+
+CHOSEN = 0
+"""The target of a command for which PSMI chooses the drone."""
+OVERRIDING = (Hold, Land, Return)
+"""What ends the search of a drone for an earlier command."""
+FLYING = (Takeoff, Goto, Land, Return)
+"""A drone is busy from one of these to its last word."""
 
 
 @dataclass
@@ -49,46 +58,105 @@ class Leg:
 
 @dataclass
 class Job:
-    """What the activator records about a command: where it was sent, its deadline, and how it was answered."""
+    """What the activator records about a command: where it was sent, its deadline, and how it was answered.
 
-    drone: int | None
+    `target` is a drone's number, None for a broadcast, `CHOSEN` where PSMI chooses; while it is `choosing`, another
+    leg may follow.
+    """
+
+    target: int | None
     message: CommandMessage
     deadline_ms: int
     close_at_ms: int
     query: bool
     legs: dict[int, Leg] = field(default_factory=dict)
     answer: FogResultMessage | None = None
+    choosing: bool = False
+
+    @property
+    def is_over(self) -> bool:
+        return not self.choosing and all(leg.is_closed for leg in self.legs.values())
 
 
 class Relay:
-    """The commands of one activator session. `on_…` methods take what arrived and return effects."""
+    """The commands of one activator session. `on_…` methods take what arrived and return effects.
 
-    def __init__(self, session: int, settings: Settings, cloud: CloudSide, fog: FogSide, drones: Drones) -> None:
+    `on_last_word` hears of each leg of a chosen drone that was closed, `on_overriding` of the sessions whose hold,
+    land or return was admitted.
+    """
+
+    def __init__(
+        self, session: int, settings: Settings, cloud: CloudSide, fog: FogSide, drones: Drones, leases: Leases
+    ) -> None:
         self._session = session
+        self._leases = leases
         self._settings = settings
         self._cloud = cloud
         self._fog = fog
         self._drones = drones
         self.ledger: Ledger[Job] = Ledger()
         self.fog_connected = False
+        self.on_last_word: Callable[[Entry[Job], Leg, int], list[Effect]] = lambda entry, leg, now_ms: []
+        self.on_overriding: Callable[[int, int], list[Effect]] = lambda gs_session, now_ms: []
 
     def on_command(self, drone: int | None, message: Inbound, now_ms: int) -> list[Effect]:
         """A command for one drone, or with None for every drone of the fog."""
         try:
             command = decode(CommandMessage, message.payload)
         except PayloadError as error:
-            return self._on_malformed(drone, message, error, now_ms)
+            return self.on_malformed(drone, message, error, now_ms)
+        entry, out = self.enter(command, drone, command.command, message.retain, now_ms)
+        if entry is None:
+            return out
+        if isinstance(command.command, OVERRIDING) and not entry.record.query:
+            out += self.on_overriding(command.gs_session, now_ms)
+        return out + self._start(entry, now_ms)
+
+    def enter(
+        self, command: CommandMessage, target: int | None, contents: Hashable, retained: bool, now_ms: int
+    ) -> tuple[Entry[Job] | None, list[Effect]]:
+        """Admit a command to the ledger; None where it was a duplicate or is denied, with the answer."""
         known = command.executor_session == self._session and command.deadline_ms is not None
         deadline_ms = command.deadline_ms if known and command.deadline_ms is not None else now_ms
         keep_ms = min(deadline_ms, now_ms + MAX_TTL_MS)
-        verdict = self.ledger.examine(command.id, command.command, keep_ms, now_ms)
+        verdict = self.ledger.examine(command.id, contents, keep_ms, now_ms)
         entry = self.ledger.get(command.id)
-        if verdict is Admission.DUPLICATE and entry is not None and entry.record.drone == drone:
-            return self._answer(entry)
+        if verdict is Admission.DUPLICATE and entry is not None and entry.record.target == target:
+            return None, self._answer(entry)
         if verdict is not Admission.NEW:
             reason = "ledger_full" if verdict is Admission.FULL else "id_conflict"
-            return [self._denial(drone, command.command.name, command.id, reason, now_ms)]
-        return self._admit(drone, command, message.retain, known, keep_ms, deadline_ms, now_ms)
+            return None, [self._denial(target, command.command.name, command.id, reason, now_ms)]
+        close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
+        query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
+        job = Job(target, command, deadline_ms, close_at_ms, query)
+        entry = self.ledger.enter(command.id, contents, job, keep_ms)
+        refusal = self._refusal(job, known, retained, now_ms)
+        return (entry, []) if refusal is None else (None, self.refuse(entry, refusal, now_ms))
+
+    def refuse(self, entry: Entry[Job], reason: str, now_ms: int) -> list[Effect]:
+        """Deny a command as a whole."""
+        job = entry.record
+        if job.target is not None and job.target != CHOSEN:
+            leg = job.legs[job.target] = Leg(job.target)
+            return self._close(entry, leg, Word.DENIED, reason, now_ms)
+        job.choosing = False
+        job.answer = self._fog_result(entry.id, now_ms, None, reason)
+        self.ledger.close(entry, now_ms)
+        return [self._publish_fog_result(job.message.command.name, job.answer)]
+
+    def forward_to(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
+        """Send a command to the drone that was chosen for it."""
+        leg = entry.record.legs[drone] = Leg(drone)
+        return self._forward(entry, leg, now_ms)
+
+    def busy_drones(self) -> set[int]:
+        """The drones that fly or start a command which has no last word yet."""
+        return {
+            leg.drone
+            for entry in self.ledger.open_entries()
+            for leg in entry.record.legs.values()
+            if not leg.is_closed and isinstance(entry.record.message.command, FLYING)
+        }
 
     def on_result(self, link: DroneLink, payload: bytes, name: str, now_ms: int) -> list[Effect]:
         """A word of the drone bound to `link`: relayed unless it repeats what was said."""
@@ -146,38 +214,27 @@ class Relay:
                     out += self._send_again(entry, leg, link, now_ms)
         return out
 
-    def _admit(
-        self,
-        drone: int | None,
-        command: CommandMessage,
-        retained: bool,
-        known: bool,
-        keep_ms: int,
-        deadline_ms: int,
-        now_ms: int,
-    ) -> list[Effect]:
-        close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
-        query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
-        job = Job(drone, command, deadline_ms, close_at_ms, query)
-        entry = self.ledger.enter(command.id, command.command, job, keep_ms)
-        refusal = None
+    def _refusal(self, job: Job, known: bool, retained: bool, now_ms: int) -> str | None:
         if retained:
-            refusal = "retained"
-        elif not known and not query:
-            refusal = NO_DEADLINE
-        elif deadline_ms > now_ms + MAX_TTL_MS:
-            refusal = "deadline_too_far"
-        elif drone is None and not isinstance(command.command, BROADCASTABLE):
-            refusal = "not_broadcastable"
-        if drone is not None:
-            leg = job.legs[drone] = Leg(drone)
-            if refusal is not None:
-                return self._close(entry, leg, Word.DENIED, refusal, now_ms)
-            return self._forward(entry, leg, now_ms)
-        roster = self._drones.roster() if refusal is None else None
-        job.answer = self._fog_result(command.id, now_ms, roster, refusal)
-        out: list[Effect] = [self._publish_fog_result(command.command.name, job.answer)]
-        for listed in roster or ():
+            return "retained"
+        if not known and not job.query:
+            return NO_DEADLINE
+        if job.deadline_ms > now_ms + MAX_TTL_MS:
+            return "deadline_too_far"
+        if job.target is None and not isinstance(job.message.command, BROADCASTABLE):
+            return "not_broadcastable"
+        return None
+
+    def _start(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """Send a command to its drone, or a broadcast to all of its roster."""
+        job = entry.record
+        if job.target is not None:
+            job.legs[job.target] = Leg(job.target)
+            return self._forward(entry, job.legs[job.target], now_ms)
+        roster = self._drones.roster()
+        job.answer = self._fog_result(entry.id, now_ms, roster, None)
+        out: list[Effect] = [self._publish_fog_result(job.message.command.name, job.answer)]
+        for listed in roster:
             job.legs[listed.drone] = Leg(listed.drone)
             out += self._forward(entry, job.legs[listed.drone], now_ms)
         if not job.legs:
@@ -196,6 +253,9 @@ class Relay:
             return self._close(entry, leg, Word.EXPIRED, None, now_ms)
         if link is None or not link.announced or not self.fog_connected:
             return self._close(entry, leg, Word.UNREACHABLE, None, now_ms)
+        refusal = self._leases.refusal(leg.drone, job.message.gs_session, job.message.epoch)
+        if refusal is not None:
+            return self._close(entry, leg, Word.DENIED, refusal, now_ms)
         deadline_ms = link.clock.deadline_ms(now_ms, remaining_ms) if link.clock is not None else None
         if deadline_ms is None or deadline_ms <= 0 or link.session is None:
             return self._close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
@@ -242,11 +302,14 @@ class Relay:
     def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
         leg.words.append(result)
         leg.retry = Retry.after_word(self._settings.qos, now_ms)
-        if all(other.is_closed for other in entry.record.legs.values()):
+        if entry.record.is_over:
             self.ledger.close(entry, now_ms)
         if entry.record.query and result.word.is_last:
             result = replace(result, beacon=self._beacon(now_ms))
-        return [self._publish_result(leg.drone, entry.record.message.command.name, result)]
+        out: list[Effect] = [self._publish_result(leg.drone, entry.record.message.command.name, result)]
+        if leg.is_closed and entry.record.choosing:
+            out += self.on_last_word(entry, leg, now_ms)
+        return out
 
     def _answer(self, entry: Entry[Job]) -> list[Effect]:
         """A duplicate hears the roster, each drone's newest word, and the truth that came after it."""
@@ -256,7 +319,7 @@ class Relay:
         newest = [(leg.drone, word) for leg in job.legs.values() for word in (*leg.words[-1:], leg.truth) if word]
         return out + [self._publish_result(drone, name, word) for drone, word in newest]
 
-    def _on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
+    def on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
         out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
         known = identify(message.payload)
         if known is not None and self.ledger.get(known) is None:
@@ -265,7 +328,7 @@ class Relay:
 
     def _denial(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> Effect:
         """A denial of something that has no place in the ledger."""
-        if drone is None:
+        if drone is None or drone == CHOSEN:
             return self._publish_fog_result(name, self._fog_result(command_id, now_ms, None, reason))
         return self._publish_result(drone, name, self._own_word(command_id, Word.DENIED, reason, now_ms))
 

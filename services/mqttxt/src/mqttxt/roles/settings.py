@@ -23,11 +23,18 @@ NO_MATCHING_SUBSCRIBERS = 0x10
 
 @dataclass(frozen=True)
 class Settings:
-    """`qos` is that of commands, results and the likes; states are always QoS 0, presence and leases QoS 1."""
+    """`qos` is that of commands, results and the likes; states are always QoS 0, presence and leases QoS 1.
+
+    `bundles`: a UAV client publishes its states together, once in `bundle_ms`, and so does an activator to the
+    stations that ask for it. PSMI and QoDS leave out drones whose figures are older than `state_limit_ms`.
+    """
 
     qos: int = 1
     encoding: Encoding = Encoding.CBOR
     beacon_interval_ms: int = BEACON_INTERVAL_MS
+    bundles: bool = False
+    bundle_ms: int = 1000
+    state_limit_ms: int = 45_000
 
 
 class Retry:

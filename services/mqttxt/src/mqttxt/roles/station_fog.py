@@ -6,8 +6,9 @@ import secrets
 from dataclasses import dataclass, field
 
 from ..clock import Beacon, RemoteClock, stamp_supersedes
-from ..messages import BeaconMessage, DroneRecord, FogPresence, Registration
-from ..outcomes import Event, Reachability, StateUpdate
+from ..messages import BeaconMessage, Control, DroneRecord, FogPresence, Registration
+from ..outcomes import ControlChanged, Event, QodsRanking, Reachability, StateUpdate
+from ..rankings import QodsMessage, Ranked
 from ..topics import CloudSide
 from ..wire.codec import encode
 from ..wire.states import StampedState
@@ -15,6 +16,8 @@ from .effects import Publish
 from .settings import Settings
 
 LINK = "cloud"
+OFFBOARD_RENEWAL_MS = 1000
+"""How often a station with an open offboard command says that it is there."""
 
 
 @dataclass
@@ -32,6 +35,7 @@ class DroneView:
 
     number: int
     record: DroneRecord | None = None
+    holder: str | None = None
     reachable: bool = False
     states: dict[str, KnownState] = field(default_factory=dict)
 
@@ -39,8 +43,13 @@ class DroneView:
 class FogView:
     """What a ground station knows of one fog, in the ground station's own time."""
 
-    def __init__(self, topics: CloudSide, name: str, session: int, lease_s: int, settings: Settings) -> None:
+    def __init__(
+        self, topics: CloudSide, name: str, session: int, lease_s: int, settings: Settings, control: Control
+    ) -> None:
         self.topics = topics
+        self.control = control
+        self.ranking: tuple[Ranked, ...] = ()
+        self.in_offboard = False
         self.number = topics.fog
         self.session: int | None = None
         self.up = False
@@ -56,6 +65,20 @@ class FogView:
         self._settings = settings
         self._nonces: dict[int, int] = {}
         self._next_registration_ms = 0
+        self._registered_ms = 0
+
+    @property
+    def epoch(self) -> int:
+        """The newest epoch of control that the fog's records tell."""
+        return max((view.record.epoch or 0 for view in self.drones.values() if view.record is not None), default=0)
+
+    def controls(self, number: int) -> bool:
+        """Whether this station controls a drone, in the words of the activator's live session."""
+        view = self.drones.get(number)
+        record = view.record if view is not None else None
+        if record is None or record.activator_session != self.session:
+            return False
+        return record.holder_session == self._own_session
 
     def is_live(self, now_ms: int) -> bool:
         """Whether the activator says so, and a beacon of it came within three intervals."""
@@ -97,7 +120,19 @@ class FogView:
         if record.up and (drone.record is None or drone.record.drone_session != record.drone_session):
             drone.states.clear()
         drone.record = record
-        return self._review(now_ms)
+        events = self._review(now_ms)
+        if record.holder != drone.holder:
+            drone.holder = record.holder
+            mine = record.holder_session == self._own_session
+            events.append(ControlChanged(self.number, number, record.holder, mine, record.epoch or 0))
+        return events
+
+    def on_qods(self, message: QodsMessage) -> list[Event]:
+        """`fogX/QoDS`."""
+        if message.session != self.session:
+            return []
+        self.ranking = message.ranking
+        return [QodsRanking(self.number, message.ranking)]
 
     def on_state(self, number: int, message: StampedState, now_ms: int) -> list[Event]:
         """`fogX/droneY/state/Z`: an update unless it is older than what is known."""
@@ -119,22 +154,33 @@ class FogView:
     def tick(self, now_ms: int) -> tuple[list[Publish], list[Event]]:
         """Renew the lease at a third of it; a fog whose beacons stay away is not live any more."""
         out = []
+        if self.in_offboard:
+            self._next_registration_ms = min(self._next_registration_ms, self._registered_ms + OFFBOARD_RENEWAL_MS)
         if self.up and self.subscribed and now_ms >= self._next_registration_ms:
             out.append(self.registration(now_ms))
         return out, self._review(now_ms)
 
-    def registration(self, now_ms: int, lease_s: int | None = None) -> Publish:
-        """Register, renew, or with `lease_s` 0 end the lease."""
+    def registration(
+        self, now_ms: int, lease_s: int | None = None, take: bool = False, drones: tuple[int, ...] | None = None
+    ) -> Publish:
+        """Register, renew, with `lease_s` 0 end the lease, or `take` control of what others hold."""
         nonce = secrets.randbelow(2**32)
         self._nonces[nonce] = now_ms
         while len(self._nonces) > 8:
             del self._nonces[next(iter(self._nonces))]
+        self._registered_ms = now_ms
         self._next_registration_ms = now_ms + self._lease_s * 1000 // 3
+        until_ms = self.clock.deadline_ms(now_ms, self._lease_s * 1000) if self.clock is not None else None
         message = Registration(
             name=self._name,
             session=self._own_session,
             nonce=nonce,
             lease_s=self._lease_s if lease_s is None else lease_s,
+            control=Control.TAKE if take else self.control,
+            bundles=self._settings.bundles,
+            drones=drones,
+            until_ms=max(0, until_ms) if until_ms is not None else None,
+            epoch=self.epoch if take else None,
         )
         return Publish(LINK, self.topics.init_connect, encode(message, self._settings.encoding), qos=1)
 

@@ -10,8 +10,9 @@ from ..clock import stamp
 from ..dialect.vehicle import Vehicle
 from ..errors import PayloadError
 from ..messages import BeaconMessage, DroneLease, Presence
-from ..states import Policy, Throttle
-from ..topics import DroneTopic, FogSide
+from ..states import URGENT, Policy, Throttle
+from ..topics import MAVLINK_STATE, DroneTopic, FogSide
+from ..wire.bundles import drone_bundle
 from ..wire.codec import decode, encode
 from ..wire.states import StampedState, encode_state
 from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Transmit, Will
@@ -47,7 +48,9 @@ class UavClient:
         self._awaited_subacks = 0
         self._next_beacon_ms = 0
         self._next_mav_heartbeat_ms = 0
+        self._next_bundle_ms = 0
         self._rebirth_at_ms: int | None = None
+        self._lease: DroneLease | None = None
 
     @property
     def born(self) -> bool:
@@ -116,7 +119,9 @@ class UavClient:
         out = self.desk.tick(now_ms)
         if now_ms >= self._next_mav_heartbeat_ms:
             self._next_mav_heartbeat_ms = now_ms + MAV_HEARTBEAT_MS
-            out.append(Transmit(_onboard_heartbeat()))
+            out.append(Transmit(_heartbeat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER)))
+            if self.is_controlled(now_ms):
+                out.append(Transmit(_heartbeat(mavlink.MAV_TYPE_GCS), as_gcs=True))
         out += [Transmit(question) for question in self._enquiries.due(now_ms)]
         if not self.born:
             return out
@@ -126,6 +131,11 @@ class UavClient:
             self._rebirth_at_ms = None
             out.append(self._birth())
         return out + self._publish_states(now_ms)
+
+    def is_controlled(self, now_ms: int) -> bool:
+        """Whether a ground station controls this drone: the lease that the activator handed down has not ended."""
+        lease = self._lease
+        return lease is not None and lease.deadline_ms is not None and now_ms <= lease.deadline_ms
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop says that the drone is no longer reachable."""
@@ -144,11 +154,25 @@ class UavClient:
                 return []
             if not lease.bound:
                 return [Stop(f"refused: another live UAV client is drone {self.drone} already")]
+            self._take_lease(lease)
             return [self._beacon(now_ms, lease.nonce)]
         raise PayloadError(f"topic {message.topic!r}: not a UAV client's", "topic")
 
+    def _take_lease(self, lease: DroneLease) -> None:
+        """The newest word on who controls this drone; a lower epoch of the same activator is an old one."""
+        known = self._lease
+        if known is not None and known.activator_session == lease.activator_session and lease.epoch < known.epoch:
+            return
+        self._lease = lease
+        self.desk.epoch = lease.epoch
+
     def _publish_states(self, now_ms: int) -> list[Effect]:
+        if self.settings.bundles:
+            if now_ms < self._next_bundle_ms and not self._throttle.is_due(URGENT, now_ms):
+                return []
+            self._next_bundle_ms = now_ms + self.settings.bundle_ms
         out: list[Effect] = []
+        together = []
         for state in self._throttle.due(now_ms):
             stamped = StampedState(state, stamp(now_ms))
             try:
@@ -156,7 +180,13 @@ class UavClient:
             except PayloadError as error:
                 out.append(Log("autopilot_value", f"{state.name}: {error}"))
                 continue
-            out.append(Publish(LINK, self.topics.state(self.drone, state.name), payload, qos=0))
+            if self.settings.bundles and not state.name.startswith(MAVLINK_STATE):
+                together.append(state)
+            else:
+                out.append(Publish(LINK, self.topics.state(self.drone, state.name), payload, qos=0))
+        if together:
+            payload = encode(drone_bundle(together, stamp(now_ms)), self.settings.encoding)
+            out.append(Publish(LINK, self.topics.states(self.drone), payload, qos=0))
         return out
 
     def _presence(self, up: bool) -> bytes:
@@ -176,7 +206,5 @@ class UavClient:
         return Publish(LINK, self.topics.clock(self.drone), payload, qos=0)
 
 
-def _onboard_heartbeat() -> Any:
-    return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
-    )
+def _heartbeat(kind: int) -> Any:
+    return mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3)

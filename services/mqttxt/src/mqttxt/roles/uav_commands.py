@@ -14,6 +14,7 @@ from ..wire.codec import decode, encode
 from ..wire.identify import identify
 from .effects import Effect, Inbound, Journal, Log, Publish
 from .executor import Executor, Output, Said
+from .leases import NOT_IN_CONTROL
 from .ledger import Admission, Ledger
 from .settings import NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Settings
 
@@ -49,8 +50,8 @@ class CommandDesk:
     """The commands of one UAV client session: ledger, order, executor, and the words about them.
 
     `remembers` false: there is no journal of the sessions before this one, so that of an id which may have been
-    theirs nobody knows what became. `may_publish` is set while the client is born, `republish_at_ms` when a last
-    word has to be said again.
+    theirs nobody knows what became. `epoch` is that of the drone's control. `may_publish` is set while the
+    client is born, `republish_at_ms` when a last word has to be said again.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class CommandDesk:
         self.executor = Executor(vehicle)
         self.may_publish = False
         self.republish_at_ms: int | None = None
+        self.epoch = 0
         self._drone = drone
         self._session = session
         self._settings = settings
@@ -128,6 +130,8 @@ class CommandDesk:
             return Said(command.id, Word.DENIED, "deadline_too_far")
         if now_ms > deadline_ms:
             return Said(command.id, Word.EXPIRED)
+        if command.epoch < self.epoch:
+            return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
         if command.seq < self._highest_started.get(command.gs_session, -1):
             return Said(command.id, Word.OVERTAKEN)
         return None

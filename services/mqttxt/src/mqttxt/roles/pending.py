@@ -1,0 +1,45 @@
+"""A ground station's own record of a command: where it went, and each drone's newest word."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..commands import Command
+from ..messages import CommandId, Word
+from .effects import Publish
+from .settings import Retry
+
+DEFINITE_NO = frozenset({Word.DENIED, Word.UNSUPPORTED, Word.EXPIRED, Word.UNREACHABLE})
+"""Last words that say that the command was not started, and will not be."""
+
+
+@dataclass
+class Pending:
+    """A command of this station. `roster` are the drones that it concerns, None until that is known.
+
+    While it is `choosing`, PSMI may send it to another drone after a definite no.
+    """
+
+    id: CommandId
+    fog: int
+    drone: int | None
+    command: Command
+    publish: Publish
+    close_at_ms: int
+    retry: Retry | None
+    roster: tuple[int, ...] | None
+    choosing: bool = False
+    words: dict[int, Word] = field(default_factory=dict)
+    unconfirmed_here: set[int] = field(default_factory=set)
+    denied: bool = False
+
+    def open_drones(self) -> list[int]:
+        return [n for n in self.roster or () if n not in self.words or not self.words[n].is_last]
+
+    @property
+    def is_open(self) -> bool:
+        if self.denied:
+            return False
+        if self.roster is None or self.open_drones():
+            return True
+        return self.choosing and self.words[self.roster[-1]] in DEFINITE_NO

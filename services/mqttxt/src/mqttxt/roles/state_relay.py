@@ -1,0 +1,93 @@
+"""The activator's way with states: topics and bundles in, topics and bundles out, and QoDS (protocol, 6, 8, 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from ..clock import stamp
+from ..rankings import QodsMessage
+from ..states import URGENT
+from ..topics import MAVLINK_STATE, CloudSide
+from ..wire.bundles import DroneBundle, fog_bundles
+from ..wire.codec import decode, encode
+from ..wire.states import StampedState, decode_state, encode_state
+from . import qods
+from .activator_drones import CLOUD, DroneLink, Drones
+from .effects import Effect, Publish
+from .leases import Leases
+from .settings import Settings
+
+
+class StateRelay:
+    """Keeps every drone's states and tells them to the registered stations, in the form that each asked for."""
+
+    def __init__(self, session: int, settings: Settings, cloud: CloudSide, drones: Drones, leases: Leases) -> None:
+        self.qods = qods.QodsTurns()
+        self._session = session
+        self._settings = settings
+        self._cloud = cloud
+        self._drones = drones
+        self._leases = leases
+        self._bundled: dict[tuple[int, str], StampedState] = {}
+        self._next_bundle_ms = 0
+
+    def on_state(self, link: DroneLink | None, name: str, payload: bytes, now_ms: int) -> list[Effect]:
+        """`droneY/state/Z`."""
+        return self._take(link, decode_state(name, payload, relayed=False), now_ms)
+
+    def on_bundle(self, link: DroneLink | None, payload: bytes, now_ms: int) -> list[Effect]:
+        """`droneY/states`."""
+        bundle = decode(DroneBundle, payload)
+        states = [StampedState(bundled.state, bundle.stamp) for bundled in bundle.states]
+        return [effect for state in states for effect in self._take(link, state, now_ms)]
+
+    def relay_all(self, links: Iterable[DroneLink], now_ms: int) -> list[Effect]:
+        """The last known states of reachable drones, for those who did not hear them."""
+        if not self._leases:
+            return []
+        known = [(link, name) for link in links if link.announced for name in link.states]
+        return [effect for link, name in known for effect in self._relay(link, name, now_ms)]
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """Bundles and rankings that are due."""
+        if not self._leases:
+            self._bundled.clear()
+            return []
+        out: list[Effect] = []
+        if self._bundled and (now_ms >= self._next_bundle_ms or any(name in URGENT for _, name in self._bundled)):
+            self._next_bundle_ms = now_ms + self._settings.bundle_ms
+            out += self._bundles()
+        ranking = self.qods.due(self._drones.links.values(), self._settings.state_limit_ms, now_ms)
+        if ranking is not None:
+            message = QodsMessage(session=self._session, stamp=stamp(now_ms), ranking=ranking)
+            payload = encode(message, self._settings.encoding)
+            out.append(Publish(CLOUD, self._cloud.qods, payload, qos=0))
+        return out
+
+    def _take(self, link: DroneLink | None, state: StampedState, now_ms: int) -> list[Effect]:
+        name = state.state.name
+        if link is None or not self._drones.keep_state(link, name, state, now_ms):
+            return []
+        if name in qods.USED:
+            self.qods.touched = True
+        return self._relay(link, name, now_ms) if self._leases else []
+
+    def _relay(self, link: DroneLink, name: str, now_ms: int) -> list[Effect]:
+        relayed = self._drones.relayed(link, name, now_ms)
+        if relayed is None:
+            return []
+        bundles = not name.startswith(MAVLINK_STATE)
+        if bundles and self._leases.want_bundles:
+            self._bundled[link.number, name] = relayed
+        if bundles and not self._leases.want_topics:
+            return []
+        payload = encode_state(relayed, self._settings.encoding)
+        return [Publish(CLOUD, self._cloud.drone_state(link.number, name), payload, qos=0)]
+
+    def _bundles(self) -> list[Effect]:
+        pairs = [(drone, state) for (drone, _), state in self._bundled.items()]
+        self._bundled.clear()
+        return [
+            Publish(CLOUD, self._cloud.states, encode(bundle, self._settings.encoding), qos=0)
+            for bundle in fog_bundles(pairs)
+        ]

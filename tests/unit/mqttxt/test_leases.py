@@ -1,0 +1,126 @@
+"""One station in control of a drone: first come, takeovers with epochs, and who gets what is freed (section 6)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mqttxt.messages import Control, Registration
+from mqttxt.roles.leases import RESTORED_MS, Leases
+
+A, B = ("a", 1), ("b", 2)
+
+
+def registration(key: tuple[str, int], **fields: Any) -> Registration:
+    return Registration(
+        **{"name": key[0], "session": key[1], "nonce": 0, "lease_s": 30, "control": Control.WANT, **fields}
+    )
+
+
+def holders(leases: Leases, drones: tuple[int, ...] = (1, 2)) -> list[str | None]:
+    held = [leases.holder(drone) for drone in drones]
+    return [lease.key[0] if lease is not None else None for lease in held]
+
+
+def test_the_first_station_that_wants_control_has_it_and_a_watcher_never() -> None:
+    leases = Leases((1, 2))
+    assert leases.register(registration(("watcher", 9), control=Control.NONE), 0) == set()
+    assert leases.register(registration(A), 0) == {1, 2}
+    assert leases.register(registration(B), 0) == set()
+    assert holders(leases) == ["a", "a"]
+    assert leases.refusal(1, 1, 0) is None
+    assert leases.refusal(1, 2, 0) == "not_in_control, a"
+    assert leases.refusal(1, 9, 0) == "not_in_control, a"
+    assert leases.refusal(3, 1, 0) == "not_in_control"
+
+
+def test_a_takeover_raises_the_epoch_and_what_was_sent_under_the_old_one_is_refused() -> None:
+    leases = Leases((1, 2))
+    leases.register(registration(A), 0)
+    leases.register(registration(B), 0)
+    assert leases.register(registration(B, control=Control.TAKE, drones=(1,)), 0) == {1}
+    assert holders(leases) == ["b", "a"]
+    assert (leases.epoch(1), leases.epoch(2)) == (1, 0)
+    assert leases.refusal(1, 2, 0) == "not_in_control, b"
+    assert leases.refusal(1, 2, 1) is None
+    assert leases.refusal(2, 1, 0) is None
+
+
+def test_a_takeover_that_has_not_seen_the_newest_epoch_takes_nothing() -> None:
+    leases = Leases((1, 2))
+    leases.register(registration(A), 0)
+    leases.register(registration(B, control=Control.TAKE, epoch=0), 0)
+    stalled = registration(A, control=Control.TAKE, epoch=0)
+    assert leases.register(stalled, 1000) == set()
+    assert leases.register(registration(A, control=Control.TAKE, epoch=1), 1000) == {1, 2}
+    assert leases.epoch(1) == 2
+
+
+def test_a_takeover_of_one_drone_keeps_control_of_the_others() -> None:
+    leases = Leases((1, 2, 3))
+    leases.register(registration(A, drones=(1,)), 0)
+    leases.register(registration(B), 0)
+    assert holders(leases, (1, 2, 3)) == ["a", "b", "b"]
+    leases.register(registration(B, control=Control.TAKE, drones=(1,)), 0)
+    assert holders(leases, (1, 2, 3)) == ["b", "b", "b"]
+    leases.register(registration(B), 0)
+    assert holders(leases, (1, 2, 3)) == ["b", "b", "b"]
+
+
+def test_what_a_station_leaves_goes_to_the_next_that_wants_it() -> None:
+    leases = Leases((1,))
+    leases.register(registration(A), 0)
+    leases.register(registration(B), 0)
+    assert leases.end(A, 0) == {1}
+    assert holders(leases, (1,)) == ["b"]
+    assert leases.end(B, 0) == {1}
+    assert holders(leases, (1,)) == [None]
+
+
+def test_a_lapsed_lease_ends_control() -> None:
+    leases = Leases((1,))
+    leases.register(registration(A, lease_s=5), 0)
+    leases.register(registration(B), 0)
+    assert leases.tick(5000) == set()
+    assert leases.tick(5001) == {1}
+    assert holders(leases, (1,)) == ["b"]
+
+
+def test_a_renewal_that_was_stalled_prolongs_only_to_what_its_sender_meant() -> None:
+    leases = Leases((1,))
+    leases.register(registration(A, lease_s=30), 0)
+    leases.register(registration(A, lease_s=30, until_ms=35_000), 20_000)
+    leases.tick(35_001)
+    assert holders(leases, (1,)) == [None]
+
+
+def test_a_drone_that_appears_later_is_controlled_too() -> None:
+    leases = Leases()
+    leases.register(registration(A), 0)
+    assert leases.add(7, 0) == {7}
+    assert leases.add(7, 0) == set()
+
+
+def test_after_a_restart_a_drone_is_kept_for_its_station_and_the_epoch_goes_on() -> None:
+    leases = Leases((1,))
+    leases.restore(1, A, 4, 0)
+    assert leases.register(registration(B), 10) == set()
+    assert leases.register(registration(A), 20) == {1}
+    assert (holders(leases, (1,)), leases.epoch(1)) == (["a"], 4)
+
+
+def test_a_drone_that_nobody_comes_back_for_is_given_away() -> None:
+    leases = Leases((1,))
+    leases.restore(1, A, 4, 0)
+    leases.register(registration(B), 10)
+    assert leases.tick(RESTORED_MS) == set()
+    assert leases.tick(RESTORED_MS + 1) == {1}
+    assert holders(leases, (1,)) == ["b"]
+
+
+def test_want_of_topics_and_bundles_is_of_all_stations() -> None:
+    leases = Leases()
+    assert not leases
+    leases.register(registration(A, bundles=True), 0)
+    assert (leases.want_topics, leases.want_bundles) == (False, True)
+    leases.register(registration(B), 0)
+    assert (leases.want_topics, leases.want_bundles) == (True, True)
