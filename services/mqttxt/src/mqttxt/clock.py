@@ -11,15 +11,18 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import ceil, floor
+from math import ceil
 
 RHO = 1e-3
 """Largest relative error of a clock's rate that the bounds allow for (1 ms a second)."""
 
-_SLOWEST = 1 - 2 * RHO
-"""At least as much passes on another clock while 1 passes on the own one: below (1 - rho) / (1 + rho)."""
-_FASTEST = (1 + RHO) / (1 - RHO)
-"""At most as much; 1 + 2 rho would be too little by 2 rho squared."""
+_SLOWEST, _SLOWEST_OF = 998, 1000
+"""1 - 2 rho: at least as much passes on another clock while 1 passes here, as it is below (1 - rho) / (1 + rho).
+
+Whole numbers, so that no rounding has to be argued about however long a session lasts.
+"""
+_FASTEST, _FASTEST_OF = 1001, 999
+"""(1 + rho) / (1 - rho): at most as much; 1 + 2 rho would be too little by 2 rho squared."""
 
 MAX_TTL_MS = 60_000
 DEFAULT_TTL_MS = 5_000
@@ -101,13 +104,17 @@ class RemoteClock:
     least T when it does. The upper bound comes from an echo: the question was sent before it was
     received, so the remote clock then read at most T - held. A beacon that was delayed only makes the
     lower bound lower (deadlines earlier) and the upper bound higher (ages larger): both are safe.
+
+    While both clocks keep within rho no beacon can contradict an earlier one. One that does shows that a
+    clock was stepped or stood still; what was known before it is forgotten then. The derivation is in
+    docs/deadlines.md.
     """
 
     def __init__(self, session: int) -> None:
         self.session = session
         self.last_beacon_ms: int | None = None
-        self._lower_offset: float | None = None
-        self._upper_offset: float | None = None
+        self._lower_offset: int | None = None  # in 1 / _SLOWEST_OF ms
+        self._upper_offset: int | None = None  # in 1 / _FASTEST_OF ms
 
     def observe(self, beacon: Beacon, received_ms: int, asked_ms: int | None = None) -> None:
         """Take in a beacon of this session, received at the own time `received_ms`.
@@ -117,15 +124,21 @@ class RemoteClock:
         if beacon.session != self.session:
             raise ValueError(f"beacon of session {beacon.session}, expected {self.session}")
         self.last_beacon_ms = received_ms
-        lower = beacon.now_ms - (received_ms + 1) * _SLOWEST
-        if self._lower_offset is None or lower > self._lower_offset:
-            self._lower_offset = lower
+        latest = self.latest_now_ms(received_ms)
+        if latest is not None and beacon.now_ms > latest:
+            self._lower_offset = self._upper_offset = None
         if asked_ms is not None and beacon.held_ms is not None:
-            upper = beacon.now_ms - beacon.held_ms + 2 - asked_ms * _FASTEST
+            upper = (beacon.now_ms - beacon.held_ms + 2) * _FASTEST_OF - asked_ms * _FASTEST
+            earliest = self.deadline_ms(received_ms, 0)
+            if earliest is not None and earliest * _FASTEST_OF > upper + (received_ms + 1) * _FASTEST:
+                self._lower_offset = self._upper_offset = None
             if self._upper_offset is None or upper < self._upper_offset:
                 self._upper_offset = upper
+        lower = beacon.now_ms * _SLOWEST_OF - (received_ms + 1) * _SLOWEST
+        if self._lower_offset is None or lower > self._lower_offset:
+            self._lower_offset = lower
 
-    def deadline_ms(self, now_ms: int, ttl_ms: float) -> int | None:
+    def deadline_ms(self, now_ms: int, ttl_ms: int) -> int | None:
         """D = T + (now - r)(1 - 2 rho) + ttl (1 - 2 rho), the largest over all beacons; None without one.
 
         Clocks are read in whole milliseconds: r counts as one more, and D is one less because the executor's
@@ -133,13 +146,13 @@ class RemoteClock:
         """
         if self._lower_offset is None:
             return None
-        return floor(self._lower_offset + (now_ms + ttl_ms) * _SLOWEST) - 1
+        return (self._lower_offset + (now_ms + ttl_ms) * _SLOWEST) // _SLOWEST_OF - 1
 
     def latest_now_ms(self, now_ms: int) -> int | None:
         """The most that the remote clock can read at the own time `now_ms`; None before an echo."""
         if self._upper_offset is None:
             return None
-        return ceil(self._upper_offset + (now_ms + 1) * _FASTEST)
+        return -(-(self._upper_offset + (now_ms + 1) * _FASTEST) // _FASTEST_OF)
 
     def age_ms(self, stamped: int, now_ms: int) -> int | None:
         """Upper bound of the age of something stamped by the remote process; None before an echo."""
