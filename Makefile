@@ -8,7 +8,7 @@ PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help scenario-1 up down report test check bench sitl doctor lock clean venv containers
+.PHONY: help scenario-1 up down report test check bench docs sitl doctor lock clean venv containers
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -39,6 +39,10 @@ lint: venv
 
 bench: venv ## Measure speed and load, as shares and ratios of one run
 	@$(PYTHON) -m tests.bench
+
+docs: venv ## Make the specification's tables and the schemas anew from the code
+	@$(PYTHON) -m mqttxt.wire.schema services/mqttxt/src/mqttxt/schemas
+	@$(PYTHON) -m mqttxt.wire.tables docs/protocol.md
 
 sitl: venv ## Fly one simulated autopilot on loopback; prints how to connect to it
 	@$(PYTHON) -m sitl fly --gcs

@@ -179,12 +179,13 @@ STATE = Variant("state", tuple((code, cls.name, cls) for code, cls in enumerate(
 class Policy:
     """When a state is published: beyond its deadband, at most at its rate, at least once a heartbeat interval.
 
-    `exceeds(old, new)` tells whether the change is larger than the deadband.
+    `exceeds(old, new)` tells whether the change is larger than the deadband; `deadband` says it in words.
     """
 
     exceeds: Callable[[Any, Any], bool]
     min_interval_ms: int
     heartbeat_ms: int = 30_000
+    deadband: str = "any change"
 
 
 def _changed(old: State, new: State) -> bool:
@@ -207,9 +208,9 @@ def _sped(old: Groundspeed, new: Groundspeed) -> bool:
 
 POLICIES: dict[str, Policy] = {
     "battery": Policy(_changed, min_interval_ms=1000),
-    "location": Policy(_moved, min_interval_ms=1000),
-    "heading": Policy(_turned, min_interval_ms=1000),
-    "groundspeed": Policy(_sped, min_interval_ms=1000),
+    "location": Policy(_moved, min_interval_ms=1000, deadband="0.5 m"),
+    "heading": Policy(_turned, min_interval_ms=1000, deadband="5°"),
+    "groundspeed": Policy(_sped, min_interval_ms=1000, deadband="0.5 m/s"),
     "flight_mode": Policy(_changed, min_interval_ms=100),
     "armed": Policy(_changed, min_interval_ms=100),
     "landed_state": Policy(_changed, min_interval_ms=100),

@@ -101,13 +101,14 @@ def cddl() -> str:
     return head + "\n" + "\n".join(rules.values())
 
 
-def _rule_name(cls: type[Any]) -> str:
+def rule_name(cls: type[Any]) -> str:
+    """What a message is called in the CDDL and in the specification."""
     words = "".join(f"-{c.lower()}" if c.isupper() else c for c in cls.__name__).lstrip("-")
     return words.removesuffix("-message")
 
 
 def _rule(cls: type[Any], rules: dict[str, str]) -> str:
-    name = _rule_name(cls)
+    name = rule_name(cls)
     plan = plan_of(cls)
     if name in rules:
         return name

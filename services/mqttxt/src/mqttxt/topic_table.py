@@ -1,0 +1,96 @@
+"""Every topic of MQTT-XT as a table: who says what to whom, at which QoS, and whether the broker keeps it.
+
+`topics` builds and parses topics; this says what they are for. docs/protocol.md (section 2) is generated from it.
+X is a fog's number, Y a drone's, Z a state's name, C a command's, G a station's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from .messages import (
+    BeaconMessage,
+    CommandMessage,
+    DroneLease,
+    DroneRecord,
+    FogPresence,
+    FogResultMessage,
+    Presence,
+    Registration,
+    ResultMessage,
+)
+
+STATION, STATIONS = "station", "stations"
+ACTIVATOR, ACTIVATORS = "activator", "activators"
+UAV = "UAV client"
+
+
+@dataclass(frozen=True)
+class TopicRow:
+    """One topic. `qos` is the default; `choice` marks what the thesis leaves open or does not have.
+
+    `payload` is the message's class, None for a state: its class follows from its name.
+    """
+
+    topic: str
+    sender: str
+    receiver: str
+    qos: int
+    retained: bool
+    payload: type[Any] | None
+    what: str
+    choice: bool = False
+
+
+CLOUD_SIDE = (
+    TopicRow(
+        *("gs/G/reachable", STATION, ACTIVATORS, 1, True, Presence),
+        "a station's birth and will; one will serves all its fogs",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/init_connect", STATION, ACTIVATOR, 1, False, Registration),
+        "registration: take, renew or end a lease",
+    ),
+    TopicRow(
+        *("fogX/reachable", ACTIVATOR, STATIONS, 1, True, FogPresence),
+        "the activator's birth and will, its broker's address and its drones",
+        choice=True,
+    ),
+    TopicRow(*("fogX/clock", ACTIVATOR, STATIONS, 0, False, BeaconMessage), "beacon", choice=True),
+    TopicRow(
+        *("fogX/droneY/reachable", ACTIVATOR, STATIONS, 1, True, DroneRecord),
+        "whether a drone is reachable now; outside the gate",
+        choice=True,
+    ),
+    TopicRow(*("fogX/droneY/state/Z", ACTIVATOR, STATIONS, 0, False, None), "a state, while the gate is open"),
+    TopicRow(*("fogX/droneY/commands", STATION, ACTIVATOR, 1, False, CommandMessage), "a command for one drone"),
+    TopicRow(*("fogX/commands", STATION, ACTIVATOR, 1, False, CommandMessage), "a broadcast to the fog's drones"),
+    TopicRow(
+        *("fogX/commands_result/C", ACTIVATOR, STATIONS, 1, False, FogResultMessage),
+        "a broadcast's roster, or why the fog denied it",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/droneY/commands_result/C", ACTIVATOR, STATIONS, 1, False, ResultMessage),
+        "words about a command and a drone",
+    ),
+)
+
+FOG_SIDE = (
+    TopicRow(*("droneY/reachable", UAV, ACTIVATOR, 1, True, Presence), "the drone's birth and will"),
+    TopicRow(*("droneY/clock", UAV, ACTIVATOR, 0, False, BeaconMessage), "beacon", choice=True),
+    TopicRow(
+        *("droneY/init_connect", ACTIVATOR, UAV, 1, False, DroneLease),
+        "the activator's lease: a nonce to echo, or that this client is refused",
+    ),
+    TopicRow(*("droneY/state/Z", UAV, ACTIVATOR, 0, False, None), "a state, whether or not the gate is open"),
+    TopicRow(*("droneY/commands", ACTIVATOR, UAV, 1, False, CommandMessage), "a command"),
+    TopicRow(*("droneY/commands_result/C", UAV, ACTIVATOR, 1, False, ResultMessage), "words about a command"),
+)
+
+
+def topics_of(payload: type[Any]) -> list[str]:
+    """The topics that carry messages of a class, cloud side first."""
+    return [row.topic for row in (*CLOUD_SIDE, *FOG_SIDE) if row.payload is payload]

@@ -1,0 +1,87 @@
+"""Messages as they are on the wire, byte by byte, for whoever writes another implementation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cbor2
+
+from ..commands import Takeoff
+from ..messages import BeaconMessage, CommandMessage, ResultMessage, Word
+from ..states import Location
+from .codec import encode
+from .states import StampedState, encode_state
+from .values import Encoding
+
+STATION, FOG, DRONE = 0x0A11CE, 0xF061, 0xD203E
+"""Sessions; real ones are random and mostly take four bytes."""
+
+
+@dataclass(frozen=True)
+class Example:
+    """One message on its topic, in both forms."""
+
+    title: str
+    topic: str
+    cbor: bytes
+    json: bytes
+
+    @property
+    def diagnostic(self) -> str:
+        """The CBOR in diagnostic notation (RFC 8949, section 8)."""
+        return notation(cbor2.loads(self.cbor))
+
+
+def notation(plain: Any) -> str:
+    """A decoded payload in CBOR's diagnostic notation."""
+    if isinstance(plain, list):
+        return "[" + ", ".join(notation(item) for item in plain) + "]"
+    if isinstance(plain, str):
+        return '"' + plain.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if plain is None:
+        return "null"
+    return str(plain).lower() if isinstance(plain, bool) else str(plain)
+
+
+def examples() -> list[Example]:
+    """A beacon, a command and its forwarding, its words, and a state on both sides."""
+    command = CommandMessage(
+        gs_session=STATION,
+        seq=7,
+        executor_session=FOG,
+        deadline_ms=86_400,
+        limit_s=120.0,
+        command=Takeoff(altitude_m=10.0),
+    )
+    forwarded = CommandMessage(
+        gs_session=STATION,
+        seq=7,
+        executor_session=DRONE,
+        deadline_ms=41_230,
+        limit_s=120.0,
+        command=Takeoff(altitude_m=10.0),
+    )
+    said = ResultMessage(gs_session=STATION, seq=7, session=DRONE, stamp=4090, word=Word.COMPLETED)
+    denied = ResultMessage(
+        gs_session=STATION, seq=8, session=FOG, relay_stamp=8190, stamp=8190, word=Word.DENIED, reason="retained"
+    )
+    beacon = BeaconMessage(session=FOG, now_ms=81_405, nonce=3_735_928_559, held_ms=2)
+    place = Location(latitude_deg=47.397742, longitude_deg=8.545594, altitude_amsl_m=498.0, altitude_m=10.0)
+    return [
+        _message("An activator's beacon that echoes a station's nonce", "fog1/clock", beacon),
+        _message("A station's command, due in the activator's clock", "fog1/drone2/commands", command),
+        _message("The same, forwarded and due in the drone's clock", "drone2/commands", forwarded),
+        _message("The drone's last word about it", "drone2/commands_result/takeoff", said),
+        _message("A last word of the activator's own", "fog1/drone2/commands_result/arm", denied),
+        _state("A position from the drone", "drone2/state/location", StampedState(place, 4090)),
+        _state("The same position, relayed", "fog1/drone2/state/location", StampedState(place, 4090, 8190)),
+    ]
+
+
+def _message(title: str, topic: str, message: Any) -> Example:
+    return Example(title, topic, encode(message), encode(message, Encoding.JSON))
+
+
+def _state(title: str, topic: str, state: StampedState) -> Example:
+    return Example(title, topic, encode_state(state, Encoding.CBOR), encode_state(state, Encoding.JSON))

@@ -1,0 +1,146 @@
+"""The specification's tables: made from the code, complete, and what stands in docs/protocol.md."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+from typing import Any
+
+import cbor2
+import pytest
+
+from mqttxt.errors import ConfigurationError
+from mqttxt.messages import CommandMessage, Word
+from mqttxt.states import POLICIES, STATES
+from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, topics_of
+from mqttxt.topics import CloudSide, FogSide, station_reachable
+from mqttxt.wire import schema, tables
+from mqttxt.wire.codec import decode
+from mqttxt.wire.examples import STATION, examples, notation
+
+PROTOCOL = Path(__file__).resolve().parents[3] / "docs" / "protocol.md"
+LETTERS = {"X": "1", "Y": "2", "Z": "battery", "C": "arm", "G": "alpha", "S": "3", "K": "temperature"}
+ARGUMENTS = {"drone": 2, "name": "battery", "command": "arm", "sensor": 3, "kind": "temperature"}
+NO_TOPICS = {"parse", "local_root"}
+
+
+def as_sent(topic: str) -> str:
+    """A row's topic with numbers and names for its letters."""
+    return re.sub(r"(?<=fog|one|sor)[XYS]|(?<=/)[ZCGK](?=/|$)", lambda letter: LETTERS[letter[0]], topic)
+
+
+def built(side: CloudSide | FogSide) -> set[str]:
+    """Every topic that a side can build."""
+    found = set()
+    for name, member in inspect.getmembers(type(side)):
+        if name.startswith("_") or name.endswith("_filters") or name in NO_TOPICS:
+            continue
+        value = getattr(side, name)
+        if callable(member):
+            value = value(*(ARGUMENTS[parameter] for parameter in inspect.signature(value).parameters))
+        found.add(value)
+    return found
+
+
+@pytest.mark.parametrize("row", CLOUD_SIDE, ids=lambda row: row.topic)
+def test_every_cloud_side_topic_of_the_table_is_one(row: Any) -> None:
+    CloudSide(1).parse(as_sent(row.topic))
+
+
+@pytest.mark.parametrize("row", FOG_SIDE, ids=lambda row: row.topic)
+def test_every_fog_side_topic_of_the_table_is_one(row: Any) -> None:
+    FogSide().parse(as_sent(row.topic))
+
+
+def test_every_topic_that_can_be_built_is_in_the_table_once() -> None:
+    cloud, fog = ([as_sent(row.topic) for row in side] for side in (CLOUD_SIDE, FOG_SIDE))
+    assert sorted(cloud) == sorted({*built(CloudSide(1)), station_reachable("alpha")})
+    assert sorted(fog) == sorted(built(FogSide()))
+
+
+def test_every_message_has_a_topic_and_a_schema() -> None:
+    carried = {row.payload for row in (*CLOUD_SIDE, *FOG_SIDE)} - {None}
+    assert carried == set(schema.MESSAGES)
+    assert topics_of(CommandMessage)[0].startswith("fogX/")
+
+
+def test_what_is_kept_by_the_broker_is_never_at_qos_0() -> None:
+    assert all(row.qos == 1 for row in (*CLOUD_SIDE, *FOG_SIDE) if row.retained)
+
+
+def test_the_specifications_tables_are_made_from_the_code() -> None:
+    text = PROTOCOL.read_text(encoding="utf-8")
+    assert text == tables.filled(text), "run make docs"
+    for name in tables.SECTIONS:
+        assert f"<!-- generated: {name} -->" in text
+
+
+def test_a_marker_that_nothing_fills_is_named() -> None:
+    with pytest.raises(ConfigurationError, match="marker 'weather': expected one of topics"):
+        tables.filled("<!-- generated: weather -->\n<!-- end -->")
+
+
+def test_the_files_given_are_written(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- generated: words -->\nold\n<!-- end -->\nafter\n")
+    tables.main(str(page))
+    written = page.read_text()
+    assert "| 3 | `completed` | yes |" in written
+    assert "old" not in written
+    assert (written.startswith("before\n"), written.endswith("<!-- end -->\nafter\n")) == (True, True)
+
+
+@pytest.mark.parametrize("cls", schema.MESSAGES, ids=lambda cls: cls.__name__)
+def test_every_field_of_a_message_is_in_its_table(cls: type[Any]) -> None:
+    shown = tables.messages().split(f"#### {schema.rule_name(cls)}\n")[1].split("####")[0]
+    for field in cls.__dataclass_fields__:
+        assert f"| `{field}` |" in shown
+
+
+def test_states_are_told_with_their_deadband_and_rate() -> None:
+    rows = {row.split("`")[1]: row for row in tables.states().splitlines()[2:]}
+    assert set(rows) == set(STATES)
+    assert "`heading_deg`: 0 to 35999 (0.01 °) | 0 to 359.99 (°) | 5° | 1 Hz" in rows["heading"]
+    assert "| any change | 10 Hz |" in rows["armed"]
+
+
+def test_a_deadband_in_words_is_the_one_that_is_kept() -> None:
+    """Just beyond the words it is exceeded, and at them it is not."""
+    number = {name: float(p.deadband.split()[0].rstrip("°")) for name, p in POLICIES.items() if p.deadband[0].isdigit()}
+    assert set(number) == {"location", "heading", "groundspeed"}
+    heading, speed = STATES["heading"], STATES["groundspeed"]
+    for policy, cls, most in (
+        (POLICIES["heading"], heading, number["heading"]),
+        (POLICIES["groundspeed"], speed, number["groundspeed"]),
+    ):
+        old = cls(10.0)  # type: ignore[call-arg]
+        assert not policy.exceeds(old, cls(10.0 + most))  # type: ignore[call-arg]
+        assert policy.exceeds(old, cls(10.0 + most + 0.01))  # type: ignore[call-arg]
+    place = STATES["location"]
+    at = place(47.0, 8.0, 500.0, 0.0)  # type: ignore[call-arg]
+    higher = place(47.0, 8.0, 500.0 + number["location"], 0.0)  # type: ignore[call-arg]
+    assert not POLICIES["location"].exceeds(at, higher)
+    assert POLICIES["location"].exceeds(at, place(47.0, 8.0, 500.01 + number["location"], 0.0))  # type: ignore[call-arg]
+
+
+def test_the_meaning_of_every_last_word_is_told() -> None:
+    outcomes = PROTOCOL.read_text(encoding="utf-8").split("| word | says |")[1].split("\n\n")[0]
+    assert [word.label for word in Word if word.is_last and f"`{word.label}" not in outcomes] == []
+
+
+def test_worked_examples_are_messages_on_their_topics() -> None:
+    rows = {as_sent(row.topic).replace("/arm", "/C"): row for row in (*CLOUD_SIDE, *FOG_SIDE)}
+    for example in examples():
+        topic = re.sub(r"(commands_result)/\w+$", r"\1/C", re.sub(r"state/\w+$", "state/battery", example.topic))
+        cls = rows[topic].payload
+        if cls is not None:
+            assert decode(cls, example.cbor) == decode(cls, example.json)
+        assert bytes.fromhex(example.cbor.hex(" ")) == example.cbor
+        assert example.diagnostic == notation(cbor2.loads(example.cbor))
+    command = next(e for e in examples() if e.topic == "fog1/drone2/commands")
+    assert cbor2.loads(command.cbor)[:4] == [1, STATION, 7, 0xF061]
+
+
+def test_diagnostic_notation_is_that_of_the_rfc() -> None:
+    assert notation([1, None, True, 'a"\\', [False]]) == '[1, null, true, "a\\"\\\\", [false]]'
