@@ -1,7 +1,7 @@
 """Every topic of MQTT-XT as a table: who says what to whom, at which QoS, and whether the broker keeps it.
 
 `topics` builds and parses topics; this says what they are for. docs/protocol.md (section 2) is generated from it.
-X is a fog's number, Y a drone's, Z a state's name, C a command's, G a station's.
+X is a fog's number, Y a drone's, S a sensor's, Z a state's name, C a command's, G a station's, K a sensor value's kind.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from .messages import (
     Registration,
     ResultMessage,
 )
+from .rankings import PsmiMessage, QodsMessage, SelectMessage
+from .wire.bundles import DroneBundle, FogBundle
 
 STATION, STATIONS = "station", "stations"
 ACTIVATOR, ACTIVATORS = "activator", "activators"
@@ -30,7 +32,7 @@ UAV = "UAV client"
 class TopicRow:
     """One topic. `qos` is the default; `choice` marks what the thesis leaves open or does not have.
 
-    `payload` is the message's class, None for a state: its class follows from its name.
+    `payload` is the message's class, or in words what it is where the class follows from the topic's last level.
     """
 
     topic: str
@@ -38,7 +40,7 @@ class TopicRow:
     receiver: str
     qos: int
     retained: bool
-    payload: type[Any] | None
+    payload: type[Any] | str
     what: str
     choice: bool = False
 
@@ -64,9 +66,27 @@ CLOUD_SIDE = (
         "whether a drone is reachable now; outside the gate",
         choice=True,
     ),
-    TopicRow(*("fogX/droneY/state/Z", ACTIVATOR, STATIONS, 0, False, None), "a state, while the gate is open"),
+    TopicRow(*("fogX/droneY/state/Z", ACTIVATOR, STATIONS, 0, False, "state Z"), "a state, while the gate is open"),
+    TopicRow(
+        *("fogX/states", ACTIVATOR, STATIONS, 0, False, FogBundle),
+        "the drones' changed states in one message, for stations that asked for bundles, while the gate is open",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/QoDS", ACTIVATOR, STATIONS, 0, False, QodsMessage),
+        "the ranking of the available drones, while the gate is open",
+    ),
     TopicRow(*("fogX/droneY/commands", STATION, ACTIVATOR, 1, False, CommandMessage), "a command for one drone"),
     TopicRow(*("fogX/commands", STATION, ACTIVATOR, 1, False, CommandMessage), "a broadcast to the fog's drones"),
+    TopicRow(
+        *("fogX/commands/C", STATION, ACTIVATOR, 1, False, SelectMessage),
+        "a command whose drone the activator chooses (PSMI)",
+    ),
+    TopicRow(
+        *("fogX/PSMI", ACTIVATOR, STATIONS, 1, False, PsmiMessage),
+        "the list that PSMI made for a command, with every figure",
+        choice=True,
+    ),
     TopicRow(
         *("fogX/commands_result/C", ACTIVATOR, STATIONS, 1, False, FogResultMessage),
         "a broadcast's roster, or why the fog denied it",
@@ -75,6 +95,10 @@ CLOUD_SIDE = (
     TopicRow(
         *("fogX/droneY/commands_result/C", ACTIVATOR, STATIONS, 1, False, ResultMessage),
         "words about a command and a drone",
+    ),
+    TopicRow(
+        *("fogX/droneY/sensorS/K", ACTIVATOR, STATIONS, 1, False, "reading"),
+        "a reading that a drone carried; outside the gate",
     ),
 )
 
@@ -85,9 +109,22 @@ FOG_SIDE = (
         *("droneY/init_connect", ACTIVATOR, UAV, 1, False, DroneLease),
         "the activator's lease: a nonce to echo, or that this client is refused",
     ),
-    TopicRow(*("droneY/state/Z", UAV, ACTIVATOR, 0, False, None), "a state, whether or not the gate is open"),
+    TopicRow(*("droneY/state/Z", UAV, ACTIVATOR, 0, False, "state Z"), "a state, whether or not the gate is open"),
+    TopicRow(
+        *("droneY/states", UAV, ACTIVATOR, 0, False, DroneBundle),
+        "states that are due together, from a UAV client that bundles",
+        choice=True,
+    ),
     TopicRow(*("droneY/commands", ACTIVATOR, UAV, 1, False, CommandMessage), "a command"),
     TopicRow(*("droneY/commands_result/C", UAV, ACTIVATOR, 1, False, ResultMessage), "words about a command"),
+    TopicRow(
+        *("droneY/sensorS/K", UAV, ACTIVATOR, 1, False, "reading"), "a reading, repeated until it is acknowledged"
+    ),
+    TopicRow(
+        *("droneY/sensor_ack", ACTIVATOR, UAV, 1, False, "acknowledgement"),
+        "which readings the activator has passed on",
+        choice=True,
+    ),
 )
 
 

@@ -9,7 +9,8 @@ import cbor2
 
 from ..commands import Takeoff
 from ..messages import BeaconMessage, CommandMessage, ResultMessage, Word
-from ..states import Location
+from ..states import Battery, Heading, Location
+from .bundles import drone_bundle, fog_bundles
 from .codec import encode
 from .states import StampedState, encode_state
 from .values import Encoding
@@ -45,7 +46,7 @@ def notation(plain: Any) -> str:
 
 
 def examples() -> list[Example]:
-    """A beacon, a command and its forwarding, its words, and a state on both sides."""
+    """A beacon, a command and its forwarding, its words, a state on both sides, and bundles."""
     command = CommandMessage(
         gs_session=STATION,
         seq=7,
@@ -68,6 +69,10 @@ def examples() -> list[Example]:
     )
     beacon = BeaconMessage(session=FOG, now_ms=81_405, nonce=3_735_928_559, held_ms=2)
     place = Location(latitude_deg=47.397742, longitude_deg=8.545594, altitude_amsl_m=498.0, altitude_m=10.0)
+    newer = StampedState(Heading(heading_deg=271.5), 4101, 8201)
+    (bundle,) = fog_bundles(
+        [(2, StampedState(place, 4090, 8190)), (2, newer), (3, StampedState(Battery(64), 17, 8204))]
+    )
     return [
         _message("An activator's beacon that echoes a station's nonce", "fog1/clock", beacon),
         _message("A station's command, due in the activator's clock", "fog1/drone2/commands", command),
@@ -76,6 +81,8 @@ def examples() -> list[Example]:
         _message("A last word of the activator's own", "fog1/drone2/commands_result/arm", denied),
         _state("A position from the drone", "drone2/state/location", StampedState(place, 4090)),
         _state("The same position, relayed", "fog1/drone2/state/location", StampedState(place, 4090, 8190)),
+        _message("Two states of a drone in one message", "drone2/states", drone_bundle([place, Battery(87)], 4090)),
+        _message("States of two drones in one message", "fog1/states", bundle),
     ]
 
 

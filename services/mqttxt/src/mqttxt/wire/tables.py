@@ -9,19 +9,20 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterable
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from ..commands import BROADCASTABLE, COMMAND
 from ..errors import ConfigurationError
 from ..messages import Word
-from ..states import POLICIES, STATES, Policy
+from ..states import POLICIES, STATE, STATES, Policy
 from ..topic_table import CLOUD_SIDE, FOG_SIDE, TopicRow, topics_of
 from .codec import Plan, plan_of
 from .examples import examples
 from .fields import Constant, Integer, Items, Named, Scaled, Text
 from .schema import MESSAGES, rule_name
-from .values import mark_of
+from .values import item_of, mark_of
 
 _UNITS = {"_m_s": "m/s", "_deg": "°", "_pct": "%", "_ms": "ms", "_s": "s", "_m": "m"}
 _SMALL = {("m", 1000): "mm", ("m/s", 100): "cm/s"}
@@ -55,7 +56,7 @@ def _topic_table(rows: Iterable[TopicRow]) -> str:
                 f"{row.sender} → {row.receiver}",
                 str(row.qos),
                 "yes" if row.retained else "no",
-                "state Z" if row.payload is None else rule_name(row.payload),
+                row.payload if isinstance(row.payload, str) else rule_name(row.payload),
                 row.what + (" **(choice)**" if row.choice else ""),
             )
             for row in rows
@@ -85,7 +86,7 @@ def _message(cls: type[Any]) -> str:
         last = len(plan.fields)
         rows += [
             (str(last), f"`{name}`", f"{min(codes)} to {max(codes)}, its code", "its name", "no"),
-            (f"{last + 1} …", f"the {name}'s parameters", "as listed below", "on the same level", "no"),
+            (f"{last + 1} …", f"the {name}'s own fields", "as listed below", "on the same level", "no"),
         ]
     where = ", ".join(f"`{topic}`" for topic in topics_of(cls))
     said = _docstring(cls)
@@ -106,16 +107,14 @@ def _docstring(cls: type[Any]) -> str:
 
 def _inner_messages(cls: type[Any]) -> list[type[Any]]:
     marks = [_inner(hint) for hint in get_type_hints(cls, include_extras=True).values()]
-    return [mark for mark in marks if isinstance(mark, type) and hasattr(mark, "__dataclass_fields__")]
+    return [mark for mark in dict.fromkeys(marks) if isinstance(mark, type) and is_dataclass(mark)]
 
 
 def _inner(hint: Any) -> Any:
     """What a field holds: the mark of its type, of a list the items' type."""
     hint = _without_none(hint)
     mark = mark_of(hint)
-    if isinstance(mark, Items):
-        return mark_of(get_args(get_args(hint)[0])[0])
-    return mark
+    return mark_of(item_of(hint)) if isinstance(mark, Items) else mark
 
 
 def _without_none(hint: Any) -> Any:
@@ -149,7 +148,7 @@ def _forms(name: str, hint: Any) -> tuple[str, str]:
     if isinstance(mark, Scaled):
         low, high = round(mark.low * mark.per_unit), round(mark.high * mark.per_unit)
         fine = _SMALL.get((unit, mark.per_unit)) or f"{1 / mark.per_unit:g} {unit}"
-        of_cbor, of_json = f"{low} to {high}{_behind(fine)}", f"{mark.low:g} to {mark.high:g}{_behind(unit)}"
+        of_cbor, of_json = f"{low} to {high}{_behind(fine)}", f"{mark.low:.12g} to {mark.high:.12g}{_behind(unit)}"
         return (of_cbor, of_json)
     if isinstance(mark, Text):
         return (f"text of at most {mark.longest} characters", "the same")
@@ -204,10 +203,10 @@ def commands() -> str:
 def states() -> str:
     """Every state with its fields and when it is published."""
     return table(
-        ("state", "fields in CBOR", "in JSON", "published beyond", "at most", "what"),
+        ("code", "state", "fields in CBOR", "in JSON", "published beyond", "at most", "what"),
         (
-            (f"`{name}`", *_parameters(cls), policy.deadband, _rate(policy), _docstring(cls))
-            for name, cls in STATES.items()
+            (str(code), f"`{name}`", *_parameters(cls), policy.deadband, _rate(policy), _docstring(cls))
+            for code, name, cls in STATE.codes
             for policy in [POLICIES[name]]
         ),
     )
