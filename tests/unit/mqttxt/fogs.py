@@ -16,10 +16,11 @@ from mqttxt.messages import (
     ResultMessage,
     Word,
 )
+from mqttxt.rankings import SelectMessage, SelectMode
 from mqttxt.roles.activator import Activator
 from mqttxt.roles.effects import Inbound, Publish, Subscribe
 from mqttxt.roles.settings import Settings
-from mqttxt.states import Battery
+from mqttxt.states import Battery, State
 from mqttxt.wire.codec import decode, encode
 from mqttxt.wire.states import StampedState, encode_state
 from mqttxt.wire.values import Encoding
@@ -104,6 +105,29 @@ class Bench:
         own_ms = (self.now_ms if stamped_ms is None else stamped_ms) + UAV_AHEAD_MS
         state = StampedState(Battery(remaining), own_ms // 10 % 65536)
         return self.fog("drone1/state/battery", encode_state(state, Encoding.CBOR))
+
+    def tell(self, *states: State, drone: int = 1) -> list[Any]:
+        """A drone's states, stamped now."""
+        own_ms = self.now_ms + UAV_AHEAD_MS
+        out: list[Any] = []
+        for state in states:
+            payload = encode_state(StampedState(state, own_ms // 10 % 65536), Encoding.CBOR)
+            out += self.fog(f"drone{drone}/state/{state.name}", payload)
+        return out
+
+    def select(self, command: Command, seq: int = 1, **changed: Any) -> list[Any]:
+        """A command for whichever drone PSMI chooses."""
+        fields = {"gs_session": GS_SESSION, "seq": seq, "executor_session": FOG_SESSION, "limit_s": 60.0}
+        fields |= {"deadline_ms": self.now_ms + 5000, "mode": SelectMode.SELECT, "command": command, **changed}
+        return self.cloud(f"commands/{command.name}", SelectMessage(**fields))  # type: ignore[arg-type]
+
+    def word(self, drone: int, word: Word, seq: int = 1, reason: str | None = None) -> list[Any]:
+        """What a drone says of a goto."""
+        stamp = (self.now_ms + UAV_AHEAD_MS) // 10 % 65536
+        result = ResultMessage(
+            gs_session=GS_SESSION, seq=seq, session=UAV_SESSION + drone, stamp=stamp, word=word, reason=reason
+        )
+        return self.fog(f"drone{drone}/commands_result/goto", result)
 
 
 def ready(controlled: bool = True, **how: Any) -> Bench:

@@ -200,9 +200,9 @@ class World:
         self.subscribed += [(name, effect.link, topic, effect.live_only) for topic in effect.filters]
         self.run(name, getattr(self, name).on_subscribed(effect, self.now_ms))
         if not effect.live_only:
-            for (link, topic), publish in list(self.retained.items()):
+            for link, topic in list(self.retained):
                 if link == effect.link and any(matches(wanted, topic) for wanted in effect.filters):
-                    self._deliver(name, publish, True)
+                    self._deliver(name, self.retained[link, topic], True)
 
     def _deliver(self, name: str, publish: Publish, retained: bool) -> None:
         message = Inbound(publish.topic, publish.payload, publish.qos, retained)

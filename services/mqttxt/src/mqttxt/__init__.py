@@ -16,7 +16,8 @@ from .errors import (
 )
 from .gs import Drone, Fog, GroundStation, KnownState
 from .messages import CommandId, Word
-from .outcomes import Event, Outcome, Reachability, StateUpdate
+from .outcomes import ControlChanged, Event, Outcome, PsmiList, QodsRanking, Reachability, StateUpdate
+from .rankings import Candidate, Ranked
 from .states import (
     STATES,
     Armed,
@@ -44,9 +45,11 @@ __all__ = [
     "Armed",
     "Battery",
     "BrokerRefused",
+    "Candidate",
     "Command",
     "CommandId",
     "ConfigurationError",
+    "ControlChanged",
     "Disarm",
     "Drone",
     "Encoding",
@@ -72,6 +75,9 @@ __all__ = [
     "MqttxtError",
     "Outcome",
     "PayloadError",
+    "PsmiList",
+    "QodsRanking",
+    "Ranked",
     "Reachability",
     "Refused",
     "Return",

@@ -10,6 +10,7 @@ async with GroundStation("mqtt://cloud.example:1883") as gs:
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import secrets
 from collections.abc import AsyncIterator, Callable, Hashable, Iterable
 from dataclasses import dataclass
@@ -22,7 +23,8 @@ from .errors import FogUnreachable
 from .io.mqtt import BrokerAddress, MqttLink
 from .io.runner import Runner
 from .messages import CommandId
-from .outcomes import Event, Outcome, Reachability, StateUpdate
+from .outcomes import Event, Outcome, PsmiList
+from .rankings import Ranked, SelectMode
 from .roles.effects import Inbound
 from .roles.ground_station import GroundStation as Station
 from .roles.settings import Settings
@@ -30,6 +32,9 @@ from .roles.station_fog import LINK, FogView
 from .states import State
 from .topics import check_number, check_station_name
 from .wire.values import Encoding
+
+HOLD_S = 5.0
+"""How much longer than its answer may take a fog keeps the drone that it offered."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,9 @@ class GroundStation(Runner):
     """A ground station at a cloud broker; an async context manager.
 
     `url` is `mqtt://[user:password@]host[:port]` or `mqtts://…`; `name` is random unless given; `qos` 0 or 1
-    is that of commands. Raises ConfigurationError for a setting that cannot work.
+    is that of commands. With `control` it takes control of every drone that is free, without it only watches;
+    `bundles` asks for states together, at most once a second. Raises ConfigurationError for a setting that cannot
+    work.
     """
 
     def __init__(
@@ -80,12 +87,14 @@ class GroundStation(Runner):
         qos: int = 1,
         encoding: Encoding = Encoding.CBOR,
         prefix: str = "",
+        control: bool = True,
+        bundles: bool = False,
         clock: SessionClock | None = None,
     ) -> None:
         own_clock = clock or SessionClock()
         self.name = check_station_name(name) if name is not None else f"gs-{secrets.token_hex(4)}"
-        settings = Settings(qos=qos, encoding=encoding)
-        self.station = Station(self.name, own_clock.session, settings, prefix=prefix)
+        settings = Settings(qos=qos, encoding=encoding, bundles=bundles)
+        self.station = Station(self.name, own_clock.session, settings, prefix=prefix, control=control)
         super().__init__(_StationRole(self.station), own_clock)
         client_id = f"mqttxt-{self.name}-{own_clock.session:08x}"
         self.links[LINK] = MqttLink(LINK, BrokerAddress.parse(url), client_id, self.station.will(), self)
@@ -156,7 +165,7 @@ class GroundStation(Runner):
         self._changed.set()
 
     def special(self, output: Any) -> None:
-        if isinstance(output, Outcome | StateUpdate | Reachability):
+        if isinstance(output, Event):
             for listener in list(self._listeners):
                 listener(output)
         else:
@@ -166,19 +175,114 @@ class GroundStation(Runner):
         self, fog: int, drone: int | None, command: Command, ttl_s: float, limit_s: float | None
     ) -> AsyncIterator[Outcome]:
         """Send a command and yield its outcomes, up to the last word of each drone."""
+        ttl_ms = round(ttl_s * 1000)
+
+        def start() -> tuple[CommandId, list[Any]]:
+            return self.station.send(fog, drone, command, self.clock.now_ms(), ttl_ms=ttl_ms, limit_s=limit_s)
+
+        async for event in self._follow(start):
+            if isinstance(event, Outcome):
+                yield event
+
+    async def best(
+        self,
+        command: Command,
+        fogs: Iterable[int] | None = None,
+        *,
+        ttl_s: float = DEFAULT_TTL_MS / 1000,
+        limit_s: float | None = None,
+    ) -> AsyncIterator[Outcome | PsmiList]:
+        """Send a command to the drone that arrives first; yields PSMI's lists and the words of whoever it went to.
+
+        One fog chooses by itself and tries the next drone after a definite no. Of several (by default all that
+        are connected) each reserves its best, and the best of those gets the command. Raises FogUnreachable when
+        none of the activators is live.
+        """
+        numbers = [*self.station.fogs] if fogs is None else [*fogs]
+        if len(numbers) == 1:
+            choice = self._select(numbers[0], command, SelectMode.SELECT, None, ttl_s, limit_s)
+            async for event in self._follow(choice):
+                yield event
+            return
+        offers = [event async for event in self._offers(command, numbers, ttl_s)]
+        for offered in offers:
+            yield offered
+        lists = [offer for offer in offers if isinstance(offer, PsmiList) and offer.chosen is not None]
+        if not lists:
+            return
+        chosen = min(lists, key=lambda offer: (offer.listed[0].arrival_s or 0.0, offer.listed[0].drone))
+        for other in (offer for offer in lists if offer is not chosen):
+            release = self._select(other.fog, command, SelectMode.RELEASE, other.id.seq, ttl_s, None)
+            self.carry_out(release()[1])
+        commit = self._select(chosen.fog, command, SelectMode.COMMIT, chosen.id.seq, ttl_s, limit_s)
+        async for event in self._follow(commit):
+            yield event
+
+    async def _offers(self, command: Command, fogs: list[int], ttl_s: float) -> AsyncIterator[Outcome | PsmiList]:
+        """Each fog's list with what it has reserved, or why it has nothing."""
+        tasks, errors = [], []
+        for number in fogs:
+            offer = self._select(number, command, SelectMode.OFFER, None, ttl_s, HOLD_S + ttl_s)
+            tasks.append(asyncio.create_task(self._collect(offer, ttl_s)))
+        for result in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(result, FogUnreachable):
+                errors.append(result)
+            elif isinstance(result, BaseException):
+                raise result
+            else:
+                for event in result:
+                    yield event
+        if len(errors) == len(fogs):
+            raise errors[0]
+
+    async def _collect(
+        self, start: Callable[[], tuple[CommandId, list[Any]]], limit_s: float
+    ) -> list[Outcome | PsmiList]:
+        """What is said of a command within a time."""
+        found: list[Outcome | PsmiList] = []
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(limit_s):
+                async for event in self._follow(start):
+                    found.append(event)
+        return found
+
+    def _select(
+        self,
+        fog: int,
+        command: Command,
+        mode: SelectMode,
+        reservation: int | None,
+        ttl_s: float,
+        limit_s: float | None,
+    ) -> Callable[[], tuple[CommandId, list[Any]]]:
+        ttl_ms = round(ttl_s * 1000)
+        return lambda: self.station.select(
+            fog, command, self.clock.now_ms(), mode=mode, reservation=reservation, ttl_ms=ttl_ms, limit_s=limit_s
+        )
+
+    async def take_over(self, fog: int, drones: tuple[int, ...] | None = None, timeout_s: float = 10.0) -> None:
+        """Take control of a fog's drones, whoever has it; raises FogUnreachable when that is not confirmed."""
+        view = self.station.fogs[fog]
+        self.carry_out(self.station.take_over(fog, drones, self.clock.now_ms()))
+        wanted = drones if drones is not None else tuple({*view.drones, *view.configured})
+        try:
+            await self.wait_until(lambda: all(view.controls(drone) for drone in wanted), timeout_s)
+        except TimeoutError:
+            raise FogUnreachable(f"fog {fog}: the takeover was not confirmed within {timeout_s:g} s") from None
+
+    async def _follow(self, start: Callable[[], tuple[CommandId, list[Any]]]) -> AsyncIterator[Outcome | PsmiList]:
+        """Start a command and yield what is said of it until it is closed."""
         queue: asyncio.Queue[Event] = asyncio.Queue()
         self._listeners.append(queue.put_nowait)
         try:
-            command_id, effects = self.station.send(
-                fog, drone, command, self.clock.now_ms(), ttl_ms=round(ttl_s * 1000), limit_s=limit_s
-            )
+            command_id, effects = start()
             self.carry_out(effects)
             pending = self.station.commands[command_id]
             while pending.is_open or not queue.empty():
                 event = await self._next_unless_closed(queue, command_id)
                 if event is None:
                     return
-                if isinstance(event, Outcome) and event.id == command_id:
+                if isinstance(event, Outcome | PsmiList) and event.id == command_id:
                     yield event
         finally:
             self._listeners.remove(queue.put_nowait)
@@ -240,6 +344,21 @@ class Fog:
     def drone(self, number: int) -> Drone:
         return Drone(self._station, self._view, number)
 
+    @property
+    def ranking(self) -> tuple[Ranked, ...]:
+        """QoDS: the available drones, best first, as the activator last said."""
+        return self._view.ranking
+
+    async def take_over(self, timeout_s: float = 10.0) -> None:
+        """Take control of all drones of the fog, whoever has it; errors as `GroundStation.take_over`."""
+        await self._station.take_over(self.number, timeout_s=timeout_s)
+
+    def best(
+        self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
+    ) -> AsyncIterator[Outcome | PsmiList]:
+        """Send a command to the drone of this fog that arrives first (PSMI); errors as `broadcast`."""
+        return self._station.best(command, [self.number], ttl_s=ttl_s, limit_s=limit_s)
+
     def broadcast(
         self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
     ) -> AsyncIterator[Outcome]:
@@ -263,6 +382,21 @@ class Drone:
     def is_reachable(self) -> bool:
         drone = self._view.drones.get(self.number)
         return drone is not None and drone.reachable
+
+    @property
+    def is_controlled(self) -> bool:
+        """Whether this station is in control of it."""
+        return self._view.controls(self.number)
+
+    @property
+    def holder(self) -> str | None:
+        """The name of the station in control, None when nobody is."""
+        drone = self._view.drones.get(self.number)
+        return drone.holder if drone is not None else None
+
+    async def take_over(self, timeout_s: float = 10.0) -> None:
+        """Take control of this drone, whoever has it; errors as `GroundStation.take_over`."""
+        await self._station.take_over(self._view.number, (self.number,), timeout_s)
 
     @property
     def states(self) -> dict[str, KnownState]:

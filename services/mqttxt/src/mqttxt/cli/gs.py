@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
 from dataclasses import fields
 from typing import Annotated, Any
 
@@ -12,8 +13,8 @@ from ..commands import BROADCASTABLE, COMMANDS, Command
 from ..errors import ConfigurationError
 from ..gs import GroundStation
 from ..messages import Word
-from ..outcomes import Outcome
-from ..topics import MAX_DRONE, check_number
+from ..outcomes import Outcome, PsmiList
+from ..topics import MAX_DRONE, SELECTABLE, check_number
 from ..wire.codec import plan_of
 from ..wire.fields import Scaled
 from .common import run_coroutine, set_up_logging, settings
@@ -41,7 +42,7 @@ def watch(
 
     async def job() -> int:
         chosen = settings(1, json)
-        async with GroundStation(cloud, prefix=prefix, encoding=chosen.encoding) as station:
+        async with GroundStation(cloud, prefix=prefix, encoding=chosen.encoding, control=False) as station:
             await watch_fogs(station, await station.connect(fog, timeout), Console())
         return 0
 
@@ -55,8 +56,12 @@ def send(
         list[str] | None,
         typer.Argument(help="takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home)."),
     ] = None,
-    fog: Annotated[int, typer.Option(help="The fog's number.")] = 1,
+    fog: Annotated[
+        list[int] | None, typer.Option(help="The fog's number, 1 by default; several only with --best.")
+    ] = None,
     drone: Annotated[int | None, typer.Option(help="The drone's number; without it the whole fog.")] = None,
+    best: Annotated[bool, typer.Option("--best", help="To the drone that arrives first (PSMI).")] = False,
+    take_over: Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")] = False,
     cloud: Cloud = "mqtt://127.0.0.1:1883",
     ttl: Annotated[float, typer.Option(help="Seconds within which it must start (at most 60).")] = 5.0,
     limit: Annotated[float | None, typer.Option(help="Seconds within which it must end.")] = None,
@@ -70,30 +75,46 @@ def send(
 
     async def job() -> int:
         wanted = parse_command(command, parameters or [])
-        if drone is None and not isinstance(wanted, BROADCASTABLE):
-            raise ConfigurationError(f"{command}: expected --drone, because each drone has its own")
-        if drone is not None:
-            check_number("--drone", drone, MAX_DRONE)
+        numbers = fog or [1]
+        _check_target(wanted, numbers, drone, best)
         chosen = settings(qos, json)
         async with GroundStation(cloud, prefix=prefix, qos=chosen.qos, encoding=chosen.encoding) as station:
-            (there,) = await station.connect([fog], timeout)
-            if drone is None:
-                outcomes = there.broadcast(wanted, ttl_s=ttl, limit_s=limit)
+            fogs = await station.connect(numbers, timeout)
+            if take_over:
+                for there in fogs:
+                    await station.take_over(there.number, (drone,) if drone is not None else None, timeout)
+            outcomes: AsyncIterator[Outcome | PsmiList]
+            if best:
+                outcomes = station.best(wanted, numbers, ttl_s=ttl, limit_s=limit)
+            elif drone is None:
+                outcomes = fogs[0].broadcast(wanted, ttl_s=ttl, limit_s=limit)
             else:
-                outcomes = there.drone(drone).outcomes(wanted, ttl_s=ttl, limit_s=limit)
-            words: list[Word] = []
+                outcomes = fogs[0].drone(drone).outcomes(wanted, ttl_s=ttl, limit_s=limit)
+            words: dict[int | None, Word] = {}
             async for outcome in outcomes:
                 typer.echo(str(outcome))
-                words += _last_word(outcome)
+                if isinstance(outcome, Outcome) and outcome.is_last:
+                    words[outcome.drone] = outcome.word
         if not words:
-            typer.echo(f"fog {fog}: no drones", err=True)
-        return 0 if words and all(word is Word.COMPLETED for word in words) else 1
+            typer.echo(f"fog {', '.join(map(str, numbers))}: no drones", err=True)
+        decisive = [*words.values()][-1:] if best else [*words.values()]
+        return 0 if decisive and all(word is Word.COMPLETED for word in decisive) else 1
 
     run_coroutine(job())
 
 
-def _last_word(outcome: Outcome) -> list[Word]:
-    return [outcome.word] if outcome.is_last else []
+def _check_target(command: Command, fogs: list[int], drone: int | None, best: bool) -> None:
+    """Whom a command may go to; raises ConfigurationError."""
+    if best and drone is not None:
+        raise ConfigurationError(f"--drone {drone}: expected none with --best, which chooses the drone")
+    if len(fogs) > 1 and not best:
+        raise ConfigurationError(f"--fog {' '.join(map(str, fogs))}: expected one, or --best")
+    if best and command.name not in SELECTABLE:
+        raise ConfigurationError(f"--best {command.name}: expected one of {', '.join(SELECTABLE)}")
+    if drone is None and not best and not isinstance(command, BROADCASTABLE):
+        raise ConfigurationError(f"{command.name}: expected --drone, because each drone has its own")
+    if drone is not None:
+        check_number("--drone", drone, MAX_DRONE)
 
 
 def parse_command(name: str, parameters: list[str]) -> Command:

@@ -42,4 +42,4 @@ class Pending:
             return False
         if self.roster is None or self.open_drones():
             return True
-        return self.choosing and self.words[self.roster[-1]] in DEFINITE_NO
+        return self.choosing and all(self.words[number] in DEFINITE_NO for number in self.roster)

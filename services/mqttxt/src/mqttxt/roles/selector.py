@@ -76,8 +76,8 @@ class Selector:
         entry, out = self._relay.enter(wanted.as_command(), CHOSEN, contents, message.retain, now_ms)
         if entry is None:
             return [*self._said_again(wanted.id), *out]
-        if entry.record.query:
-            return self._relay.refuse(entry, "no_selection", now_ms)
+        if entry.record.query and wanted.mode in (SelectMode.SELECT, SelectMode.COMMIT):
+            return self._ask_everyone(entry, now_ms)
         if now_ms >= entry.record.deadline_ms:
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
         if wanted.mode is SelectMode.RELEASE:
@@ -154,7 +154,9 @@ class Selector:
 
     def _on_last_word(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
         """A chosen drone has said its last word: go on after a definite no, and only then."""
-        choice = self._choices[entry.id]
+        choice = self._choices.get(entry.id)
+        if choice is None:
+            return self._on_answer(entry, now_ms)
         if leg.words[-1].word not in DEFINITE_NO:
             entry.record.choosing = False
             self._relay.ledger.close(entry, now_ms)
@@ -166,6 +168,25 @@ class Selector:
         if choice.next_index >= len(choice.listed):
             return self._relay.refuse(entry, "none_left", now_ms)
         return self._try_next(entry, choice, now_ms)
+
+    def _ask_everyone(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """An earlier session of this activator may have sent it to any of the drones: only they can tell."""
+        drones = [listed.drone for listed in self._drones.roster()]
+        if not drones:
+            return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
+        entry.record.choosing = True
+        return [effect for drone in drones for effect in self._relay.forward_to(entry, drone, now_ms)]
+
+    def _on_answer(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """What the drones say of a command of an earlier session: whoever has it, has the word."""
+        legs = entry.record.legs.values()
+        if not all(leg.is_closed for leg in legs):
+            return []
+        if all(leg.words[-1].word in DEFINITE_NO for leg in legs):
+            return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
+        entry.record.choosing = False
+        self._relay.ledger.close(entry, now_ms)
+        return []
 
     def _on_overriding(self, gs_session: int, now_ms: int) -> list[Effect]:
         """A later hold, land or return of the same station: nobody else is sent in place of whom it stops."""

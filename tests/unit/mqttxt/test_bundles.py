@@ -1,0 +1,107 @@
+"""Bundles: a drone's states in one message, a fog's in one, and each station gets the form that it asked for (10)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fogs import Bench, of, ready
+from world import UAV_SESSION, heartbeat, position
+from world import ready as start
+
+from mqttxt.messages import Control
+from mqttxt.roles.effects import Publish
+from mqttxt.roles.settings import Settings
+from mqttxt.roles.uav_client import UavClient
+from mqttxt.states import Armed, Battery, Groundspeed, Heading
+from mqttxt.wire.bundles import MAX_DRONES, DroneBundle, FogBundle, drone_bundle, fog_bundles, states_of
+from mqttxt.wire.codec import decode, encode
+from mqttxt.wire.states import StampedState, decode_state
+
+
+def bundles(effects: list[Any]) -> list[list[tuple[int, str]]]:
+    found = [states_of(decode(FogBundle, publish.payload)) for publish in of(effects, "fog1/states")]
+    return [[(drone, stamped.state.name) for drone, stamped in pairs] for pairs in found]
+
+
+def topics(effects: list[Any]) -> list[str]:
+    return [e.topic for e in effects if isinstance(e, Publish) and "/state/" in e.topic]
+
+
+def bundled(bench: Bench, *states: Any) -> list[Any]:
+    own_ms = bench.now_ms + 90_000
+    return bench.fog("drone1/states", drone_bundle(states, own_ms // 10 % 65536))
+
+
+def test_a_uav_client_with_bundles_publishes_what_is_due_together_once_a_second() -> None:
+    client = UavClient(1, UAV_SESSION, Settings(bundles=True))
+    start(client)
+    out = [e for e in client.tick(100) if isinstance(e, Publish) and e.topic == "drone1/states"]
+    (bundle,) = [decode(DroneBundle, publish.payload) for publish in out]
+    assert {one.state.name for one in bundle.states} >= {"location", "heading", "armed", "home", "landed_state"}
+    client.on_mavlink(position(5), 400)
+    assert not [e for e in client.tick(600) if isinstance(e, Publish)]
+    (later,) = [e for e in client.tick(1100) if isinstance(e, Publish)]
+    assert [one.state.name for one in decode(DroneBundle, later.payload).states] == ["location"]
+
+
+def test_an_urgent_state_does_not_wait_for_the_second() -> None:
+    client = UavClient(1, UAV_SESSION, Settings(bundles=True))
+    start(client)
+    client.tick(100)
+    client.on_mavlink(heartbeat(armed=True), 300)
+    (publish,) = [e for e in client.tick(300) if isinstance(e, Publish)]
+    assert [one.state for one in decode(DroneBundle, publish.payload).states] == [Armed(True)]
+
+
+def test_topics_are_served_from_bundles() -> None:
+    effects = bundled(ready(), Battery(50), Heading(90))
+    assert topics(effects) == ["fog1/drone1/state/battery", "fog1/drone1/state/heading"]
+    relayed = decode_state("battery", effects[0].payload, relayed=True)
+    assert relayed.state == Battery(50)
+    assert relayed.relay_stamp is not None
+
+
+def test_bundles_are_served_from_topics_and_states_wait_for_each_other() -> None:
+    bench = ready(controlled=False)
+    bench.register(bundles=True, control=Control.NONE)
+    bench.until(bench.now_ms + 100)
+    assert topics(bench.tell(Battery(50))) == []
+    first = bundles(bench.until(bench.now_ms + 1000))
+    assert first == [[(1, "battery")]]
+    bench.tell(Battery(49))
+    bench.tell(Groundspeed(3))
+    assert bundles(bench.until(bench.now_ms + 1000)) == [[(1, "battery"), (1, "groundspeed")]]
+    bench.tell(Groundspeed(5))
+    bench.tell(Armed(True))
+    assert bundles(bench.until(bench.now_ms + 100)) == [[(1, "groundspeed"), (1, "armed")]]
+
+
+def test_a_station_for_each_form_gets_each_form() -> None:
+    bench = ready()
+    bench.register(name="beta", session=9, bundles=True)
+    assert topics(bench.tell(Battery(50))) == ["fog1/drone1/state/battery"]
+    assert bundles(bench.until(bench.now_ms + 1000)) == [[(1, "battery")]]
+
+
+def test_without_a_station_nothing_is_bundled_for_later() -> None:
+    bench = ready()
+    bench.register(bundles=True)
+    bench.tell(Battery(50))
+    bench.register(bundles=True, lease_s=0)
+    bench.until(bench.now_ms + 2000)
+    bench.register(name="beta", session=9, bundles=True)
+    assert bundles(bench.until(bench.now_ms + 1000)) == [[(1, "battery")]]  # told because it registered, once
+
+
+def test_a_large_fog_is_told_in_several_messages() -> None:
+    pairs = [(1 + n % 250, StampedState(Battery(50), n, n)) for n in range(MAX_DRONES + 1)]
+    made = fog_bundles(pairs)
+    assert [len(bundle.drones) for bundle in made] == [MAX_DRONES, 1]
+    assert [pair for bundle in made for pair in states_of(bundle)] == pairs
+
+
+def test_five_states_of_three_drones_are_less_than_a_mavlink_message_each() -> None:
+    states = (Battery(80), Heading(90.0), Groundspeed(5.0), Armed(True))
+    pairs = [(drone, StampedState(state, 100, 90)) for drone in (1, 2, 3) for state in states]
+    (bundle,) = fog_bundles(pairs)
+    assert len(encode(bundle)) < 3 * 40

@@ -1,0 +1,185 @@
+"""Control from end to end: the station's registrations, the drone's lease, and the heartbeats by it (section 6)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fogs import UAV_AHEAD_MS, Bench, of, ready, words
+from test_ground_station import FOG
+from test_ground_station import Bench as StationBench
+from test_uav_client import client, hear, published
+from world import GS_SESSION, UAV_SESSION, World, command_payload
+
+from mqttxt.commands import Arm, Hold
+from mqttxt.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
+from mqttxt.outcomes import ControlChanged
+from mqttxt.roles.activator import Activator
+from mqttxt.roles.effects import Inbound, Publish, Transmit
+from mqttxt.roles.ground_station import GroundStation
+from mqttxt.roles.settings import Settings
+from mqttxt.wire.codec import decode, encode
+
+
+def record(effects: list[Any]) -> DroneRecord:
+    return decode(DroneRecord, of(effects, "fog1/drone1/reachable")[-1].payload)
+
+
+def lease(effects: list[Any]) -> DroneLease:
+    return decode(DroneLease, of(effects, "drone1/init_connect")[-1].payload)
+
+
+# The activator
+
+
+def test_who_controls_a_drone_is_in_its_record_and_in_its_lease() -> None:
+    bench = ready(controlled=False)
+    effects = bench.register()
+    assert (record(effects).holder, record(effects).holder_session, record(effects).epoch) == (
+        "alpha",
+        GS_SESSION,
+        None,
+    )
+    handed = lease(effects)
+    assert handed.holder_session == GS_SESSION
+    assert handed.deadline_ms is not None
+    assert 0 <= bench.now_ms + UAV_AHEAD_MS + 30_000 - handed.deadline_ms <= 200
+
+
+def test_a_station_without_control_is_told_who_has_it() -> None:
+    bench = ready()
+    bench.register(name="beta", session=9)
+    assert words(bench.command(Arm(), gs_session=9, seq=1)) == [(Word.DENIED, "not_in_control, alpha")]
+    assert words(bench.command(Arm(), seq=2)) == []
+
+
+def test_a_takeover_is_announced_and_refuses_what_was_sent_before_it() -> None:
+    bench = ready()
+    effects = bench.register(name="beta", session=9, control=Control.TAKE)
+    assert (record(effects).holder, record(effects).epoch) == ("beta", 1)
+    assert (lease(effects).holder_session, lease(effects).epoch) == (9, 1)
+    assert words(bench.command(Arm(), gs_session=9, epoch=0)) == [(Word.DENIED, "not_in_control, beta")]
+    assert words(bench.command(Hold(), gs_session=9, seq=2, epoch=1)) == []
+
+
+def test_the_end_of_a_lease_is_handed_down_at_once() -> None:
+    bench = ready()
+    effects = bench.register(lease_s=0)
+    assert record(effects).holder is None
+    assert lease(effects).deadline_ms is None
+
+
+def test_a_short_lease_is_handed_down_more_often() -> None:
+    bench = ready(controlled=False)
+    bench.register(lease_s=6)
+    assert len(of(bench.until(bench.now_ms + 3000), "drone1/init_connect")) >= 1
+
+
+def test_a_new_activator_session_keeps_the_drone_for_its_station() -> None:
+    bench = Bench(born=False)
+    before = DroneRecord(activator_session=99, up=True, drone_session=5, holder="alpha", holder_session=17, epoch=3)
+    bench.cloud("drone1/reachable", before, retain=True)
+    bench.cloud("clock", decode_beacon(bench))
+    bench.appear()
+    bench.register(name="beta", session=9)
+    assert words(bench.command(Arm(), gs_session=9, epoch=3)) == [(Word.DENIED, "not_in_control")]
+    bench.register(session=17)
+    assert words(bench.command(Arm(), gs_session=17, epoch=3)) == []
+
+
+def decode_beacon(bench: Bench) -> Any:
+    (publish,) = bench.beacons
+    return publish.payload
+
+
+# The UAV client
+
+
+def hand_down(uav: Any, now_ms: int = 1000, **fields: Any) -> list[Any]:
+    given = {"activator_session": 5, "drone_session": UAV_SESSION, "nonce": 1, "bound": True, **fields}
+    return list(uav.on_message(Inbound("drone1/init_connect", encode(DroneLease(**given)), 1), now_ms))
+
+
+def heartbeats(effects: list[Any]) -> list[tuple[int, bool]]:
+    sent = [e for e in effects if isinstance(e, Transmit) and e.message.get_type() == "HEARTBEAT"]
+    return [(e.message.type, e.as_gcs) for e in sent]
+
+
+ONBOARD, GCS = (18, False), (6, True)
+
+
+def test_a_uav_client_is_a_ground_station_to_its_autopilot_only_inside_the_lease() -> None:
+    uav = client()
+    assert heartbeats(uav.tick(1000)) == [ONBOARD]
+    hand_down(uav, holder_session=7, deadline_ms=2500)
+    assert heartbeats(uav.tick(2000)) == [ONBOARD, GCS]
+    assert heartbeats(uav.tick(3000)) == [ONBOARD]
+    hand_down(uav, 3000, holder_session=7, deadline_ms=9000)
+    hand_down(uav, 3000)
+    assert heartbeats(uav.tick(4000)) == [ONBOARD]
+
+
+def test_a_command_of_a_lower_epoch_than_the_lease_is_refused() -> None:
+    uav = client()
+    hand_down(uav, epoch=2, holder_session=7, deadline_ms=9000)
+    (publish,) = published(hear(uav, command_payload(Arm(), epoch=1)), "drone1/commands_result/arm")
+    assert b"not_in_control" in publish.payload
+    assert any(isinstance(e, Transmit) for e in hear(uav, command_payload(Arm(), seq=2, epoch=2)))
+
+
+def test_an_old_lease_of_the_same_activator_changes_nothing_and_a_new_activator_begins_anew() -> None:
+    uav = client()
+    hand_down(uav, epoch=2, holder_session=7, deadline_ms=9000)
+    hand_down(uav, epoch=1, holder_session=6, deadline_ms=90_000)
+    assert not uav.is_controlled(9001)
+    hand_down(uav, epoch=0, activator_session=6, holder_session=7, deadline_ms=9500)
+    assert uav.is_controlled(9400)
+    assert any(isinstance(e, Transmit) for e in hear(uav, command_payload(Arm(), epoch=0)))
+
+
+# The ground station
+
+
+def registrations(effects: list[Any]) -> list[Registration]:
+    return [decode(Registration, publish.payload) for publish in of(effects, "fog1/init_connect")]
+
+
+def test_a_station_asks_for_control_and_a_watcher_does_not() -> None:
+    bench = StationBench()
+    (renewal,) = registrations(bench.until(20_100))
+    assert (renewal.control, renewal.bundles) == (Control.WANT, False)
+    assert renewal.until_ms is not None
+    watcher = GroundStation("w", 3, Settings(), control=False)
+    watcher.add_fogs([1])
+    assert watcher.fogs[1].registration(0).payload != b""
+    assert decode(Registration, watcher.fogs[1].registration(0).payload).control is Control.NONE
+
+
+def test_a_takeover_names_the_epoch_that_was_seen_and_is_asked_for_once() -> None:
+    bench = StationBench()
+    bench.hear(
+        "drone1/reachable",
+        DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="x", holder_session=8, epoch=4),
+    )
+    (taken,) = registrations(bench.role.take_over(1, (1,), bench.now_ms))
+    assert (taken.control, taken.epoch, taken.drones) == (Control.TAKE, 4, (1,))
+    (renewal,) = registrations(bench.until(bench.now_ms + 10_100))
+    assert (renewal.control, renewal.epoch, renewal.drones) == (Control.WANT, None, None)
+
+
+def test_commands_carry_the_newest_epoch_of_their_fog() -> None:
+    bench = StationBench()
+    (changed,) = bench.hear(
+        "drone1/reachable",
+        DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="a", holder_session=GS_SESSION, epoch=4),
+    )
+    assert changed == ControlChanged(1, 1, "a", True, 4)
+    _, effects = bench.role.send(1, 1, Arm(), bench.now_ms)
+    (publish,) = [e for e in effects if isinstance(e, Publish)]
+    assert decode(CommandMessage, publish.payload).epoch == 4
+
+
+def test_all_roles_together_put_a_registered_station_in_control() -> None:
+    world = World().start()
+    assert world.gs.fogs[1].controls(1)
+    assert world.uav.is_controlled(world.now_ms)
+    assert isinstance(world.activator, Activator)
