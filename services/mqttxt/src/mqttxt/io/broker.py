@@ -25,6 +25,10 @@ listener {port} {host}
 allow_anonymous true
 set_tcp_nodelay true
 max_packet_size 65536
+# A topic for each state of 250 drones and more: one connection, the activator's, may publish them all.
+max_topic_alias 4096
+# The default, 20 unacknowledged messages a connection, would hold back broadcasts on slow links.
+max_inflight_messages 1000
 max_queued_messages 1000
 log_dest stderr
 log_type error

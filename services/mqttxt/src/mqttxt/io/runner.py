@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections import Counter
 from collections.abc import Hashable, Iterable
+from math import ceil
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -108,13 +109,16 @@ class Runner:
             self.special(output)
 
     async def _tick(self) -> None:
+        loop = asyncio.get_running_loop()
+        due_s = loop.time()
         while True:
             now_ms = self.clock.now_ms()
             self.carry_out(self.role.tick(now_ms))
             if self._ready_file is not None and now_ms - self._ready_touched_ms >= READY_TOUCH_S * 1000:
                 self._ready_touched_ms = now_ms
                 _mark(self._ready_file, self.role.is_ready(now_ms))
-            await asyncio.sleep(TICK_S)
+            due_s = next_tick(due_s, loop.time())
+            await asyncio.sleep(due_s - loop.time())
 
     async def _say_goodbye(self) -> None:
         self.carry_out(self.role.goodbye(self.clock.now_ms()))
@@ -124,6 +128,11 @@ class Runner:
             _mark(self._ready_file, False)
         if self.counts:
             logger.info("counted: %s", ", ".join(f"{kind} {n}" for kind, n in sorted(self.counts.items())))
+
+
+def next_tick(due_s: float, now_s: float) -> float:
+    """When the tick after the one due at `due_s` is: on the same schedule, what was missed left out."""
+    return due_s + TICK_S * max(1, ceil((now_s - due_s) / TICK_S))
 
 
 def _mark(path: Path, ready: bool) -> None:

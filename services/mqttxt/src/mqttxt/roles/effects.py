@@ -93,14 +93,19 @@ class Stop:
 Effect = Publish | Subscribe | Unsubscribe | Transmit | Journal | Log | Stop
 
 
+Receipt = tuple[int, int]
+"""Names an inbound message that waits for its PUBACK; opaque."""
+
+
 @dataclass(frozen=True)
 class Inbound:
-    """A message received from a broker."""
+    """A message received from a broker; with a `receipt` on a link that acknowledges by hand."""
 
     topic: str
     payload: bytes
     qos: int = 0
     retain: bool = False
+    receipt: Receipt | None = None
 
 
 @dataclass(frozen=True)

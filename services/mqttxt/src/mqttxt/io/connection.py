@@ -1,0 +1,345 @@
+"""One connection to a broker, from CONNECT to its end: paho-mqtt inside the event loop, without its thread.
+
+paho's callbacks only take notes. What they noted is delivered after paho has returned, so that a role may
+publish, and fail, without paho being half-way through a packet.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+import ssl
+import struct
+from collections import deque
+from collections.abc import Callable, Hashable
+from itertools import count
+from typing import Any, cast
+
+from paho.mqtt import MQTTException
+from paho.mqtt.client import Client, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
+from paho.mqtt.subscribeoptions import SubscribeOptions
+
+from ..errors import BrokerRefused
+from ..roles.effects import Inbound, Publish, Receipt, Subscribe, Unsubscribe, Will
+from .address import BrokerAddress
+from .aliases import AliasTable
+from .events import LinkEvents
+from .properties import BrokerLimits, connect_properties, publish_properties
+
+logger = logging.getLogger("mqttxt.mqtt")
+
+KEEPALIVE_S = 15
+"""Above the 10 s between two beacons, so that a link that carries them never needs a PINGREQ; one and a half of it
+(when the broker publishes the will) is below the three beacon intervals after which silence says the same."""
+CONNECT_TIMEOUT_S = 5.0
+MOST_HELD = 10_000
+"""Publishes at QoS 0 that wait while the broker takes no bytes; further ones are dropped: they age."""
+_READ_AT_ONCE = 64
+_SERIALS = count(1)
+_MISC_S = 1.0
+_UNPARSABLE = (struct.error, ValueError, LookupError, TypeError, MQTTException)
+"""What paho raises, beside what it handles itself, on bytes that are not MQTT."""
+
+
+class Connection:
+    """One client. With `session_expiry_s` 0 its start is clean and its session ends with it."""
+
+    def __init__(
+        self,
+        name: str,
+        address: BrokerAddress,
+        client_id: str,
+        will: Will | None,
+        events: LinkEvents,
+        manual_ack: bool = False,
+        session_expiry_s: int = 0,
+    ) -> None:
+        self.name = name
+        self.address = address
+        self._session_expiry_s = session_expiry_s
+        self._events = events
+        self._loop = asyncio.get_running_loop()
+        self.ended: asyncio.Future[int] = self._loop.create_future()
+        """The reason code of the connection's end, BrokerRefused where a subscription was refused."""
+        self._accepted: asyncio.Future[int] = self._loop.create_future()
+        self._notes: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
+        self._noted = 0
+        self._subscribes: dict[int, Subscribe] = {}
+        self._refs: dict[int, Hashable] = {}
+        self._unacknowledged: set[int] = set()
+        self._waiting: deque[Publish] = deque()
+        self._settled: asyncio.Future[int] | None = None
+        self._aliases = AliasTable(0)
+        self._limits = BrokerLimits()
+        self._flush_is_due = False
+        self._is_blocked = False
+        self._held = 0
+        self._serial = next(_SERIALS) if manual_ack else None
+        self._client = self._make_client(client_id, will, manual_ack)
+
+    async def open(self) -> int:
+        """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError without a CONNACK."""
+        # paho resolves, connects and shakes hands blocking: that is done in a thread, all else in this loop.
+        connecting = self._loop.run_in_executor(None, self._connect)
+        try:
+            await asyncio.shield(connecting)
+        except asyncio.CancelledError:
+            connecting.add_done_callback(self._abandon)
+            raise
+        sock = self._client.socket()
+        if sock is None:
+            raise ConnectionResetError("connection closed")
+        self._client.on_socket_register_write = self._on_register_write
+        self._client.on_socket_unregister_write = self._on_unregister_write
+        self._client.on_socket_close = self._on_socket_close
+        self._loop.add_reader(cast(socket.socket, sock), self._readable)
+        self._loop.call_later(_MISC_S, self._look_after)
+        return await asyncio.wait_for(asyncio.shield(self._accepted), CONNECT_TIMEOUT_S)
+
+    def publish(self, effect: Publish) -> None:
+        """Hand a message over; all that is handed over in one turn of the event loop leaves together."""
+        if self._is_blocked and effect.qos == 0:
+            if self._held >= MOST_HELD:
+                self._events.count("held_up", f"{self.name}: {effect.topic}: {self.address} takes no bytes")
+                return
+            self._held += 1
+        if not self._limits.fits(effect.topic, effect.payload):
+            detail = f"{effect.topic}: {self.address} takes packets of at most {self._limits.largest_packet} bytes"
+            self._events.count("too_long_for_broker", detail)
+            return
+        if effect.qos > 0 and len(self._unacknowledged) >= self._limits.in_flight:
+            self._waiting.append(effect)
+            return
+        topic, alias = self._aliases.shorten(effect.topic) if effect.qos == 0 else (effect.topic, None)
+        info = self._client.publish(
+            topic, effect.payload, effect.qos, effect.retain, publish_properties(alias, effect.expiry_s)
+        )
+        if effect.qos > 0 and info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
+            self._unacknowledged.add(info.mid)
+            if effect.ref is not None:
+                self._refs[info.mid] = effect.ref
+
+    def subscribe(self, effect: Subscribe) -> None:
+        handling = (
+            SubscribeOptions.RETAIN_DO_NOT_SEND if effect.live_only else SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE
+        )
+        options = SubscribeOptions(qos=1, retainAsPublished=effect.live_only, retainHandling=handling)
+        _, mid = self._client.subscribe([(topic, options) for topic in effect.filters])
+        if mid is not None:
+            self._subscribes[mid] = effect
+
+    def unsubscribe(self, effect: Unsubscribe) -> None:
+        self._client.unsubscribe(list(effect.filters))
+
+    def acknowledge(self, receipt: Receipt) -> None:
+        """PUBACK for an inbound message, unless another connection received it. In the order of their receipt."""
+        serial, mid = receipt
+        if serial == self._serial:
+            self._client.ack(mid, 1)
+
+    async def settled(self, limit_s: float) -> None:
+        """Wait until all that was handed over has left, and is acknowledged where that is asked for."""
+        self._flush()
+        self._settled = self._loop.create_future()
+        self._check_settled()
+        await asyncio.wait({self._settled, self.ended}, timeout=limit_s, return_when=asyncio.FIRST_COMPLETED)
+
+    def close(self) -> None:
+        """DISCONNECT behind what was handed over, as far as the system takes it now; then close the socket."""
+        if self._client.disconnect() == MQTTErrorCode.MQTT_ERR_SUCCESS:
+            self._flush()
+        sock = self._client.socket()
+        if sock is not None:  # the broker takes no bytes
+            self._on_socket_close(self._client, None, sock)
+            sock.close()
+        _resolve(self.ended, 0)
+
+    def _connect(self) -> None:
+        is_clean = self._session_expiry_s == 0
+        properties = connect_properties(self._session_expiry_s)
+        self._client.connect(
+            self.address.host, self.address.port, KEEPALIVE_S, clean_start=is_clean, properties=properties
+        )
+
+    def _abandon(self, connecting: asyncio.Future[None]) -> None:
+        """Nobody waits for this connection any more; it came about, or not."""
+        connecting.exception()
+        self.close()
+
+    def _make_client(self, client_id: str, will: Will | None, manual_ack: bool) -> Client:
+        client = Client(
+            CallbackAPIVersion.VERSION2,
+            client_id=client_id,
+            protocol=MQTTProtocolVersion.MQTTv5,
+            reconnect_on_failure=False,
+            manual_ack=manual_ack,
+        )
+        client.connect_timeout = CONNECT_TIMEOUT_S
+        client.max_inflight_messages = 0  # paho's own limit; the broker's is kept here
+        if will is not None:
+            client.will_set(will.topic, will.payload, qos=1, retain=True)
+        if self.address.username is not None:
+            client.username_pw_set(self.address.username, self.address.password)
+        if self.address.tls:
+            client.tls_set_context(ssl.create_default_context())
+        client.on_socket_open = _on_socket_open
+        client.on_connect = self._on_connect
+        client.on_disconnect = self._on_disconnect
+        client.on_message = self._on_message
+        client.on_subscribe = self._on_subscribe
+        client.on_publish = self._on_publish
+        return client
+
+    # What the event loop calls.
+
+    def _readable(self) -> None:
+        """Read what is there, up to a number of packets, and deliver what it was."""
+        for _ in range(_READ_AT_ONCE):
+            before = self._noted
+            try:
+                self._client.loop_read()
+            except _UNPARSABLE as error:
+                logger.error("%s: %s sent what is not MQTT: %s", self.name, self.address, error)
+                self.close()
+                break
+            if self._noted == before and not self._has_decrypted():
+                break
+        else:
+            if self._has_decrypted():  # the socket itself will not become readable for these
+                self._loop.call_soon(self._readable)
+        self._deliver()
+
+    def _has_decrypted(self) -> bool:
+        sock = self._client.socket()
+        return isinstance(sock, ssl.SSLSocket) and sock.pending() > 0
+
+    def _deliver(self) -> None:
+        try:
+            while self._notes:
+                act, args = self._notes.popleft()
+                act(*args)
+        finally:
+            if self._notes:  # a role failed: the loop reports it, and the rest is delivered all the same
+                self._loop.call_soon(self._deliver)
+
+    def _flush(self) -> None:
+        """Write what waits, in as few segments as the system can make of it."""
+        self._flush_is_due = False
+        sock = self._client.socket()
+        if sock is None:
+            return
+        _cork(sock, True)
+        # paho makes a reason code and properties for each QoS 0 publish that it tells of; nobody asks for them.
+        self._client.on_publish = None
+        try:
+            self._client.loop_write()
+        finally:
+            self._client.on_publish = self._on_publish
+            _cork(sock, False)
+        if self._client.want_write() and not self._is_blocked and self._client.socket() is sock:
+            self._is_blocked = True
+            self._loop.add_writer(cast(socket.socket, sock), self._flush)
+
+    def _look_after(self) -> None:
+        """Keep-alive."""
+        if self.ended.done():
+            return
+        self._client.loop_misc()
+        self._loop.call_later(_MISC_S, self._look_after)
+
+    # What paho calls. Only while one of its loop functions runs, so in the event loop's thread.
+
+    def _on_register_write(self, _client: Client, _userdata: Any, _sock: Any) -> None:
+        if not self._flush_is_due:
+            self._flush_is_due = True
+            self._loop.call_soon(self._flush)
+
+    def _on_unregister_write(self, _client: Client, _userdata: Any, sock: Any) -> None:
+        if self._is_blocked:
+            self._is_blocked = False
+            self._held = 0
+            self._loop.remove_writer(sock)
+            self._check_settled()
+
+    def _on_socket_close(self, _client: Client, _userdata: Any, sock: Any) -> None:
+        self._loop.remove_reader(sock)
+        self._on_unregister_write(_client, None, sock)
+
+    def _on_connect(self, _client: Client, _userdata: Any, _flags: Any, code: Any, properties: Any) -> None:
+        self._noted += 1
+        self._limits = BrokerLimits.of(properties)
+        self._aliases = AliasTable(self._limits.aliases)
+        _resolve(self._accepted, code.value)
+
+    def _on_disconnect(self, _client: Client, _userdata: Any, _flags: Any, code: Any, _properties: Any) -> None:
+        _resolve(self._accepted, code.value or 0x80)
+        _resolve(self.ended, code.value)
+
+    def _on_message(self, _client: Client, _userdata: Any, message: MQTTMessage) -> None:
+        try:
+            topic = message.topic
+        except UnicodeDecodeError:
+            self._note(self._events.count, "topic", f"{self.name}: a topic that is not UTF-8")
+            return
+        receipt = (self._serial, message.mid) if self._serial is not None and message.qos > 0 else None
+        inbound = Inbound(topic, bytes(message.payload), message.qos, message.retain, receipt)
+        self._note(self._events.received, self.name, inbound)
+
+    def _on_subscribe(self, _client: Client, _userdata: Any, mid: int, codes: Any, _properties: Any) -> None:
+        self._note(self._subscribed, mid, [code.value for code in codes])
+
+    def _on_publish(self, _client: Client, _userdata: Any, mid: int, code: Any, _properties: Any) -> None:
+        self._noted += 1
+        self._unacknowledged.discard(mid)
+        if mid in self._refs:
+            self._note(self._events.published, self.name, self._refs.pop(mid), code.value)
+        self._note(self._go_on)
+
+    def _note(self, act: Callable[..., None], *args: Any) -> None:
+        self._noted += 1
+        self._notes.append((act, args))
+
+    def _go_on(self) -> None:
+        """A publish was acknowledged: room for one that waits."""
+        if self._waiting and not self.ended.done():
+            self.publish(self._waiting.popleft())
+        self._check_settled()
+
+    def _check_settled(self) -> None:
+        if self._settled is not None and not self._unacknowledged and not self._client.want_write():
+            _resolve(self._settled, 0)
+
+    def _subscribed(self, mid: int, codes: list[int]) -> None:
+        effect = self._subscribes.pop(mid, None)
+        if effect is None:
+            return
+        granted = dict(zip(effect.filters, codes, strict=False))
+        refused = [topic for topic in effect.filters if granted.get(topic, 0x80) >= 0x80]
+        if not refused:
+            self._events.subscribed(effect)
+            return
+        logger.error("%s: %s does not allow to subscribe to %s", self.name, self.address, ", ".join(refused))
+        if not self.ended.done():
+            self.ended.set_exception(
+                BrokerRefused(f"{self.name}: {self.address} refused the subscription to {refused[0]}")
+            )
+
+
+def _resolve(future: asyncio.Future[int], value: int) -> None:
+    if not future.done():
+        future.set_result(value)
+
+
+def _on_socket_open(_client: Client, _userdata: Any, sock: Any) -> None:
+    """Without it Nagle's algorithm holds small publishes back and is what one measures."""
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+
+def _cork(sock: Any, closed: bool) -> None:
+    """Hold segments back while packets are written one by one (tcp(7)); elsewhere each packet is a segment."""
+    if hasattr(socket, "TCP_CORK"):
+        with contextlib.suppress(OSError):  # closed in between
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, closed)

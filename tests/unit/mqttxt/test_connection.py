@@ -1,0 +1,337 @@
+"""The MQTT connection against a broker's side on loopback: what it sends, in which segments, and what ends it."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+from collections.abc import AsyncIterator, Hashable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+from ssl import PROTOCOL_TLS_SERVER, SSLContext
+from typing import Any
+
+import pytest
+from mqtt_server import CONNECT, DISCONNECT, PUBACK, PUBLISH, Server, eventually, numbers, publish
+
+from mqttxt.errors import BrokerRefused
+from mqttxt.io import connection as connection_module
+from mqttxt.io.mqtt import BrokerAddress, MqttLink
+from mqttxt.roles.effects import Inbound, Publish, Subscribe, Will
+
+ALIASES_10 = b"\x22\x00\x0a"
+RECEIVE_MAXIMUM_2 = b"\x21\x00\x02"
+PACKETS_OF_200 = b"\x27\x00\x00\x00\xc8"
+STATES = ("battery", "location", "heading", "groundspeed", "flight_mode")
+
+
+class Heard:
+    """A runner that only notes what it hears."""
+
+    def __init__(self) -> None:
+        self.connections = self.losses = 0
+        self.messages: list[Inbound] = []
+        self.subscribes: list[Subscribe] = []
+        self.acknowledged: list[tuple[Hashable, int]] = []
+        self.counted: list[str] = []
+        self.fails_at: bytes | None = None
+
+    def connected(self, link: str) -> None:
+        self.connections += 1
+
+    def disconnected(self, link: str) -> None:
+        self.losses += 1
+
+    def received(self, link: str, message: Inbound) -> None:
+        if message.payload == self.fails_at:
+            raise RuntimeError("a role's mistake")
+        self.messages.append(message)
+
+    def subscribed(self, subscribe: Subscribe) -> None:
+        self.subscribes.append(subscribe)
+
+    def published(self, link: str, ref: Hashable, code: int) -> None:
+        self.acknowledged.append((ref, code))
+
+    def count(self, kind: str, detail: str) -> None:
+        self.counted.append(kind)
+
+
+@asynccontextmanager
+async def linked(server: Server, scheme: str = "mqtt", **how: Any) -> AsyncIterator[tuple[MqttLink, Heard]]:
+    """A link that is connected to `server`."""
+    heard = Heard()
+    address = BrokerAddress.parse(f"{scheme}://localhost:{server.port}")
+    link = MqttLink("fog", address, "client-1", Will("drone1/reachable", b"down"), heard, **how)
+    running = asyncio.create_task(link.run())
+    try:
+        await eventually(lambda: heard.connections == 1 or running.done(), "connected")
+        yield link, heard
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+def state(name: str, payload: bytes = b"\x82\x01\x02", qos: int = 0, ref: Hashable = None) -> Publish:
+    return Publish("fog", f"drone1/state/{name}", payload, qos, ref=ref)
+
+
+async def test_what_is_published_in_one_turn_of_the_event_loop_leaves_in_one_segment() -> None:
+    async with Server(ALIASES_10) as server, linked(server) as (link, _):
+        (session,) = server.sessions
+        for turn in range(1, 4):
+            before = session.segments()
+            for name in STATES:
+                link.publish(state(name))
+            link.publish(state("armed", qos=1))
+            await eventually(lambda turn=turn: len(session.of(PUBLISH)) == 6 * turn, "six messages")  # type: ignore[misc]
+            assert session.segments() == before + 1
+
+
+async def test_turns_of_the_event_loop_do_not_wait_for_each_other() -> None:
+    async with Server() as server, linked(server) as (link, _):
+        (session,) = server.sessions
+        before = session.segments()
+        for count, name in enumerate(STATES, 1):
+            link.publish(state(name))
+            await eventually(lambda count=count: len(session.of(PUBLISH)) == count, "its message")  # type: ignore[misc]
+        assert session.segments() == before + len(STATES)
+
+
+async def test_aliases_replace_the_topics_of_qos_0_from_the_second_time_on() -> None:
+    async with Server(ALIASES_10) as server, linked(server) as (link, _):
+        for _ in range(2):
+            link.publish(state("battery"))
+            link.publish(state("heading"))
+            link.publish(state("battery", qos=1))
+        (session,) = server.sessions
+        await eventually(lambda: len(session.of(PUBLISH)) == 6, "six messages")
+        sent = [packet.publish()[:2] for packet in session.of(PUBLISH)]
+        battery, heading = "drone1/state/battery", "drone1/state/heading"
+        first = [(battery, {0x23: 1}), (heading, {0x23: 2}), (battery, {})]
+        assert sent == [*first, ("", {0x23: 1}), ("", {0x23: 2}), (battery, {})]
+
+
+async def test_aliases_begin_anew_with_each_connection() -> None:
+    async with Server(ALIASES_10) as server, linked(server) as (link, heard):
+        link.publish(state("battery"))
+        await eventually(lambda: len(server.sessions[0].of(PUBLISH)) == 1, "the message")
+        server.sessions[0].end()
+        await eventually(lambda: heard.connections == 2, "connected again")
+        link.publish(state("heading"))
+        await eventually(lambda: len(server.sessions[1].of(PUBLISH)) == 1, "the message")
+        assert server.sessions[1].of(PUBLISH)[0].publish()[:2] == ("drone1/state/heading", {0x23: 1})
+        assert heard.losses == 1
+
+
+async def test_a_broker_without_aliases_gets_none() -> None:
+    async with Server() as server, linked(server) as (link, _):
+        for _ in range(2):
+            link.publish(state("battery"))
+        (session,) = server.sessions
+        await eventually(lambda: len(session.of(PUBLISH)) == 2, "two messages")
+        assert [packet.publish()[:2] for packet in session.of(PUBLISH)] == [("drone1/state/battery", {})] * 2
+
+
+async def test_connect_asks_for_a_clean_start_and_small_packets() -> None:
+    async with Server() as server, linked(server):
+        (connect,) = server.sessions[0].of(CONNECT)
+        assert connect.body[:7] == b"\0\4MQTT\5"
+        assert connect.body[7] & 2  # clean start
+        assert int.from_bytes(connect.body[8:10], "big") == connection_module.KEEPALIVE_S
+        properties = numbers(connect.body[11 : 11 + connect.body[10]])
+        assert properties == {0x11: 0, 0x27: 65_536, 0x21: 1000}
+
+
+async def test_no_more_is_in_flight_than_the_broker_takes() -> None:
+    async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, heard):
+        for number in range(5):
+            link.publish(state("armed", bytes([number]), qos=1, ref=number))
+        (session,) = server.sessions
+        for number in range(5):
+            await eventually(lambda n=number: len(session.of(PUBLISH)) == min(n + 2, 5), "two more")  # type: ignore[misc]
+            session.acknowledge(session.of(PUBLISH)[number].publish()[3])
+        await eventually(lambda: heard.acknowledged == [(number, 0) for number in range(5)], "all acknowledged")
+        assert [packet.publish()[2] for packet in session.of(PUBLISH)] == [bytes([n]) for n in range(5)]
+
+
+async def test_what_the_broker_would_refuse_for_its_length_is_not_sent() -> None:
+    async with Server(PACKETS_OF_200) as server, linked(server) as (link, heard):
+        link.publish(state("battery", bytes(300)))
+        link.publish(state("heading"))
+        (session,) = server.sessions
+        await eventually(lambda: len(session.of(PUBLISH)) == 1, "the shorter one")
+        assert heard.counted == ["too_long_for_broker"]
+
+
+async def test_messages_acknowledged_by_hand_stay_unacknowledged_until_then() -> None:
+    async with Server() as server, linked(server, manual_ack=True, session_expiry_s=60) as (link, heard):
+        (session,) = server.sessions
+        assert not session.of(CONNECT)[0].body[7] & 2  # the broker keeps the session
+        for mid in (7, 8):
+            session.send(publish("sensor/1", b"x", qos=1, mid=mid))
+        await eventually(lambda: len(heard.messages) == 2, "both messages")
+        link.publish(state("battery"))
+        await eventually(lambda: len(session.of(PUBLISH)) == 1, "something behind them")
+        assert session.of(PUBACK) == []
+        first = heard.messages[0].receipt
+        assert first is not None
+        link.acknowledge(first)
+        await eventually(lambda: [p.body[:2] for p in session.of(PUBACK)] == [b"\0\7"], "its PUBACK")
+        session.end()
+        await eventually(lambda: heard.connections == 2, "connected again")
+        second = heard.messages[1].receipt
+        assert second is not None
+        link.acknowledge(second)
+        link.publish(state("battery"))
+        await eventually(lambda: len(server.sessions[1].of(PUBLISH)) == 1, "something behind it")
+        assert server.sessions[1].of(PUBACK) == []
+
+
+async def test_other_links_acknowledge_by_themselves() -> None:
+    async with Server() as server, linked(server) as (_, heard):
+        server.sessions[0].send(publish("drone1/commands", b"x", qos=1, mid=7))
+        await eventually(lambda: len(server.sessions[0].of(PUBACK)) == 1, "PUBACK")
+        assert heard.messages == [Inbound("drone1/commands", b"x", 1)]
+
+
+async def test_a_role_that_fails_on_a_message_hears_the_next_ones() -> None:
+    reported: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: reported.append(context))
+    async with Server() as server, linked(server) as (_, heard):
+        heard.fails_at = b"2"
+        server.sessions[0].send(b"".join(publish("drone1/commands", payload) for payload in (b"1", b"2", b"3")))
+        await eventually(lambda: len(heard.messages) == 2, "the others")
+        assert [message.payload for message in heard.messages] == [b"1", b"3"]
+        assert (heard.losses, len(reported)) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        b"HTTP/1.1 400 Bad Request\r\n\r\n" + bytes(84),
+        b"\0\0\0\0",
+        b"\x30\x01\x00",
+        b"\x30\x05\x00\x01t\x7f\x00",
+        b"\x30\xff\xff\xff\xff\x7f",
+        b"\x40\x03\x00\x01\xee",
+        b"\x31\x02\xff\xff",
+        b"\xe0\x01\xee",
+    ],
+)
+async def test_bytes_that_are_not_mqtt_end_the_connection_and_nothing_else(garbage: bytes) -> None:
+    reported: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: reported.append(context))
+    async with Server() as server, linked(server) as (_, heard):
+        server.sessions[0].send(garbage)
+        await eventually(lambda: heard.connections == 2, "connected again")
+        assert (heard.losses, heard.messages, reported) == (1, [], [])
+
+
+async def test_a_broker_that_never_answers_does_not_hold_up_the_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection_module, "CONNECT_TIMEOUT_S", 0.1)
+    silent = await asyncio.start_server(lambda reader, writer: None, "127.0.0.1", 0)
+    port = silent.sockets[0].getsockname()[1]
+    heard = Heard()
+    link = MqttLink("cloud", BrokerAddress("127.0.0.1", port), "client-1", None, heard)
+    running = asyncio.create_task(link.run())
+    turns = 0
+    async with asyncio.timeout(1):
+        while turns < 50:
+            turns += 1
+            await asyncio.sleep(0.01)
+    assert not running.done()
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    silent.close()
+
+
+async def test_a_refusal_that_cannot_be_mended_ends_the_link() -> None:
+    async with Server(code=0x86) as server:
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard())
+        with pytest.raises(BrokerRefused, match="0x86"):
+            await asyncio.wait_for(link.run(), 10)
+
+
+async def test_a_client_that_took_over_is_left_in_peace() -> None:
+    async with Server() as server:
+        heard = Heard()
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, heard)
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: heard.connections == 1, "connected")
+        server.sessions[0].send(b"\xe0\x02\x8e\x00")
+        with pytest.raises(BrokerRefused, match="another client took over"):
+            await asyncio.wait_for(running, 10)
+        assert len(server.sessions) == 1
+
+
+async def test_a_clean_end_waits_for_its_last_words_to_be_acknowledged() -> None:
+    async with Server(acknowledges=False) as server, linked(server) as (link, _):
+        (session,) = server.sessions
+        link.publish(Publish("fog", "drone1/reachable", b"down", 1, retain=True))
+        closing = asyncio.create_task(link.close())
+        await eventually(lambda: len(session.of(PUBLISH)) == 1, "the last word")
+        assert session.of(DISCONNECT) == []
+        session.acknowledge(session.of(PUBLISH)[0].publish()[3])
+        await closing
+        await eventually(lambda: session.ended, "the end")
+        assert [packet.kind for packet in session.packets] == [CONNECT, PUBLISH, DISCONNECT]
+
+
+async def test_a_broker_that_takes_no_bytes_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection_module, "MOST_HELD", 10)
+    async with Server() as server, linked(server) as (link, heard):
+        (session,) = server.sessions
+        session.reads.clear()
+        link.publish(state("battery"))  # the server's reader is inside its read until this has come
+        await eventually(lambda: len(session.of(PUBLISH)) == 1, "the first message")
+        sent = 0
+        async with asyncio.timeout(20):
+            while "held_up" not in heard.counted:
+                link.publish(state("location", sent.to_bytes(4, "big") + bytes(15_000)))
+                sent += 1
+                await asyncio.sleep(0)
+        session.reads.set()
+        await eventually(lambda: len(session.of(PUBLISH)) == sent, "all that were not dropped")
+        link.publish(state("heading"))
+        await eventually(lambda: session.of(PUBLISH)[-1].publish()[0].endswith("heading"), "the next one")
+        assert heard.counted == ["held_up"]
+        assert heard.losses == 0
+
+
+@contextmanager
+def certificate(folder: Path) -> Iterator[tuple[SSLContext, Path]]:
+    """A server's TLS context for localhost, and the file that vouches for it."""
+    key, chain = folder / "key.pem", folder / "chain.pem"
+    command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
+    names = ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost", "-days", "2"]
+    subprocess.run([*command, *names, "-keyout", key, "-out", chain], check=True, capture_output=True)
+    context = SSLContext(PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(chain, key)
+    yield context, chain
+
+
+async def test_tls_carries_bursts_in_both_directions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with certificate(tmp_path) as (context, chain):
+        monkeypatch.setenv("SSL_CERT_FILE", str(chain))
+        async with Server(tls=context) as server, linked(server, "mqtts") as (link, heard):
+            (session,) = server.sessions
+            session.send(b"".join(publish("drone1/commands", bytes([n])) for n in range(250)))
+            await eventually(lambda: len(heard.messages) == 250, "all of one record")
+            for name in STATES:
+                link.publish(state(name))
+            await eventually(lambda: len(session.of(PUBLISH)) == len(STATES), "all states")
+
+
+async def test_a_certificate_that_nobody_vouches_for_is_not_talked_to(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "mqttxt.mqtt")
+    with certificate(tmp_path) as (context, _):
+        async with Server(tls=context) as server:
+            heard = Heard()
+            link = MqttLink("fog", BrokerAddress("localhost", server.port, tls=True), "client-1", None, heard)
+            running = asyncio.create_task(link.run())
+            await eventually(lambda: "certificate" in caplog.text, "a reason in the log")
+            assert (heard.connections, server.sessions, running.done()) == (0, [], False)
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
