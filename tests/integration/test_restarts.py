@@ -127,7 +127,7 @@ async def test_a_query_after_the_deadline_is_answered_from_the_ledger(system: Sy
         heard: list[Outcome] = []
         await _collect(fog.drone(1).outcomes(Arm(), ttl_s=0.5), heard)
         assert _last_words(heard) == {1: [Word.COMPLETED]}
-        pending = station.station.commands[heard[0].id]
+        pending = station.station.commands.pending[heard[0].id]
         await eventually(lambda: station.clock.now_ms() > pending.close_at_ms - 19_000, "the deadline has passed")
         answers: list[Any] = []
         station._listeners.append(answers.append)

@@ -10,39 +10,26 @@ async with GroundStation("mqtt://cloud.example:1883") as gs:
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import secrets
 from collections.abc import AsyncIterator, Callable, Hashable, Iterable
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
 from .clock import DEFAULT_TTL_MS, SessionClock
 from .commands import Command
 from .errors import FogUnreachable
+from .gs_best import best
+from .gs_views import Drone, Fog, KnownState
 from .io.mqtt import BrokerAddress, MqttLink
 from .io.runner import Runner
 from .messages import CommandId
 from .outcomes import Event, Outcome, PsmiList
-from .rankings import Ranked, SelectMode
 from .roles.effects import Inbound
 from .roles.ground_station import GroundStation as Station
 from .roles.settings import Settings
-from .roles.station_fog import LINK, FogView
-from .states import State
+from .roles.station_fog import LINK
 from .topics import check_number, check_station_name
 from .wire.values import Encoding
-
-HOLD_S = 5.0
-"""How much longer than its answer may take a fog keeps the drone that it offered."""
-
-
-@dataclass(frozen=True)
-class KnownState:
-    """A state as last heard; `age_ms` is an upper bound of its age now, None where the fog has no clock of it."""
-
-    state: State
-    age_ms: int | None
 
 
 class _StationRole:
@@ -180,7 +167,7 @@ class GroundStation(Runner):
         def start() -> tuple[CommandId, list[Any]]:
             return self.station.send(fog, drone, command, self.clock.now_ms(), ttl_ms=ttl_ms, limit_s=limit_s)
 
-        async for event in self._follow(start):
+        async for event in self.follow(start):
             if isinstance(event, Outcome):
                 yield event
 
@@ -199,66 +186,8 @@ class GroundStation(Runner):
         none of the activators is live.
         """
         numbers = [*self.station.fogs] if fogs is None else [*fogs]
-        if len(numbers) == 1:
-            choice = self._select(numbers[0], command, SelectMode.SELECT, None, ttl_s, limit_s)
-            async for event in self._follow(choice):
-                yield event
-            return
-        offers = [event async for event in self._offers(command, numbers, ttl_s)]
-        for offered in offers:
-            yield offered
-        lists = [offer for offer in offers if isinstance(offer, PsmiList) and offer.chosen is not None]
-        if not lists:
-            return
-        chosen = min(lists, key=lambda offer: (offer.listed[0].arrival_s or 0.0, offer.listed[0].drone))
-        for other in (offer for offer in lists if offer is not chosen):
-            release = self._select(other.fog, command, SelectMode.RELEASE, other.id.seq, ttl_s, None)
-            self.carry_out(release()[1])
-        commit = self._select(chosen.fog, command, SelectMode.COMMIT, chosen.id.seq, ttl_s, limit_s)
-        async for event in self._follow(commit):
+        async for event in best(self, command, numbers, ttl_s, limit_s):
             yield event
-
-    async def _offers(self, command: Command, fogs: list[int], ttl_s: float) -> AsyncIterator[Outcome | PsmiList]:
-        """Each fog's list with what it has reserved, or why it has nothing."""
-        tasks, errors = [], []
-        for number in fogs:
-            offer = self._select(number, command, SelectMode.OFFER, None, ttl_s, HOLD_S + ttl_s)
-            tasks.append(asyncio.create_task(self._collect(offer, ttl_s)))
-        for result in await asyncio.gather(*tasks, return_exceptions=True):
-            if isinstance(result, FogUnreachable):
-                errors.append(result)
-            elif isinstance(result, BaseException):
-                raise result
-            else:
-                for event in result:
-                    yield event
-        if len(errors) == len(fogs):
-            raise errors[0]
-
-    async def _collect(
-        self, start: Callable[[], tuple[CommandId, list[Any]]], limit_s: float
-    ) -> list[Outcome | PsmiList]:
-        """What is said of a command within a time."""
-        found: list[Outcome | PsmiList] = []
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(limit_s):
-                async for event in self._follow(start):
-                    found.append(event)
-        return found
-
-    def _select(
-        self,
-        fog: int,
-        command: Command,
-        mode: SelectMode,
-        reservation: int | None,
-        ttl_s: float,
-        limit_s: float | None,
-    ) -> Callable[[], tuple[CommandId, list[Any]]]:
-        ttl_ms = round(ttl_s * 1000)
-        return lambda: self.station.select(
-            fog, command, self.clock.now_ms(), mode=mode, reservation=reservation, ttl_ms=ttl_ms, limit_s=limit_s
-        )
 
     async def take_over(self, fog: int, drones: tuple[int, ...] | None = None, timeout_s: float = 10.0) -> None:
         """Take control of a fog's drones, whoever has it; raises FogUnreachable when that is not confirmed."""
@@ -270,14 +199,14 @@ class GroundStation(Runner):
         except TimeoutError:
             raise FogUnreachable(f"fog {fog}: the takeover was not confirmed within {timeout_s:g} s") from None
 
-    async def _follow(self, start: Callable[[], tuple[CommandId, list[Any]]]) -> AsyncIterator[Outcome | PsmiList]:
+    async def follow(self, start: Callable[[], tuple[CommandId, list[Any]]]) -> AsyncIterator[Outcome | PsmiList]:
         """Start a command and yield what is said of it until it is closed."""
         queue: asyncio.Queue[Event] = asyncio.Queue()
         self._listeners.append(queue.put_nowait)
         try:
             command_id, effects = start()
             self.carry_out(effects)
-            pending = self.station.commands[command_id]
+            pending = self.station.commands.pending[command_id]
             while pending.is_open or not queue.empty():
                 event = await self._next_unless_closed(queue, command_id)
                 if event is None:
@@ -289,7 +218,7 @@ class GroundStation(Runner):
 
     async def _next_unless_closed(self, queue: asyncio.Queue[Event], command_id: CommandId) -> Event | None:
         """The next event; None once the command is closed without one (an empty roster)."""
-        pending = self.station.commands[command_id]
+        pending = self.station.commands.pending[command_id]
         while queue.empty():
             if not pending.is_open:
                 return None
@@ -317,112 +246,6 @@ class GroundStation(Runner):
                 error = error.exceptions[0]
             if error is not None:
                 raise error
-
-
-class Fog:
-    """One fog, as its ground station sees it."""
-
-    def __init__(self, station: GroundStation, view: FogView) -> None:
-        self._station = station
-        self._view = view
-
-    @property
-    def number(self) -> int:
-        return self._view.number
-
-    @property
-    def is_live(self) -> bool:
-        """Whether its activator is there: it says so, and its beacons keep coming."""
-        return self._view.is_live(self._station.clock.now_ms())
-
-    @property
-    def drones(self) -> list[Drone]:
-        """Every drone that the fog knows, by number."""
-        numbers = {*self._view.drones, *self._view.configured}
-        return [Drone(self._station, self._view, number) for number in sorted(numbers)]
-
-    def drone(self, number: int) -> Drone:
-        return Drone(self._station, self._view, number)
-
-    @property
-    def ranking(self) -> tuple[Ranked, ...]:
-        """QoDS: the available drones, best first, as the activator last said."""
-        return self._view.ranking
-
-    async def take_over(self, timeout_s: float = 10.0) -> None:
-        """Take control of all drones of the fog, whoever has it; errors as `GroundStation.take_over`."""
-        await self._station.take_over(self.number, timeout_s=timeout_s)
-
-    def best(
-        self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
-    ) -> AsyncIterator[Outcome | PsmiList]:
-        """Send a command to the drone of this fog that arrives first (PSMI); errors as `broadcast`."""
-        return self._station.best(command, [self.number], ttl_s=ttl_s, limit_s=limit_s)
-
-    def broadcast(
-        self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
-    ) -> AsyncIterator[Outcome]:
-        """Send a command to every drone of the fog; yields each one's words up to its last.
-
-        `ttl_s` bounds the start of the execution (at most 60), `limit_s` its end. Raises FogUnreachable when
-        the activator is not live: the command was not sent then.
-        """
-        return self._station.send(self.number, None, command, ttl_s, limit_s)
-
-
-class Drone:
-    """One drone, as its ground station sees it."""
-
-    def __init__(self, station: GroundStation, view: FogView, number: int) -> None:
-        self._station = station
-        self._view = view
-        self.number = number
-
-    @property
-    def is_reachable(self) -> bool:
-        drone = self._view.drones.get(self.number)
-        return drone is not None and drone.reachable
-
-    @property
-    def is_controlled(self) -> bool:
-        """Whether this station is in control of it."""
-        return self._view.controls(self.number)
-
-    @property
-    def holder(self) -> str | None:
-        """The name of the station in control, None when nobody is."""
-        drone = self._view.drones.get(self.number)
-        return drone.holder if drone is not None else None
-
-    async def take_over(self, timeout_s: float = 10.0) -> None:
-        """Take control of this drone, whoever has it; errors as `GroundStation.take_over`."""
-        await self._station.take_over(self._view.number, (self.number,), timeout_s)
-
-    @property
-    def states(self) -> dict[str, KnownState]:
-        """The newest state of each name."""
-        drone = self._view.drones.get(self.number)
-        now_ms = self._station.clock.now_ms()
-        return {
-            name: KnownState(known.message.state, self._view.age_ms(known, now_ms))
-            for name, known in (drone.states if drone is not None else {}).items()
-        }
-
-    def outcomes(
-        self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
-    ) -> AsyncIterator[Outcome]:
-        """Send a command and yield its words up to the last one; errors as `Fog.broadcast`."""
-        return self._station.send(self._view.number, self.number, command, ttl_s, limit_s)
-
-    async def send(
-        self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
-    ) -> Outcome:
-        """Send a command and wait for its last word."""
-        last = None
-        async for outcome in self.outcomes(command, ttl_s=ttl_s, limit_s=limit_s):
-            last = outcome
-        assert last is not None
-        return last
 
 
 __all__ = ["Drone", "Fog", "GroundStation", "KnownState"]

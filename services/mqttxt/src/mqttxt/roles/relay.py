@@ -8,74 +8,33 @@ activator is never executed: that session may have forwarded it, so the drones a
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 from ..clock import MAX_TTL_MS, expiry_s, stamp
 from ..commands import BROADCASTABLE, Goto, Hold, Land, Return, Takeoff
 from ..errors import PayloadError
 from ..messages import (
-    BeaconMessage,
     CommandId,
     CommandMessage,
-    FogResultMessage,
     ResultMessage,
-    RosterEntry,
     Word,
 )
 from ..topics import CloudSide, FogSide
 from ..wire.codec import decode, encode
 from ..wire.identify import identify
-from .activator_drones import CLOUD, FOG, DroneLink, Drones
+from .activator_drones import FOG, DroneLink, Drones
 from .effects import Effect, Inbound, Log, Publish
+from .jobs import CHOSEN, Job, Leg
 from .leases import Leases
 from .ledger import Admission, Entry, Ledger
+from .relay_words import RelayWords
 from .settings import GRACE_MS, NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry, Settings
 
-CHOSEN = 0
-"""The target of a command for which PSMI chooses the drone."""
 OVERRIDING = (Hold, Land, Return)
 """What ends the search of a drone for an earlier command."""
 FLYING = (Takeoff, Goto, Land, Return)
 """A drone is busy from one of these to its last word."""
-
-
-@dataclass
-class Leg:
-    """A command on its way to one drone, and what was said of it."""
-
-    drone: int
-    sent: CommandMessage | None = None
-    publishes: int = 0
-    words: list[ResultMessage] = field(default_factory=list)
-    retry: Retry | None = None
-    truth: ResultMessage | None = None
-
-    @property
-    def is_closed(self) -> bool:
-        return bool(self.words) and self.words[-1].word.is_last
-
-
-@dataclass
-class Job:
-    """What the activator records about a command: where it was sent, its deadline, and how it was answered.
-
-    `target` is a drone's number, None for a broadcast, `CHOSEN` where PSMI chooses; while it is `choosing`, another
-    leg may follow.
-    """
-
-    target: int | None
-    message: CommandMessage
-    deadline_ms: int
-    close_at_ms: int
-    query: bool
-    legs: dict[int, Leg] = field(default_factory=dict)
-    answer: FogResultMessage | None = None
-    choosing: bool = False
-
-    @property
-    def is_over(self) -> bool:
-        return not self.choosing and all(leg.is_closed for leg in self.legs.values())
 
 
 class Relay:
@@ -89,9 +48,9 @@ class Relay:
         self, session: int, settings: Settings, cloud: CloudSide, fog: FogSide, drones: Drones, leases: Leases
     ) -> None:
         self._session = session
+        self._words = RelayWords(session, settings, cloud)
         self._leases = leases
         self._settings = settings
-        self._cloud = cloud
         self._fog = fog
         self._drones = drones
         self.ledger: Ledger[Job] = Ledger()
@@ -140,9 +99,9 @@ class Relay:
             leg = job.legs[job.target] = Leg(job.target)
             return self._close(entry, leg, Word.DENIED, reason, now_ms)
         job.choosing = False
-        job.answer = self._fog_result(entry.id, now_ms, None, reason)
+        job.answer = self._words.fog_result(entry.id, now_ms, None, reason)
         self.ledger.close(entry, now_ms)
-        return [self._publish_fog_result(job.message.command.name, job.answer)]
+        return [self._words.publish_fog_result(job.message.command.name, job.answer)]
 
     def forward_to(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
         """Send a command to the drone that was chosen for it."""
@@ -167,7 +126,7 @@ class Relay:
         relayed = replace(result, relay_stamp=stamp(now_ms - age_ms) if age_ms is not None else None)
         entry = self.ledger.get(result.id)
         if entry is None:
-            return [self._publish_result(link.number, name, relayed)]
+            return [self._words.publish_result(link.number, name, relayed)]
         leg = entry.record.legs.get(link.number)
         if leg is None:
             return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
@@ -176,7 +135,7 @@ class Relay:
             if not unconfirmed or leg.truth or not result.word.is_last or result.word is Word.UNCONFIRMED:
                 return []
             leg.truth = replace(relayed, settled=True)
-            return [self._publish_result(link.number, name, leg.truth)]
+            return [self._words.publish_result(link.number, name, leg.truth)]
         if any(word.word is result.word and word.percent == result.percent for word in leg.words):
             return []
         return self._say(entry, leg, relayed, now_ms)
@@ -232,8 +191,8 @@ class Relay:
             job.legs[job.target] = Leg(job.target)
             return self._forward(entry, job.legs[job.target], now_ms)
         roster = self._drones.roster()
-        job.answer = self._fog_result(entry.id, now_ms, roster, None)
-        out: list[Effect] = [self._publish_fog_result(job.message.command.name, job.answer)]
+        job.answer = self._words.fog_result(entry.id, now_ms, roster, None)
+        out: list[Effect] = [self._words.publish_fog_result(job.message.command.name, job.answer)]
         for listed in roster:
             job.legs[listed.drone] = Leg(listed.drone)
             out += self._forward(entry, job.legs[listed.drone], now_ms)
@@ -285,19 +244,7 @@ class Relay:
         )
 
     def _close(self, entry: Entry[Job], leg: Leg, word: Word, reason: str | None, now_ms: int) -> list[Effect]:
-        return self._say(entry, leg, self._own_word(entry.id, word, reason, now_ms), now_ms)
-
-    def _own_word(self, command_id: CommandId, word: Word, reason: str | None, now_ms: int) -> ResultMessage:
-        return ResultMessage(
-            gs_session=command_id.gs_session,
-            seq=command_id.seq,
-            session=self._session,
-            relay_stamp=stamp(now_ms),
-            stamp=stamp(now_ms),
-            word=word,
-            reason=reason,
-            beacon=self._beacon(now_ms) if reason == NO_DEADLINE else None,
-        )
+        return self._say(entry, leg, self._words.own_word(entry.id, word, reason, now_ms), now_ms)
 
     def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
         leg.words.append(result)
@@ -305,8 +252,8 @@ class Relay:
         if entry.record.is_over:
             self.ledger.close(entry, now_ms)
         if entry.record.query and result.word.is_last:
-            result = replace(result, beacon=self._beacon(now_ms))
-        out: list[Effect] = [self._publish_result(leg.drone, entry.record.message.command.name, result)]
+            result = replace(result, beacon=self._words.beacon(now_ms))
+        out: list[Effect] = [self._words.publish_result(leg.drone, entry.record.message.command.name, result)]
         if leg.is_closed and entry.record.choosing:
             out += self.on_last_word(entry, leg, now_ms)
         return out
@@ -315,9 +262,9 @@ class Relay:
         """A duplicate hears the roster, each drone's newest word, and the truth that came after it."""
         job = entry.record
         name = job.message.command.name
-        out: list[Effect] = [self._publish_fog_result(name, job.answer)] if job.answer is not None else []
+        out: list[Effect] = [self._words.publish_fog_result(name, job.answer)] if job.answer is not None else []
         newest = [(leg.drone, word) for leg in job.legs.values() for word in (*leg.words[-1:], leg.truth) if word]
-        return out + [self._publish_result(drone, name, word) for drone, word in newest]
+        return out + [self._words.publish_result(drone, name, word) for drone, word in newest]
 
     def on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
         out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
@@ -329,29 +276,5 @@ class Relay:
     def _denial(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> Effect:
         """A denial of something that has no place in the ledger."""
         if drone is None or drone == CHOSEN:
-            return self._publish_fog_result(name, self._fog_result(command_id, now_ms, None, reason))
-        return self._publish_result(drone, name, self._own_word(command_id, Word.DENIED, reason, now_ms))
-
-    def _fog_result(
-        self, command_id: CommandId, now_ms: int, roster: tuple[RosterEntry, ...] | None, denied: str | None
-    ) -> FogResultMessage:
-        return FogResultMessage(
-            gs_session=command_id.gs_session,
-            seq=command_id.seq,
-            session=self._session,
-            stamp=stamp(now_ms),
-            roster=roster,
-            denied=denied,
-            beacon=self._beacon(now_ms) if denied == NO_DEADLINE else None,
-        )
-
-    def _beacon(self, now_ms: int) -> BeaconMessage:
-        return BeaconMessage(session=self._session, now_ms=now_ms)
-
-    def _publish_result(self, drone: int, name: str, result: ResultMessage) -> Publish:
-        topic = self._cloud.drone_result(drone, name)
-        return Publish(CLOUD, topic, encode(result, self._settings.encoding), self._settings.qos)
-
-    def _publish_fog_result(self, name: str, result: FogResultMessage) -> Publish:
-        topic = self._cloud.fog_result(name)
-        return Publish(CLOUD, topic, encode(result, self._settings.encoding), self._settings.qos)
+            return self._words.publish_fog_result(name, self._words.fog_result(command_id, now_ms, None, reason))
+        return self._words.publish_result(drone, name, self._words.own_word(command_id, Word.DENIED, reason, now_ms))

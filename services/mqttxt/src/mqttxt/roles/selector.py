@@ -16,11 +16,12 @@ from ..topics import CloudSide
 from ..wire.codec import decode, encode
 from .activator_drones import CLOUD, Drones
 from .effects import Effect, Inbound, Publish
+from .jobs import CHOSEN, Job, Leg
 from .leases import Leases
 from .ledger import Entry
 from .pending import DEFINITE_NO
 from .psmi import rank
-from .relay import CHOSEN, Job, Leg, Relay
+from .relay import Relay
 from .settings import Settings
 
 LONGEST_HOLD_MS = 60_000
