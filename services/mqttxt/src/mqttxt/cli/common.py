@@ -52,11 +52,11 @@ def set_up_logging(verbose: bool) -> None:
     logging.basicConfig(stream=sys.stderr, level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
 
 
-def settings(qos: int, json: bool) -> Settings:
+def settings(qos: int, json: bool, bundles: bool = False) -> Settings:
     """The settings common to all roles; raises ConfigurationError."""
     if qos not in (0, 1):
         raise ConfigurationError(f"--qos {qos}: expected 0 or 1")
-    return Settings(qos=qos, encoding=Encoding.JSON if json else Encoding.CBOR)
+    return Settings(qos=qos, encoding=Encoding.JSON if json else Encoding.CBOR, bundles=bundles)
 
 
 def run_role(make: Callable[[], Runner]) -> None:

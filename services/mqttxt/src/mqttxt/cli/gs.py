@@ -35,6 +35,7 @@ def watch(
     cloud: Cloud = "mqtt://127.0.0.1:1883",
     prefix: Prefix = "",
     json: Json = False,
+    bundles: Annotated[bool, typer.Option("--bundles", help="Ask for states together, once a second.")] = False,
     timeout: Timeout = 10.0,
 ) -> None:
     """Show fogs, drones, their states and how old those are at the most, until Ctrl-C."""
@@ -42,7 +43,8 @@ def watch(
 
     async def job() -> int:
         chosen = settings(1, json)
-        async with GroundStation(cloud, prefix=prefix, encoding=chosen.encoding, control=False) as station:
+        station_options: dict[str, Any] = {"encoding": chosen.encoding, "control": False, "bundles": bundles}
+        async with GroundStation(cloud, prefix=prefix, **station_options) as station:
             await watch_fogs(station, await station.connect(fog, timeout), Console())
         return 0
 

@@ -89,6 +89,9 @@ def uav(
         Path | None, typer.Option(help="File that survives a restart and says which commands were open.")
     ] = None,
     fog_root: Annotated[str, typer.Option(help="Root of the fog side's topics, as fog1/local/.")] = "",
+    bundles: Annotated[
+        bool, typer.Option("--bundles", help="Publish states together, at most once a second, in one message.")
+    ] = False,
     qos: Qos = 1,
     json: Json = False,
     ready_file: Ready = None,
@@ -104,7 +107,7 @@ def uav(
             BrokerAddress.parse(broker, "--broker"),
             AutopilotAddress.parse(autopilot),
             JournalFile(journal or _default_journal(number)),
-            settings(qos, json),
+            settings(qos, json, bundles),
             topics=FogSide(check_prefix(fog_root)),
             ready_file=ready_file,
         )

@@ -20,6 +20,7 @@ from ..states import (
     LandedState,
     Location,
 )
+from ..topics import MAX_DRONE
 
 REFRESH_S = 0.5
 FIRST_STATES_S = 5.0
@@ -32,7 +33,11 @@ async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) 
         known = [drone for fog in fogs for drone in fog.drones]
         with contextlib.suppress(TimeoutError):
             await station.wait_until(
-                lambda: all(set(d.states) >= SHOWN for d in known if d.is_reachable), timeout_s=FIRST_STATES_S
+                lambda: (
+                    all(set(d.states) >= SHOWN for d in known if d.is_reachable)
+                    and all(len(fog.ranking) >= sum(d.is_reachable for d in fog.drones) for fog in fogs)
+                ),
+                timeout_s=FIRST_STATES_S,
             )
         wide = Console(width=140, file=console.file)
         wide.print(table(fogs))
@@ -44,18 +49,19 @@ async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) 
 
 
 def table(fogs: list[Fog]) -> Table:
-    """Fogs and drones, one row a drone; when it was last heard is an upper bound."""
+    """Fogs and drones, one row a drone, best first by QoDS; when it was last heard is an upper bound."""
     shown = Table(title="MQTT-XT", title_justify="left")
-    for heading in ("fog", "drone", "reachable", "armed", "mode", "landed"):
+    for heading in ("fog", "QoDS", "drone", "reachable", "control", "armed", "mode", "landed"):
         shown.add_column(heading)
     for heading in ("position", "altitude m", "speed m/s", "heading", "battery", "heard s ago"):
         shown.add_column(heading, justify="right")
     for fog in fogs:
         name = f"{fog.number}" if fog.is_live else f"{fog.number} [red]gone[/]"
-        for drone in fog.drones:
-            shown.add_row(name, *_cells(drone))
+        places = {ranked.drone: str(place) for place, ranked in enumerate(fog.ranking, start=1)}
+        for drone in sorted(fog.drones, key=lambda drone: (int(places.get(drone.number, MAX_DRONE)), drone.number)):
+            shown.add_row(name, places.get(drone.number, "-"), *_cells(drone))
         if not fog.drones:
-            shown.add_row(name, "[dim]none[/]")
+            shown.add_row(name, "-", "[dim]none[/]")
     return shown
 
 
@@ -64,6 +70,7 @@ def _cells(drone: Drone) -> list[str]:
     return [
         str(drone.number),
         "[green]yes[/]" if drone.is_reachable else "[red]no[/]",
+        drone.holder or "-",
         _armed(states),
         *_described(states),
         _age(states),
