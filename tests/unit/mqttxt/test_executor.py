@@ -2,57 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
+from workbench import ARM, LAND, TAKEOFF, Bench, said, written
 from world import ack, heartbeat, home, landed, position
 
 from mqttxt.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff
-from mqttxt.dialect.vehicle import Vehicle
 from mqttxt.messages import CommandId, Word
 from mqttxt.roles.effects import Log, Transmit
-from mqttxt.roles.executor import Executor, Said
-
-ARM, TAKEOFF, LAND, MODE = 400, 22, 21, 176
-
-
-class Bench:
-    """An executor and its vehicle; the autopilot has told everything."""
-
-    def __init__(self, *told: Any) -> None:
-        self.vehicle = Vehicle(1)
-        self.executor = Executor(self.vehicle)
-        self.now_ms = 0
-        for message in told or (heartbeat(), home(), position(), landed(1)):
-            self.vehicle.update(message, 0)
-
-    def start(self, seq: int, command: Command, deadline_ms: int = 60_000, limit_ms: int = 60_000) -> list[Any]:
-        return self.executor.start(CommandId(1, seq), command, deadline_ms, limit_ms, self.now_ms)
-
-    def hear(self, *messages: Any) -> list[Any]:
-        out: list[Any] = []
-        for message in messages:
-            self.vehicle.update(message, self.now_ms)
-            out += self.executor.on_message(message, self.now_ms)
-        return out
-
-    def until(self, now_ms: int) -> list[Any]:
-        """Let time pass with the autopilot alive."""
-        out: list[Any] = []
-        while self.now_ms < now_ms:
-            self.now_ms += 100
-            self.vehicle.heartbeat_ms = self.now_ms
-            out += self.executor.tick(self.now_ms)
-        return out
-
-
-def said(outputs: list[Any]) -> list[tuple[int, Word, str | None]]:
-    return [(o.id.seq, o.word, o.reason) for o in outputs if isinstance(o, Said)]
-
-
-def written(outputs: list[Any]) -> list[int]:
-    return [o.message.command for o in outputs if isinstance(o, Transmit)]
 
 
 def test_completed_needs_the_effect_newer_than_the_acknowledgement() -> None:

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mqttxt
-from mqttxt.commands import COMMANDS, Goto, Takeoff
+from mqttxt.commands import COMMAND, Attitude, Goto, Offboard, Takeoff, Velocity
 from mqttxt.errors import PayloadError
 from mqttxt.messages import (
     BeaconMessage,
@@ -68,6 +68,10 @@ def messages(cls: type[Any]) -> st.SearchStrategy[Any]:
     if plan.variant is not None:
         name, variant = plan.variant
         fields[name] = st.one_of([messages(body) for _, _, body in variant.codes])
+    if cls is Offboard:
+        kinds = [{"velocity": fields.pop("velocity")}, {"attitude": fields.pop("attitude")}]
+        chosen = [{name: strategy.filter(bool) for name, strategy in kind.items()} for kind in kinds]
+        return st.one_of([st.builds(cls, **fields, **kind) for kind in chosen])
     return st.builds(cls, **fields)
 
 
@@ -216,8 +220,43 @@ def test_a_malformed_command_can_still_be_named() -> None:
 
 
 def test_every_command_has_a_name_and_a_limit() -> None:
-    assert set(COMMANDS) == {"arm", "disarm", "takeoff", "land", "goto", "hold", "return"}
-    assert all(cls.limit_s > 0 for cls in COMMANDS.values())
+    assert [(code, name) for code, name, _ in COMMAND.codes] == [
+        *[(1, "arm"), (2, "disarm"), (3, "takeoff"), (4, "land"), (5, "goto"), (6, "hold"), (7, "return")],
+        *[(8, "offboard")],
+    ]
+    assert Goto(47.5, -8.25, 12.5).limit_s == 900
+    assert Offboard(600.0, velocity=Velocity(1, 0, 0)).limit_s > 600
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        [8, 100],
+        [8, 100, [100, 0, 0], [0, 0, 0, 500]],
+        [8, 0, [100, 0, 0]],
+        [8, 36_001, [100, 0, 0]],
+        [8, 100, [float("nan"), 0, 0]],
+        [8, 100, [10_001, 0, 0]],
+        [8, 100, None, [0, 0, 0, 1001]],
+        [8, 100, None, [6001, 0, 0, 500]],
+        [8, 100, None, [0, 0, 0]],
+    ],
+)
+def test_an_offboard_command_has_one_kind_of_set_point_within_its_ranges(body: list[Any]) -> None:
+    with pytest.raises(PayloadError):
+        decode(CommandMessage, cbor2.dumps([1, 1, 2, 3, 4, 50, 0, *body]))
+
+
+def test_offboard_commands_on_the_wire() -> None:
+    head = [1, 1, 2, 3, 4, 400, 0]
+    fields = {"gs_session": 1, "seq": 2, "executor_session": 3, "deadline_ms": 4, "limit_s": 40.0}
+    flown = CommandMessage(**fields, command=Offboard(10.0, velocity=Velocity(1.5, 0, -0.5)))
+    assert cbor2.loads(encode(flown)) == [*head, 8, 100, [150, 0, -50]]
+    tilted = CommandMessage(**fields, command=Offboard(10.0, attitude=Attitude(0, -5, 90, 0.5)))
+    assert cbor2.loads(encode(tilted)) == [*head, 8, 100, None, [0, -500, 9000, 500]]
+    assert json.loads(encode(tilted, Encoding.JSON))["attitude"]["thrust"] == 0.5
+    with pytest.raises(PayloadError, match="velocity or attitude"):
+        Offboard(10.0)
 
 
 def test_messages_are_what_the_specification_says() -> None:

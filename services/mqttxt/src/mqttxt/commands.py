@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
+from .errors import PayloadError
 from .wire.fields import Latitude, Longitude, Scaled, Variant
 
 Height = Annotated[float, Scaled(1000, -500, 10_000)]
@@ -72,10 +73,59 @@ class Return:
     limit_s: ClassVar[float] = 900.0
 
 
-Command = Arm | Disarm | Takeoff | Land | Goto | Hold | Return
+Angle = Annotated[float, Scaled(100, -360, 360)]
+"""Degrees clockwise from north."""
+Tilt = Annotated[float, Scaled(100, -60, 60)]
+"""Degrees; what the autopilot's own limits allow may be less."""
+Velocity3 = Annotated[float, Scaled(100, -100, 100)]
+"""Metres a second along one axis; the autopilot's own limits are usually nearer."""
 
-COMMANDS: dict[str, type[Command]] = {c.name: c for c in (Arm, Disarm, Takeoff, Land, Goto, Hold, Return)}
-"""Every command by its name."""
+
+@dataclass(frozen=True)
+class Velocity:
+    """Metres a second north, east and down; the heading in degrees, left as it is where `yaw_deg` is None."""
+
+    north_m_s: Velocity3
+    east_m_s: Velocity3
+    down_m_s: Velocity3
+    yaw_deg: Angle | None = None
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """Roll (right side down), pitch (nose up) and yaw in degrees, and the thrust from 0 to 1."""
+
+    roll_deg: Tilt
+    pitch_deg: Tilt
+    yaw_deg: Angle
+    thrust: Annotated[float, Scaled(1000, 0, 1)]
+
+
+@dataclass(frozen=True)
+class Offboard:
+    """Fly by one set-point, streamed on the drone, for `duration_s` seconds; then hold. Completed when it holds.
+
+    Exactly one of `velocity` and `attitude` is given; raises PayloadError otherwise.
+    """
+
+    duration_s: Annotated[float, Scaled(10, 0.1, 3600)]
+    velocity: Velocity | None = None
+    attitude: Attitude | None = None
+    name: ClassVar[str] = "offboard"
+
+    def __post_init__(self) -> None:
+        if (self.velocity is None) == (self.attitude is None):
+            raise PayloadError("offboard: expected either velocity or attitude")
+
+    @property
+    def limit_s(self) -> float:
+        return self.duration_s + 30.0
+
+
+Command = Arm | Disarm | Takeoff | Land | Goto | Hold | Return | Offboard
+
+COMMANDS: dict[str, type[Command]] = {c.name: c for c in (Arm, Disarm, Takeoff, Land, Goto, Hold, Return, Offboard)}
+"""Every command by its name, in the order of their codes."""
 
 BROADCASTABLE = (Arm, Disarm, Takeoff, Land, Hold, Return)
 """What `fogX/commands` takes: the same for every drone of a fog."""

@@ -9,9 +9,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff, haversine_m
+from ..commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, haversine_m
 from ..states import Armed, FlightMode, FlightModeName, Home, Landed, LandedState, Location
-from .px4 import mode_numbers
+from .offboard import set_mode
 from .vehicle import AUTOPILOT_COMPONENT, Vehicle
 
 NAN = float("nan")
@@ -22,7 +22,7 @@ ALTITUDE_REACHED_M = 0.5
 
 
 class Group(Enum):
-    """Commands of one group supersede each other."""
+    """Commands of one group supersede each other; those without a group stand alone."""
 
     ARMING = auto()
     MOTION = auto()
@@ -61,6 +61,8 @@ def plan(command: Command, vehicle: Vehicle) -> Plan:
         return Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, _is_down, frozenset({FlightModeName.LAND}))
     if isinstance(command, Hold):
         return _mode(vehicle, FlightModeName.HOLD, _holds, frozenset({FlightModeName.HOLD}))
+    if isinstance(command, Offboard):
+        return _mode(vehicle, FlightModeName.OFFBOARD, _never, frozenset({FlightModeName.OFFBOARD}))
     assert isinstance(command, Return)
     return _mode(vehicle, FlightModeName.RETURN, _is_down, frozenset({FlightModeName.RETURN, FlightModeName.LAND}))
 
@@ -142,10 +144,12 @@ def _mode(
     effect: Callable[[Vehicle, int], bool],
     modes: frozenset[FlightModeName],
 ) -> Plan:
-    main, sub = mode_numbers(name)
-    custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-    message = _long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, float(main), float(sub))
-    return Plan(message, mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, modes)
+    return Plan(set_mode(vehicle, name), mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, modes)
+
+
+def _never(vehicle: Vehicle, after: int) -> bool:
+    """An offboard flight ends by its time."""
+    return False
 
 
 def _holds(vehicle: Vehicle, after: int) -> bool:

@@ -25,6 +25,8 @@ from ..states import (
 from .px4 import mode_name
 
 AUTOPILOT_COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+OWN_COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+"""What the UAV client is on its autopilot's link, in the system of the autopilot."""
 HEARTBEAT_LOST_MS = 3000
 MAX_SPEED_PARAMETER = "MPC_XY_VEL_MAX"
 

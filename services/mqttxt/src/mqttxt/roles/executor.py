@@ -6,23 +6,23 @@ number whose acknowledgement may still be under way is left alone until it came 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from enum import Enum, auto
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..commands import Command, Goto, Takeoff
-from ..dialect.plans import CannotExecute, Plan, plan
-from ..dialect.vehicle import Vehicle
+from ..commands import Command, Goto, Offboard, Takeoff
+from ..dialect.plans import CannotExecute, plan
+from ..dialect.vehicle import OWN_COMPONENT, Vehicle
 from ..messages import CommandId, Word
 from ..states import Armed, FlightMode
-from .effects import Effect, Log, Transmit
+from .acks import Stray
+from .effects import Log, Transmit
+from .offboard import OffboardPilot
+from .runs import UNSENT, Output, Phase, Run, Runs, Said
 
 SENDS = 4
 RESEND_MS = 500
 """MAVLink's command protocol: repeated until acknowledged; the counts are MAVSDK's."""
-STRAY_ACK_MS = 3000
 MODE_GRACE_MS = 3000
 """How long a mode that is not the command's own may last: the change may still be under way."""
 
@@ -44,59 +44,31 @@ _RESULTS = {
 }
 
 
-@dataclass(frozen=True)
-class Said:
-    """A word about a command."""
-
-    id: CommandId
-    word: Word
-    reason: str | None = None
-    percent: int | None = None
-    late_ms: int | None = None
-    by: CommandId | None = None
-
-
-class Phase(Enum):
-    """Where a command is: waiting for its MAV_CMD to be free, sent and not acknowledged, or accepted."""
-
-    WAITING = auto()
-    SENT = auto()
-    RUNNING = auto()
-
-
-@dataclass
-class Run:
-    """A command that has no last word yet."""
-
-    id: CommandId
-    command: Command
-    plan: Plan
-    deadline_ms: int
-    limit_ms: int
-    phase: Phase = Phase.WAITING
-    sends: int = 0
-    acks: int = 0
-    last_send_ms: int = 0
-    started_ms: int = 0
-    accepted_ms: int = 0
-    accepted_number: int = 0
-    in_progress: bool = False
-    entered_mode: bool = False
-    passing_since_ms: int | None = None
-    late_ms: int | None = None
-
-
-Output = Effect | Said
-
-
-@dataclass
 class Executor:
     """The commands of one autopilot. Every method returns effects and words, in their order."""
 
-    vehicle: Vehicle
-    _runs: list[Run] = field(default_factory=list)
-    _barred_until_ms: dict[int, int] = field(default_factory=dict)
-    _stray_acks: dict[int, int] = field(default_factory=dict)
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self._runs = Runs()
+        self._pilot = OffboardPilot(vehicle, self._runs)
+
+    @property
+    def lease_until_ms(self) -> int | None:
+        """The end of the control lease in the session clock, None while nobody controls the drone."""
+        return self._pilot.lease_until_ms
+
+    @lease_until_ms.setter
+    def lease_until_ms(self, until_ms: int | None) -> None:
+        self._pilot.lease_until_ms = until_ms
+
+    @property
+    def offboard_until_ms(self) -> int | None:
+        """Until when the lease lets an offboard command go on."""
+        return self._pilot.offboard_until_ms
+
+    @offboard_until_ms.setter
+    def offboard_until_ms(self, until_ms: int | None) -> None:
+        self._pilot.offboard_until_ms = until_ms
 
     def start(
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
@@ -104,21 +76,24 @@ class Executor:
         """Begin a command that was admitted; its first write may have to wait for its MAV_CMD."""
         if not self.vehicle.is_alive(now_ms):
             return [Said(command_id, Word.DENIED, "no_autopilot")]
+        refusal = self._pilot.refusal(now_ms) if isinstance(command, Offboard) else None
+        if refusal is not None:
+            return [Said(command_id, Word.DENIED, refusal)]
         try:
             planned = plan(command, self.vehicle)
-        except CannotExecute as refusal:
-            return [Said(command_id, Word.DENIED, str(refusal))]
+        except CannotExecute as error:
+            return [Said(command_id, Word.DENIED, str(error))]
         out: list[Output] = []
-        for older in [run for run in self._runs if run.phase is Phase.WAITING]:
-            if older.plan.group is planned.group:
-                out.append(self._end(older, Word.SUPERSEDED, by=command_id))
         run = Run(command_id, command, planned, deadline_ms, limit_ms)
-        self._runs.append(run)
-        return out + self._try_send(run, now_ms)
+        for older in self._runs:
+            if older.phase in UNSENT and older.is_of_group(run):
+                out.append(self._runs.end(older, Word.SUPERSEDED, by=command_id))
+        self._runs.add(run)
+        return out + self._try_send(run, now_ms) + self._pilot.set_points(now_ms)
 
     def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
         """The write happened; the clock read `now_ms` after it."""
-        run = self._find(command_id)
+        run = self._runs.find(command_id)
         if run is None:
             return []
         if now_ms > run.deadline_ms:
@@ -127,14 +102,14 @@ class Executor:
 
     def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
         """The runner did not write: past the deadline (`late`), or the autopilot's link took nothing."""
-        run = self._find(command_id)
+        run = self._runs.find(command_id)
         if run is None or run.phase is not Phase.SENT:
             return []
         run.sends -= 1
         if run.sends > 0:
             return []
         run.phase = Phase.WAITING
-        return [self._end(run, Word.EXPIRED)] if late else []
+        return [self._runs.end(run, Word.EXPIRED)] if late else []
 
     def on_message(self, message: Any, now_ms: int) -> list[Output]:
         """A message of the autopilot, after `vehicle` has taken it in."""
@@ -145,37 +120,42 @@ class Executor:
     def tick(self, now_ms: int) -> list[Output]:
         """Deadlines, retransmissions and limits; to be called at least ten times a second."""
         out: list[Output] = []
-        for run in list(self._runs):
-            if run.phase is Phase.WAITING:
+        for run in self._runs:
+            if run.phase in UNSENT:
                 out += self._try_send(run, now_ms)
             elif run.phase is Phase.SENT:
                 out += self._await_ack(run, now_ms)
+            elif run.phase is Phase.STOPPING:
+                out += self._pilot.go_on_stopping(run, now_ms)
+            elif isinstance(run.command, Offboard):
+                over = self._pilot.over(run, now_ms)
+                out += self._pilot.stop(run, *over, now_ms) if over is not None else []
             elif now_ms >= run.started_ms + run.limit_ms:
-                alive = self.vehicle.is_alive(now_ms)
-                word, reason = (Word.FAILED, "timeout") if alive else (Word.UNCONFIRMED, "autopilot_lost")
-                out.append(self._end(run, word, reason))
-        return out + self._observe(now_ms)
+                out.append(self._time_out(run, now_ms))
+        return out + self._observe(now_ms) + self._pilot.set_points(now_ms)
 
-    def _find(self, command_id: CommandId) -> Run | None:
-        return next((run for run in self._runs if run.id == command_id), None)
+    def leave(self) -> list[Output]:
+        """The process is about to end: what must not go on without it is stopped."""
+        return self._pilot.leave()
 
-    def _end(self, run: Run, word: Word, reason: str | None = None, by: CommandId | None = None) -> Said:
-        self._runs.remove(run)
-        return Said(run.id, word, reason, late_ms=run.late_ms, by=by)
-
-    def _is_free(self, mav_cmd: int, now_ms: int) -> bool:
-        if any(run.phase is Phase.SENT and run.plan.mav_cmd == mav_cmd for run in self._runs):
-            return False
-        return now_ms >= self._barred_until_ms.get(mav_cmd, 0)
+    def _time_out(self, run: Run, now_ms: int) -> Said:
+        alive = self.vehicle.is_alive(now_ms)
+        return self._runs.end(run, *((Word.FAILED, "timeout") if alive else (Word.UNCONFIRMED, "autopilot_lost")))
 
     def _try_send(self, run: Run, now_ms: int) -> list[Output]:
         if now_ms > run.deadline_ms:
-            return [self._end(run, Word.EXPIRED)]
-        if not self._is_free(run.plan.mav_cmd, now_ms):
+            return [self._runs.end(run, Word.EXPIRED)]
+        if run.phase is Phase.WAITING:
+            run.started_ms = now_ms
+        if isinstance(run.command, Offboard) and self._pilot.needs_priming(run):
+            run.phase = Phase.PRIMING
+            self._pilot.begin(run, now_ms)
+            if not self._pilot.is_primed(run):
+                return []
+        if not self._runs.is_free(run.plan.mav_cmd, now_ms):
             return []
-        self._stray_acks.pop(run.plan.mav_cmd, None)
+        self._runs.acks.begin(run.plan.mav_cmd)
         run.phase = Phase.SENT
-        run.started_ms = now_ms
         return self._send(run, now_ms)
 
     def _send(self, run: Run, now_ms: int) -> list[Output]:
@@ -187,81 +167,111 @@ class Executor:
         if run.in_progress:
             if now_ms < run.started_ms + run.limit_ms:
                 return []
-        elif now_ms < run.last_send_ms + RESEND_MS:
+            self._rest(run, now_ms)
+            return [self._time_out(run, now_ms)]
+        if now_ms < run.last_send_ms + RESEND_MS:
             return []
-        elif run.sends < SENDS and now_ms <= run.deadline_ms and self._newer(run) is None:
+        if run.sends < SENDS and now_ms <= run.deadline_ms and self._runs.newer(run) is None:
             return self._send(run, now_ms)
-        elif now_ms < run.last_send_ms + 2 * RESEND_MS:
+        if now_ms < run.last_send_ms + 2 * RESEND_MS:
             return []
-        self._bar(run, now_ms)
-        return [self._end(run, Word.UNCONFIRMED, "no_ack")]
+        self._rest(run, now_ms)
+        if isinstance(run.command, Offboard):
+            return self._pilot.stop(run, Word.UNCONFIRMED, "no_ack", now_ms)
+        return [self._runs.end(run, Word.UNCONFIRMED, "no_ack")]
 
-    def _bar(self, run: Run, now_ms: int) -> None:
+    def _rest(self, run: Run, now_ms: int) -> None:
         """Leave the number alone while acknowledgements of this run may still come."""
-        self._barred_until_ms[run.plan.mav_cmd] = now_ms + STRAY_ACK_MS
-        self._stray_acks[run.plan.mav_cmd] = run.sends - run.acks
+        self._runs.acks.rest(run.plan.mav_cmd, run.sends - run.acks, now_ms)
 
     def _on_ack(self, message: Any, now_ms: int) -> list[Output]:
-        run = next((r for r in self._runs if r.phase is Phase.SENT and r.plan.mav_cmd == message.command), None)
+        if not self._is_for_us(message):
+            return []
+        run = self._runs.awaiting(message.command)
         if run is None:
             return self._on_stray_ack(message)
+        if message.get_srcComponent() != run.plan.message.target_component:
+            return []
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
-            run.in_progress = True
-            return [Said(run.id, Word.IN_PROGRESS, percent=message.progress if message.progress <= 100 else None)]
+            return self._on_progress(run, message.progress, now_ms)
         run.acks += 1
         if run.sends > run.acks:
-            self._bar(run, now_ms)
+            self._rest(run, now_ms)
         if message.result != mavlink.MAV_RESULT_ACCEPTED:
             word, reason = _RESULTS.get(message.result, (Word.FAILED, f"mav_result_{message.result}"))
-            return [self._end(run, word, reason)]
+            return [self._runs.end(run, word, reason)]
+        return self._on_accepted(run, now_ms)
+
+    def _is_for_us(self, message: Any) -> bool:
+        """Whether it is our autopilot's answer to us: others are acknowledged on the same link. 0 names nobody."""
+        if message.get_srcSystem() != self.vehicle.system_id:
+            return False
+        wanted = (message.target_system, message.target_component)
+        return wanted[0] in (0, self.vehicle.system_id) and wanted[1] in (0, OWN_COMPONENT)
+
+    def _on_progress(self, run: Run, progress: int, now_ms: int) -> list[Output]:
+        """It is being done: not said again, and told only where the percentage (255: unknown) is another one."""
+        percent = progress if progress <= 100 else None
+        if run.in_progress and percent == run.percent:
+            return []
+        run.in_progress = True
+        run.percent = percent
+        return [Said(run.id, Word.IN_PROGRESS, percent=percent, late_ms=run.late_ms), *self._supersede(run, now_ms)]
+
+    def _on_accepted(self, run: Run, now_ms: int) -> list[Output]:
         run.phase = Phase.RUNNING
         run.accepted_ms = now_ms
         run.accepted_number = self.vehicle.number
-        out: list[Output] = [Said(run.id, Word.ACCEPTED, late_ms=run.late_ms)]
-        for other in [r for r in self._runs if r is not run and r.phase is Phase.RUNNING]:
-            if other.plan.group is run.plan.group and other is not self._newer(run):
-                out.append(self._end(other, Word.SUPERSEDED, by=run.id))
-        newer = self._newer(run)
-        if newer is not None and newer.phase is Phase.RUNNING:
-            out.append(self._end(run, Word.SUPERSEDED, by=newer.id))
+        if isinstance(run.command, Offboard):
+            self._pilot.begin(run, now_ms)
+        out: list[Output] = [Said(run.id, Word.ACCEPTED, late_ms=run.late_ms), *self._supersede(run, now_ms)]
+        newer = self._runs.newer(run)
+        if newer is not None and newer.is_under_way:
+            out.append(self._runs.end(run, Word.SUPERSEDED, by=newer.id))
         return out
 
-    def _newer(self, run: Run) -> Run | None:
-        """A later command of the same group that was sent too: the older one must not be said again after it."""
-        later = self._runs[self._runs.index(run) + 1 :]
-        return next((r for r in later if r.plan.group is run.plan.group and r.phase is not Phase.WAITING), None)
+    def _supersede(self, run: Run, now_ms: int) -> list[Output]:
+        """A command that is under way takes the place of the older ones of its group."""
+        out: list[Output] = []
+        for other in [older for older in self._runs.older(run) if older.is_under_way]:
+            if other.phase is Phase.SENT:
+                self._rest(other, now_ms)
+            word, reason = self._pilot.superseded(other)
+            by = run.id if word is Word.SUPERSEDED else None
+            out.append(self._runs.end(other, word, reason, by=by))
+        return out
 
     def _on_stray_ack(self, message: Any) -> list[Output]:
-        left = self._stray_acks.get(message.command)
-        if left is None:
-            if message.command not in _FLIGHT_COMMANDS:
-                return []
-            return [Log("ack_unexpected", f"COMMAND_ACK of {message.command} without an open command")]
-        self._stray_acks[message.command] = left - 1
-        if left <= 1:
-            del self._stray_acks[message.command]
-            self._barred_until_ms.pop(message.command, None)
-        return [Log("ack_discarded", f"late COMMAND_ACK of {message.command}")]
+        stray = self._runs.acks.take_stray(message.command)
+        if stray is Stray.LATE:
+            return [Log("ack_discarded", f"late COMMAND_ACK of {message.command}")]
+        if stray is Stray.OWN or message.command not in _FLIGHT_COMMANDS:
+            return []
+        return [Log("ack_unexpected", f"COMMAND_ACK of {message.command} without an open command")]
 
     def _observe(self, now_ms: int) -> list[Output]:
         out: list[Output] = []
-        for run in [run for run in self._runs if run.phase is Phase.RUNNING]:
+        for run in self._runs:
+            if run.phase is Phase.STOPPING:
+                out += self._pilot.go_on_stopping(run, now_ms)
+            if run.phase is not Phase.RUNNING:
+                continue
             if run.plan.effect(self.vehicle, run.accepted_number):
-                out.append(self._end(run, Word.COMPLETED))
+                out.append(self._runs.end(run, Word.COMPLETED))
                 continue
             reason = self._interrupted(run, now_ms)
-            if reason is not None:
-                out.append(self._end(run, Word.FAILED, reason))
+            if reason == "disarmed" and isinstance(run.command, Offboard):
+                out += self._pilot.stop(run, Word.FAILED, reason, now_ms)
+            elif reason is not None:
+                out.append(self._runs.end(run, Word.FAILED, reason))
         return out
 
     def _interrupted(self, run: Run, now_ms: int) -> str | None:
         """Why a running command can no longer have its effect, None while it can."""
-        if run.plan.modes is None or any(
-            other.phase is Phase.SENT and other.plan.group is run.plan.group for other in self._runs
-        ):
+        if run.plan.modes is None or any(other.phase is Phase.SENT and other.is_of_group(run) for other in self._runs):
             return None
         armed = self.vehicle.seen(Armed, run.accepted_number)
-        if isinstance(run.command, Takeoff | Goto) and armed == Armed(False):
+        if isinstance(run.command, Takeoff | Goto | Offboard) and armed == Armed(False):
             return "disarmed"
         told = self.vehicle.seen(FlightMode, run.accepted_number)
         if told is None:

@@ -138,9 +138,10 @@ class UavClient:
         return lease is not None and lease.deadline_ms is not None and now_ms <= lease.deadline_ms
 
     def goodbye(self, now_ms: int) -> list[Effect]:
-        """A clean stop says that the drone is no longer reachable."""
+        """A clean stop leaves no set-points behind, and says that the drone is no longer reachable."""
         self.desk.may_publish = False
-        return [self._publish_presence(up=False)] if self.connected else []
+        out = self.desk.carry_out(self.desk.executor.leave(), now_ms)
+        return [*out, self._publish_presence(up=False)] if self.connected else out
 
     def _on_other(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         if topic.kind == "reachable":
@@ -165,6 +166,8 @@ class UavClient:
             return
         self._lease = lease
         self.desk.epoch = lease.epoch
+        self.desk.executor.lease_until_ms = lease.deadline_ms
+        self.desk.executor.offboard_until_ms = lease.offboard_until_ms
 
     def _publish_states(self, now_ms: int) -> list[Effect]:
         if self.settings.bundles:

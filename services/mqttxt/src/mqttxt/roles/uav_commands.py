@@ -13,9 +13,10 @@ from ..topics import FogSide
 from ..wire.codec import decode, encode
 from ..wire.identify import identify
 from .effects import Effect, Inbound, Journal, Log, Publish
-from .executor import Executor, Output, Said
+from .executor import Executor
 from .leases import NOT_IN_CONTROL
 from .ledger import Admission, Ledger
+from .runs import Output, Said
 from .settings import NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Settings
 
 LINK = "fog"

@@ -65,7 +65,8 @@ def _define(cls: type[Any], definitions: dict[str, Any]) -> None:
     choices = []
     for _, label, body in variant.codes:
         own = {field.name: _json_field(field.mark, definitions) for field in plan_of(body).fields}
-        choices.append(_object({**fields, name: {"const": label}, **own}, [*required, name, *own]))
+        needed = [field.name for field in plan_of(body).fields if not field.optional]
+        choices.append(_object({**fields, name: {"const": label}, **own}, [*required, name, *needed]))
     definitions[cls.__name__] = {"oneOf": choices}
 
 
@@ -124,7 +125,8 @@ def _rule(cls: type[Any], rules: dict[str, str]) -> str:
 
 
 def _cddl_choice(code: int, label: str, body: type[Any], rules: dict[str, str]) -> str:
-    own = [f"{field.name}: {_cddl_type(field.mark, rules)}" for field in plan_of(body).fields]
+    plan = plan_of(body)
+    own = [_cddl_item(plan, index, field, rules) for index, field in enumerate(plan.fields)]
     return ", ".join([f"{label}: {code}", *own])
 
 

@@ -1,0 +1,121 @@
+"""The commands that have no last word yet: where each is, and which of them stands in another's way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from ..commands import Command
+from ..dialect.plans import Plan
+from ..messages import CommandId, Word
+from .acks import Acks
+from .effects import Effect
+
+
+@dataclass(frozen=True)
+class Said:
+    """A word about a command."""
+
+    id: CommandId
+    word: Word
+    reason: str | None = None
+    percent: int | None = None
+    late_ms: int | None = None
+    by: CommandId | None = None
+
+
+Output = Effect | Said
+
+
+class Phase(Enum):
+    """Where a command is.
+
+    WAITING for its MAV_CMD to be free; PRIMING: set-points are streamed before it is sent; SENT and not
+    acknowledged; RUNNING: accepted; STOPPING: on the way to a safe end, its last word is known but not said.
+    """
+
+    WAITING = auto()
+    PRIMING = auto()
+    SENT = auto()
+    RUNNING = auto()
+    STOPPING = auto()
+
+
+UNSENT = (Phase.WAITING, Phase.PRIMING)
+
+
+@dataclass(eq=False)
+class Run:
+    """A command that has no last word yet."""
+
+    id: CommandId
+    command: Command
+    plan: Plan
+    deadline_ms: int
+    limit_ms: int
+    phase: Phase = Phase.WAITING
+    sends: int = 0
+    acks: int = 0
+    last_send_ms: int = 0
+    started_ms: int = 0
+    accepted_ms: int = 0
+    accepted_number: int = 0
+    in_progress: bool = False
+    percent: int | None = None
+    entered_mode: bool = False
+    passing_since_ms: int | None = None
+    late_ms: int | None = None
+
+    def is_of_group(self, other: Run) -> bool:
+        """Whether one of the two can take the other's place."""
+        return self.plan.group is not None and self.plan.group == other.plan.group
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether the autopilot said that it does it."""
+        return self.phase in (Phase.RUNNING, Phase.STOPPING) or (self.phase is Phase.SENT and self.in_progress)
+
+
+class Runs:
+    """The open commands of one autopilot, oldest first, and the numbers that may be sent."""
+
+    def __init__(self) -> None:
+        self.acks = Acks()
+        self._runs: list[Run] = []
+
+    def __iter__(self) -> Iterator[Run]:
+        """Over a copy, so that a run may end meanwhile."""
+        return iter(list(self._runs))
+
+    def add(self, run: Run) -> None:
+        self._runs.append(run)
+
+    def find(self, command_id: CommandId) -> Run | None:
+        return next((run for run in self._runs if run.id == command_id), None)
+
+    def end(self, run: Run, word: Word, reason: str | None = None, by: CommandId | None = None) -> Said:
+        """Say a run's last word."""
+        self._runs.remove(run)
+        return Said(run.id, word, reason, late_ms=run.late_ms, by=by)
+
+    def awaiting(self, mav_cmd: int) -> Run | None:
+        """The run that waits for an acknowledgement of this number."""
+        return next((run for run in self._runs if run.phase is Phase.SENT and run.plan.mav_cmd == mav_cmd), None)
+
+    def is_free(self, mav_cmd: int, now_ms: int) -> bool:
+        """Whether a MAV_CMD may be sent; a run that stops sends the autopilot into hold until it is there."""
+        holds = (run for run in self._runs if run.phase is Phase.STOPPING)
+        if self.awaiting(mav_cmd) is not None or any(run.plan.mav_cmd == mav_cmd for run in holds):
+            return False
+        return self.acks.is_free(mav_cmd, now_ms)
+
+    def older(self, run: Run) -> list[Run]:
+        """The earlier commands of the same group."""
+        earlier = self._runs[: self._runs.index(run)]
+        return [r for r in earlier if r.is_of_group(run)]
+
+    def newer(self, run: Run) -> Run | None:
+        """A later command of the same group that was sent too: the older one must not be said again after it."""
+        later = self._runs[self._runs.index(run) + 1 :]
+        return next((r for r in later if r.is_of_group(run) and r.phase not in UNSENT), None)
