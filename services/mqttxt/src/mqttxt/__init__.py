@@ -4,7 +4,7 @@ The ground station's API is re-exported here; `mqttxt.cli` has the roles as comm
 (`topics`, `clock`, `commands`, `states`, `messages`, `wire`, `dialect`, `roles`) know no network; `io` does.
 """
 
-from .commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff
+from .commands import Arm, Attitude, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity
 from .errors import (
     BrokerRefused,
     ConfigurationError,
@@ -43,6 +43,7 @@ __all__ = [
     "STATES",
     "Arm",
     "Armed",
+    "Attitude",
     "Battery",
     "BrokerRefused",
     "Candidate",
@@ -73,6 +74,7 @@ __all__ = [
     "Location",
     "MaxGroundspeed",
     "MqttxtError",
+    "Offboard",
     "Outcome",
     "PayloadError",
     "PsmiList",
@@ -85,5 +87,6 @@ __all__ = [
     "StateUpdate",
     "Takeoff",
     "TransportError",
+    "Velocity",
     "Word",
 ]

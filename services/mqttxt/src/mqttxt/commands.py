@@ -83,7 +83,7 @@ Velocity3 = Annotated[float, Scaled(100, -100, 100)]
 
 @dataclass(frozen=True)
 class Velocity:
-    """Metres a second north, east and down; the heading in degrees, left as it is where `yaw_deg` is None."""
+    """Metres a second north, east and down; the heading in degrees, left as it is without `yaw_deg`."""
 
     north_m_s: Velocity3
     east_m_s: Velocity3
@@ -105,7 +105,7 @@ class Attitude:
 class Offboard:
     """Fly by one set-point, streamed on the drone, for `duration_s` seconds; then hold. Completed when it holds.
 
-    Exactly one of `velocity` and `attitude` is given; raises PayloadError otherwise.
+    Exactly one of `velocity` and `attitude` is given.
     """
 
     duration_s: Annotated[float, Scaled(10, 0.1, 3600)]
@@ -114,11 +114,13 @@ class Offboard:
     name: ClassVar[str] = "offboard"
 
     def __post_init__(self) -> None:
+        """Raises PayloadError for both or neither."""
         if (self.velocity is None) == (self.attitude is None):
             raise PayloadError("offboard: expected either velocity or attitude")
 
     @property
     def limit_s(self) -> float:
+        """duration_s + 30 s"""
         return self.duration_s + 30.0
 
 

@@ -100,8 +100,8 @@ def _missing(plan: Plan, index: int) -> str:
     return "left out" if index >= plan.required and plan.variant is None else "null"
 
 
-def _docstring(cls: type[Any]) -> str:
-    """What its author says of a class, on one line."""
+def _docstring(cls: object) -> str:
+    """What its author says of something, on one line."""
     return " ".join((cls.__doc__ or "").split())
 
 
@@ -183,7 +183,12 @@ def words() -> str:
 
 
 def commands() -> str:
-    """Every command with its code, parameters and default limit."""
+    """Every command with its code, parameters and default limit; then what their parameters consist of."""
+    inner = [cls for _, _, body in COMMAND.codes for cls in _inner_messages(body)]
+    return "\n\n".join([_command_table(), *(_message(cls) for cls in inner)])
+
+
+def _command_table() -> str:
     return table(
         ("code", "command", "parameters in CBOR", "in JSON", "limit", "broadcast", "what"),
         (
@@ -191,7 +196,7 @@ def commands() -> str:
                 str(code),
                 f"`{label}`",
                 *_parameters(body),
-                f"{body.limit_s:g} s",
+                f"{body.limit_s:g} s" if isinstance(body.limit_s, float) else _docstring(body.limit_s),
                 "yes" if issubclass(body, BROADCASTABLE) else "no",
                 _docstring(body),
             )
