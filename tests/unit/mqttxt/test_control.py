@@ -10,7 +10,7 @@ from test_ground_station import Bench as StationBench
 from test_uav_client import client, hear, published
 from world import GS_SESSION, UAV_SESSION, World, command_payload
 
-from mqttxt.commands import Arm, Hold
+from mqttxt.commands import Arm, Hold, Offboard, Velocity
 from mqttxt.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
 from mqttxt.outcomes import ControlChanged
 from mqttxt.roles.activator import Activator
@@ -89,6 +89,19 @@ def test_a_new_activator_session_keeps_the_drone_for_its_station() -> None:
 def decode_beacon(bench: Bench) -> Any:
     (publish,) = bench.beacons
     return publish.payload
+
+
+def test_while_an_offboard_command_is_open_the_lease_is_handed_down_often_and_is_short() -> None:
+    bench = ready(controlled=False)
+    now_ms = bench.now_ms
+    bench.register(until_ms=now_ms + 29_000)  # sent a second ago, for 30 s
+    bench.command(Offboard(1.0, velocity=Velocity(1, 0, 0)))
+    first = lease(bench.until(now_ms + 100))
+    assert first.offboard_until_ms is not None
+    assert 0 <= now_ms + UAV_AHEAD_MS + 2000 - first.offboard_until_ms <= 20
+    assert len(of(bench.until(now_ms + 2000), "drone1/init_connect")) >= 3
+    bench.result(Word.COMPLETED)
+    assert of(bench.until(now_ms + 5000), "drone1/init_connect")[1:] == []
 
 
 # The UAV client
@@ -176,6 +189,15 @@ def test_commands_carry_the_newest_epoch_of_their_fog() -> None:
     _, effects = bench.role.send(1, 1, Arm(), bench.now_ms)
     (publish,) = [e for e in effects if isinstance(e, Publish)]
     assert decode(CommandMessage, publish.payload).epoch == 4
+
+
+def test_a_station_with_an_open_offboard_command_renews_every_second() -> None:
+    bench = StationBench()
+    own = DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="alpha", holder_session=GS_SESSION)
+    bench.hear("drone1/reachable", own)
+    assert len(registrations(bench.until(bench.now_ms + 3000))) == 0
+    bench.role.send(1, 1, Offboard(1.0, velocity=Velocity(1, 0, 0)), bench.now_ms)
+    assert 3 <= len(registrations(bench.until(bench.now_ms + 3500))) <= 4
 
 
 def test_all_roles_together_put_a_registered_station_in_control() -> None:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..clock import MAX_TTL_MS, expiry_s, stamp
-from ..commands import BROADCASTABLE, Goto, Hold, Land, Return, Takeoff
+from ..commands import BROADCASTABLE, Goto, Hold, Land, Offboard, Return, Takeoff
 from ..errors import PayloadError
 from ..messages import (
     CommandId,
@@ -33,7 +33,7 @@ from .settings import GRACE_MS, NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEAD
 
 OVERRIDING = (Hold, Land, Return)
 """What ends the search of a drone for an earlier command."""
-FLYING = (Takeoff, Goto, Land, Return)
+FLYING = (Takeoff, Goto, Land, Return, Offboard)
 """A drone is busy from one of these to its last word."""
 
 
@@ -220,6 +220,8 @@ class Relay:
             return self._close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
         leg.sent = replace(job.message, executor_session=link.session, deadline_ms=deadline_ms)
         leg.retry = Retry.of(self._settings.qos, now_ms, remaining_ms)
+        if isinstance(job.message.command, Offboard):
+            link.in_offboard, link.next_lease_ms = True, now_ms
         return [self._publish_command(entry, leg, remaining_ms)]
 
     def _send_again(self, entry: Entry[Job], leg: Leg, link: DroneLink | None, now_ms: int) -> list[Effect]:
@@ -228,6 +230,12 @@ class Relay:
         if leg.sent is None or leg.sent.executor_session != link.session:
             leg.sent = replace(entry.record.message, executor_session=link.session, deadline_ms=QUERY_DEADLINE_MS)
         return [self._publish_command(entry, leg, entry.record.deadline_ms - now_ms)]
+
+    def _is_in_offboard(self, drone: int) -> bool:
+        """Whether another offboard command is open for a drone: its lease has to be renewed often."""
+        jobs = [entry.record for entry in self.ledger.open_entries()]
+        legs = [job.legs[drone] for job in jobs if drone in job.legs and isinstance(job.message.command, Offboard)]
+        return any(not leg.is_closed for leg in legs)
 
     def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:
         assert leg.sent is not None
@@ -248,6 +256,9 @@ class Relay:
 
     def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
         leg.words.append(result)
+        link = self._drones.get(leg.drone)
+        if leg.is_closed and link is not None and isinstance(entry.record.message.command, Offboard):
+            link.in_offboard = self._is_in_offboard(leg.drone)
         leg.retry = Retry.after_word(self._settings.qos, now_ms)
         if entry.record.is_over:
             self.ledger.close(entry, now_ms)

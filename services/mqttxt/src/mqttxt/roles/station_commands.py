@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..clock import DEFAULT_TTL_MS, MAX_TTL_MS, expiry_s
-from ..commands import BROADCASTABLE, Command
+from ..commands import BROADCASTABLE, Command, Offboard
 from ..errors import ConfigurationError, FogUnreachable
 from ..messages import CommandId, CommandMessage, FogResultMessage, ResultMessage, Word
 from ..outcomes import Event, Outcome, PsmiList
@@ -195,6 +195,11 @@ class StationCommands:
 
     def tick(self, fogs: Mapping[int, FogView], now_ms: int) -> list[Output]:
         """Commands that nobody answers: asked for again, and at last given up."""
+        for fog in fogs.values():
+            fog.in_offboard = any(
+                pending.is_open and pending.fog == fog.number and isinstance(pending.command, Offboard)
+                for pending in self.pending.values()
+            )
         return [
             output
             for pending in list(self.pending.values())
