@@ -26,16 +26,17 @@ def test_a_silent_autopilot_is_asked_for_nothing() -> None:
     assert Enquiries(Vehicle(1)).due(10_000) == []
 
 
-def test_only_the_parameter_is_asked_for_at_once_and_the_rest_if_it_does_not_come_by_itself() -> None:
+def test_only_parameters_are_asked_for_at_once_and_the_rest_if_it_does_not_come_by_itself() -> None:
     vehicle = Vehicle(1)
     vehicle.update(heartbeat(), 0)
     enquiries = Enquiries(vehicle)
-    assert _asked(enquiries, vehicle, 0) == {"MPC_XY_VEL_MAX"}
+    assert _asked(enquiries, vehicle, 0) == {"MPC_XY_VEL_MAX", "MPC_XY_CRUISE"}
     vehicle.update(position(), 100)
     vehicle.update(landed(1), 100)
     asked = _asked(enquiries, vehicle, 4000)
     assert asked == {
         "MPC_XY_VEL_MAX",
+        "MPC_XY_CRUISE",
         mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
         mavlink.MAVLINK_MSG_ID_VFR_HUD,
         mavlink.MAVLINK_MSG_ID_SYS_STATUS,

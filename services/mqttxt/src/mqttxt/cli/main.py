@@ -15,6 +15,7 @@ from ..io.journal import JournalFile
 from ..io.mavlink import AutopilotAddress
 from ..io.mqtt import BrokerAddress
 from ..io.uav import UavRunner
+from ..roles.uav_options import UavOptions
 from ..topics import MAX_DRONE, FogSide, check_number, check_prefix
 from .common import errors_as_lines, run_role, set_up_logging, settings
 from .gs import gs_app
@@ -92,6 +93,9 @@ def uav(
     bundles: Annotated[
         bool, typer.Option("--bundles", help="Publish states together, at most once a second, in one message.")
     ] = False,
+    endurance_s: Annotated[
+        int | None, typer.Option(help="Seconds of flight of a full battery; measured in flight without.")
+    ] = None,
     qos: Qos = 1,
     json: Json = False,
     ready_file: Ready = None,
@@ -110,6 +114,7 @@ def uav(
             settings(qos, json, bundles),
             topics=FogSide(check_prefix(fog_root)),
             ready_file=ready_file,
+            options=UavOptions(endurance_s=endurance_s),
         )
 
     run_role(make)

@@ -29,6 +29,7 @@ OWN_COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 """What the UAV client is on its autopilot's link, in the system of the autopilot."""
 HEARTBEAT_LOST_MS = 3000
 MAX_SPEED_PARAMETER = "MPC_XY_VEL_MAX"
+CRUISE_SPEED_PARAMETER = "MPC_XY_CRUISE"
 
 Value = TypeVar("Value", bound=State)
 
@@ -52,6 +53,7 @@ class Vehicle:
         self.number = 0
         self.heartbeat_ms: int | None = None
         self.states: dict[str, Seen[Any]] = {}
+        self.parameters: dict[str, float] = {}
 
     def is_alive(self, now_ms: int) -> bool:
         """Whether a heartbeat came within the last three seconds."""
@@ -70,6 +72,8 @@ class Vehicle:
         kind = message.get_type()
         if kind == "HEARTBEAT":
             self.heartbeat_ms = now_ms
+        elif kind == "PARAM_VALUE" and math.isfinite(message.param_value):
+            self.parameters[message.param_id] = message.param_value
         reader = _READERS.get(kind)
         told = reader(message) if reader is not None else []
         for state in told:

@@ -14,6 +14,7 @@ from ..roles.effects import Inbound, Journal, Transmit
 from ..roles.settings import Settings
 from ..roles.uav_client import UavClient
 from ..roles.uav_commands import LINK
+from ..roles.uav_options import UavOptions
 from ..topics import FogSide
 from .journal import JournalFile
 from .mavlink import AutopilotAddress, AutopilotLink
@@ -63,11 +64,14 @@ class UavRunner(Runner):
         *,
         topics: FogSide | None = None,
         ready_file: Path | None = None,
+        options: UavOptions | None = None,
     ) -> None:
         clock = SessionClock()
         remembers = not journal.is_new
         left = journal.unfinished
-        self.client = UavClient(drone, clock.session, settings, topics, unfinished=left, remembers=remembers)
+        self.client = UavClient(
+            drone, clock.session, settings, topics, unfinished=left, remembers=remembers, options=options
+        )
         super().__init__(_OneLink(self.client), clock, ready_file)
         self._journal = journal
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)

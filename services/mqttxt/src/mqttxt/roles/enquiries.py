@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..dialect.vehicle import AUTOPILOT_COMPONENT, MAX_SPEED_PARAMETER, Vehicle
+from ..dialect.vehicle import AUTOPILOT_COMPONENT, CRUISE_SPEED_PARAMETER, MAX_SPEED_PARAMETER, Vehicle
 
 PATIENCE_MS = 3000
 _GAP_MS = (0, 1000, 2000, 5000, 10_000, 30_000)
@@ -19,10 +19,12 @@ _RATES_HZ = {
     "landed_state": (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 5),
     "health": (mavlink.MAVLINK_MSG_ID_SYS_STATUS, 1),
 }
+_PARAMETERS = (MAX_SPEED_PARAMETER, CRUISE_SPEED_PARAMETER)
+"""What no stream carries."""
 
 
 class Enquiries:
-    """What was asked when; nothing is asked before `PATIENCE_MS` but the parameter that no stream carries."""
+    """What was asked when; nothing but parameters is asked for before `PATIENCE_MS`."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -36,12 +38,10 @@ class Enquiries:
         if self._first_ms is None:
             self._first_ms = now_ms
         patient = now_ms - self._first_ms < PATIENCE_MS
-        missing = [name for name in (*_RATES_HZ, "home", "max_groundspeed") if name not in self._vehicle.states]
-        return [
-            self._question(name)
-            for name in missing
-            if (name == "max_groundspeed" or not patient) and self._is_due(name, now_ms)
-        ]
+        missing = [name for name in _PARAMETERS if name not in self._vehicle.parameters]
+        if not patient:
+            missing += [name for name in (*_RATES_HZ, "home") if name not in self._vehicle.states]
+        return [self._question(name) for name in missing if self._is_due(name, now_ms)]
 
     def _is_due(self, name: str, now_ms: int) -> bool:
         count, next_ms = self._asked.get(name, (0, 0))
@@ -53,8 +53,8 @@ class Enquiries:
 
     def _question(self, name: str) -> Any:
         target = (self._vehicle.system_id, AUTOPILOT_COMPONENT)
-        if name == "max_groundspeed":
-            return mavlink.MAVLink_param_request_read_message(*target, MAX_SPEED_PARAMETER.encode(), -1)
+        if name in _PARAMETERS:
+            return mavlink.MAVLink_param_request_read_message(*target, name.encode(), -1)
         if name == "home":
             params = (float(mavlink.MAVLINK_MSG_ID_HOME_POSITION), 0.0)
             return mavlink.MAVLink_command_long_message(

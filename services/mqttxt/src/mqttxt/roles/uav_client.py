@@ -16,9 +16,11 @@ from ..wire.bundles import drone_bundle
 from ..wire.codec import decode, encode
 from ..wire.states import StampedState, encode_state
 from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Transmit, Will
+from .endurance import EnduranceMeter
 from .enquiries import Enquiries
 from .settings import REBIRTH_MS, Settings
 from .uav_commands import LINK, CommandDesk, Unfinished
+from .uav_options import UavOptions
 
 MAV_HEARTBEAT_MS = 1000
 
@@ -35,7 +37,9 @@ class UavClient:
         policies: dict[str, Policy] | None = None,
         unfinished: list[Unfinished] | None = None,
         remembers: bool = True,
+        options: UavOptions | None = None,
     ) -> None:
+        options = options or UavOptions()
         self.drone = drone
         self.session = session
         self.settings = settings
@@ -45,6 +49,7 @@ class UavClient:
         self.connected = False
         self._throttle = Throttle(policies)
         self._enquiries = Enquiries(self.vehicle)
+        self._endurance = EnduranceMeter(self.vehicle, options.endurance_s)
         self._awaited_subacks = 0
         self._next_beacon_ms = 0
         self._next_mav_heartbeat_ms = 0
@@ -106,6 +111,9 @@ class UavClient:
         """A message from the autopilot's link."""
         for state in self.vehicle.update(message, now_ms):
             self._throttle.update(state)
+        endurance = self._endurance.on_message(message, now_ms)
+        if endurance is not None:
+            self._throttle.update(endurance)
         return self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
 
     def on_transmitted(self, ref: Any, now_ms: int) -> list[Effect]:
