@@ -191,13 +191,6 @@ class Drones:
         expected = link.session if link is not None and link.announced else None
         return record.activator_session == self._session and (record.drone_session if record.up else None) == expected
 
-    def in_offboard(self, numbers: set[int], now_ms: int) -> None:
-        """Which drones have an open offboard command: their leases are renewed often, from the next tick on."""
-        for link in self.links.values():
-            if link.number in numbers and not link.in_offboard:
-                link.next_lease_ms = now_ms
-            link.in_offboard = link.number in numbers
-
     def tick(self, now_ms: int) -> list[Effect]:
         """Leases that are due, contests that ran out, beacons that stayed away."""
         out: list[Effect] = []

@@ -151,7 +151,6 @@ class GroundStation:
         """Everything that is due by time; to be called at least ten times a second."""
         out: list[Output] = []
         for fog in self.fogs.values():
-            fog.in_offboard = self.commands.has_offboard(fog.number)
             effects, events = fog.tick(now_ms)
             out += [*effects, *events]
         if self._rebirth_at_ms is not None and now_ms >= self._rebirth_at_ms:

@@ -171,14 +171,7 @@ class Relay:
                     out += self._close(entry, leg, Word.UNCONFIRMED, None, now_ms)
                 elif link is not None and link.announced and leg.retry is not None and leg.retry.is_due(now_ms):
                     out += self._send_again(entry, leg, link, now_ms)
-        self._drones.in_offboard(self._offboards(), now_ms)
         return out
-
-    def _offboards(self) -> set[int]:
-        """The drones that have an open offboard command."""
-        jobs = [entry.record for entry in self.ledger.open_entries()]
-        legs = [leg for job in jobs if isinstance(job.message.command, Offboard) for leg in job.legs.values()]
-        return {leg.drone for leg in legs if leg.sent is not None and not leg.is_closed}
 
     def _refusal(self, job: Job, known: bool, retained: bool, now_ms: int) -> str | None:
         if retained:

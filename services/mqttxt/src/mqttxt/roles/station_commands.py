@@ -79,10 +79,6 @@ class StationCommands:
         pending.denied = mode is SelectMode.RELEASE
         return message.id, [pending.publish]
 
-    def has_offboard(self, fog: int) -> bool:
-        """Whether an offboard command of this station is open at a fog."""
-        return any(p.fog == fog and isinstance(p.command, Offboard) and p.is_open for p in self.pending.values())
-
     def _addressed(
         self, fog: FogView, command: Command, ttl_ms: int, limit_s: float | None, now_ms: int
     ) -> dict[str, Any]:
