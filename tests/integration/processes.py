@@ -203,7 +203,7 @@ class System:
         self.cloud = Broker(folder, "cloud")
         self.fog = Broker(folder, "fog")
         self.autopilots = {drone: free_port(socket.SOCK_DGRAM) for drone in (1, 2)}
-        self.sitls = {drone: self._sitl(drone) for drone in self.autopilots}
+        self.sitls = {drone: self.make_sitl(drone) for drone in self.autopilots}
         self.qos = qos
         self.activator = self.make_activator(self.cloud.url, self.fog.url)
         self.uavs = {drone: self.make_uav(drone, self.fog.url) for drone in self.autopilots}
@@ -213,14 +213,16 @@ class System:
         options = ["--fog", "1", "--cloud", cloud, "--fog-broker", fog, "--drones", "1,2", "--ready-file", ready]
         return Process(self.folder, name, "mqttxt", "activator", *options, "--qos", str(self.qos))
 
-    def make_uav(self, drone: int, broker: str, name: str | None = None, autopilot_port: int | None = None) -> Process:
+    def make_uav(
+        self, drone: int, broker: str, name: str | None = None, autopilot_port: int | None = None, *more: str
+    ) -> Process:
         called = name or f"uav{drone}"
         address = f"udp:127.0.0.1:{autopilot_port or self.autopilots[drone]}"
         options = ["--drone", str(drone), "--broker", broker, "--autopilot", address, "--qos", str(self.qos)]
         files = ["--journal", str(self.folder / called), "--ready-file", str(self.folder / f"{called}.ready")]
-        return Process(self.folder, called, "mqttxt", "uav", *options, *files)
+        return Process(self.folder, called, "mqttxt", "uav", *options, *files, *more)
 
-    def _sitl(self, drone: int) -> Process:
+    def make_sitl(self, drone: int) -> Process:
         base = str(self.folder / f"sitl{drone}")
         files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready"]
         control = ["--control", f"{base}.sock", "--streams", "normal"]

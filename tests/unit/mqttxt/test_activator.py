@@ -204,3 +204,21 @@ def test_an_older_state_does_not_replace_a_newer_one() -> None:
     bench.until(BORN_MS + 1000)
     bench.state(40)
     assert bench.state(41, stamped_ms=BORN_MS) == []
+
+
+def test_a_later_echo_never_makes_an_earlier_state_look_old_or_of_the_future() -> None:
+    bench = ready()
+    bench.state(50)
+    for step in range(1, 5):  # the drone's clock falls behind by a millisecond a second
+        leases = of(bench.until(BORN_MS + step * 10_000), "drone1/init_connect")
+        lease = decode(DroneLease, leases[-1].payload)
+        slower = BeaconMessage(
+            session=UAV_SESSION,
+            now_ms=bench.now_ms + UAV_AHEAD_MS - bench.now_ms // 1000 + BORN_MS // 1000,
+            nonce=lease.nonce,
+            held_ms=0,
+        )
+        bench.fog("drone1/clock", slower)
+        age_ms = bench.role.drones.links[1].age_ms("battery", bench.now_ms)
+        assert age_ms is not None
+        assert bench.now_ms - BORN_MS - 40 <= age_ms <= bench.now_ms - BORN_MS + 11_000

@@ -42,7 +42,8 @@ async def best(
         station.carry_out(_select(station, other.fog, command, SelectMode.RELEASE, other.id.seq, ttl_s, None)()[1])
     commit = _select(station, chosen.fog, command, SelectMode.COMMIT, chosen.id.seq, ttl_s, limit_s)
     async for event in station.follow(commit):
-        yield event
+        if isinstance(event, Outcome):  # the list was said with the offer
+            yield event
 
 
 async def _offers(station: GroundStation, command: Command, fogs: list[int], ttl_s: float) -> list[Outcome | PsmiList]:

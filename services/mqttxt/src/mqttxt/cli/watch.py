@@ -39,7 +39,7 @@ async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) 
                 ),
                 timeout_s=FIRST_STATES_S,
             )
-        wide = Console(width=140, file=console.file)
+        wide = Console(width=180, file=console.file)
         wide.print(table(fogs))
         return
     with Live(table(fogs), console=console, auto_refresh=False) as live:

@@ -27,11 +27,11 @@ STATE_KEPT_MS = 600_000
 
 @dataclass
 class Known:
-    """A state as it came, and when: what its relay stamp will be follows from the drone's clock."""
+    """A state as it came, and when; `said_ms` bounds from below when it was said, once the drone's clock is known."""
 
     state: StampedState
     received_ms: int
-    relay_stamp: int | None = None
+    said_ms: int | None = None
 
 
 @dataclass
@@ -52,11 +52,21 @@ class DroneLink:
 
     def age_ms(self, name: str, now_ms: int) -> int | None:
         """Upper bound of a state's age; None where it or the drone's clock is not known."""
+        said_ms = self.said_ms(name, now_ms)
+        return None if said_ms is None else now_ms - said_ms
+
+    def said_ms(self, name: str, now_ms: int) -> int | None:
+        """The own time before which a state was not said; None where it or the drone's clock is not known.
+
+        Decided once: a bound of the drone's clock that came later says nothing about earlier times.
+        """
         known = self.states.get(name)
-        if known is None or self.clock is None:
+        if known is None or self.clock is None or now_ms - known.received_ms > STATE_KEPT_MS:
             return None
-        age_ms = self.clock.age_ms(known.state.stamp, known.received_ms)
-        return None if age_ms is None else age_ms + now_ms - known.received_ms
+        if known.said_ms is None:
+            age_ms = self.clock.age_ms(known.state.stamp, now_ms)
+            known.said_ms = None if age_ms is None else now_ms - age_ms
+        return known.said_ms
 
     def is_live(self, now_ms: int, interval_ms: int) -> bool:
         return self.up and self.clock is not None and self.clock.is_live(now_ms, interval_ms)
@@ -151,15 +161,11 @@ class Drones:
 
     def relayed(self, link: DroneLink, name: str, now_ms: int) -> StampedState | None:
         """The state for the ground stations, with a conservative stamp in front; None before an echo."""
-        known = link.states.get(name)
-        if known is None or link.clock is None or now_ms - known.received_ms > STATE_KEPT_MS:
+        said_ms = link.said_ms(name, now_ms)
+        if said_ms is None:
             return None
-        if known.relay_stamp is None:
-            age_ms = link.clock.age_ms(known.state.stamp, known.received_ms)
-            if age_ms is None:
-                return None
-            known.relay_stamp = stamp(known.received_ms - age_ms)
-        return StampedState(known.state.state, known.state.stamp, known.relay_stamp)
+        known = link.states[name].state
+        return StampedState(known.state, known.stamp, stamp(said_ms))
 
     def records(self) -> list[Effect]:
         """Every drone's record, in this session's words."""

@@ -22,11 +22,15 @@ OFFBOARD_RENEWAL_MS = 1000
 
 @dataclass
 class KnownState:
-    """A state with its stamps, when it came in the station's own time, and the clock that its relay stamp is of."""
+    """A state with its stamps, when it came in the station's own time, and the clock that its relay stamp is of.
+
+    `said_ms` bounds from below when it was said, in the own time, once that clock is known.
+    """
 
     message: StampedState
     received_ms: int
     clock: RemoteClock | None
+    said_ms: int | None = None
 
 
 @dataclass
@@ -146,10 +150,10 @@ class FogView:
 
     def age_ms(self, known: KnownState, now_ms: int) -> int | None:
         """Upper bound of a state's age; None before the fog has echoed this station."""
-        if known.clock is None or known.message.relay_stamp is None:
-            return None
-        age_ms = known.clock.age_ms(known.message.relay_stamp, known.received_ms)
-        return None if age_ms is None else age_ms + now_ms - known.received_ms
+        if known.said_ms is None and known.clock is not None and known.message.relay_stamp is not None:
+            age_ms = known.clock.age_ms(known.message.relay_stamp, now_ms)
+            known.said_ms = None if age_ms is None else now_ms - age_ms
+        return None if known.said_ms is None else now_ms - known.said_ms
 
     def tick(self, now_ms: int) -> tuple[list[Publish], list[Event]]:
         """Renew the lease at a third of it; a fog whose beacons stay away is not live any more."""
