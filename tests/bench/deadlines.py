@@ -1,4 +1,4 @@
-"""Tens of thousands of commands in simulated fogs under attack: python -m tests.bench.deadlines [HISTORIES] [FIRST SEED].
+"""Tens of thousands of commands in simulated fogs under attack: python -m tests.bench.deadlines [HISTORIES] [SEED].
 
 Each history has its own seed; it is the adversary of tests/unit/mqttxt/test_deadlines.py, for longer.
 """

@@ -312,7 +312,9 @@ class DroneNode(Node):
 
 
 def _of(message: Any, system: int) -> Any:
-    """The message as another autopilot's."""
+    """The message as another autopilot's, to its own companion."""
     own = copy(message)
     own.get_srcSystem = lambda: system
+    if hasattr(own, "target_system"):
+        own.target_system = system
     return own

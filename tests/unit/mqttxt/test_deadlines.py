@@ -14,9 +14,9 @@ from verdicts import Judge
 from mqttxt import clock as clocks
 from mqttxt.messages import CommandMessage, Word
 from mqttxt.roles.executor import Executor
-from mqttxt.roles.ground_station import GroundStation
 from mqttxt.roles.ledger import Admission, Ledger
 from mqttxt.roles.relay import Relay
+from mqttxt.roles.station_commands import StationCommands
 from mqttxt.roles.uav_commands import CommandDesk
 
 AIMED = replace(CALM, latencies_us=((100, 2000), (3 * MS, 40 * MS)), aims=0.5, ttls_ms=(600, 5000))
@@ -119,11 +119,11 @@ def _repeated_after_its_acknowledgement(patch: pytest.MonkeyPatch) -> None:
 
 
 def _every_word_is_passed_on(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(GroundStation, "_say", lambda self, pending, outcome, now_ms: [outcome])
+    patch.setattr(StationCommands, "_say", lambda self, pending, outcome, now_ms: [outcome])
 
 
 def _nobody_closes_what_stays_unanswered(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(GroundStation, "_give_up", lambda self, pending, now_ms: [])
+    patch.setattr(StationCommands, "_give_up", lambda self, pending, now_ms: [])
     patch.setattr(Relay, "tick", lambda self, now_ms: [])
 
 
