@@ -79,7 +79,7 @@ class Simulation:
         return self.rng.choice(self.dangers.ppm)
 
     def live(
-        self, seconds: int, commands_per_s: int = 10, befalls: dict[int, Callable[[], None]] | None = None
+        self, seconds: int, commands_per_s: int = 10, befalls: dict[int, Callable[[], Any]] | None = None
     ) -> Judge:
         """Start in calm weather, send under danger, and let it end in calm weather; `befalls` at given seconds."""
         dangers = self.dangers

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -12,7 +13,7 @@ from true_time import RHO_PPM
 from verdicts import Judge
 
 from mqttxt import clock as clocks
-from mqttxt.messages import CommandMessage, Word
+from mqttxt.messages import CommandMessage
 from mqttxt.roles.executor import Executor
 from mqttxt.roles.ledger import Admission, Ledger
 from mqttxt.roles.relay import Relay
@@ -51,11 +52,11 @@ def test_what_comes_around_its_deadline_is_refused_no_earlier_than_the_formula_s
     assert 0 < judge.worst_early_ms < 2 * (4 * (10 + longest_s) + 5) + 2 * 40
 
 
-def test_without_danger_everything_is_executed() -> None:
+def test_without_danger_nothing_is_refused() -> None:
     judge = history(1, replace(CALM, ttls_ms=(1500, 5000)), seconds=20)
     assert judge.violations == {}
     assert judge.timely_refused == 0
-    assert not any(word is Word.EXPIRED for sent in judge.sent.values() for word in sent.words.values())
+    assert judge.counts()["executed"] > len(judge.sent) / 2
 
 
 # Each rule is taken away, and the simulation has to notice.
@@ -176,10 +177,14 @@ STEP_MS, STEP_AT_S, BEACON_S = 4000, 20, 10
 )
 def test_what_a_stepped_clock_does(who: str, step_ms: int, late: bool) -> None:
     """An executor's jump ahead only refuses; another step can make late by its length, until the next echo."""
-    simulation = Simulation(4, AIMED)
-    node = simulation.drones[0] if who == "executor" else simulation.station
-    judge = simulation.live(50, befalls={STEP_AT_S: lambda: node.hardware.step(step_ms)})
-    assert set(judge.violations) <= ({"late", "early"} if late else {"early"})
-    assert ("late" in judge.violations) is late
-    assert judge.worst_late_ms < STEP_MS
-    assert judge.last_late_call_us < (3 + STEP_AT_S + BEACON_S + 1) * S
+    judges = []
+    for seed in range(4):
+        simulation = Simulation(seed, AIMED)
+        nodes = simulation.drones if who == "executor" else [simulation.station]
+        step = [partial(node.hardware.step, step_ms) for node in nodes]
+        judges.append(simulation.live(40, befalls={STEP_AT_S: lambda step=step: [one() for one in step]}))
+    for judge in judges:
+        assert set(judge.violations) <= ({"late", "early"} if late else {"early"})
+        assert judge.worst_late_ms < STEP_MS
+        assert judge.last_late_call_us < (3 + STEP_AT_S + BEACON_S + 1) * S
+    assert any("late" in judge.violations for judge in judges) is late
