@@ -1,12 +1,18 @@
-"""Runs every benchmark and prints its figures."""
+"""Runs the benchmarks and prints their figures: all of them, or those named as `python -m tests.bench activator`."""
 
 from __future__ import annotations
 
-from tests.bench import sitl_cpu
+import importlib
+import sys
+
+FIGURES = ("activator", "sitl_cpu")
+"""Modules of this folder; each has `measure`, which returns lines of text."""
 
 
-def main() -> None:
-    print(sitl_cpu.measure())
+def main(names: list[str]) -> None:
+    for name in names or FIGURES:
+        for line in importlib.import_module(f"tests.bench.{name}").measure():
+            print(line, flush=True)
 
 
-main()
+main(sys.argv[1:])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import subprocess
 import sys
 import tempfile
@@ -13,10 +12,11 @@ from typing import cast
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from tests.bench.brokers import cpu_s
+
 ROOT = Path(__file__).resolve().parents[2]
 DRONES = 6
 WARM_UP_S, WINDOW_S = 4.0, 10.0
-_TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 
 
 class _Receiver(asyncio.DatagramProtocol):
@@ -41,9 +41,9 @@ class _Receiver(asyncio.DatagramProtocol):
                 self._transport.sendto(message.pack(codec), addr)
 
 
-def measure() -> str:
+def measure() -> list[str]:
     """One line of figures; takes about 15 s."""
-    return asyncio.run(_measure())
+    return [asyncio.run(_measure())]
 
 
 async def _measure() -> str:
@@ -61,9 +61,19 @@ async def _measure() -> str:
                 receivers.append(receiver)
                 transports.append(transport)
             await asyncio.sleep(WARM_UP_S)
-            before = (time.monotonic(), _cpu_s(processes), sum(r.count for r in receivers), _bytes(receivers))
+            before = (
+                time.monotonic(),
+                cpu_s(*(process.pid for process in processes)),
+                sum(r.count for r in receivers),
+                _bytes(receivers),
+            )
             await asyncio.sleep(WINDOW_S)
-            after = (time.monotonic(), _cpu_s(processes), sum(r.count for r in receivers), _bytes(receivers))
+            after = (
+                time.monotonic(),
+                cpu_s(*(process.pid for process in processes)),
+                sum(r.count for r in receivers),
+                _bytes(receivers),
+            )
         finally:
             for process in processes:
                 process.terminate()
@@ -71,23 +81,14 @@ async def _measure() -> str:
                 process.wait()
             for transport in transports:
                 transport.close()
-    wall_s, cpu_s, messages, size_bytes = (b - a for a, b in zip(before, after, strict=True))
+    wall_s, used_s, messages, size_bytes = (b - a for a, b in zip(before, after, strict=True))
     rate = messages / wall_s / DRONES
     wire_kbit_s = (size_bytes + 28 * messages) * 8 / 1000 / wall_s / DRONES
     return (
-        f"sitl: {DRONES} drones climbing at onboard rates take {100 * cpu_s / wall_s:.1f} % of one core; "
+        f"sitl: {DRONES} drones climbing at onboard rates take {100 * used_s / wall_s:.1f} % of one core; "
         f"each sends {rate:.0f} messages/s, {wire_kbit_s:.0f} kbit/s with UDP/IP"
     )
 
 
 def _bytes(receivers: list[_Receiver]) -> int:
     return sum(receiver.size_bytes for receiver in receivers)
-
-
-def _cpu_s(processes: list[subprocess.Popen[bytes]]) -> float:
-    """User and system time of the processes so far."""
-    total = 0
-    for process in processes:
-        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
-        total += int(fields[11]) + int(fields[12])
-    return total / _TICKS_A_SECOND

@@ -115,6 +115,11 @@ class Process:
         return self
 
     @property
+    def pid(self) -> int:
+        assert self._process is not None
+        return self._process.pid
+
+    @property
     def exit_code(self) -> int | None:
         return self._process.poll() if self._process is not None else None
 

@@ -268,3 +268,18 @@ def test_messages_are_what_the_specification_says() -> None:
     assert cbor2.loads(encode(registration)) == [1, "g", 1, 2, 30]
     roster = FogResultMessage(gs_session=1, seq=2, session=3, stamp=4, roster=())
     assert cbor2.loads(encode(roster)) == [1, 1, 2, 3, 4, []]
+
+
+@pytest.mark.parametrize("name", STATES)
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_a_state_relayed_as_it_came_says_what_one_written_anew_does(name: str, data: Any) -> None:
+    came = decode_state(name, encode(data.draw(messages(message_class(name, False)))), relayed=False)
+    relay_stamp = data.draw(st.integers(0, 2**16 - 1))
+    assert came.origin is not None
+    anew = StampedState(came.state, came.stamp, relay_stamp)
+    as_it_came = encode_state(StampedState(came.state, came.stamp, relay_stamp, came.origin), Encoding.CBOR)
+    assert as_it_came == encode_state(anew, Encoding.CBOR)
+    assert decode_state(name, as_it_came, relayed=True) == anew
+    as_json = encode_state(StampedState(came.state, came.stamp, relay_stamp, came.origin), Encoding.JSON)
+    assert decode_state(name, as_json, relayed=True) == anew

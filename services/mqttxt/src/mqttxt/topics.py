@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 from .errors import ConfigurationError, PayloadError
 
@@ -144,7 +145,7 @@ class FogSide:
         """A topic below this root; raises PayloadError for any other."""
         if not topic.startswith(self.root):
             raise PayloadError(f"topic {topic!r}: expected the root {self.root!r}", "topic")
-        return _drone_topic(topic, topic.removeprefix(self.root).split("/"))
+        return _drone_topic(topic, topic.removeprefix(self.root))
 
 
 class CloudSide:
@@ -220,10 +221,13 @@ class CloudSide:
             return FogTopic(levels[0], levels[1])
         if len(levels) == 2 and levels[0] == "commands" and levels[1] in SELECTABLE:
             return FogTopic("select", levels[1])
-        return _drone_topic(topic, levels)
+        return _drone_topic(topic, topic.removeprefix(self.root))
 
 
-def _drone_topic(topic: str, levels: list[str]) -> DroneTopic:
+@lru_cache(maxsize=8192)
+def _drone_topic(topic: str, below: str) -> DroneTopic:
+    """A topic by its levels below the root; kept, because an activator hears the same ones all the time."""
+    levels = below.split("/")
     drone = _number(levels[0], "drone", MAX_DRONE)
     if drone is not None and len(levels) == 2 and levels[1] in _DRONE_KINDS:
         return DroneTopic(drone, levels[1])

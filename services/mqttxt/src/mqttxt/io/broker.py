@@ -18,7 +18,7 @@ LONGEST_PAUSE_S = 5.0
 STEADY_S = 10.0
 """A broker that ran this long is started again without a longer pause."""
 
-_CONFIGURATION = """\
+CONFIGURATION = """\
 # Without persistence on purpose: a retained record of a drone that died with the broker would stay for good.
 persistence false
 listener {port} {host}
@@ -77,7 +77,7 @@ class EmbeddedBroker:
             )
         with tempfile.TemporaryDirectory(prefix="mqttxt-broker-") as directory:
             path = Path(directory) / "mosquitto.conf"
-            path.write_text(_CONFIGURATION.format(host=self.host, port=self.port))
+            path.write_text(CONFIGURATION.format(host=self.host, port=self.port))
             path.chmod(0o644)
             Path(directory).chmod(0o755)
             await self._keep_running(program, path)

@@ -196,9 +196,12 @@ class Connection:
     # What the event loop calls.
 
     def _readable(self) -> None:
-        """Read what is there, up to a number of packets, and deliver what it was."""
-        for _ in range(_READ_AT_ONCE):
-            before = self._noted
+        """Read what is there, up to a number of packets, and deliver what it was.
+
+        One call of paho reads one packet, or as many as there are publishes of ours without their PUBACK.
+        """
+        limit = self._noted + _READ_AT_ONCE
+        while (before := self._noted) < limit:
             try:
                 self._client.loop_read()
             except _UNPARSABLE as error:

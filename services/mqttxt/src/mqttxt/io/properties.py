@@ -12,7 +12,10 @@ from paho.mqtt.properties import Properties
 LARGEST_PACKET = 65_536
 """Bytes; announced to the broker, which must not send more (MQTT 5.0, 3.1.2.11.4)."""
 MOST_ALIASES = 4096
-MOST_IN_FLIGHT = 1000
+MOST_RECEIVED = 1000
+"""Receive Maximum: QoS 1 publishes that the broker may send ahead of our acknowledgement."""
+MOST_IN_FLIGHT = 100
+"""Our QoS 1 publishes ahead of the broker's acknowledgement, if it allows as many."""
 _OVERHEAD = 32
 """Bytes of a PUBLISH beside topic and payload, at most: header 5, lengths 3, packet id 2, alias 3, expiry 5."""
 
@@ -52,7 +55,7 @@ def connect_properties(session_expiry_s: int) -> Properties:
     properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
     properties.SessionExpiryInterval = session_expiry_s
     properties.MaximumPacketSize = LARGEST_PACKET
-    properties.ReceiveMaximum = MOST_IN_FLIGHT
+    properties.ReceiveMaximum = MOST_RECEIVED
     return properties
 
 

@@ -165,7 +165,7 @@ class Drones:
         if said_ms is None:
             return None
         known = link.states[name].state
-        return StampedState(known.state, known.stamp, stamp(said_ms))
+        return StampedState(known.state, known.stamp, stamp(said_ms), known.origin)
 
     def records(self) -> list[Effect]:
         """Every drone's record, in this session's words."""

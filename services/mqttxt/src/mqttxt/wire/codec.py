@@ -65,6 +65,13 @@ def decode(cls: type[Message], payload: bytes) -> Message:
     return cast(Message, _from_array(cls, plain, ""))
 
 
+def decode_values(cls: type[Any], payload: bytes) -> dict[str, Any]:
+    """The checked values of a message's fields, by name, where the message itself is not needed."""
+    plain, encoding = _parse(payload)
+    read = _values_of_object if encoding is Encoding.JSON else _values_of_array
+    return read(cls, plain, "")
+
+
 def encoding_of(payload: bytes) -> Encoding:
     """Which form a payload has, by its first byte."""
     return Encoding.JSON if payload[:1] == b"{" else Encoding.CBOR
@@ -168,6 +175,14 @@ def _tag(variant: Variant, body: object) -> tuple[int, str]:
 
 
 def _from_array(cls: type[Any], plain: Plain, path: str) -> object:
+    return cls(**_values_of_array(cls, plain, path))
+
+
+def _from_object(cls: type[Any], plain: Plain, path: str) -> object:
+    return cls(**_values_of_object(cls, plain, path))
+
+
+def _values_of_array(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
     if not isinstance(plain, list):
         refuse(path, "an array", plain)
     plan = plan_of(cls)
@@ -189,10 +204,10 @@ def _from_array(cls: type[Any], plain: Plain, path: str) -> object:
         values[name] = _from_array(body, plain[count + 1 :], path)
     elif len(plain) > count:
         refuse(path, f"at most {count} fields", len(plain))
-    return cls(**values)
+    return values
 
 
-def _from_object(cls: type[Any], plain: Plain, path: str) -> object:
+def _values_of_object(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
     if not isinstance(plain, dict):
         refuse(path, "an object", plain)
     plan = plan_of(cls)
@@ -212,13 +227,13 @@ def _from_object(cls: type[Any], plain: Plain, path: str) -> object:
         values[name] = _from_object(body, left, path)
     elif left:
         refuse(path, f"fields of {cls.__name__}", sorted(left))
-    return cls(**values)
+    return values
 
 
 def _in(field: FieldPlan, plain: Plain, encoding: Encoding, path: str) -> Any:
     if plain is None and field.optional:
         return None
-    return field.from_plain(plain, encoding, f"{path}{field.name}")
+    return field.from_plain(plain, encoding, f"{path}{field.name}" if path else field.name)
 
 
 def _strip_optional(hint: Any) -> tuple[Any, bool]:

@@ -5,24 +5,33 @@ On the fog side `[stamp, fields…]`, on the cloud side `[relay_stamp, stamp, fi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, make_dataclass
+from dataclasses import dataclass, field, fields, make_dataclass
 from functools import cache
 from typing import Any, get_type_hints
 
+import cbor2
+
 from ..errors import PayloadError
 from ..states import STATES, State
-from .codec import decode, encode
+from .codec import decode_values, encode
 from .fields import Stamp
 from .values import Encoding
+
+_SHORT_ARRAYS = range(0x80, 0x97)
+"""First bytes of CBOR arrays of at most 22 items: one more fits into the same byte (RFC 8949, 3)."""
 
 
 @dataclass(frozen=True)
 class StampedState:
-    """A state with its origin's stamp and, behind an activator, the activator's own."""
+    """A state with its origin's stamp and, behind an activator, the activator's own.
+
+    `origin` is the CBOR that it was decoded from on the fog side, of which a relay can make its own.
+    """
 
     state: State
     stamp: int
     relay_stamp: int | None = None
+    origin: bytes | None = field(default=None, compare=False, repr=False)
 
 
 @cache
@@ -32,13 +41,15 @@ def message_class(name: str, relayed: bool) -> type[Any]:
         raise PayloadError(f"state {name!r}: expected one of {', '.join(STATES)}", "state")
     stamps = [("relay_stamp", Stamp)] if relayed else []
     hints = get_type_hints(STATES[name], include_extras=True)
-    own = [(field.name, hints[field.name]) for field in fields(STATES[name])]
+    own = [(item.name, hints[item.name]) for item in fields(STATES[name])]
     title = "".join(part.title() for part in name.split("_")) + ("Relayed" if relayed else "")
     return make_dataclass(title, [*stamps, ("stamp", Stamp), *own], frozen=True)
 
 
 def encode_state(message: StampedState, encoding: Encoding) -> bytes:
     """The payload of a state."""
+    if message.origin is not None and message.relay_stamp is not None and encoding is Encoding.CBOR:
+        return _relayed(message.origin, message.relay_stamp)
     cls = message_class(message.state.name, message.relay_stamp is not None)
     stamps = {"stamp": message.stamp}
     if message.relay_stamp is not None:
@@ -48,6 +59,13 @@ def encode_state(message: StampedState, encoding: Encoding) -> bytes:
 
 def decode_state(name: str, payload: bytes, relayed: bool) -> StampedState:
     """The state `name` in a payload; raises PayloadError."""
-    values = dict(vars(decode(message_class(name, relayed), payload)))
+    values = decode_values(message_class(name, relayed), payload)
     relay_stamp = values.pop("relay_stamp", None)
-    return StampedState(stamp=values.pop("stamp"), relay_stamp=relay_stamp, state=STATES[name](**values))
+    origin = payload if not relayed and payload[0] in _SHORT_ARRAYS else None
+    stamp = values.pop("stamp")
+    return StampedState(STATES[name](**values), stamp, relay_stamp, origin)
+
+
+def _relayed(origin: bytes, relay_stamp: int) -> bytes:
+    """A fog-side array with one more item in front; its head is one byte, and stays one."""
+    return bytes((origin[0] + 1,)) + cbor2.dumps(relay_stamp) + origin[1:]

@@ -1,0 +1,160 @@
+"""What an activator relays from fog to cloud per CPU second, beside Mosquitto's own bridge; its load and its memory."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from mqttxt.messages import Registration
+from mqttxt.wire.codec import encode
+from tests.bench.brokers import BenchBroker, cpu_s, rss_mb
+from tests.bench.fleet import FIVE, Fleet
+from tests.bench.raw_mqtt import RawClient
+from tests.integration.processes import Process, eventually
+
+DRONES_A_FOG = 250
+"""As many as there are MAVLink system ids."""
+FULL_HZ, VITAL_HZ = 5.0, 1.0
+"""How often each of five states is sent."""
+WARM_UP_S, WINDOW_S, SLICE_S = 1.0, 6.0, 0.02
+_BRIDGE = """
+connection cloud
+address 127.0.0.1:{port}
+bridge_protocol_version mqttv50
+notifications false
+topic +/state/# out 0 f1/ fog1/
+"""
+
+
+@dataclass(frozen=True)
+class Relayed:
+    """What was relayed in a window, and what it cost the processes that relayed."""
+
+    messages: int
+    lost: int
+    wall_s: float
+    cpu_s: float
+    rss_mb: float
+
+    @property
+    def per_cpu_s(self) -> float:
+        return self.messages / self.cpu_s
+
+    @property
+    def share(self) -> float:
+        """Of one core."""
+        return self.cpu_s / self.wall_s
+
+
+def measure() -> list[str]:
+    """Lines of figures; takes about two minutes."""
+    return asyncio.run(_measure())
+
+
+async def _measure() -> list[str]:
+    bridge = await relay_by_bridge(DRONES_A_FOG, FULL_HZ)
+    full = await relay_by_activators(1, DRONES_A_FOG, FULL_HZ)
+    few = await relay_by_activators(1, 10, VITAL_HZ)
+    some = await relay_by_activators(1, 100, VITAL_HZ)
+    thousand = await relay_by_activators(4, DRONES_A_FOG, VITAL_HZ)
+    return [
+        f"activator: relays {full.per_cpu_s:,.0f} states per CPU second ({full.messages / full.wall_s:,.0f} a second, "
+        f"{100 * full.share:.0f} % of a core, {full.lost} lost); Mosquitto's bridge doing the same "
+        f"{bridge.per_cpu_s:,.0f} ({bridge.per_cpu_s / full.per_cpu_s:.1f} times)",
+        f"activator: 1,000 drones (four fogs of {DRONES_A_FOG}) with 5 states a second take "
+        f"{100 * thousand.share:.0f} % of a core together ({thousand.lost} lost)",
+        f"activator: resident memory with 10, 100 and 1,000 drones {few.rss_mb:.0f}, {some.rss_mb:.0f} and "
+        f"{thousand.rss_mb:.0f} MB (the last: four processes together)",
+    ]
+
+
+async def relay_by_activators(fogs: int, drones: int, hz: float) -> Relayed:
+    """Five states of each of `drones` drones at each of `fogs` activators, each `hz` times a second."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        cloud, fog = _started(folder, stack, "cloud"), _started(folder, stack, "fog")
+        station = await _station(cloud, stack)
+        processes, fleets = [], []
+        for number in range(1, fogs + 1):
+            ready = ["--ready-file", str(folder / f"activator{number}.ready")]
+            options = ["--fog", str(number), "--cloud", cloud.url, "--fog-broker", fog.url, "--fog-root", f"f{number}/"]
+            process = Process(folder, f"activator{number}", "mqttxt", "activator", *options, *ready).start()
+            stack.callback(process.stop)
+            await asyncio.to_thread(process.wait_ready)
+            registration = encode(Registration(name="bench", session=7, nonce=1, lease_s=600))
+            station.publish(f"fog{number}/init_connect", registration, qos=1)
+            processes.append(process)
+            fleets.append(Fleet(fog.port, range(1, drones + 1), f"f{number}/"))
+        return await _relayed(fleets, station, hz, [process.pid for process in processes])
+
+
+async def relay_by_bridge(drones: int, hz: float) -> Relayed:
+    """The same by a fog broker that bridges to the cloud broker."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        cloud = _started(folder, stack, "cloud")
+        fog = _started(folder, stack, "fog", _BRIDGE.format(port=cloud.port))
+        station = await _station(cloud, stack)
+        return await _relayed([Fleet(fog.port, range(1, drones + 1), "f1/")], station, hz, [fog.pid])
+
+
+def _started(folder: Path, stack: ExitStack, name: str, more: str = "") -> BenchBroker:
+    broker = BenchBroker(folder, name, more)
+    broker.start()
+    stack.callback(broker.kill)
+    return broker
+
+
+async def _station(cloud: BenchBroker, stack: ExitStack) -> RawClient:
+    station = await RawClient.connect(cloud.port, "bench-station")
+    stack.callback(station.close)
+    await station.subscribe("+/+/state/#")
+    return station
+
+
+async def _relayed(fleets: list[Fleet], station: RawClient, hz: float, pids: list[int]) -> Relayed:
+    for fleet in fleets:
+        await fleet.start()
+    count = sum(len(fleet) for fleet in fleets) * len(FIVE)
+
+    def every_state_arrived() -> bool:
+        for fleet in fleets:
+            fleet.send_part(0, 1)
+        return station.received >= count
+
+    await eventually(every_state_arrived, "every state once")
+    await _send(fleets, hz, WARM_UP_S)
+    await _settled(station)
+    before = (time.monotonic(), cpu_s(*pids), sum(fleet.sent for fleet in fleets), station.received)
+    await _send(fleets, hz, WINDOW_S)
+    sent_s = time.monotonic()
+    await _settled(station)
+    used_s = cpu_s(*pids) - before[1]
+    messages = station.received - before[3]
+    sent = sum(fleet.sent for fleet in fleets) - before[2]
+    for fleet in fleets:
+        fleet.close()
+    return Relayed(messages, sent - messages, sent_s - before[0], used_s, sum(rss_mb(pid) for pid in pids))
+
+
+async def _send(fleets: list[Fleet], hz: float, lasting_s: float) -> None:
+    """Every state `hz` times a second, spread evenly over time."""
+    loop = asyncio.get_running_loop()
+    parts = round(1 / hz / SLICE_S)
+    started = loop.time()
+    for tick in range(round(lasting_s / SLICE_S)):
+        for fleet in fleets:
+            fleet.send_part(tick % parts, parts)
+        await asyncio.sleep(max(0, started + (tick + 1) * SLICE_S - loop.time()))
+
+
+async def _settled(station: RawClient) -> None:
+    """Wait until nothing more arrives."""
+    last = -1
+    while station.received != last:
+        last = station.received
+        await asyncio.sleep(1.0)

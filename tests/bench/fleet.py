@@ -1,0 +1,83 @@
+"""Drones that exist only as messages: as many as asked for, at one fog broker, by way of one connection."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+from mqttxt.messages import BeaconMessage, DroneLease, Presence
+from mqttxt.states import Battery, FlightMode, FlightModeName, Groundspeed, Heading, Location, State
+from mqttxt.topics import FogSide
+from mqttxt.wire.codec import decode, encode
+from mqttxt.wire.states import StampedState, encode_state
+from mqttxt.wire.values import Encoding
+from tests.bench.raw_mqtt import RawClient, publish_packet
+
+FIVE: tuple[State, ...] = (
+    Battery(87),
+    Location(47.3980, 8.5460, 503.2, 15.2),
+    Heading(123.45),
+    Groundspeed(11.87),
+    FlightMode(FlightModeName.MISSION),
+)
+"""The five vital states, with values as in flight."""
+_FIRST_STAMP = 256
+"""The lowest that CBOR writes in three bytes."""
+
+
+class Fleet:
+    """`numbers` drones below `root` and their five states."""
+
+    def __init__(self, port: int, numbers: range, root: str = "") -> None:
+        self.sent = 0
+        self._port = port
+        self._topics = FogSide(root)
+        self._sessions = {number: 0x10000 + number for number in numbers}
+        self._born_s = time.monotonic()
+        self._packets: list[tuple[bytes, bytes]] = []
+        self._client: RawClient | None = None
+
+    async def start(self) -> None:
+        """Connect, be born, answer leases; then each state once in full, which names its alias."""
+        client = self._client = await RawClient.connect(self._port, f"fleet-{self._topics.root}", self._on_lease)
+        await client.subscribe(f"{self._topics.root}+/init_connect", qos=1)
+        for number, session in self._sessions.items():
+            client.publish(self._topics.reachable(number), encode(Presence(session=session, up=True)), qos=1)
+            await asyncio.sleep(0)
+        alias = 0
+        for number in self._sessions:
+            for state in FIVE:
+                alias += 1
+                payload = encode_state(StampedState(state, _FIRST_STAMP), Encoding.CBOR)
+                at = payload.index(b"\x19\x01\x00")
+                client.send(publish_packet(self._topics.state(number, state.name), payload, alias))
+                short = publish_packet("", payload, alias)
+                cut = len(short) - len(payload) + at + 1
+                self._packets.append((short[:cut], short[cut + 2 :]))
+
+    def __len__(self) -> int:
+        return len(self._sessions)
+
+    def send_part(self, part: int, parts: int) -> None:
+        """Those of the drones' states that are sent in one of `parts` equal slices of their interval."""
+        assert self._client is not None
+        now = self.stamp().to_bytes(2, "big")
+        packets = self._packets[part::parts]
+        self._client.send(b"".join(head + now + tail for head, tail in packets))
+        self.sent += len(packets)
+
+    def stamp(self) -> int:
+        """A stamp that three bytes of CBOR carry."""
+        return max(256, int((time.monotonic() - self._born_s) * 100) + 256) % 65_536
+
+    def close(self) -> None:
+        assert self._client is not None
+        self._client.close()
+
+    def _on_lease(self, topic: str, payload: bytes) -> None:
+        assert self._client is not None
+        number = self._topics.parse(topic).drone
+        lease = decode(DroneLease, payload)
+        now_ms = int((time.monotonic() - self._born_s) * 1000) + 2560
+        beacon = BeaconMessage(session=self._sessions[number], now_ms=now_ms, nonce=lease.nonce, held_ms=0)
+        self._client.publish(self._topics.clock(number), encode(beacon))

@@ -1,0 +1,99 @@
+"""MQTT 5 by hand, cheap enough to load others: what the benchmarks send and count with."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Callable
+
+_PUBLISH = 0x30
+
+
+def publish_packet(topic: str, payload: bytes, alias: int | None = None, qos: int = 0, mid: int = 1) -> bytes:
+    """A PUBLISH; with an empty topic and an alias, as its second and later uses are."""
+    properties = b"" if alias is None else b"\x23" + alias.to_bytes(2, "big")
+    name = topic.encode()
+    body = struct.pack("!H", len(name)) + name
+    body += (mid.to_bytes(2, "big") if qos else b"") + bytes([len(properties)]) + properties + payload
+    return bytes([_PUBLISH | qos << 1]) + _length(len(body)) + body
+
+
+def _length(length: int) -> bytes:
+    out = bytearray()
+    while True:
+        length, digit = divmod(length, 128)
+        out.append(digit | (0x80 if length else 0))
+        if not length:
+            return bytes(out)
+
+
+class RawClient(asyncio.Protocol):
+    """A client at QoS 0 and 1. `heard(topic, payload)` gets each message; without it they are only counted."""
+
+    def __init__(self, heard: Callable[[str, bytes], None] | None = None) -> None:
+        self.received = 0
+        self._heard = heard
+        self._buffer = b""
+        self._transport: asyncio.Transport | None = None
+        self._ready = asyncio.get_running_loop().create_future()
+        self._subscribed = asyncio.get_running_loop().create_future()
+
+    @classmethod
+    async def connect(cls, port: int, name: str, heard: Callable[[str, bytes], None] | None = None) -> RawClient:
+        _, client = await asyncio.get_running_loop().create_connection(lambda: cls(heard), "127.0.0.1", port)
+        body = b"\0\4MQTT\5\2\0\0\x05\x11\0\0\0\0" + struct.pack("!H", len(name)) + name.encode()
+        client.send(b"\x10" + _length(len(body)) + body)
+        await client._ready
+        return client
+
+    async def subscribe(self, *filters: str, qos: int = 0) -> None:
+        body = b"\0\1\0" + b"".join(struct.pack("!H", len(f)) + f.encode() + bytes([qos]) for f in filters)
+        self.send(b"\x82" + _length(len(body)) + body)
+        await self._subscribed
+
+    def send(self, data: bytes) -> None:
+        assert self._transport is not None
+        self._transport.write(data)
+
+    def publish(self, topic: str, payload: bytes, qos: int = 0) -> None:
+        self.send(publish_packet(topic, payload, qos=qos))
+
+    def close(self) -> None:
+        assert self._transport is not None
+        self._transport.close()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        data = self._buffer + data
+        at = 0
+        while len(data) - at >= 2:
+            length, start = data[at + 1], at + 2
+            if length > 127:
+                if len(data) - at < 3:
+                    break
+                length, start = length - 128 + 128 * data[at + 2], at + 3
+            if len(data) < start + length:
+                break
+            self._take(data[at], data, start, start + length)
+            at = start + length
+        self._buffer = data[at:]
+
+    def _take(self, first: int, data: bytes, start: int, end: int) -> None:
+        kind = first & 0xF0
+        if kind == _PUBLISH:
+            self.received += 1
+            if self._heard is None:
+                return
+            behind = start + 2 + int.from_bytes(data[start : start + 2], "big")
+            topic = data[start + 2 : behind].decode()
+            if first & 6:
+                self.send(b"\x40\x02" + data[behind : behind + 2])
+                behind += 2
+            self._heard(topic, data[behind + 1 + data[behind] : end])
+        elif kind == 0x20:
+            self._ready.set_result(None)
+        elif kind == 0x90 and not self._subscribed.done():
+            self._subscribed.set_result(None)
