@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 from enum import Enum, auto
+from math import inf
 from typing import Generic, TypeVar
 
 from ..messages import CommandId
@@ -47,6 +48,9 @@ class Ledger(Generic[Record]):
         self._capacity = capacity
         self._keep_ms = keep_ms
         self._barred_until_ms = -1
+        self._open: dict[CommandId, Entry[Record]] = {}
+        self._purge_after_ms: float = inf
+        """No closed entry is to go before this; with ten minutes of entries each look at all of them counts."""
 
     def get(self, command_id: CommandId) -> Entry[Record] | None:
         return self._entries.get(command_id)
@@ -55,7 +59,7 @@ class Ledger(Generic[Record]):
         return list(self._entries.values())
 
     def open_entries(self) -> list[Entry[Record]]:
-        return [entry for entry in self._entries.values() if entry.is_open]
+        return list(self._open.values())
 
     def examine(self, command_id: CommandId, contents: Hashable, deadline_ms: int, now_ms: int) -> Admission:
         """What to do with a command, without entering it.
@@ -78,15 +82,21 @@ class Ledger(Generic[Record]):
     ) -> Entry[Record]:
         """Enter an id that `examine` called new, or one restored from a journal."""
         entry = Entry(command_id, contents, record, deadline_ms + self._keep_ms)
-        self._entries[command_id] = entry
+        self._entries[command_id] = self._open[command_id] = entry
         return entry
 
     def close(self, entry: Entry[Record], now_ms: int) -> None:
         """The last word is said: keep it for ten minutes from now or from the deadline, whichever is later."""
         entry.is_open = False
         entry.keep_until_ms = max(entry.keep_until_ms, now_ms + self._keep_ms)
+        self._open.pop(entry.id, None)
+        self._purge_after_ms = min(self._purge_after_ms, entry.keep_until_ms)
 
     def _purge(self, now_ms: int) -> None:
-        gone = [key for key, entry in self._entries.items() if not entry.is_open and now_ms > entry.keep_until_ms]
-        for key in gone:
-            del self._entries[key]
+        if now_ms <= self._purge_after_ms:
+            return
+        closed = [entry for entry in self._entries.values() if not entry.is_open]
+        for entry in closed:
+            if now_ms > entry.keep_until_ms:
+                del self._entries[entry.id]
+        self._purge_after_ms = min((e.keep_until_ms for e in closed if now_ms <= e.keep_until_ms), default=inf)

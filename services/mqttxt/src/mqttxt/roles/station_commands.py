@@ -197,7 +197,7 @@ class StationCommands:
         """Commands that nobody answers: asked for again, and at last given up."""
         for fog in fogs.values():
             fog.in_offboard = any(
-                pending.is_open and pending.fog == fog.number and isinstance(pending.command, Offboard)
+                isinstance(pending.command, Offboard) and pending.fog == fog.number and pending.is_open
                 for pending in self.pending.values()
             )
         return [
