@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mqttxt
-from mqttxt.commands import COMMAND, Attitude, Goto, Offboard, Takeoff, Velocity
+from mqttxt.commands import COMMAND, Attitude, Goto, Offboard, Stream, Takeoff, Velocity
 from mqttxt.errors import PayloadError
 from mqttxt.messages import (
     BeaconMessage,
@@ -31,7 +31,7 @@ from mqttxt.messages import (
 from mqttxt.states import STATES, Battery, Heading, Location
 from mqttxt.wire import schema
 from mqttxt.wire.codec import MAX_PAYLOAD, decode, encode, encoding_of, plan_of
-from mqttxt.wire.fields import Constant, Integer, Items, Named, Scaled, Text
+from mqttxt.wire.fields import Constant, Integer, Items, Named, Real, Scaled, Text
 from mqttxt.wire.identify import identify
 from mqttxt.wire.states import StampedState, decode_state, encode_state, message_class
 from mqttxt.wire.values import Encoding
@@ -53,7 +53,9 @@ def values(mark: Any) -> st.SearchStrategy[Any]:
     if isinstance(mark, Text):
         return st.text(max_size=mark.longest)
     if isinstance(mark, Items):
-        return st.lists(values(mark.of), max_size=5).map(tuple)
+        return st.lists(values(mark.of), min_size=mark.least, max_size=mark.least or 5).map(tuple)
+    if isinstance(mark, Real):
+        return st.none() | st.floats(-mark.largest, mark.largest, width=32)
     if mark is bool:
         return st.booleans()
     if issubclass(mark, Named):
@@ -76,6 +78,7 @@ def messages(cls: type[Any]) -> st.SearchStrategy[Any]:
 
 
 EVERY = [*schema.MESSAGES, *(message_class(name, relayed) for name in STATES for relayed in (True, False))]
+MAVLINK = [message_class(f"mavlink/{name}", True) for name in ("ATTITUDE", "BATTERY_STATUS", "STATUSTEXT", "ODOMETRY")]
 
 
 @pytest.mark.parametrize("cls", EVERY, ids=lambda cls: cls.__name__)
@@ -89,6 +92,14 @@ def test_both_forms_give_the_same_message_back_and_follow_their_schemas(cls: typ
     validator_of(cls).validate(json.loads(as_json))
 
 
+@pytest.mark.parametrize("cls", MAVLINK, ids=lambda cls: cls.__name__)
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_mavlink_messages_are_the_same_in_both_forms(cls: type[Any], data: Any) -> None:
+    message = data.draw(messages(cls))
+    assert decode(cls, encode(message)) == decode(cls, encode(message, Encoding.JSON)) == message
+
+
 @cache
 def validator_of(cls: type[Any]) -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator({**JSON_SCHEMA, "$ref": f"#/$defs/{cls.__name__}"})
@@ -99,7 +110,7 @@ def test_the_schemas_in_the_package_are_made_from_the_messages() -> None:
     assert schema.cddl() == CDDL
 
 
-@pytest.mark.parametrize("cls", EVERY, ids=lambda cls: cls.__name__)
+@pytest.mark.parametrize("cls", [*EVERY, *MAVLINK], ids=lambda cls: cls.__name__)
 @settings(max_examples=60, deadline=None)
 @given(payload=st.binary(max_size=60))
 def test_no_bytes_raise_anything_but_payload_error(cls: type[Any], payload: bytes) -> None:
@@ -222,9 +233,10 @@ def test_a_malformed_command_can_still_be_named() -> None:
 def test_every_command_has_a_name_and_a_limit() -> None:
     assert [(code, name) for code, name, _ in COMMAND.codes] == [
         *[(1, "arm"), (2, "disarm"), (3, "takeoff"), (4, "land"), (5, "goto"), (6, "hold"), (7, "return")],
-        *[(8, "offboard")],
+        *[(8, "offboard"), (9, "stream")],
     ]
     assert Goto(47.5, -8.25, 12.5).limit_s == 900
+    assert Stream("mavlink/ATTITUDE", 0.1).limit_s == 30
     assert Offboard(600.0, velocity=Velocity(1, 0, 0)).limit_s > 600
 
 

@@ -4,7 +4,7 @@ The ground station's API is re-exported here; `mqttxt.cli` has the roles as comm
 (`topics`, `clock`, `commands`, `states`, `messages`, `wire`, `dialect`, `roles`) know no network; `io` does.
 """
 
-from .commands import Arm, Attitude, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity
+from .commands import Arm, Attitude, Command, Disarm, Goto, Hold, Land, Offboard, Return, Stream, Takeoff, Velocity
 from .errors import (
     BrokerRefused,
     ConfigurationError,
@@ -32,6 +32,7 @@ from .states import (
     Landed,
     LandedState,
     Location,
+    MavlinkState,
     MaxGroundspeed,
     State,
 )
@@ -72,6 +73,7 @@ __all__ = [
     "Landed",
     "LandedState",
     "Location",
+    "MavlinkState",
     "MaxGroundspeed",
     "MqttxtError",
     "Offboard",
@@ -85,6 +87,7 @@ __all__ = [
     "Return",
     "State",
     "StateUpdate",
+    "Stream",
     "Takeoff",
     "TransportError",
     "Velocity",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from .errors import PayloadError
-from .wire.fields import Latitude, Longitude, Scaled, Variant
+from .wire.fields import Latitude, Longitude, Scaled, Text, Variant
 
 Height = Annotated[float, Scaled(1000, -500, 10_000)]
 """Metres above home."""
@@ -124,12 +124,31 @@ class Offboard:
         return self.duration_s + 30.0
 
 
-Command = Arm | Disarm | Takeoff | Land | Goto | Hold | Return | Offboard
+@dataclass(frozen=True)
+class Stream:
+    """Publish a state at a fixed rate, or with `mavlink/NAME` any message of common.xml; rate 0 ends that.
 
-COMMANDS: dict[str, type[Command]] = {c.name: c for c in (Arm, Disarm, Takeoff, Land, Goto, Hold, Return, Offboard)}
+    Completed when such a message came. Lasts until then, or until the UAV client starts anew.
+    """
+
+    state: Annotated[str, Text(64)]
+    rate_hz: Annotated[float, Scaled(100, 0, 50)]
+    name: ClassVar[str] = "stream"
+
+    @property
+    def limit_s(self) -> float:
+        """10 s and two messages"""
+        return 10.0 + (2 / self.rate_hz if self.rate_hz else 0.0)
+
+
+Command = Arm | Disarm | Takeoff | Land | Goto | Hold | Return | Offboard | Stream
+
+COMMANDS: dict[str, type[Command]] = {
+    c.name: c for c in (Arm, Disarm, Takeoff, Land, Goto, Hold, Return, Offboard, Stream)
+}
 """Every command by its name, in the order of their codes."""
 
-BROADCASTABLE = (Arm, Disarm, Takeoff, Land, Hold, Return)
+BROADCASTABLE = (Arm, Disarm, Takeoff, Land, Hold, Return, Stream)
 """What `fogX/commands` takes: the same for every drone of a fog."""
 
 COMMAND = Variant("command", tuple((code, cls.name, cls) for code, cls in enumerate(COMMANDS.values(), start=1)))

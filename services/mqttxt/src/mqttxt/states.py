@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -138,7 +138,22 @@ class Endurance:
     cruise_m_s: Speed
 
 
-State = (
+FieldValue = int | float | str | None | tuple[int | float | None, ...]
+"""What a field of a MAVLink message carries; None is a float that is no number."""
+
+
+@dataclass(frozen=True)
+class MavlinkState:
+    """A MAVLink message as it is, on request (`stream`): its fields by their names in common.xml.
+
+    `name` is `mavlink/` and the message's name.
+    """
+
+    name: str
+    values: Mapping[str, FieldValue]
+
+
+VitalState = (
     Battery
     | Location
     | Heading
@@ -151,8 +166,11 @@ State = (
     | Health
     | Endurance
 )
+"""The states that have names and forms of their own."""
 
-STATES: dict[str, type[State]] = {
+State = VitalState | MavlinkState
+
+STATES: dict[str, type[VitalState]] = {
     cls.name: cls
     for cls in (
         Battery,
@@ -168,7 +186,7 @@ STATES: dict[str, type[State]] = {
         Endurance,
     )
 }
-"""Every state by its name."""
+"""Every state by its name, but for MAVLink messages as they are."""
 
 
 STATE = Variant("state", tuple((code, cls.name, cls) for code, cls in enumerate(STATES.values(), start=1)))
@@ -226,9 +244,10 @@ URGENT = frozenset({"armed", "flight_mode", "landed_state"})
 
 
 class Throttle:
-    """Decides when each state of one drone is published, by its policy."""
+    """Decides when each state of one drone is published, by its policy; `apart` are those that others publish."""
 
     def __init__(self, policies: dict[str, Policy] | None = None) -> None:
+        self.apart: frozenset[str] = frozenset()
         self._policies = {**POLICIES, **(policies or {})}
         self._current: dict[str, State] = {}
         self._published: dict[str, tuple[State, int]] = {}
@@ -244,6 +263,10 @@ class Throttle:
             self._published[state.name] = (state, now_ms)
         return found
 
+    def current(self, name: str) -> State | None:
+        """The newest value of a state."""
+        return self._current.get(name)
+
     def is_due(self, names: Iterable[str], now_ms: int) -> bool:
         """Whether any of some states would be published now."""
         return any(name in self._current and self._is_due(self._current[name], now_ms) for name in names)
@@ -253,6 +276,8 @@ class Throttle:
         self._published.clear()
 
     def _is_due(self, state: State, now_ms: int) -> bool:
+        if state.name in self.apart:
+            return False
         if state.name not in self._published:
             return True
         policy = self._policies[state.name]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
@@ -22,7 +22,7 @@ ALTITUDE_REACHED_M = 0.5
 
 
 class Group(Enum):
-    """Commands of one group supersede each other; those without a group stand alone."""
+    """Commands of one group supersede each other; those without a group (None) stand alone."""
 
     ARMING = auto()
     MOTION = auto()
@@ -37,15 +37,17 @@ class Plan:
     """A command as one MAVLink message, the modes in which it runs, and the proof of its effect.
 
     `effect(vehicle, after)` looks only at what was received after message number `after`. `modes` None: the
-    command is no flight. `passing` are modes that are right only if the effect shows soon after.
+    command is no flight. `passing` are modes that are right only if the effect shows soon after. `message` None:
+    nothing has to be said. `on_accepted(now_ms)` is called when the command is accepted.
     """
 
     message: Any
     mav_cmd: int
-    group: Group
+    group: Hashable
     effect: Callable[[Vehicle, int], bool]
     modes: frozenset[FlightModeName] | None = None
     passing: frozenset[FlightModeName] = frozenset()
+    on_accepted: Callable[[int], None] | None = None
 
 
 def plan(command: Command, vehicle: Vehicle) -> Plan:

@@ -21,6 +21,7 @@ from ..states import (
     Location,
     MaxGroundspeed,
     State,
+    VitalState,
 )
 from .px4 import mode_name
 
@@ -31,7 +32,7 @@ HEARTBEAT_LOST_MS = 3000
 MAX_SPEED_PARAMETER = "MPC_XY_VEL_MAX"
 CRUISE_SPEED_PARAMETER = "MPC_XY_CRUISE"
 
-Value = TypeVar("Value", bound=State)
+Value = TypeVar("Value", bound=VitalState)
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,15 @@ class Seen(Generic[Value]):
 
     state: Value
     number: int
+
+
+@dataclass
+class Arrivals:
+    """When messages of one kind came: the number and time of the last, and the time between them, smoothed."""
+
+    number: int
+    at_ms: int
+    interval_ms: float | None = None
 
 
 class Vehicle:
@@ -54,6 +64,7 @@ class Vehicle:
         self.heartbeat_ms: int | None = None
         self.states: dict[str, Seen[Any]] = {}
         self.parameters: dict[str, float] = {}
+        self._arrivals: dict[str, Arrivals] = {}
 
     def is_alive(self, now_ms: int) -> bool:
         """Whether a heartbeat came within the last three seconds."""
@@ -64,12 +75,30 @@ class Vehicle:
         found = self.states.get(cls.name)
         return found.state if found is not None and found.number > after else None
 
+    def is_own(self, message: Any) -> bool:
+        """Whether a message is of this autopilot."""
+        return bool(message.get_srcSystem() == self.system_id and message.get_srcComponent() == AUTOPILOT_COMPONENT)
+
+    def number_of(self, kind: str) -> int:
+        """The number of the last message of a kind, -1 where none came."""
+        found = self._arrivals.get(kind)
+        return found.number if found is not None else -1
+
+    def rate_hz(self, kind: str, now_ms: int) -> float:
+        """How often messages of a kind have been coming; 0 where none did, or not any more."""
+        found = self._arrivals.get(kind)
+        if found is None or found.interval_ms is None:
+            return 0.0
+        since_ms = now_ms - found.at_ms
+        return 1000 / max(1.0, found.interval_ms, since_ms if since_ms > 3 * found.interval_ms else 0.0)
+
     def update(self, message: Any, now_ms: int) -> list[State]:
         """Take in a message of this autopilot; returns the states that it told."""
-        if message.get_srcSystem() != self.system_id or message.get_srcComponent() != AUTOPILOT_COMPONENT:
+        if not self.is_own(message):
             return []
         self.number += 1
         kind = message.get_type()
+        self._note_arrival(kind, now_ms)
         if kind == "HEARTBEAT":
             self.heartbeat_ms = now_ms
         elif kind == "PARAM_VALUE" and math.isfinite(message.param_value):
@@ -79,6 +108,16 @@ class Vehicle:
         for state in told:
             self.states[state.name] = Seen(state, self.number)
         return told
+
+    def _note_arrival(self, kind: str, now_ms: int) -> None:
+        found = self._arrivals.get(kind)
+        if found is None:
+            self._arrivals[kind] = Arrivals(self.number, now_ms)
+            return
+        interval_ms = now_ms - found.at_ms
+        smoothed = found.interval_ms
+        found.interval_ms = interval_ms if smoothed is None else 0.9 * smoothed + 0.1 * interval_ms
+        found.number, found.at_ms = self.number, now_ms
 
 
 def _heartbeat(message: Any) -> list[State]:
@@ -138,3 +177,15 @@ _READERS = {
     "SYS_STATUS": _health,
     "PARAM_VALUE": _parameter,
 }
+SOURCES = {
+    "battery": "BATTERY_STATUS",
+    "location": "GLOBAL_POSITION_INT",
+    "heading": "GLOBAL_POSITION_INT",
+    "groundspeed": "VFR_HUD",
+    "flight_mode": "HEARTBEAT",
+    "armed": "HEARTBEAT",
+    "landed_state": "EXTENDED_SYS_STATE",
+    "home": "HOME_POSITION",
+    "health": "SYS_STATUS",
+}
+"""The message that tells each state, but for those that come from parameters."""

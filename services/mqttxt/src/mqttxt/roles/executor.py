@@ -10,8 +10,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..commands import Command, Goto, Offboard, Takeoff
-from ..dialect.plans import CannotExecute, plan
+from ..commands import Command, Goto, Offboard, Stream, Takeoff
+from ..dialect.plans import CannotExecute, Plan, plan
 from ..dialect.vehicle import OWN_COMPONENT, Vehicle
 from ..messages import CommandId, Word
 from ..states import Armed, FlightMode
@@ -19,6 +19,7 @@ from .acks import Stray
 from .effects import Log, Transmit
 from .offboard import OffboardPilot
 from .runs import UNSENT, Output, Phase, Run, Runs, Said
+from .streams import Streams
 
 SENDS = 4
 RESEND_MS = 500
@@ -51,6 +52,7 @@ class Executor:
         self.vehicle = vehicle
         self._runs = Runs()
         self._pilot = OffboardPilot(vehicle, self._runs)
+        self.streams = Streams(vehicle)
 
     @property
     def lease_until_ms(self) -> int | None:
@@ -80,7 +82,7 @@ class Executor:
         if refusal is not None:
             return [Said(command_id, Word.DENIED, refusal)]
         try:
-            planned = plan(command, self.vehicle)
+            planned = self._plan(command, now_ms)
         except CannotExecute as error:
             return [Said(command_id, Word.DENIED, str(error))]
         out: list[Output] = []
@@ -134,11 +136,24 @@ class Executor:
                 out.append(self._time_out(run, now_ms))
         return out + self._observe(now_ms) + self._pilot.set_points(now_ms)
 
+    def ask(self, message: Any, now_ms: int) -> list[Output]:
+        """Write a question of our own, unless a command waits for an acknowledgement of the same number."""
+        if message.get_type() == "COMMAND_LONG":
+            if self._runs.awaiting(message.command) is not None:
+                return []
+            self._runs.acks.expect(message.command, now_ms)
+        return [Transmit(message)]
+
     def leave(self) -> list[Output]:
         """The process is about to end: what must not go on without it is stopped."""
         return self._pilot.leave()
 
+    def _plan(self, command: Command, now_ms: int) -> Plan:
+        return self.streams.plan(command, now_ms) if isinstance(command, Stream) else plan(command, self.vehicle)
+
     def _time_out(self, run: Run, now_ms: int) -> Said:
+        if isinstance(run.command, Stream):
+            self.streams.drop(run.command.state)
         alive = self.vehicle.is_alive(now_ms)
         return self._runs.end(run, *((Word.FAILED, "timeout") if alive else (Word.UNCONFIRMED, "autopilot_lost")))
 
@@ -152,11 +167,22 @@ class Executor:
             self._pilot.begin(run, now_ms)
             if not self._pilot.is_primed(run):
                 return []
+        if isinstance(run.command, Stream):
+            run.plan = self._plan(run.command, now_ms)  # what others asked for meanwhile counts
+            if run.plan.message is None:
+                return self._begin_unsaid(run, now_ms)
         if not self._runs.is_free(run.plan.mav_cmd, now_ms):
             return []
         self._runs.acks.begin(run.plan.mav_cmd)
         run.phase = Phase.SENT
         return self._send(run, now_ms)
+
+    def _begin_unsaid(self, run: Run, now_ms: int) -> list[Output]:
+        """A command that needs no write runs as soon as no older one of its kind can be acknowledged after it."""
+        if any(older.phase is Phase.SENT for older in self._runs.older(run)):
+            return []
+        _, *superseded = self._on_accepted(run, now_ms)
+        return superseded
 
     def _send(self, run: Run, now_ms: int) -> list[Output]:
         run.sends += 1
@@ -224,6 +250,8 @@ class Executor:
         run.accepted_number = self.vehicle.number
         if isinstance(run.command, Offboard):
             self._pilot.begin(run, now_ms)
+        if run.plan.on_accepted is not None:
+            run.plan.on_accepted(now_ms)
         out: list[Output] = [Said(run.id, Word.ACCEPTED, late_ms=run.late_ms), *self._supersede(run, now_ms)]
         newer = self._runs.newer(run)
         if newer is not None and newer.is_under_way:

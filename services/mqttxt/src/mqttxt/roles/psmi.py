@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from ..commands import Goto, haversine_m
 from ..rankings import Candidate
-from ..states import Battery, Endurance, Location, MaxGroundspeed, State
+from ..states import Battery, Endurance, Location, MaxGroundspeed, VitalState
 from .activator_drones import DroneLink
 from .leases import Leases
 
@@ -16,7 +16,7 @@ RESERVE_PCT = 20
 USED = (Location, Battery, MaxGroundspeed, Endurance)
 """The states whose figures are used."""
 
-Value = TypeVar("Value", bound=State)
+Value = TypeVar("Value", bound=VitalState)
 
 
 def rank(

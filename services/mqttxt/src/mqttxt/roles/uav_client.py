@@ -10,8 +10,8 @@ from ..clock import stamp
 from ..dialect.vehicle import Vehicle
 from ..errors import PayloadError
 from ..messages import BeaconMessage, DroneLease, Presence
-from ..states import URGENT, Policy, Throttle
-from ..topics import MAVLINK_STATE, DroneTopic, FogSide
+from ..states import URGENT, Policy, State, Throttle
+from ..topics import DroneTopic, FogSide
 from ..wire.bundles import drone_bundle
 from ..wire.codec import decode, encode
 from ..wire.states import StampedState, encode_state
@@ -47,6 +47,7 @@ class UavClient:
         self.vehicle = Vehicle(drone)
         self.desk = CommandDesk(drone, session, settings, self.topics, self.vehicle, unfinished or [], remembers)
         self.connected = False
+        self._streams = self.desk.executor.streams
         self._throttle = Throttle(policies)
         self._enquiries = Enquiries(self.vehicle)
         self._endurance = EnduranceMeter(self.vehicle, options.endurance_s)
@@ -114,7 +115,9 @@ class UavClient:
         endurance = self._endurance.on_message(message, now_ms)
         if endurance is not None:
             self._throttle.update(endurance)
-        return self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
+        out = self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
+        streamed = self._streams.on_message(message, now_ms)
+        return out + [effect for state in streamed for effect in self._publish_state(state, now_ms)]
 
     def on_transmitted(self, ref: Any, now_ms: int) -> list[Effect]:
         return self.desk.carry_out(self.desk.executor.on_transmitted(ref, now_ms), now_ms)
@@ -130,7 +133,8 @@ class UavClient:
             out.append(Transmit(_heartbeat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER)))
             if self.is_controlled(now_ms):
                 out.append(Transmit(_heartbeat(mavlink.MAV_TYPE_GCS), as_gcs=True))
-        out += [Transmit(question) for question in self._enquiries.due(now_ms)]
+        for question in (*self._enquiries.due(now_ms), *self._streams.reminders(now_ms)):
+            out += self.desk.carry_out(self.desk.executor.ask(question, now_ms), now_ms)
         if not self.born:
             return out
         if now_ms >= self._next_beacon_ms:
@@ -178,27 +182,34 @@ class UavClient:
         self.desk.executor.offboard_until_ms = lease.offboard_until_ms
 
     def _publish_states(self, now_ms: int) -> list[Effect]:
+        """What is due by policy, bundled if so set; streamed states have their own times."""
+        self._throttle.apart = self._streams.names
+        out: list[Effect] = []
+        for name in self._streams.due(now_ms):
+            state = self._throttle.current(name)
+            out += self._publish_state(state, now_ms) if state is not None else []
         if self.settings.bundles:
             if now_ms < self._next_bundle_ms and not self._throttle.is_due(URGENT, now_ms):
-                return []
+                return out
             self._next_bundle_ms = now_ms + self.settings.bundle_ms
-        out: list[Effect] = []
-        together = []
-        for state in self._throttle.due(now_ms):
-            stamped = StampedState(state, stamp(now_ms))
-            try:
-                payload = encode_state(stamped, self.settings.encoding)
-            except PayloadError as error:
-                out.append(Log("autopilot_value", f"{state.name}: {error}"))
-                continue
-            if self.settings.bundles and not state.name.startswith(MAVLINK_STATE):
-                together.append(state)
-            else:
-                out.append(Publish(LINK, self.topics.state(self.drone, state.name), payload, qos=0))
+        due = [(state, self._publish_state(state, now_ms)) for state in self._throttle.due(now_ms)]
+        if not self.settings.bundles:
+            return out + [effect for _, effects in due for effect in effects]
+        refused = [effect for _, effects in due for effect in effects if isinstance(effect, Log)]
+        together = [state for state, effects in due if not any(isinstance(effect, Log) for effect in effects)]
         if together:
             payload = encode(drone_bundle(together, stamp(now_ms)), self.settings.encoding)
             out.append(Publish(LINK, self.topics.states(self.drone), payload, qos=0))
-        return out
+        return out + refused
+
+    def _publish_state(self, state: State, now_ms: int) -> list[Effect]:
+        if not self.born:
+            return []
+        try:
+            payload = encode_state(StampedState(state, stamp(now_ms)), self.settings.encoding)
+        except PayloadError as error:
+            return [Log("autopilot_value", f"{state.name}: {error}")]
+        return [Publish(LINK, self.topics.state(self.drone, state.name), payload, qos=0)]
 
     def _presence(self, up: bool) -> bytes:
         return encode(Presence(session=self.session, up=up), self.settings.encoding)

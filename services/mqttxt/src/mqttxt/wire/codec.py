@@ -54,7 +54,7 @@ def encode(message: object, encoding: Encoding = Encoding.CBOR) -> bytes:
     """The bytes of a message; raises PayloadError when a field cannot be carried."""
     if encoding is Encoding.JSON:
         return json.dumps(_to_object(message), separators=(",", ":"), allow_nan=False).encode()
-    return cbor2.dumps(_to_array(message))
+    return cbor2.dumps(_to_array(message), canonical=True)  # floats in the shortest form that loses nothing
 
 
 def decode(cls: type[Message], payload: bytes) -> Message:
@@ -150,8 +150,8 @@ def _to_array(message: object) -> list[Plain]:
 
 def _to_object(message: object) -> dict[str, Plain]:
     plan = plan_of(type(message))
-    found = {field.name: _out(field, message, Encoding.JSON) for field in plan.fields}
-    found = {name: value for name, value in found.items() if value is not None}
+    written = [(field, _out(field, message, Encoding.JSON)) for field in plan.fields]
+    found = {field.name: value for field, value in written if value is not None or not field.optional}
     if plan.variant is not None:
         name, variant = plan.variant
         body = getattr(message, name)

@@ -30,6 +30,13 @@ class Scaled:
 
 
 @dataclass(frozen=True)
+class Real:
+    """A floating-point number, at most `largest` in size, the same in both forms; null is MAVLink's NaN."""
+
+    largest: float
+
+
+@dataclass(frozen=True)
 class Constant:
     """A whole number that can only have one value (the payload's version)."""
 
@@ -45,10 +52,11 @@ class Text:
 
 @dataclass(frozen=True)
 class Items:
-    """A list of at most `most` items; `of` is their mark, which `codec` takes from the annotation."""
+    """A list of `least` to `most` items; `of` is their mark, which `codec` takes from the annotation."""
 
     most: int
     of: Any = None
+    least: int = 0
 
 
 @dataclass(frozen=True)

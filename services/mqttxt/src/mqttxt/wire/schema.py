@@ -14,7 +14,7 @@ from .. import messages, rankings
 from ..states import STATES
 from . import bundles
 from .codec import FieldPlan, Plan, plan_of
-from .fields import VERSION, Constant, Integer, Items, Named, Scaled, Text
+from .fields import VERSION, Constant, Integer, Items, Named, Real, Scaled, Text
 from .states import message_class
 
 MESSAGES: tuple[type[Any], ...] = (
@@ -81,10 +81,17 @@ def _json_field(mark: Any, definitions: dict[str, Any]) -> dict[str, Any]:
         return {"const": mark.value}
     if isinstance(mark, Scaled):
         return {"type": "number", "minimum": mark.low, "maximum": mark.high}
+    if isinstance(mark, Real):
+        return {"type": ["number", "null"], "minimum": -mark.largest, "maximum": mark.largest}
     if isinstance(mark, Text):
         return {"type": "string", "maxLength": mark.longest}
     if isinstance(mark, Items):
-        return {"type": "array", "maxItems": mark.most, "items": _json_field(mark.of, definitions)}
+        return {
+            "type": "array",
+            "minItems": mark.least,
+            "maxItems": mark.most,
+            "items": _json_field(mark.of, definitions),
+        }
     if mark is bool:
         return {"type": "boolean"}
     if issubclass(mark, Named):
@@ -144,10 +151,12 @@ def _cddl_type(mark: Any, rules: dict[str, str]) -> str:
         return str(mark.value)
     if isinstance(mark, Scaled):
         return f"{round(mark.low * mark.per_unit)}..{round(mark.high * mark.per_unit)}"
+    if isinstance(mark, Real):
+        return "number / null"
     if isinstance(mark, Text):
         return f"tstr .size (0..{4 * mark.longest})"
     if isinstance(mark, Items):
-        return f"[0*{mark.most} {_cddl_type(mark.of, rules)}]"
+        return f"[{mark.least}*{mark.most} {_cddl_type(mark.of, rules)}]"
     if mark is bool:
         return "bool"
     if issubclass(mark, Named):

@@ -5,14 +5,17 @@ On the fog side `[stamp, fields…]`, on the cloud side `[relay_stamp, stamp, fi
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, fields, make_dataclass
 from functools import cache
 from typing import Any, get_type_hints
 
 import cbor2
 
+from ..dialect.messages import fields_of, kind_of
 from ..errors import PayloadError
-from ..states import STATES, State
+from ..states import STATES, MavlinkState, State
+from ..topics import MAVLINK_STATE
 from .codec import decode_values, encode
 from .fields import Stamp
 from .values import Encoding
@@ -37,13 +40,18 @@ class StampedState:
 @cache
 def message_class(name: str, relayed: bool) -> type[Any]:
     """The message of state `name`, as `codec` and `schema` take it; raises PayloadError for an unknown name."""
-    if name not in STATES:
-        raise PayloadError(f"state {name!r}: expected one of {', '.join(STATES)}", "state")
     stamps = [("relay_stamp", Stamp)] if relayed else []
-    hints = get_type_hints(STATES[name], include_extras=True)
-    own = [(item.name, hints[item.name]) for item in fields(STATES[name])]
-    title = "".join(part.title() for part in name.split("_")) + ("Relayed" if relayed else "")
-    return make_dataclass(title, [*stamps, ("stamp", Stamp), *own], frozen=True)
+    title = "".join(part.title() for part in re.split("[_/]", name)) + ("Relayed" if relayed else "")
+    return make_dataclass(title, [*stamps, ("stamp", Stamp), *_fields_of(name)], frozen=True)
+
+
+def _fields_of(name: str) -> list[tuple[str, Any]]:
+    if name in STATES:
+        hints = get_type_hints(STATES[name], include_extras=True)
+        return [(item.name, hints[item.name]) for item in fields(STATES[name])]
+    if kind_of(name) is not None:
+        return [*fields_of(name)]
+    raise PayloadError(f"state {name!r}: expected {MAVLINK_STATE}NAME or one of {', '.join(STATES)}", "state")
 
 
 def encode_state(message: StampedState, encoding: Encoding) -> bytes:
@@ -54,16 +62,17 @@ def encode_state(message: StampedState, encoding: Encoding) -> bytes:
     stamps = {"stamp": message.stamp}
     if message.relay_stamp is not None:
         stamps["relay_stamp"] = message.relay_stamp
-    return encode(cls(**stamps, **vars(message.state)), encoding)
+    own = message.state.values if isinstance(message.state, MavlinkState) else vars(message.state)
+    return encode(cls(**stamps, **own), encoding)
 
 
 def decode_state(name: str, payload: bytes, relayed: bool) -> StampedState:
     """The state `name` in a payload; raises PayloadError."""
     values = decode_values(message_class(name, relayed), payload)
-    relay_stamp = values.pop("relay_stamp", None)
+    relay_stamp, own_stamp = values.pop("relay_stamp", None), values.pop("stamp")
     origin = payload if not relayed and payload[0] in _SHORT_ARRAYS else None
-    stamp = values.pop("stamp")
-    return StampedState(STATES[name](**values), stamp, relay_stamp, origin)
+    state = STATES[name](**values) if name in STATES else MavlinkState(name, values)
+    return StampedState(state, own_stamp, relay_stamp, origin)
 
 
 def _relayed(origin: bytes, relay_stamp: int) -> bytes:

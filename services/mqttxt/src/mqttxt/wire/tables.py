@@ -20,7 +20,7 @@ from ..states import POLICIES, STATE, STATES, Policy
 from ..topic_table import CLOUD_SIDE, FOG_SIDE, TopicRow, topics_of
 from .codec import Plan, plan_of
 from .examples import examples
-from .fields import Constant, Integer, Items, Named, Scaled, Text
+from .fields import Constant, Integer, Items, Named, Real, Scaled, Text
 from .schema import MESSAGES, rule_name
 from .values import item_of, mark_of
 
@@ -150,10 +150,13 @@ def _forms(name: str, hint: Any) -> tuple[str, str]:
         fine = _SMALL.get((unit, mark.per_unit)) or f"{1 / mark.per_unit:g} {unit}"
         of_cbor, of_json = f"{low} to {high}{_behind(fine)}", f"{mark.low:.12g} to {mark.high:.12g}{_behind(unit)}"
         return (of_cbor, of_json)
+    if isinstance(mark, Real):
+        return ("a number or null", "the same")
     if isinstance(mark, Text):
         return (f"text of at most {mark.longest} characters", "the same")
     if isinstance(mark, Items):
-        return (f"array of at most {mark.most}: {_name_of(_inner(hint))}", "the same")
+        count = f"{mark.most}" if mark.least == mark.most else f"at most {mark.most}"
+        return (f"array of {count}: {_name_of(_inner(hint))}", "the same")
     if mark is bool:
         return ("true or false", "the same")
     if isinstance(mark, type) and issubclass(mark, Named):

@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 from ..errors import PayloadError
-from .fields import Constant, Integer, Items, Named, Scaled, Text
+from .fields import Constant, Integer, Items, Named, Real, Scaled, Text
 
 Plain = Any
 """What cbor2 and json read and write."""
@@ -57,6 +57,8 @@ def converters(hint: Any, nested: Callable[[type[Any]], Converters]) -> Converte
         return _constant(mark.value)
     if isinstance(mark, Scaled):
         return _scaled(mark)
+    if isinstance(mark, Real):
+        return _real(mark.largest)
     if isinstance(mark, Text):
         return _text(mark)
     if isinstance(mark, Items):
@@ -115,6 +117,20 @@ def _scaled(mark: Scaled) -> Converters:
     return to_plain, from_plain
 
 
+def _real(largest: float) -> Converters:
+    def from_plain(plain: Plain, _: Encoding, path: str) -> float | None:
+        if plain is None:
+            return None
+        if type(plain) not in (int, float) or not abs(plain) <= largest:
+            refuse(path, f"a number of at most {largest:g} in size, or null", plain)
+        return float(plain)
+
+    def to_plain(value: Any, encoding: Encoding) -> Plain:
+        return None if value is None or value != value else from_plain(value, encoding, "field")
+
+    return to_plain, from_plain
+
+
 def _text(mark: Text) -> Converters:
     def from_plain(plain: Plain, _: Encoding, path: str) -> str:
         if not isinstance(plain, str) or len(plain) > mark.longest:
@@ -131,15 +147,18 @@ def _text(mark: Text) -> Converters:
 
 def _items(mark: Items, inner: Any, nested: Callable[[type[Any]], Converters]) -> Converters:
     to_item, from_item = converters(inner, nested)
+    expected = f"at most {mark.most}" if mark.least == 0 else f"{mark.least} to {mark.most}"
+    if mark.least == mark.most:
+        expected = f"{mark.most}"
 
     def to_plain(value: Any, encoding: Encoding) -> Plain:
-        if len(value) > mark.most:
-            raise PayloadError(f"field: expected at most {mark.most} items, got {len(value)}")
+        if not mark.least <= len(value) <= mark.most:
+            raise PayloadError(f"field: expected {expected} items, got {len(value)}")
         return [to_item(item, encoding) for item in value]
 
     def from_plain(plain: Plain, encoding: Encoding, path: str) -> tuple[Any, ...]:
-        if not isinstance(plain, list) or len(plain) > mark.most:
-            refuse(path, f"an array of at most {mark.most} items", plain)
+        if not isinstance(plain, list) or not mark.least <= len(plain) <= mark.most:
+            refuse(path, f"an array of {expected} items", plain)
         return tuple(from_item(item, encoding, f"{path}[{i}].") for i, item in enumerate(plain))
 
     return to_plain, from_plain
