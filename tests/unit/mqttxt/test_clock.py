@@ -7,6 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mqttxt.clock import (
+    LATEST_MS,
     RHO,
     Beacon,
     RemoteClock,
@@ -83,6 +84,12 @@ def test_without_a_beacon_there_is_no_deadline_and_without_an_echo_no_age() -> N
     assert clock.age_ms(0, 60) is None
     assert clock.is_live(50 + 30_000)
     assert not clock.is_live(50 + 30_001)
+
+
+def test_a_clock_that_claims_the_latest_time_still_gives_a_deadline_that_can_be_carried() -> None:
+    clock = RemoteClock(7)
+    clock.observe(Beacon(7, LATEST_MS), 50)
+    assert clock.deadline_ms(50, 60_000) == LATEST_MS
 
 
 def test_a_beacon_of_another_session_is_no_beacon() -> None:

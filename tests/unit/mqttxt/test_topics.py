@@ -43,7 +43,8 @@ def test_cloud_side_topics_come_back_as_they_were_built(fog: int, drone: int, pr
     [
         *("drone0/clock", "drone01/clock", "drone251/clock", "drone٣/clock", "drone/clock", "drone-1/clock"),
         *("drone1", "drone1/", "drone1/state", "drone1/state/", "drone1/state/a/b", "drone1/clock/x", "Drone1/clock"),
-        *("", "/", "drone1/unknown", "fog1/drone1/clock"),
+        *("", "/", "drone1/unknown", "fog1/drone1/clock", "drone1/state/ä", "drone1/state/mavlink/+"),
+        f"drone1/commands_result/{'x' * 65}",
     ],
 )
 def test_what_is_no_topic_is_refused_with_a_reason(topic: str) -> None:

@@ -12,6 +12,7 @@ import jsonschema
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from strategies import PLAIN, messages
 
 import mqttxt
 from mqttxt.commands import COMMAND, Attitude, Goto, Offboard, Stream, Takeoff, Velocity
@@ -30,8 +31,7 @@ from mqttxt.messages import (
 )
 from mqttxt.states import STATES, Battery, Heading, Location
 from mqttxt.wire import schema
-from mqttxt.wire.codec import MAX_PAYLOAD, decode, encode, encoding_of, plan_of
-from mqttxt.wire.fields import Constant, Integer, Items, Named, Real, Scaled, Text
+from mqttxt.wire.codec import MAX_PAYLOAD, decode, encode, encoding_of
 from mqttxt.wire.identify import identify
 from mqttxt.wire.states import StampedState, decode_state, encode_state, message_class
 from mqttxt.wire.values import Encoding
@@ -39,42 +39,6 @@ from mqttxt.wire.values import Encoding
 SCHEMAS = Path(mqttxt.__file__).parent / "schemas"
 JSON_SCHEMA = json.loads((SCHEMAS / "payload-v1.schema.json").read_text())
 CDDL = (SCHEMAS / "payload-v1.cddl").read_text()
-
-
-def values(mark: Any) -> st.SearchStrategy[Any]:
-    """Whatever a field may carry."""
-    if isinstance(mark, Integer):
-        return st.integers(mark.low, mark.high)
-    if isinstance(mark, Constant):
-        return st.just(mark.value)
-    if isinstance(mark, Scaled):
-        low, high = round(mark.low * mark.per_unit), round(mark.high * mark.per_unit)
-        return st.integers(low, high).map(lambda ticks: ticks / mark.per_unit)
-    if isinstance(mark, Text):
-        return st.text(max_size=mark.longest)
-    if isinstance(mark, Items):
-        return st.lists(values(mark.of), min_size=mark.least, max_size=mark.least or 5).map(tuple)
-    if isinstance(mark, Real):
-        return st.none() | st.floats(-mark.largest, mark.largest, width=32)
-    if mark is bool:
-        return st.booleans()
-    if issubclass(mark, Named):
-        return st.sampled_from(list(mark))
-    return messages(mark)
-
-
-def messages(cls: type[Any]) -> st.SearchStrategy[Any]:
-    """Any message of a class."""
-    plan = plan_of(cls)
-    fields = {f.name: values(f.mark) if not f.optional else st.none() | values(f.mark) for f in plan.fields}
-    if plan.variant is not None:
-        name, variant = plan.variant
-        fields[name] = st.one_of([messages(body) for _, _, body in variant.codes])
-    if cls is Offboard:
-        kinds = [{"velocity": fields.pop("velocity")}, {"attitude": fields.pop("attitude")}]
-        chosen = [{name: strategy.filter(bool) for name, strategy in kind.items()} for kind in kinds]
-        return st.one_of([st.builds(cls, **fields, **kind) for kind in chosen])
-    return st.builds(cls, **fields)
 
 
 EVERY = [*schema.MESSAGES, *(message_class(name, relayed) for name in STATES for relayed in (True, False))]
@@ -120,13 +84,6 @@ def test_no_bytes_raise_anything_but_payload_error(cls: type[Any], payload: byte
             decode(cls, candidate)
         except PayloadError:
             continue
-
-
-PLAIN = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(max_size=5),
-    lambda inner: st.lists(inner, max_size=9) | st.dictionaries(st.text(max_size=5), inner, max_size=5),
-    max_leaves=12,
-)
 
 
 @given(PLAIN)

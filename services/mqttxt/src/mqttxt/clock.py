@@ -30,6 +30,9 @@ BEACON_INTERVAL_MS = 10_000
 LIVE_INTERVALS = 3
 """A process whose beacons stay away for this many intervals is not live."""
 
+LATEST_MS = 2**53 - 1
+"""The latest time that a payload carries (JSON's numbers are exact up to it)."""
+
 STAMP_TICK_MS = 10
 STAMP_MODULUS = 1 << 16
 _STAMP_SPAN_MS = STAMP_MODULUS * STAMP_TICK_MS
@@ -142,11 +145,13 @@ class RemoteClock:
         """D = T + (now - r)(1 - 2 rho) + ttl (1 - 2 rho), the largest over all beacons; None without one.
 
         Clocks are read in whole milliseconds: r counts as one more, and D is one less because the executor's
-        clock still reads D for almost a millisecond after it.
+        clock still reads D for almost a millisecond after it. D is never later than a payload can carry, whatever
+        a beacon claims.
         """
         if self._lower_offset is None:
             return None
-        return (self._lower_offset + (now_ms + ttl_ms) * _SLOWEST) // _SLOWEST_OF - 1
+        found = (self._lower_offset + (now_ms + ttl_ms) * _SLOWEST) // _SLOWEST_OF - 1
+        return min(found, LATEST_MS)
 
     def latest_now_ms(self, now_ms: int) -> int | None:
         """The most that the remote clock can read at the own time `now_ms`; None before an echo."""

@@ -1,7 +1,7 @@
 """Every topic of MQTT-XT is built and parsed here, and nowhere else (docs/protocol.md, section 2).
 
-Numbers are ASCII `[1-9][0-9]*`. A root may be prefixed (`acme/`); on a broker that cloud and fog share,
-the fog side has the root `<prefix>fogX/local/`.
+Numbers are ASCII `[1-9][0-9]*`, names 1 to 64 of `[A-Za-z0-9_.-]`. A root may be prefixed (`acme/`); on a
+broker that cloud and fog share, the fog side has the root `<prefix>fogX/local/`.
 """
 
 from __future__ import annotations
@@ -217,7 +217,7 @@ class CloudSide:
         levels = topic.removeprefix(self.root).split("/")
         if len(levels) == 1 and levels[0] in _FOG_KINDS:
             return FogTopic(levels[0])
-        if len(levels) == 2 and levels[0] == "commands_result" and levels[1]:
+        if len(levels) == 2 and levels[0] == "commands_result" and _NAME.fullmatch(levels[1]):
             return FogTopic(levels[0], levels[1])
         if len(levels) == 2 and levels[0] == "commands" and levels[1] in SELECTABLE:
             return FogTopic("select", levels[1])
@@ -231,13 +231,13 @@ def _drone_topic(topic: str, below: str) -> DroneTopic:
     drone = _number(levels[0], "drone", MAX_DRONE)
     if drone is not None and len(levels) == 2 and levels[1] in _DRONE_KINDS:
         return DroneTopic(drone, levels[1])
-    if drone is not None and len(levels) == 3 and levels[2]:
+    if drone is not None and len(levels) == 3 and _NAME.fullmatch(levels[2]):
         if levels[1] in _NAMED_KINDS:
             return DroneTopic(drone, levels[1], levels[2])
         sensor = _number(levels[1], "sensor", MAX_SENSOR)
         if sensor is not None:
             return DroneTopic(drone, "sensor", levels[2], sensor)
-    if drone is not None and len(levels) == 4 and levels[1:3] == ["state", "mavlink"] and levels[3]:
+    if drone is not None and len(levels) == 4 and levels[1:3] == ["state", "mavlink"] and _NAME.fullmatch(levels[3]):
         return DroneTopic(drone, "state", MAVLINK_STATE + levels[3])
     raise PayloadError(f"topic {topic!r}: not a topic of MQTT-XT", "topic")
 

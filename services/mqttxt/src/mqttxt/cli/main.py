@@ -10,6 +10,7 @@ import typer
 
 from ..errors import ConfigurationError
 from ..io.activator import ActivatorRunner
+from ..io.address import is_host, whole_number
 from ..io.broker import EmbeddedBroker
 from ..io.journal import JournalFile
 from ..io.mavlink import AutopilotAddress
@@ -122,16 +123,19 @@ def uav(
 
 def _embedded(listen: str) -> EmbeddedBroker:
     host, _, port = listen.rpartition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65_536:
+    number = whole_number(port, 65_535)
+    if not is_host(host) or number is None:
         raise ConfigurationError(f"--listen {listen!r}: expected HOST:PORT")
-    return EmbeddedBroker(host, int(port))
+    return EmbeddedBroker(host, number)
 
 
 def _drone_numbers(text: str) -> tuple[int, ...]:
-    parts = [part.strip() for part in text.split(",") if part.strip()]
-    if not all(part.isascii() and part.isdecimal() for part in parts):
-        raise ConfigurationError(f"--drones {text!r}: expected numbers separated by commas, as 1,2,3")
-    return tuple(sorted({check_number("--drones", int(part), MAX_DRONE) for part in parts}))
+    numbers = {whole_number(part.strip(), MAX_DRONE) for part in text.split(",") if part.strip()}
+    if None in numbers:
+        raise ConfigurationError(
+            f"--drones {text!r}: expected numbers from 1 to {MAX_DRONE} separated by commas, as 1,2,3"
+        )
+    return tuple(sorted(number for number in numbers if number is not None))
 
 
 def _default_journal(drone: int) -> Path:

@@ -1,4 +1,4 @@
-"""Where a broker is, as a person writes it."""
+"""Where a broker is, as a person writes it; and hosts and numbers in any address."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ class BrokerAddress:
             port = parts.port
         except ValueError as error:
             raise ConfigurationError(f"{what} {url!r}: {error}; {expected}") from error
-        if parts.scheme not in ("mqtt", "mqtts") or not parts.hostname or parts.path.strip("/"):
+        beside = parts.path.strip("/") or parts.query or parts.fragment
+        if parts.scheme not in ("mqtt", "mqtts") or beside or not is_host(parts.hostname or "") or port == 0:
             raise ConfigurationError(f"{what} {url!r}: {expected}")
+        assert parts.hostname is not None
         tls = parts.scheme == "mqtts"
         return cls(
             parts.hostname,
@@ -40,3 +42,18 @@ class BrokerAddress:
 
     def __str__(self) -> str:
         return f"{'mqtts' if self.tls else 'mqtt'}://{self.host}:{self.port}"
+
+
+def is_host(text: str) -> bool:
+    """Whether a name or an address can be looked up at all: DNS takes labels of 1 to 63 characters."""
+    try:
+        return text != "" and "\0" not in text and text.encode("idna") != b""
+    except UnicodeError:
+        return False
+
+
+def whole_number(text: str, most: int) -> int | None:
+    """The number from 1 to `most` in ASCII digits, None where `text` is none."""
+    if not (text.isascii() and text.isdecimal() and len(text) <= len(str(most))):
+        return None
+    return int(text) if 1 <= int(text) <= most else None

@@ -10,13 +10,18 @@ import json
 import logging
 import os
 from pathlib import Path
+from typing import Any
 
-from ..errors import ConfigurationError
-from ..messages import CommandId, Word
+from ..errors import ConfigurationError, PayloadError
+from ..messages import CommandId, ResultMessage, Word
 from ..roles.effects import Journal
 from ..roles.uav_commands import Unfinished
+from ..topics import FogSide
+from ..wire.codec import encode
 
 logger = logging.getLogger("mqttxt.journal")
+
+_LAST_WORDS = {word.label: word for word in Word if word.is_last}
 
 
 class JournalFile:
@@ -73,19 +78,27 @@ def _read(path: Path) -> list[Unfinished]:
     if not path.exists():
         return []
     found: dict[CommandId, Unfinished] = {}
-    words = {word.label: word for word in Word}
     for number, line in enumerate(path.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
         try:
-            record = json.loads(line)
-            command_id = CommandId(int(record["gs_session"]), int(record["seq"]))
-            word = words[record["word"]] if record["word"] is not None else None
-            left = Unfinished(command_id, str(record["command"]), word, record["reason"])
-            done = bool(record["done"])
-        except (ValueError, KeyError, TypeError):
+            left, done = _restored(json.loads(line))
+        except (ValueError, KeyError, TypeError, RecursionError, PayloadError):
             logger.warning("journal %s: line %d cannot be read and is left out", path, number)
             continue
         if done:
-            found.pop(command_id, None)
+            found.pop(left.id, None)
         else:
-            found[command_id] = left
+            found[left.id] = left
     return list(found.values())
+
+
+def _restored(record: Any) -> tuple[Unfinished, bool]:
+    """One record, and whether it is done; raises one of several errors for what `_line` would not have written."""
+    command_id = CommandId(record["gs_session"], record["seq"])
+    word = _LAST_WORDS[record["word"]] if record["word"] is not None else None
+    left = Unfinished(command_id, record["command"], word, record["reason"])
+    spoken = word or Word.UNCONFIRMED
+    encode(ResultMessage(gs_session=left.id.gs_session, seq=left.id.seq, session=1, stamp=0, word=spoken))
+    FogSide().parse(FogSide().commands_result(1, left.command))
+    if not isinstance(left.reason, str | None) or not isinstance(record["done"], bool):
+        raise ValueError("reason or done")
+    return left, record["done"]

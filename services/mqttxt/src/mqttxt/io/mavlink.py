@@ -17,6 +17,7 @@ import serial
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..errors import ConfigurationError
+from .address import is_host, whole_number
 
 logger = logging.getLogger("mqttxt.mavlink")
 
@@ -24,6 +25,7 @@ COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 GCS_SYSTEM, GCS_COMPONENT = 255, int(mavlink.MAV_COMP_ID_MISSIONPLANNER)
 """What ground control stations use by convention."""
 REOPEN_S = 1.0
+MAX_BAUD = 99_999_999
 _READ_BYTES = 65_536
 
 
@@ -40,11 +42,14 @@ class AutopilotAddress:
         """Raises ConfigurationError where `text` is none of the three."""
         kind, _, rest = text.partition(":")
         host, _, number = rest.rpartition(":")
-        if kind not in ("udp", "tcp", "serial") or not host or not number.isdecimal() or int(number) == 0:
+        is_known = "\0" not in host and host != "" if kind == "serial" else is_host(host)
+        if kind not in ("udp", "tcp", "serial") or not is_known:
             raise ConfigurationError(f"autopilot {text!r}: expected udp:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD")
-        if kind != "serial" and int(number) > 65_535:
-            raise ConfigurationError(f"autopilot {text!r}: expected a port from 1 to 65535, got {number}")
-        return cls(kind, host, int(number))
+        what, most = ("baud rate", MAX_BAUD) if kind == "serial" else ("port", 65_535)
+        found = whole_number(number, most)
+        if found is None:
+            raise ConfigurationError(f"autopilot {text!r}: expected a {what} from 1 to {most}, got {number[:20]!r}")
+        return cls(kind, host, found)
 
     def __str__(self) -> str:
         return f"{self.kind}:{self.host}:{self.port}"
@@ -207,7 +212,10 @@ class _Serial(_Transport):
     """A serial line."""
 
     def __init__(self, address: AutopilotAddress) -> None:
-        self._port = serial.Serial(address.host, address.port, timeout=0, write_timeout=0)
+        try:
+            self._port = serial.Serial(address.host, address.port, timeout=0, write_timeout=0)
+        except ValueError as error:
+            raise ConfigurationError(f"autopilot {address}: {error}; expected a rate that the device has") from error
 
     def fileno(self) -> int:
         return int(self._port.fileno())

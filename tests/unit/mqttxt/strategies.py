@@ -1,0 +1,108 @@
+"""What hypothesis draws for tests of the wire and the roles: any message, and traffic that gets past first checks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cbor2
+from hypothesis import strategies as st
+
+from mqttxt.commands import Offboard
+from mqttxt.roles.effects import Inbound
+from mqttxt.states import STATES
+from mqttxt.topic_table import TopicRow
+from mqttxt.wire.codec import encode, plan_of
+from mqttxt.wire.fields import Constant, Integer, Items, Named, Real, Scaled, Text
+from mqttxt.wire.states import message_class
+from mqttxt.wire.values import Encoding
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(max_size=5),
+    lambda inner: st.lists(inner, max_size=9) | st.dictionaries(st.text(max_size=5), inner, max_size=5),
+    max_leaves=12,
+)
+PAYLOADS = st.binary(max_size=40) | PLAIN.map(cbor2.dumps) | st.binary(max_size=20).map(lambda tail: b"{" + tail)
+"""Bytes that mostly are no message."""
+
+
+def values(mark: Any, known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
+    """Whatever a field may carry; of whole numbers often one of `known`, or the largest."""
+    if isinstance(mark, Integer):
+        often = [number for number in (*known, mark.high) if mark.low <= number <= mark.high]
+        anything = st.integers(mark.low, mark.high)
+        return st.sampled_from(often) | anything if known else anything
+    if isinstance(mark, Constant):
+        return st.just(mark.value)
+    if isinstance(mark, Scaled):
+        low, high = round(mark.low * mark.per_unit), round(mark.high * mark.per_unit)
+        return st.integers(low, high).map(lambda ticks: ticks / mark.per_unit)
+    if isinstance(mark, Text):
+        return st.text(max_size=mark.longest)
+    if isinstance(mark, Items):
+        most = mark.least or min(5, mark.most)
+        return st.lists(values(mark.of, known), min_size=mark.least, max_size=most).map(tuple)
+    if isinstance(mark, Real):
+        return st.none() | st.floats(-mark.largest, mark.largest, width=32)
+    if mark is bool:
+        return st.booleans()
+    if issubclass(mark, Named):
+        return st.sampled_from(list(mark))
+    return messages(mark, known)
+
+
+def messages(cls: type[Any], known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
+    """Any message of a class."""
+    plan = plan_of(cls)
+    fields = {
+        f.name: values(f.mark, known) if not f.optional else st.none() | values(f.mark, known) for f in plan.fields
+    }
+    if plan.variant is not None:
+        name, variant = plan.variant
+        fields[name] = st.one_of([messages(body, known) for _, _, body in variant.codes])
+    if cls is Offboard:
+        kinds = [{"velocity": fields.pop("velocity")}, {"attitude": fields.pop("attitude")}]
+        chosen = [{name: strategy.filter(bool) for name, strategy in kind.items()} for kind in kinds]
+        return st.one_of([st.builds(cls, **fields, **kind) for kind in chosen])
+    return st.builds(cls, **fields)
+
+
+def inbound(rows: tuple[TopicRow, ...], known: tuple[int, ...]) -> st.SearchStrategy[Inbound]:
+    """A message on a topic of the table or on none, whose payload belongs there, to another topic, or to nothing.
+
+    `known` are sessions, nonces and times that mean something to the receiver.
+    """
+    return st.one_of([_on(row, known) for row in rows]) | st.builds(
+        Inbound, st.text(max_size=30), PAYLOADS, st.integers(0, 2), st.booleans()
+    )
+
+
+def _on(row: TopicRow, known: tuple[int, ...]) -> st.SearchStrategy[Inbound]:
+    names = st.sampled_from([*STATES, "arm", "goto", "malformed", "mavlink/ATTITUDE", "x" * 65_510]) | st.text(
+        max_size=8
+    )
+
+    @st.composite
+    def build(draw: st.DrawFn) -> Inbound:
+        name = draw(names)
+        letters = {"X": "1", "Y": str(draw(st.sampled_from([1, 1, 1, 2, 250]))), "S": "3"}
+        topic = row.topic
+        for word in ("fog", "drone", "sensor"):
+            topic = topic.replace(f"{word}{_LETTER[word]}", word + letters[_LETTER[word]])
+        for letter in "ZCKG":
+            topic = topic.replace(f"/{letter}", f"/{name}") if f"/{letter}" in row.topic else topic
+        payload = draw(_payload_of(row, name, known) | PAYLOADS)
+        return Inbound(topic, payload, draw(st.integers(0, 1)), draw(st.booleans()))
+
+    return build()
+
+
+_LETTER = {"fog": "X", "drone": "Y", "sensor": "S"}
+
+
+def _payload_of(row: TopicRow, name: str, known: tuple[int, ...]) -> st.SearchStrategy[bytes]:
+    cls = row.payload
+    if isinstance(cls, str):
+        if name not in STATES:
+            return st.binary(max_size=30)
+        cls = message_class(name, row.topic.startswith("fogX"))
+    return st.builds(encode, messages(cls, known), st.sampled_from(Encoding))
