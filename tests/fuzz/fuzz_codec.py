@@ -1,0 +1,135 @@
+"""Coverage-guided fuzzing of what takes bytes from the wire: `python tests/fuzz/fuzz_codec.py FOLDER -runs=N`.
+
+The first byte chooses the message; the rest is its payload, or (from the upper half of the bytes) says what values a
+CBOR payload is made of. Nothing but PayloadError may come out; what is decoded must come back equal from both forms.
+The corpus is made in FOLDER: the specification's worked examples, and every message with its least and most values.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import atheris
+import cbor2
+
+with atheris.instrument_imports(include=["mqttxt"]):
+    from mqttxt.errors import PayloadError
+    from mqttxt.states import STATES
+    from mqttxt.topics import CloudSide, FogSide
+    from mqttxt.wire.codec import decode, encode, plan_of
+    from mqttxt.wire.examples import examples
+    from mqttxt.wire.fields import Constant, Integer, Items, Named, Scaled, Text
+    from mqttxt.wire.identify import identify
+    from mqttxt.wire.schema import MESSAGES
+    from mqttxt.wire.states import decode_state, encode_state, message_class
+    from mqttxt.wire.values import Encoding
+
+STATE_NAMES = sorted(STATES)
+TARGETS: list[Any] = [*MESSAGES, *((name, relayed) for name in STATE_NAMES for relayed in (False, True))]
+
+
+def decoded(target: Any, payload: bytes) -> tuple[Any, list[bytes]]:
+    """What a payload says as `target`, and that in both forms."""
+    if isinstance(target, tuple):
+        state = decode_state(target[0], payload, relayed=target[1])
+        return state, [encode_state(state, encoding) for encoding in Encoding]
+    found = decode(target, payload)
+    return found, [encode(found, encoding) for encoding in Encoding]
+
+
+def plain(provider: Any, depth: int = 0) -> Any:
+    """Any value that CBOR has and a payload may be made of; mostly arrays at the top."""
+    kind = provider.ConsumeIntInRange(0, 7) if depth else 7
+    if kind == 7 and depth < 4:
+        return [plain(provider, depth + 1) for _ in range(provider.ConsumeIntInRange(0, 14))]
+    if kind in (0, 1):
+        return provider.ConsumeIntInRange(0, 260)
+    if kind == 2:
+        return provider.ConsumeInt(9)
+    if kind == 3:
+        return provider.ConsumeBool()
+    if kind == 4:
+        return provider.ConsumeRegularFloat()
+    return provider.ConsumeUnicodeNoSurrogates(8) if kind == 5 else None
+
+
+def check(data: bytes) -> None:
+    """One input."""
+    if not data:
+        return
+    target, payload = TARGETS[data[0] % 128 % len(TARGETS)], data[1:]
+    if data[0] >= 128:
+        payload = cbor2.dumps(plain(atheris.FuzzedDataProvider(payload)))
+    identify(payload)
+    for side in (FogSide(), CloudSide(1)):
+        try:
+            side.parse(payload.decode(errors="replace"))
+        except PayloadError:
+            continue
+    try:
+        found, forms = decoded(target, payload)
+    except PayloadError:
+        return
+    for form in forms:
+        again, _ = decoded(target, form)
+        if again != found:
+            raise AssertionError(f"{target}: {found} came back as {again}")
+
+
+def value(mark: Any, most: bool) -> Any:
+    """The least or the most that a field carries."""
+    if isinstance(mark, Integer):
+        return mark.high if most else mark.low
+    if isinstance(mark, Scaled):
+        return mark.high if most else mark.low
+    if isinstance(mark, Constant):
+        return mark.value
+    if isinstance(mark, Text):
+        return "x" * mark.longest if most else ""
+    if isinstance(mark, Items):
+        return (value(mark.of, most),)
+    if mark is bool:
+        return most
+    if issubclass(mark, Named):
+        return list(mark)[-1 if most else 0]
+    return message(mark, most)
+
+
+def message(cls: Any, most: bool) -> Any:
+    """A message of a class with the least or the most in every field."""
+    plan = plan_of(cls)
+    fields = {field.name: None if field.optional and not most else value(field.mark, most) for field in plan.fields}
+    if plan.variant is not None:
+        name, variant = plan.variant
+        fields[name] = message(variant.codes[-1 if most else 0][2], most)
+    return cls(**fields)
+
+
+def write_corpus(folder: Path) -> None:
+    """What every message may look like, in both forms, behind its number."""
+    for number, target in enumerate(TARGETS):
+        cls = message_class(*target) if isinstance(target, tuple) else target
+        ends = [encode(message(cls, most), encoding) for most in (False, True) for encoding in Encoding]
+        for index, payload in enumerate([*ends, *(form for e in examples() for form in (e.cbor, e.json))]):
+            try:
+                decode(cls, payload)
+            except PayloadError:
+                continue
+            (folder / f"{number}-{index}").write_bytes(bytes([number]) + payload)
+
+
+def main(folder: Path, *options: str) -> None:
+    corpus, words = folder / "corpus", folder / "words"
+    corpus.mkdir(parents=True, exist_ok=True)
+    write_corpus(corpus)
+    names = {name for example in examples() for name in json.loads(example.json)}
+    words.write_text("".join(f'"{name}"\n' for name in sorted(names)))
+    atheris.Setup([sys.argv[0], f"-dict={words}", f"-artifact_prefix={folder}/", *options, str(corpus)], check)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), *sys.argv[2:])
