@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -98,22 +99,40 @@ def value(mark: Any, most: bool) -> Any:
     return message(mark, most)
 
 
-def message(cls: Any, most: bool) -> Any:
-    """A message of a class with the least or the most in every field."""
+def message(cls: Any, most: bool, variant_code: int | None = None) -> Any:
+    """A message of a class with the least or the most in every field.
+
+    Where a class does not take that, one of the fields that may be missing is left out, or only the last one is there.
+    """
     plan = plan_of(cls)
     fields = {field.name: None if field.optional and not most else value(field.mark, most) for field in plan.fields}
     if plan.variant is not None:
         name, variant = plan.variant
-        fields[name] = message(variant.codes[-1 if most else 0][2], most)
-    return cls(**fields)
+        bodies = {code: body for code, _, body in variant.codes}
+        fields[name] = message(bodies[variant_code or min(bodies)], most)
+    for left_out in (None, *(field.name for field in plan.fields if field.optional)):
+        try:
+            return cls(**{name: None if name == left_out else value for name, value in fields.items()})
+        except PayloadError:
+            continue
+    return cls(**{**fields, **{field.name: value(field.mark, False) for field in plan.fields[-1:]}})
+
+
+def ends(cls: Any) -> Iterator[bytes]:
+    """Both ends of a message, with each of its variants, in both forms."""
+    plan = plan_of(cls)
+    codes = [code for code, _, _ in plan.variant[1].codes] if plan.variant is not None else [None]
+    for code in codes:
+        for most in (False, True):
+            for encoding in Encoding:
+                yield encode(message(cls, most, code), encoding)
 
 
 def write_corpus(folder: Path) -> None:
     """What every message may look like, in both forms, behind its number."""
     for number, target in enumerate(TARGETS):
         cls = message_class(*target) if isinstance(target, tuple) else target
-        ends = [encode(message(cls, most), encoding) for most in (False, True) for encoding in Encoding]
-        for index, payload in enumerate([*ends, *(form for e in examples() for form in (e.cbor, e.json))]):
+        for index, payload in enumerate([*ends(cls), *(form for e in examples() for form in (e.cbor, e.json))]):
             try:
                 decode(cls, payload)
             except PayloadError:
