@@ -17,7 +17,7 @@ from typing import Any, Self
 
 from .clock import DEFAULT_TTL_MS, SessionClock
 from .commands import Command
-from .errors import FogUnreachable
+from .errors import ConfigurationError, FogUnreachable
 from .gs_best import best
 from .gs_views import Drone, Fog, KnownState
 from .io.mqtt import BrokerAddress, MqttLink
@@ -27,6 +27,7 @@ from .outcomes import Event, Outcome, PsmiList
 from .roles.effects import Inbound
 from .roles.ground_station import GroundStation as Station
 from .roles.settings import Settings
+from .roles.station_commands import ttl_ms_of
 from .roles.station_fog import LINK
 from .topics import check_number, check_station_name
 from .wire.values import Encoding
@@ -137,6 +138,8 @@ class GroundStation(Runner):
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """Wait until `condition` holds; it is looked at whenever something was heard. Raises TimeoutError."""
+        if not timeout_s > 0:
+            raise ConfigurationError(f"timeout {timeout_s:g} s: expected more than 0")
         async with asyncio.timeout(timeout_s):
             while not condition():
                 self._raise_if_ended()
@@ -162,7 +165,7 @@ class GroundStation(Runner):
         self, fog: int, drone: int | None, command: Command, ttl_s: float, limit_s: float | None
     ) -> AsyncIterator[Outcome]:
         """Send a command and yield its outcomes, up to the last word of each drone."""
-        ttl_ms = round(ttl_s * 1000)
+        ttl_ms = ttl_ms_of(ttl_s)
 
         def start() -> tuple[CommandId, list[Any]]:
             return self.station.send(fog, drone, command, self.clock.now_ms(), ttl_ms=ttl_ms, limit_s=limit_s)

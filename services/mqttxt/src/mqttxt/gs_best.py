@@ -12,6 +12,7 @@ from .errors import FogUnreachable
 from .messages import CommandId
 from .outcomes import Outcome, PsmiList
 from .rankings import SelectMode
+from .roles.station_commands import ttl_ms_of
 
 if TYPE_CHECKING:
     from .gs import GroundStation
@@ -78,7 +79,7 @@ def _select(
     ttl_s: float,
     limit_s: float | None,
 ) -> Start:
-    ttl_ms = round(ttl_s * 1000)
+    ttl_ms = ttl_ms_of(ttl_s)
     return lambda: station.station.select(
         fog, command, station.clock.now_ms(), mode=mode, reservation=reservation, ttl_ms=ttl_ms, limit_s=limit_s
     )

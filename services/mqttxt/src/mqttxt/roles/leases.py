@@ -14,6 +14,8 @@ from ..messages import Control, Registration
 RESTORED_MS = 10_000
 """How long a new activator session keeps a drone for the station that controlled it before."""
 NOT_IN_CONTROL = "not_in_control"
+MAX_EPOCH = 2**32 - 1
+"""The last one that a payload carries: whoever has control then keeps it."""
 
 Key = tuple[str, int]
 """A station's name and session."""
@@ -151,7 +153,7 @@ class Leases:
 
     def _take(self, key: Key, drones: set[int], epoch: int) -> set[int]:
         """Only who has seen the newest epoch may take: an old takeover that was stalled takes nothing."""
-        if epoch < self._epoch:
+        if epoch < self._epoch or self._epoch >= MAX_EPOCH:
             return set()
         taken = {drone for drone in drones if self._holders.get(drone, key) != key}
         if taken:

@@ -8,11 +8,13 @@ from typing import Any
 from ..clock import DEFAULT_TTL_MS, MAX_TTL_MS, expiry_s
 from ..commands import BROADCASTABLE, Command, Offboard
 from ..errors import ConfigurationError, FogUnreachable
-from ..messages import CommandId, CommandMessage, FogResultMessage, ResultMessage, Word
+from ..messages import CommandId, CommandMessage, FogResultMessage, Limit, ResultMessage, Word
 from ..outcomes import Event, Outcome, PsmiList
 from ..rankings import PsmiMessage, SelectMessage, SelectMode
 from ..topics import SELECTABLE
 from ..wire.codec import encode
+from ..wire.fields import Scaled
+from ..wire.values import mark_of
 from .effects import Effect, Log, Publish
 from .ledger import KEEP_MS
 from .pending import Pending
@@ -20,6 +22,15 @@ from .settings import GRACE_MS, Retry, Settings
 from .station_fog import LINK, FogView
 
 Output = Effect | Event
+
+_LIMIT: Scaled = mark_of(Limit)
+
+
+def ttl_ms_of(ttl_s: float) -> int:
+    """A ttl in whole milliseconds; raises ConfigurationError for what no deadline may be ahead."""
+    if not 0 < ttl_s <= MAX_TTL_MS / 1000:
+        raise ConfigurationError(f"ttl {ttl_s:g} s: expected more than 0 and at most {MAX_TTL_MS / 1000:g}")
+    return max(1, round(ttl_s * 1000))
 
 
 class StationCommands:
@@ -43,7 +54,7 @@ class StationCommands:
     ) -> tuple[CommandId, list[Output]]:
         """Send a command to a drone, or with None to every drone of a fog.
 
-        Raises FogUnreachable when the activator is not live, ConfigurationError for a ttl or a broadcast
+        Raises FogUnreachable when the activator is not live, ConfigurationError for a ttl, a limit or a broadcast
         that cannot be.
         """
         if drone is None and not isinstance(command, BROADCASTABLE):
@@ -85,6 +96,8 @@ class StationCommands:
         """The fields that every command to a fog has; the sequence number is used up."""
         if not 0 < ttl_ms <= MAX_TTL_MS:
             raise ConfigurationError(f"ttl {ttl_ms} ms: expected more than 0 and at most {MAX_TTL_MS}")
+        if limit_s is not None and not _LIMIT.low <= limit_s <= _LIMIT.high:
+            raise ConfigurationError(f"limit {limit_s:g} s: expected {_LIMIT.low:g} to {_LIMIT.high:g}")
         deadline_ms = fog.clock.deadline_ms(now_ms, ttl_ms) if fog.clock is not None else None
         if deadline_ms is None or not fog.registered or not fog.is_live(now_ms):
             raise FogUnreachable(f"fog {fog.number}: no live activator; {command.name} was not sent")

@@ -164,7 +164,10 @@ def _out(field: FieldPlan, message: object, encoding: Encoding) -> Plain:
     value = getattr(message, field.name)
     if value is None and field.optional:
         return None
-    return field.to_plain(value, encoding)
+    try:
+        return field.to_plain(value, encoding)
+    except PayloadError as error:
+        raise PayloadError(str(error).replace("field", field.name, 1), error.kind) from None
 
 
 def _tag(variant: Variant, body: object) -> tuple[int, str]:
