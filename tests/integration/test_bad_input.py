@@ -119,6 +119,16 @@ def test_a_fog_that_does_not_answer_is_one_line(broker: Broker) -> None:
     [
         (["gs", "send", "jump"], "command 'jump': expected one of arm, disarm, takeoff, land, goto, hold, return"),
         (["gs", "send", "takeoff", "high"], "takeoff altitude_m 'high': expected a number from 0.5 to 10000"),
+        (["gs", "send", "takeoff", "nan"], "takeoff altitude_m 'nan': expected a number from 0.5 to 10000"),
+        (
+            ["gs", "send", "goto", "91", "8", "9", "--drone", "1"],
+            "goto latitude_deg '91': expected a number from -90 to 90",
+        ),
+        (["gs", "send", "arm", "--cloud", "mqtt://a..b"], "broker 'mqtt://a..b': expected mqtt://HOST[:PORT]"),
+        (
+            ["uav", "--drone", "1", "--broker", "mqtt://x", "--autopilot", "serial:/dev/x:0"],
+            "expected a baud rate from 1",
+        ),
         (["gs", "send", "goto", "1", "2"], "goto: expected LATITUDE_DEG LONGITUDE_DEG ALTITUDE_M, got 1 2"),
         (["gs", "send", "goto", "1", "2", "3"], "goto: expected --drone, because each drone has its own"),
         (["gs", "send", "arm", "--cloud", "cloud:1883"], "broker 'cloud:1883': expected mqtt://HOST[:PORT]"),

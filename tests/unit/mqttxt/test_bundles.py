@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from fogs import Bench, of, ready
 from world import UAV_SESSION, heartbeat, position
 from world import ready as start
 
 from mqttxt.messages import Control
+from mqttxt.rankings import Candidate, PsmiMessage, QodsMessage, Ranked
 from mqttxt.roles.effects import Publish
 from mqttxt.roles.settings import Settings
 from mqttxt.roles.uav_client import UavClient
-from mqttxt.states import Armed, Battery, Groundspeed, Heading
+from mqttxt.states import STATES, Armed, Battery, Groundspeed, Heading
 from mqttxt.wire.bundles import MAX_DRONES, DroneBundle, FogBundle, drone_bundle, fog_bundles, states_of
-from mqttxt.wire.codec import decode, encode
+from mqttxt.wire.codec import MAX_PAYLOAD, decode, encode, plan_of
+from mqttxt.wire.fields import Integer, Scaled
 from mqttxt.wire.states import StampedState, decode_state
+from mqttxt.wire.values import Encoding
 
 
 def bundles(effects: list[Any]) -> list[list[tuple[int, str]]]:
@@ -105,3 +109,31 @@ def test_five_states_of_three_drones_are_less_than_a_mavlink_message_each() -> N
     pairs = [(drone, StampedState(state, 100, 90)) for drone in (1, 2, 3) for state in states]
     (bundle,) = fog_bundles(pairs)
     assert len(encode(bundle)) < 3 * 40
+
+
+@pytest.mark.parametrize("encoding", Encoding)
+def test_a_full_bundle_and_the_rankings_of_a_full_fog_fit_into_a_payload(encoding: Encoding) -> None:
+    """All states of as many drones as a bundle takes; 250 drones left out, each with its figures and a long reason."""
+    states = [cls(**{f.name: _widest(f.mark) for f in plan_of(cls).fields}) for cls in STATES.values()]
+    pairs = [(200 + n, StampedState(state, 60_000, 60_000)) for n in range(MAX_DRONES) for state in states]
+    (bundle,) = fog_bundles(pairs)
+    figures = {"distance_m": 12_345.6, "arrival_s": 1234.5, "max_groundspeed_m_s": 12.34, "remaining_pct": 88}
+    reason = "not_in_control, " + "x" * 64
+    left_out = tuple(
+        Candidate(drone=n, reason=reason, range_m=12_345.6, age_s=12.3, **figures)  # type: ignore[arg-type]
+        for n in range(1, 251)
+    )
+    psmi = PsmiMessage(gs_session=2**32 - 1, seq=1, session=2**32 - 1, stamp=1, listed=(), left_out=left_out)
+    ranked = tuple(Ranked(drone=n, remaining_pct=88, max_groundspeed_m_s=12.34, age_s=12.3) for n in range(1, 251))
+    qods = QodsMessage(session=2**32 - 1, stamp=1, ranking=ranked)
+    for message in (bundle, psmi, qods):
+        payload = encode(message, encoding)
+        assert len(payload) <= MAX_PAYLOAD
+        assert decode(type(message), payload) == message
+
+
+def _widest(mark: Any) -> Any:
+    """The value that takes the most bytes."""
+    if isinstance(mark, Integer | Scaled):
+        return mark.high
+    return True if mark is bool else list(mark)[-1]

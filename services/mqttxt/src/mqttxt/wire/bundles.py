@@ -10,8 +10,8 @@ from ..states import STATE, State
 from .fields import DroneNumber, Items, Stamp
 from .states import StampedState
 
-MAX_DRONES = 100
-"""Entries of one fog bundle, so that it stays well below the longest payload."""
+MAX_DRONES = 50
+"""Entries of one fog bundle, so that it stays below the longest payload with every state of each, in JSON too."""
 
 
 @dataclass(frozen=True, kw_only=True)
