@@ -128,6 +128,44 @@ def test_in_progress_tells_its_percentage_and_ends_retransmission() -> None:
     assert written(bench.until(3900)) == []
 
 
+def test_progress_is_told_when_it_has_changed_and_255_is_unknown() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    out = bench.hear(*(ack(ARM, 5, percent) for percent in (255, 255, 10, 10, 55, 255)))
+    assert [o.percent for o in out] == [None, 10, 55, None]
+
+
+def test_the_acknowledgement_after_progress_decides() -> None:
+    accepted, refused = Bench(), Bench()
+    for bench in (accepted, refused):
+        bench.start(1, Arm())
+        bench.hear(ack(ARM, 5, 50))
+        bench.until(6000)
+    out = accepted.hear(ack(ARM), heartbeat(armed=True))
+    assert said(out) == [(1, Word.ACCEPTED, None), (1, Word.COMPLETED, None)]
+    assert said(refused.hear(ack(ARM, 4))) == [(1, Word.FAILED, "autopilot")]
+
+
+def test_progress_without_end_fails_at_the_limit_and_the_number_rests() -> None:
+    bench = Bench()
+    bench.start(1, Arm(), limit_ms=4000)
+    bench.hear(ack(ARM, 5, 40))
+    assert said(bench.until(4000)) == [(1, Word.FAILED, "timeout")]
+    assert written(bench.start(2, Disarm())) == []
+    assert [o.kind for o in bench.hear(ack(ARM)) if isinstance(o, Log)] == ["ack_discarded"]
+    assert written(bench.until(4100)) == [ARM]
+
+
+def test_a_command_in_progress_supersedes_and_is_superseded() -> None:
+    bench = Bench()
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.hear(ack(TAKEOFF, 5, 20))
+    bench.start(2, Land())
+    assert said(bench.hear(ack(LAND, 5, 255))) == [(2, Word.IN_PROGRESS, None), (1, Word.SUPERSEDED, None)]
+    assert said(bench.hear(ack(TAKEOFF))) == []
+    assert said(bench.hear(ack(LAND))) == [(2, Word.ACCEPTED, None)]
+
+
 def test_past_its_limit_a_command_has_failed() -> None:
     bench = Bench()
     bench.start(1, Land(), limit_ms=2000)

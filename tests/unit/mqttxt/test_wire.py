@@ -190,7 +190,7 @@ def test_a_malformed_command_can_still_be_named() -> None:
 def test_every_command_has_a_name_and_a_limit() -> None:
     assert [(code, name) for code, name, _ in COMMAND.codes] == [
         *[(1, "arm"), (2, "disarm"), (3, "takeoff"), (4, "land"), (5, "goto"), (6, "hold"), (7, "return")],
-        *[(8, "offboard"), (9, "stream")],
+        *[(8, "offboard"), (9, "stream"), (10, "mavlink")],
     ]
     assert Goto(47.5, -8.25, 12.5).limit_s == 900
     assert Stream("mavlink/ATTITUDE", 0.1).limit_s == 30

@@ -4,7 +4,21 @@ The ground station's API is re-exported here; `mqttxt.cli` has the roles as comm
 (`topics`, `clock`, `commands`, `states`, `messages`, `wire`, `dialect`, `roles`) know no network; `io` does.
 """
 
-from .commands import Arm, Attitude, Command, Disarm, Goto, Hold, Land, Offboard, Return, Stream, Takeoff, Velocity
+from .commands import (
+    Arm,
+    Attitude,
+    Command,
+    Disarm,
+    Goto,
+    Hold,
+    Land,
+    Mavlink,
+    Offboard,
+    Return,
+    Stream,
+    Takeoff,
+    Velocity,
+)
 from .errors import (
     BrokerRefused,
     ConfigurationError,
@@ -73,6 +87,7 @@ __all__ = [
     "Landed",
     "LandedState",
     "Location",
+    "Mavlink",
     "MavlinkState",
     "MaxGroundspeed",
     "MqttxtError",

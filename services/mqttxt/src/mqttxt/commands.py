@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from .errors import PayloadError
-from .wire.fields import Latitude, Longitude, Scaled, Text, Variant
+from .wire.fields import U16, Integer, Items, Latitude, Longitude, Real, Scaled, Text, Variant
 
 Height = Annotated[float, Scaled(1000, -500, 10_000)]
 """Metres above home."""
@@ -141,10 +141,36 @@ class Stream:
         return 10.0 + (2 / self.rate_hz if self.rate_hz else 0.0)
 
 
-Command = Arm | Disarm | Takeoff | Land | Goto | Hold | Return | Offboard | Stream
+Parameter = Annotated[float | None, Real(3.4028234663852886e38)]
+"""A parameter of a MAV_CMD; None, or NaN, is MAVLink's "not set"."""
+
+
+@dataclass(frozen=True)
+class Mavlink:
+    """A MAV_CMD of common.xml with its seven parameters, sent once as COMMAND_LONG. Completed when it is accepted.
+
+    That says nothing of its effect, so that the word is marked `observed` false. `component` is the autopilot
+    unless given.
+    """
+
+    mav_cmd: U16
+    params: Annotated[tuple[Parameter, ...], Items(7, least=7)]
+    component: Annotated[int, Integer(1, 255)] | None = None
+    name: ClassVar[str] = "mavlink"
+    limit_s: ClassVar[float] = 60.0
+
+    def __post_init__(self) -> None:
+        """NaN is None, so that equal commands compare equal; raises PayloadError for other than seven."""
+        if len(self.params) != 7:
+            raise PayloadError(f"mavlink params: expected 7, got {len(self.params)}")
+        params = tuple(None if param is None or math.isnan(param) else param for param in self.params)
+        object.__setattr__(self, "params", params)
+
+
+Command = Arm | Disarm | Takeoff | Land | Goto | Hold | Return | Offboard | Stream | Mavlink
 
 COMMANDS: dict[str, type[Command]] = {
-    c.name: c for c in (Arm, Disarm, Takeoff, Land, Goto, Hold, Return, Offboard, Stream)
+    c.name: c for c in (Arm, Disarm, Takeoff, Land, Goto, Hold, Return, Offboard, Stream, Mavlink)
 }
 """Every command by its name, in the order of their codes."""
 

@@ -106,7 +106,8 @@ class ResultMessage:
 
     `session` is the drone's, or the activator's where the activator closed the command; `stamp` is of the
     same clock, `relay_stamp` the activator's. `late_ms`: how far past the deadline the clock read after the
-    write. `settled` marks the truth that came after an `unconfirmed`.
+    write. `settled` marks the truth that came after an `unconfirmed`; `observed` false a `completed` whose effect
+    nobody saw.
     """
 
     version: Version = VERSION
@@ -122,6 +123,7 @@ class ResultMessage:
     by: By | None = None
     settled: bool | None = None
     beacon: BeaconMessage | None = None
+    observed: bool | None = None
 
     @property
     def id(self) -> CommandId:

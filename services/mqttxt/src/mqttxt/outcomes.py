@@ -13,9 +13,9 @@ from .states import State
 class Outcome:
     """One word about a command and a drone. `drone` None: about the fog as a whole.
 
-    `is_last` marks a drone's one last word; `settled` the truth that followed an `unconfirmed`. `late_ms`:
-    how far past its deadline the drone's clock read after the write. `age_ms` is an upper bound of how long
-    ago it was said, None where the fog has no clock of it.
+    `is_last` marks a drone's one last word; `settled` the truth that followed an `unconfirmed`; `observed` false a
+    `completed` whose effect nobody saw. `late_ms`: how far past its deadline the drone's clock read after the write.
+    `age_ms` is an upper bound of how long ago it was said, None where the fog has no clock of it.
     """
 
     id: CommandId
@@ -29,6 +29,7 @@ class Outcome:
     superseded_by: CommandId | None = None
     settled: bool = False
     age_ms: int | None = None
+    observed: bool = True
 
     @property
     def is_last(self) -> bool:
@@ -41,6 +42,8 @@ class Outcome:
             what = f"{self.word.label}(by {self.superseded_by})"
         if self.percent is not None:
             what += f" {self.percent} %"
+        if not self.observed:
+            what += ", effect not observed"
         late = f", {self.late_ms} ms late" if self.late_ms else ""
         return f"{who}: {self.command} {'settled as ' if self.settled else ''}{what}{late}"
 

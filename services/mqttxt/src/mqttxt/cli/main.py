@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from ..dialect.raw import Limits
 from ..errors import ConfigurationError
 from ..io.activator import ActivatorRunner
 from ..io.address import is_host, whole_number
@@ -97,6 +98,12 @@ def uav(
     endurance_s: Annotated[
         int | None, typer.Option(help="Seconds of flight of a full battery; measured in flight without.")
     ] = None,
+    allow_mav_cmd: Annotated[
+        list[int] | None, typer.Option(help="A guarded MAV_CMD that `mavlink` may send; may be given several times.")
+    ] = None,
+    allow_component: Annotated[
+        list[int] | None, typer.Option(help="A component beside the autopilot that `mavlink` may command.")
+    ] = None,
     qos: Qos = 1,
     json: Json = False,
     ready_file: Ready = None,
@@ -115,7 +122,7 @@ def uav(
             settings(qos, json, bundles),
             topics=FogSide(check_prefix(fog_root)),
             ready_file=ready_file,
-            options=UavOptions(endurance_s=endurance_s),
+            options=UavOptions(endurance_s, Limits(frozenset(allow_mav_cmd or ()), frozenset(allow_component or ()))),
         )
 
     run_role(make)

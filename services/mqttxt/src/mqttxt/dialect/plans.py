@@ -38,7 +38,8 @@ class Plan:
 
     `effect(vehicle, after)` looks only at what was received after message number `after`. `modes` None: the
     command is no flight. `passing` are modes that are right only if the effect shows soon after. `message` None:
-    nothing has to be said. `on_accepted(now_ms)` is called when the command is accepted.
+    nothing has to be said. `on_accepted(now_ms)` is called when the command is accepted. `is_said_once`: it is never
+    repeated, and its acceptance is all that will be known of it.
     """
 
     message: Any
@@ -48,6 +49,7 @@ class Plan:
     modes: frozenset[FlightModeName] | None = None
     passing: frozenset[FlightModeName] = frozenset()
     on_accepted: Callable[[int], None] | None = None
+    is_said_once: bool = False
 
 
 def plan(command: Command, vehicle: Vehicle) -> Plan:
@@ -64,7 +66,7 @@ def plan(command: Command, vehicle: Vehicle) -> Plan:
     if isinstance(command, Hold):
         return _mode(vehicle, FlightModeName.HOLD, _holds, frozenset({FlightModeName.HOLD}))
     if isinstance(command, Offboard):
-        return _mode(vehicle, FlightModeName.OFFBOARD, _never, frozenset({FlightModeName.OFFBOARD}))
+        return _mode(vehicle, FlightModeName.OFFBOARD, never, frozenset({FlightModeName.OFFBOARD}))
     assert isinstance(command, Return)
     return _mode(vehicle, FlightModeName.RETURN, _is_down, frozenset({FlightModeName.RETURN, FlightModeName.LAND}))
 
@@ -149,8 +151,8 @@ def _mode(
     return Plan(set_mode(vehicle, name), mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, modes)
 
 
-def _never(vehicle: Vehicle, after: int) -> bool:
-    """An offboard flight ends by its time."""
+def never(vehicle: Vehicle, after: int) -> bool:
+    """No message shows the effect."""
     return False
 
 

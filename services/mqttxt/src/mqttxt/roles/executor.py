@@ -10,22 +10,24 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..commands import Command, Goto, Offboard, Stream, Takeoff
+from ..commands import Command, Mavlink, Offboard, Stream
 from ..dialect.plans import CannotExecute, Plan, plan
-from ..dialect.vehicle import OWN_COMPONENT, Vehicle
+from ..dialect.raw import Limits, plan_raw
+from ..dialect.vehicle import Vehicle
 from ..messages import CommandId, Word
-from ..states import Armed, FlightMode
 from .acks import Stray
 from .effects import Log, Transmit
+from .interruptions import interrupted
 from .offboard import OffboardPilot
+from .results import is_for_us, percent_of, refusal
 from .runs import UNSENT, Output, Phase, Run, Runs, Said
 from .streams import Streams
 
 SENDS = 4
 RESEND_MS = 500
 """MAVLink's command protocol: repeated until acknowledged; the counts are MAVSDK's."""
-MODE_GRACE_MS = 3000
-"""How long a mode that is not the command's own may last: the change may still be under way."""
+ONCE_MS = 3000
+"""How long what is never repeated may stay without an acknowledgement."""
 
 _FLIGHT_COMMANDS = frozenset(
     {
@@ -36,20 +38,14 @@ _FLIGHT_COMMANDS = frozenset(
         mavlink.MAV_CMD_DO_SET_MODE,
     }
 )
-_RESULTS = {
-    mavlink.MAV_RESULT_TEMPORARILY_REJECTED: (Word.DENIED, "temporarily_rejected"),
-    mavlink.MAV_RESULT_DENIED: (Word.DENIED, "autopilot"),
-    mavlink.MAV_RESULT_UNSUPPORTED: (Word.UNSUPPORTED, None),
-    mavlink.MAV_RESULT_FAILED: (Word.FAILED, "autopilot"),
-    6: (Word.FAILED, "cancelled"),  # MAV_RESULT_CANCELLED
-}
 
 
 class Executor:
     """The commands of one autopilot. Every method returns effects and words, in their order."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, limits: Limits | None = None) -> None:
         self.vehicle = vehicle
+        self._limits = limits or Limits()
         self._runs = Runs()
         self._pilot = OffboardPilot(vehicle, self._runs)
         self.streams = Streams(vehicle)
@@ -78,9 +74,9 @@ class Executor:
         """Begin a command that was admitted; its first write may have to wait for its MAV_CMD."""
         if not self.vehicle.is_alive(now_ms):
             return [Said(command_id, Word.DENIED, "no_autopilot")]
-        refusal = self._pilot.refusal(now_ms) if isinstance(command, Offboard) else None
-        if refusal is not None:
-            return [Said(command_id, Word.DENIED, refusal)]
+        reason = self._pilot.refusal(now_ms) if isinstance(command, Offboard) else None
+        if reason is not None:
+            return [Said(command_id, Word.DENIED, reason)]
         try:
             planned = self._plan(command, now_ms)
         except CannotExecute as error:
@@ -149,7 +145,11 @@ class Executor:
         return self._pilot.leave()
 
     def _plan(self, command: Command, now_ms: int) -> Plan:
-        return self.streams.plan(command, now_ms) if isinstance(command, Stream) else plan(command, self.vehicle)
+        if isinstance(command, Stream):
+            return self.streams.plan(command, now_ms)
+        if isinstance(command, Mavlink):
+            return plan_raw(command, self.vehicle, self._limits)
+        return plan(command, self.vehicle)
 
     def _time_out(self, run: Run, now_ms: int) -> Said:
         if isinstance(run.command, Stream):
@@ -195,9 +195,14 @@ class Executor:
                 return []
             self._rest(run, now_ms)
             return [self._time_out(run, now_ms)]
-        if now_ms < run.last_send_ms + RESEND_MS:
+        if now_ms < run.last_send_ms + (ONCE_MS if run.plan.is_said_once else RESEND_MS):
             return []
-        if run.sends < SENDS and now_ms <= run.deadline_ms and self._runs.newer(run) is None:
+        if (
+            not run.plan.is_said_once
+            and run.sends < SENDS
+            and now_ms <= run.deadline_ms
+            and self._runs.newer(run) is None
+        ):
             return self._send(run, now_ms)
         if now_ms < run.last_send_ms + 2 * RESEND_MS:
             return []
@@ -211,7 +216,7 @@ class Executor:
         self._runs.acks.rest(run.plan.mav_cmd, run.sends - run.acks, now_ms)
 
     def _on_ack(self, message: Any, now_ms: int) -> list[Output]:
-        if not self._is_for_us(message):
+        if not is_for_us(message, self.vehicle.system_id):
             return []
         run = self._runs.awaiting(message.command)
         if run is None:
@@ -219,25 +224,18 @@ class Executor:
         if message.get_srcComponent() != run.plan.message.target_component:
             return []
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
-            return self._on_progress(run, message.progress, now_ms)
+            return self._on_progress(run, percent_of(message), now_ms)
         run.acks += 1
         if run.sends > run.acks:
             self._rest(run, now_ms)
         if message.result != mavlink.MAV_RESULT_ACCEPTED:
-            word, reason = _RESULTS.get(message.result, (Word.FAILED, f"mav_result_{message.result}"))
-            return [self._runs.end(run, word, reason)]
+            return [self._runs.end(run, *refusal(message.result))]
+        if run.plan.is_said_once:
+            return [self._runs.end(run, Word.COMPLETED, observed=False)]
         return self._on_accepted(run, now_ms)
 
-    def _is_for_us(self, message: Any) -> bool:
-        """Whether it is our autopilot's answer to us: others are acknowledged on the same link. 0 names nobody."""
-        if message.get_srcSystem() != self.vehicle.system_id:
-            return False
-        wanted = (message.target_system, message.target_component)
-        return wanted[0] in (0, self.vehicle.system_id) and wanted[1] in (0, OWN_COMPONENT)
-
-    def _on_progress(self, run: Run, progress: int, now_ms: int) -> list[Output]:
-        """It is being done: not said again, and told only where the percentage (255: unknown) is another one."""
-        percent = progress if progress <= 100 else None
+    def _on_progress(self, run: Run, percent: int | None, now_ms: int) -> list[Output]:
+        """It is being done: not said again, and told only where the percentage is another one."""
         if run.in_progress and percent == run.percent:
             return []
         run.in_progress = True
@@ -287,29 +285,9 @@ class Executor:
             if run.plan.effect(self.vehicle, run.accepted_number):
                 out.append(self._runs.end(run, Word.COMPLETED))
                 continue
-            reason = self._interrupted(run, now_ms)
+            reason = interrupted(run, self._runs, self.vehicle, now_ms)
             if reason == "disarmed" and isinstance(run.command, Offboard):
                 out += self._pilot.stop(run, Word.FAILED, reason, now_ms)
             elif reason is not None:
                 out.append(self._runs.end(run, Word.FAILED, reason))
         return out
-
-    def _interrupted(self, run: Run, now_ms: int) -> str | None:
-        """Why a running command can no longer have its effect, None while it can."""
-        if run.plan.modes is None or any(other.phase is Phase.SENT and other.is_of_group(run) for other in self._runs):
-            return None
-        armed = self.vehicle.seen(Armed, run.accepted_number)
-        if isinstance(run.command, Takeoff | Goto | Offboard) and armed == Armed(False):
-            return "disarmed"
-        told = self.vehicle.seen(FlightMode, run.accepted_number)
-        if told is None:
-            return None
-        if told.mode in run.plan.modes:
-            run.entered_mode = True
-            run.passing_since_ms = None
-            return None
-        if run.entered_mode and told.mode not in run.plan.passing:
-            return "mode_changed"
-        if run.passing_since_ms is None:
-            run.passing_since_ms = now_ms
-        return "mode_changed" if now_ms - run.passing_since_ms > MODE_GRACE_MS else None

@@ -30,6 +30,7 @@ class Pending:
     roster: tuple[int, ...] | None
     choosing: bool = False
     words: dict[int, Word] = field(default_factory=dict)
+    percents: dict[int, int | None] = field(default_factory=dict)
     unconfirmed_here: set[int] = field(default_factory=set)
     denied: bool = False
 

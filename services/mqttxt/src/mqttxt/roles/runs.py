@@ -23,6 +23,7 @@ class Said:
     percent: int | None = None
     late_ms: int | None = None
     by: CommandId | None = None
+    observed: bool | None = None
 
 
 Output = Effect | Said
@@ -94,10 +95,17 @@ class Runs:
     def find(self, command_id: CommandId) -> Run | None:
         return next((run for run in self._runs if run.id == command_id), None)
 
-    def end(self, run: Run, word: Word, reason: str | None = None, by: CommandId | None = None) -> Said:
+    def end(
+        self,
+        run: Run,
+        word: Word,
+        reason: str | None = None,
+        by: CommandId | None = None,
+        observed: bool | None = None,
+    ) -> Said:
         """Say a run's last word."""
         self._runs.remove(run)
-        return Said(run.id, word, reason, late_ms=run.late_ms, by=by)
+        return Said(run.id, word, reason, late_ms=run.late_ms, by=by, observed=observed)
 
     def awaiting(self, mav_cmd: int) -> Run | None:
         """The run that waits for an acknowledgement of this number."""

@@ -156,6 +156,7 @@ class StationCommands:
             CommandId(result.by.gs_session, result.by.seq) if result.by is not None else None,
             settled=bool(result.settled),
             age_ms=age_ms,
+            observed=result.observed is not False,
         )
         return self._say(pending, outcome, now_ms)
 
@@ -164,8 +165,9 @@ class StationCommands:
         assert outcome.drone is not None
         before = pending.words.get(outcome.drone)
         if before is None or not before.is_last:
-            if before is outcome.word and outcome.percent is None:
+            if before is outcome.word and outcome.percent == pending.percents.get(outcome.drone):
                 return []
+            pending.percents[outcome.drone] = outcome.percent
             pending.words[outcome.drone] = outcome.word
             pending.retry = Retry.after_word(self._settings.qos, now_ms)
             if outcome.word is Word.UNCONFIRMED:

@@ -45,7 +45,9 @@ class UavClient:
         self.settings = settings
         self.topics = topics or FogSide()
         self.vehicle = Vehicle(drone)
-        self.desk = CommandDesk(drone, session, settings, self.topics, self.vehicle, unfinished or [], remembers)
+        self.desk = CommandDesk(
+            drone, session, settings, self.topics, self.vehicle, unfinished or [], remembers, options.limits
+        )
         self.connected = False
         self._streams = self.desk.executor.streams
         self._throttle = Throttle(policies)

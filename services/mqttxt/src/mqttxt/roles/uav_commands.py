@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..clock import MAX_TTL_MS, stamp
+from ..dialect.raw import Limits
 from ..dialect.vehicle import Vehicle
 from ..errors import PayloadError
 from ..messages import BeaconMessage, By, CommandId, CommandMessage, ResultMessage, Word
@@ -64,9 +65,10 @@ class CommandDesk:
         vehicle: Vehicle,
         unfinished: list[Unfinished],
         remembers: bool = True,
+        limits: Limits | None = None,
     ) -> None:
         self.ledger: Ledger[Answers] = Ledger()
-        self.executor = Executor(vehicle)
+        self.executor = Executor(vehicle, limits)
         self.may_publish = False
         self.republish_at_ms: int | None = None
         self.epoch = 0
@@ -164,6 +166,7 @@ class CommandDesk:
             reason=said.reason,
             percent=said.percent,
             late_ms=said.late_ms,
+            observed=said.observed,
             by=By(gs_session=said.by.gs_session, seq=said.by.seq) if said.by is not None else None,
             beacon=BeaconMessage(session=self._session, now_ms=now_ms) if said.reason == NO_DEADLINE else None,
         )

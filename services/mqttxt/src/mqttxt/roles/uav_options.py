@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from ..dialect.raw import GUARDED, Limits
+from ..dialect.vehicle import OWN_COMPONENT
 from ..errors import ConfigurationError
 
 SHORTEST_S, LONGEST_S = 60, 86_400
@@ -11,15 +13,23 @@ SHORTEST_S, LONGEST_S = 60, 86_400
 
 @dataclass(frozen=True)
 class UavOptions:
-    """`endurance_s`: how long a full battery lasts in flight; None: to be measured.
+    """`endurance_s`: how long a full battery lasts in flight; None: to be measured. `limits`: of raw MAV_CMDs.
 
     Raises ConfigurationError for what cannot be.
     """
 
     endurance_s: int | None = None
+    limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
         if self.endurance_s is not None and not SHORTEST_S <= self.endurance_s <= LONGEST_S:
             raise ConfigurationError(
                 f"--endurance-s {self.endurance_s}: expected seconds from {SHORTEST_S} to {LONGEST_S}"
             )
+        for number in self.limits.mav_cmds - GUARDED.keys():
+            raise ConfigurationError(
+                f"--allow-mav-cmd {number}: expected one that is guarded: {', '.join(map(str, sorted(GUARDED)))}"
+            )
+        for component in self.limits.components:
+            if not 2 <= component <= 255 or component == OWN_COMPONENT:
+                raise ConfigurationError(f"--allow-component {component}: expected 2 to 255, not {OWN_COMPONENT}")

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from ..commands import BROADCASTABLE, COMMAND
+from ..dialect.raw import GUARDED, MAV_CMDS, TYPED
 from ..errors import ConfigurationError
 from ..messages import Word
 from ..states import POLICIES, STATE, STATES, Policy
@@ -208,6 +209,13 @@ def _command_table() -> str:
     )
 
 
+def mav_cmds() -> str:
+    """The MAV_CMDs that `mavlink` does not send as others."""
+    typed = table(("MAV_CMD", "name", "command"), ((str(n), MAV_CMDS[n], f"`{TYPED[n]}`") for n in sorted(TYPED)))
+    guarded = table(("MAV_CMD", "name", "why"), ((str(n), MAV_CMDS[n], GUARDED[n]) for n in sorted(GUARDED)))
+    return f"Denied, because there is a command for it:\n\n{typed}\n\nDenied unless enabled:\n\n{guarded}"
+
+
 def states() -> str:
     """Every state with its fields and when it is published."""
     return table(
@@ -247,6 +255,7 @@ SECTIONS: dict[str, Callable[[], str]] = {
     "messages": messages,
     "words": words,
     "commands": commands,
+    "mav_cmds": mav_cmds,
     "states": states,
     "examples": worked_examples,
 }
