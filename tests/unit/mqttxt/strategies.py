@@ -12,7 +12,7 @@ from mqttxt.roles.effects import Inbound
 from mqttxt.states import STATES
 from mqttxt.topic_table import TopicRow
 from mqttxt.wire.codec import encode, plan_of
-from mqttxt.wire.fields import Constant, Integer, Items, Named, Real, Scaled, Text
+from mqttxt.wire.fields import Constant, Finite, Integer, Items, Named, Real, Scaled, Text
 from mqttxt.wire.states import message_class
 from mqttxt.wire.values import Encoding
 
@@ -43,6 +43,8 @@ def values(mark: Any, known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
         return st.lists(values(mark.of, known), min_size=mark.least, max_size=most).map(tuple)
     if isinstance(mark, Real):
         return st.none() | st.floats(-mark.largest, mark.largest, width=32)
+    if isinstance(mark, Finite):
+        return st.integers(-(2**53), 2**53).map(float) | st.floats(allow_nan=False, allow_infinity=False)
     if mark is bool:
         return st.booleans()
     if issubclass(mark, Named):

@@ -13,8 +13,8 @@ import pytest
 from mqttxt.errors import ConfigurationError
 from mqttxt.messages import CommandMessage, Word
 from mqttxt.states import POLICIES, STATES
-from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, topics_of
-from mqttxt.topics import CloudSide, FogSide, station_reachable
+from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, topics_of
+from mqttxt.topics import CloudSide, FogSide, SensorSide, station_reachable
 from mqttxt.wire import schema, tables
 from mqttxt.wire.codec import decode
 from mqttxt.wire.examples import STATION, examples, notation
@@ -51,6 +51,12 @@ def test_every_cloud_side_topic_of_the_table_is_one(row: Any) -> None:
 @pytest.mark.parametrize("row", FOG_SIDE, ids=lambda row: row.topic)
 def test_every_fog_side_topic_of_the_table_is_one(row: Any) -> None:
     FogSide().parse(as_sent(row.topic))
+
+
+def test_every_topic_of_the_drones_own_broker_is_in_the_table() -> None:
+    side = SensorSide()
+    assert [as_sent(row.topic) for row in SENSOR_SIDE] == [side.sensor(3, "temperature"), side.ack]
+    assert side.parse("sensor3/temperature") == (3, "temperature")
 
 
 def test_every_topic_that_can_be_built_is_in_the_table_once() -> None:

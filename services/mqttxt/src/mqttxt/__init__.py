@@ -30,7 +30,7 @@ from .errors import (
 )
 from .gs import Drone, Fog, GroundStation, KnownState
 from .messages import CommandId, Word
-from .outcomes import ControlChanged, Event, Outcome, PsmiList, QodsRanking, Reachability, StateUpdate
+from .outcomes import ControlChanged, Event, Outcome, PsmiList, QodsRanking, Reachability, SensorReading, StateUpdate
 from .rankings import Candidate, Ranked
 from .states import (
     STATES,
@@ -100,6 +100,7 @@ __all__ = [
     "Reachability",
     "Refused",
     "Return",
+    "SensorReading",
     "State",
     "StateUpdate",
     "Stream",

@@ -106,4 +106,27 @@ class QodsRanking:
     ranking: tuple[Ranked, ...]
 
 
-Event = Outcome | StateUpdate | Reachability | ControlChanged | PsmiList | QodsRanking
+@dataclass(frozen=True)
+class SensorReading:
+    """A value that a sensor measured and a drone carried; each (drone, sensor, boot, seq) comes once.
+
+    `boot` is random at each start of the sensor, `seq` counts its readings; `time_ms` is when it was measured, in
+    milliseconds since 1970 UTC by the sensor's own clock.
+    """
+
+    fog: int
+    drone: int
+    sensor: int
+    boot: int
+    seq: int
+    kind: str
+    value: float
+    unit: str
+    time_ms: int
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        return f"drone {self.drone} sensor {self.sensor}: {self.kind} {self.value:g}{unit}"
+
+
+Event = Outcome | StateUpdate | Reachability | ControlChanged | PsmiList | QodsRanking | SensorReading

@@ -21,11 +21,13 @@ from .messages import (
     ResultMessage,
 )
 from .rankings import PsmiMessage, QodsMessage, SelectMessage
+from .readings import ReadingAck, ReadingMessage
 from .wire.bundles import DroneBundle, FogBundle
 
 STATION, STATIONS = "station", "stations"
 ACTIVATOR, ACTIVATORS = "activator", "activators"
 UAV = "UAV client"
+SENSOR, SENSORS = "sensor", "sensors"
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ CLOUD_SIDE = (
         "words about a command and a drone",
     ),
     TopicRow(
-        *("fogX/droneY/sensorS/K", ACTIVATOR, STATIONS, 1, False, "reading"),
+        *("fogX/droneY/sensorS/K", ACTIVATOR, STATIONS, 1, False, ReadingMessage),
         "a reading that a drone carried; outside the gate",
     ),
 )
@@ -118,16 +120,24 @@ FOG_SIDE = (
     TopicRow(*("droneY/commands", ACTIVATOR, UAV, 1, False, CommandMessage), "a command"),
     TopicRow(*("droneY/commands_result/C", UAV, ACTIVATOR, 1, False, ResultMessage), "words about a command"),
     TopicRow(
-        *("droneY/sensorS/K", UAV, ACTIVATOR, 1, False, "reading"), "a reading, repeated until it is acknowledged"
+        *("droneY/sensorS/K", UAV, ACTIVATOR, 1, False, ReadingMessage), "a reading, repeated until it is acknowledged"
     ),
     TopicRow(
-        *("droneY/sensor_ack", ACTIVATOR, UAV, 1, False, "acknowledgement"),
+        *("droneY/sensor_ack", ACTIVATOR, UAV, 1, False, ReadingAck),
         "which readings the activator has passed on",
         choice=True,
     ),
 )
 
 
+SENSOR_SIDE = (
+    TopicRow(
+        *("sensorS/K", SENSOR, UAV, 1, False, ReadingMessage), "a reading, repeated until it is acknowledged if it can"
+    ),
+    TopicRow(*("sensor_ack", UAV, SENSORS, 1, False, ReadingAck), "which readings the drone has stored", choice=True),
+)
+
+
 def topics_of(payload: type[Any]) -> list[str]:
     """The topics that carry messages of a class, cloud side first."""
-    return [row.topic for row in (*CLOUD_SIDE, *FOG_SIDE) if row.payload is payload]
+    return [row.topic for row in (*CLOUD_SIDE, *FOG_SIDE, *SENSOR_SIDE) if row.payload is payload]

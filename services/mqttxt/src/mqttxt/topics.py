@@ -16,6 +16,7 @@ MAX_DRONE = 250
 MAX_SENSOR = 999_999_999
 _NUMBER = re.compile(r"[1-9][0-9]{0,8}")
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+_KIND = re.compile(r"[a-z][a-z0-9_]{0,31}")
 
 
 def check_prefix(prefix: str) -> str:
@@ -44,6 +45,15 @@ def check_number(what: str, value: int, most: int = 999_999_999) -> int:
     if not 1 <= value <= most:
         raise ConfigurationError(f"{what} {value}: expected a whole number from 1 to {most}")
     return value
+
+
+def check_kind(kind: str) -> str:
+    """The name of what a sensor measures, as a topic's last level; raises PayloadError."""
+    if not _KIND.fullmatch(kind):
+        raise PayloadError(
+            f"sensor kind {kind[:60]!r}: expected 1 to 32 lower-case letters, digits and '_', a letter first", "topic"
+        )
+    return kind
 
 
 @dataclass(frozen=True)
@@ -148,6 +158,24 @@ class FogSide:
         return _drone_topic(topic, topic.removeprefix(self.root))
 
 
+class SensorSide:
+    """The topics between sensors and the UAV client that carries their readings, on the drone's own broker."""
+
+    ack = "sensor_ack"
+    filter = "+/+"
+
+    def sensor(self, sensor: int, kind: str) -> str:
+        return f"sensor{sensor}/{check_kind(kind)}"
+
+    def parse(self, topic: str) -> tuple[int, str]:
+        """Number and kind of a `sensorS/K` topic; raises PayloadError for any other."""
+        first, _, kind = topic.partition("/")
+        sensor = _number(first, "sensor", MAX_SENSOR)
+        if sensor is None:
+            raise PayloadError(f"topic {topic[:100]!r}: not a sensor's", "topic")
+        return sensor, check_kind(kind)
+
+
 class CloudSide:
     """The topics of one fog between its activator and the ground stations."""
 
@@ -236,7 +264,7 @@ def _drone_topic(topic: str, below: str) -> DroneTopic:
             return DroneTopic(drone, levels[1], levels[2])
         sensor = _number(levels[1], "sensor", MAX_SENSOR)
         if sensor is not None:
-            return DroneTopic(drone, "sensor", levels[2], sensor)
+            return DroneTopic(drone, "sensor", check_kind(levels[2]), sensor)
     if drone is not None and len(levels) == 4 and levels[1:3] == ["state", "mavlink"] and _NAME.fullmatch(levels[3]):
         return DroneTopic(drone, "state", MAVLINK_STATE + levels[3])
     raise PayloadError(f"topic {topic!r}: not a topic of MQTT-XT", "topic")

@@ -16,6 +16,8 @@ from ..io.broker import EmbeddedBroker
 from ..io.journal import JournalFile
 from ..io.mavlink import AutopilotAddress
 from ..io.mqtt import BrokerAddress
+from ..io.sensor_store import DEFAULT_LIMIT
+from ..io.sensors import SensorOptions
 from ..io.uav import UavRunner
 from ..roles.uav_options import UavOptions
 from ..topics import MAX_DRONE, FogSide, check_number, check_prefix
@@ -104,6 +106,16 @@ def uav(
     allow_component: Annotated[
         list[int] | None, typer.Option(help="A component beside the autopilot that `mavlink` may command.")
     ] = None,
+    sensors: Annotated[
+        str | None, typer.Option(help="HOST:PORT of an embedded broker where sensors publish; without: none is run.")
+    ] = None,
+    sensor_broker: Annotated[
+        str | None, typer.Option(help="A broker for sensors that runs elsewhere, instead of the embedded one.")
+    ] = None,
+    sensor_store: Annotated[
+        Path | None, typer.Option(help="File that keeps readings until the activator has acknowledged them.")
+    ] = None,
+    sensor_store_limit: Annotated[int, typer.Option(help="Readings that the file may hold.")] = DEFAULT_LIMIT,
     qos: Qos = 1,
     json: Json = False,
     ready_file: Ready = None,
@@ -114,26 +126,47 @@ def uav(
 
     def make() -> UavRunner:
         number = check_number("--drone", drone, MAX_DRONE)
+        store = sensor_store or _default_state(number, "sensors")
+        carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit)
         return UavRunner(
             number,
             BrokerAddress.parse(broker, "--broker"),
             AutopilotAddress.parse(autopilot),
-            JournalFile(journal or _default_journal(number)),
+            JournalFile(journal or _default_state(number, "journal")),
             settings(qos, json, bundles),
             topics=FogSide(check_prefix(fog_root)),
             ready_file=ready_file,
-            options=UavOptions(endurance_s, Limits(frozenset(allow_mav_cmd or ()), frozenset(allow_component or ()))),
+            options=UavOptions(
+                endurance_s,
+                Limits(frozenset(allow_mav_cmd or ()), frozenset(allow_component or ())),
+                carries_sensors=carried is not None,
+            ),
+            sensors=carried,
         )
 
     run_role(make)
 
 
-def _embedded(listen: str) -> EmbeddedBroker:
+def sensor_options(listen: str | None, elsewhere: str | None, store: Path, limit: int) -> SensorOptions | None:
+    """Where sensors publish, None where nothing was asked for; raises ConfigurationError."""
+    if listen is not None and elsewhere is not None:
+        raise ConfigurationError(f"--sensor-broker {elsewhere!r}: expected no --sensors beside it")
+    if limit < 1:
+        raise ConfigurationError(f"--sensor-store-limit {limit}: expected 1 or more")
+    if elsewhere is not None:
+        return SensorOptions(BrokerAddress.parse(elsewhere, "--sensor-broker"), store, limit)
+    if listen is None:
+        return None
+    embedded = _embedded(listen, "--sensors", "--sensor-broker")
+    return SensorOptions(BrokerAddress.parse(embedded.url), store, limit, embedded)
+
+
+def _embedded(listen: str, option: str = "--listen", instead: str = "--fog-broker") -> EmbeddedBroker:
     host, _, port = listen.rpartition(":")
     number = whole_number(port, 65_535)
     if not is_host(host) or number is None:
-        raise ConfigurationError(f"--listen {listen!r}: expected HOST:PORT")
-    return EmbeddedBroker(host, number)
+        raise ConfigurationError(f"{option} {listen!r}: expected HOST:PORT")
+    return EmbeddedBroker(host, number, instead=instead)
 
 
 def _drone_numbers(text: str) -> tuple[int, ...]:
@@ -145,9 +178,9 @@ def _drone_numbers(text: str) -> tuple[int, ...]:
     return tuple(sorted(number for number in numbers if number is not None))
 
 
-def _default_journal(drone: int) -> Path:
+def _default_state(drone: int, what: str) -> Path:
     state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
-    return Path(state) / "mqttxt" / f"drone{drone}.journal"
+    return Path(state) / "mqttxt" / f"drone{drone}.{what}"
 
 
 def main() -> None:

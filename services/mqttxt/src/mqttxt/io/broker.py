@@ -41,10 +41,11 @@ connection_messages true
 class EmbeddedBroker:
     """One Mosquitto on `host:port`. `run` keeps it running until cancelled."""
 
-    def __init__(self, host: str, port: int, program: str = "mosquitto") -> None:
+    def __init__(self, host: str, port: int, program: str = "mosquitto", instead: str = "--fog-broker") -> None:
         self.host = host
         self.port = port
         self._program = program
+        self._instead = instead
 
     @property
     def url(self) -> str:
@@ -73,7 +74,7 @@ class EmbeddedBroker:
         if program is None:
             raise ConfigurationError(
                 f"embedded broker: {self._program!r} is not installed; expected Mosquitto 2 on the PATH, "
-                "or --fog-broker with a broker that runs elsewhere"
+                f"or {self._instead} with a broker that runs elsewhere"
             )
         with tempfile.TemporaryDirectory(prefix="mqttxt-broker-") as directory:
             path = Path(directory) / "mosquitto.conf"

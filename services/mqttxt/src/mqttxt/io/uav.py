@@ -10,7 +10,8 @@ from typing import Any
 
 from ..clock import SessionClock
 from ..errors import ConfigurationError
-from ..roles.effects import Inbound, Journal, Transmit
+from ..roles.carrier import SENSORS
+from ..roles.effects import Inbound, Journal, Subscribe, Transmit
 from ..roles.settings import Settings
 from ..roles.uav_client import UavClient
 from ..roles.uav_commands import LINK
@@ -20,6 +21,7 @@ from .journal import JournalFile
 from .mavlink import AutopilotAddress, AutopilotLink
 from .mqtt import BrokerAddress, MqttLink
 from .runner import Runner
+from .sensors import SensorOptions, SensorPort
 
 logger = logging.getLogger("mqttxt")
 
@@ -28,27 +30,33 @@ AUTOPILOT_INVALID = 8
 AUTOPILOT_COMPONENT = 1
 
 
-class _OneLink:
-    """A UAV client has one broker: its role does not name the link."""
+class _Links:
+    """A UAV client's role has one broker and does not name its link; that of sensors is its carrier's."""
 
     def __init__(self, client: UavClient) -> None:
         self.client = client
-        self.on_subscribed = client.on_subscribed
         self.tick = client.tick
         self.goodbye = client.goodbye
         self.is_ready = client.is_ready
 
     def on_connected(self, link: str, now_ms: int) -> Any:
+        if link == SENSORS and self.client.carrier is not None:
+            return self.client.carrier.on_connected(now_ms)
         return self.client.on_connected(now_ms)
 
     def on_disconnected(self, link: str, now_ms: int) -> Any:
-        return self.client.on_disconnected(now_ms)
+        return self.client.on_disconnected(now_ms) if link == LINK else ()
+
+    def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> Any:
+        return self.client.on_subscribed(subscribe, now_ms) if subscribe.link == LINK else ()
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> Any:
+        if link == SENSORS and self.client.carrier is not None:
+            return self.client.carrier.on_message(message, now_ms)
         return self.client.on_message(message, now_ms)
 
     def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> Any:
-        return self.client.on_published(ref, code, now_ms)
+        return self.client.on_published(ref, code, now_ms) if link == LINK else ()
 
 
 class UavRunner(Runner):
@@ -65,6 +73,7 @@ class UavRunner(Runner):
         topics: FogSide | None = None,
         ready_file: Path | None = None,
         options: UavOptions | None = None,
+        sensors: SensorOptions | None = None,
     ) -> None:
         clock = SessionClock()
         remembers = not journal.is_new
@@ -72,23 +81,28 @@ class UavRunner(Runner):
         self.client = UavClient(
             drone, clock.session, settings, topics, unfinished=left, remembers=remembers, options=options
         )
-        super().__init__(_OneLink(self.client), clock, ready_file)
+        super().__init__(_Links(self.client), clock, ready_file)
         self._journal = journal
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)
         self._heard: asyncio.Event = asyncio.Event()
         self._wrong_id: int | None = None
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
         self.links[LINK] = MqttLink(LINK, broker, client_id, self.client.will(), self)
+        self._sensors: SensorPort | None = None
+        if sensors is not None and self.client.carrier is not None:
+            self._sensors = SensorPort(sensors, self.client.carrier, drone, self, self.carry_out, clock.now_ms)
+            self.links[SENSORS] = self._sensors.link
 
     def jobs(self) -> list[Any]:
-        return [self._autopilot.run(), self._connect_when_heard(), self._tick()]
+        sensors = self._sensors.jobs() if self._sensors is not None else []
+        return [self._autopilot.run(), self._connect_when_heard(), self._tick(), *sensors]
 
     def special(self, output: Any) -> None:
         if isinstance(output, Journal):
             self._journal.record(output)
         elif isinstance(output, Transmit):
             self._transmit(output)
-        else:
+        elif self._sensors is None or not self._sensors.take(output):
             super().special(output)
 
     def _transmit(self, effect: Transmit) -> None:

@@ -14,6 +14,7 @@ from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
 from .leases import Leases
 from .relay import Relay
 from .selector import Selector
+from .sensor_relay import Carried, SensorRelay
 from .settings import REBIRTH_MS, Settings
 from .state_relay import StateRelay
 
@@ -47,6 +48,7 @@ class Activator:
         self.relay = Relay(session, settings, self.cloud, self.fog_side, self.drones, self.leases)
         self.selector = Selector(session, settings, self.cloud, self.drones, self.leases, self.relay)
         self.states = StateRelay(session, settings, self.cloud, self.drones, self.leases)
+        self.sensors = SensorRelay(settings, self.cloud, self.fog_side)
         self.connected = {CLOUD: False, FOG: False}
         self.born = False
         self._was_born = False
@@ -82,6 +84,7 @@ class Activator:
         if link == CLOUD:
             self.born = False
             self._rival = self._challenge_until_ms = None
+            self.sensors.on_cloud_down()
             return []
         self.relay.fog_connected = False
         gone = self.drones.forget_connections()
@@ -108,6 +111,8 @@ class Activator:
             return [Log(error.kind, f"{message.topic}: {error}")]
 
     def on_published(self, link: str, ref: Any, code: int, now_ms: int) -> list[Effect]:
+        if isinstance(ref, Carried):
+            return self.sensors.on_published(ref, code, now_ms)
         return self.relay.on_published(ref, code, now_ms) if link == FOG else []
 
     def tick(self, now_ms: int) -> list[Effect]:
@@ -115,7 +120,7 @@ class Activator:
         out = self.drones.controlled_anew(self.leases.tick(now_ms), now_ms)
         out += self._watched(self.drones.tick(now_ms), now_ms) + self.relay.tick(now_ms)
         self.selector.tick(now_ms)
-        out += self.states.tick(now_ms)
+        out += self.states.tick(now_ms) + self.sensors.tick(now_ms)
         if self._challenge_until_ms is not None and now_ms >= self._challenge_until_ms:
             self._rival = self._challenge_until_ms = None
             out += self._be_born(now_ms)
@@ -168,6 +173,8 @@ class Activator:
             return self.states.on_state(link, topic.name, message.payload, now_ms)
         if topic.kind == "states":
             return self.states.on_bundle(link, message.payload, now_ms)
+        if topic.kind == "sensor":
+            return self.sensors.on_reading(topic, message.payload, now_ms) if self.born else []
         if topic.kind == "commands_result":
             if link is None:
                 raise PayloadError(f"topic {message.topic!r}: a drone that was never reachable", "topic")

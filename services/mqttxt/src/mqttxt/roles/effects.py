@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..messages import CommandId, Word
+from ..readings import Reading, ReadingKey
 
 
 @dataclass(frozen=True)
@@ -90,11 +91,54 @@ class Stop:
     reason: str
 
 
-Effect = Publish | Subscribe | Unsubscribe | Transmit | Journal | Log | Stop
-
-
 Receipt = tuple[int, int]
 """Names an inbound message that waits for its PUBACK; opaque."""
+
+
+@dataclass(frozen=True)
+class StoreReading:
+    """Store a reading durably; `on_stored` or `on_refused` follows, in the order of these effects."""
+
+    reading: Reading
+    receipt: Receipt | None = None
+
+
+@dataclass(frozen=True)
+class LoadReadings:
+    """Load at most `most` stored readings behind the place `after`, oldest first; `on_loaded` follows."""
+
+    after: int
+    most: int
+
+
+@dataclass(frozen=True)
+class ForgetReadings:
+    """Remove readings from the store: others have them."""
+
+    keys: tuple[ReadingKey, ...]
+
+
+@dataclass(frozen=True)
+class Acknowledge:
+    """Acknowledge an inbound message on `link`, in the order of receipt."""
+
+    link: str
+    receipt: Receipt
+
+
+Effect = (
+    Publish
+    | Subscribe
+    | Unsubscribe
+    | Transmit
+    | Journal
+    | StoreReading
+    | LoadReadings
+    | ForgetReadings
+    | Acknowledge
+    | Log
+    | Stop
+)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from ..messages import (
     ResultMessage,
 )
 from ..rankings import PsmiMessage, QodsMessage, SelectMode
+from ..readings import ReadingMessage, checked
 from ..topics import CloudSide, DroneTopic, FogTopic, check_prefix, station_of, station_reachable
 from ..wire.bundles import FogBundle, states_of
 from ..wire.codec import decode, encode
@@ -27,6 +28,7 @@ from .effects import Inbound, Log, Publish, Subscribe, Will
 from .settings import REBIRTH_MS, Settings
 from .station_commands import Output, StationCommands
 from .station_fog import LINK, FogView
+from .station_readings import Readings
 
 DEFAULT_LEASE_S = 30
 
@@ -49,6 +51,7 @@ class GroundStation:
         self.settings = settings
         self.fogs: dict[int, FogView] = {}
         self.commands = StationCommands(session, settings)
+        self.readings = Readings()
         self.connected = False
         self._prefix = check_prefix(prefix)
         self._lease_s = lease_s
@@ -168,6 +171,9 @@ class GroundStation:
     def _on_fog_message(self, fog: FogView, topic: Any, message: Inbound, now_ms: int) -> list[Output]:
         if isinstance(topic, DroneTopic) and topic.kind == "state":
             return [*fog.on_state(topic.drone, decode_state(topic.name, message.payload, relayed=True), now_ms)]
+        if isinstance(topic, DroneTopic) and topic.kind == "sensor":
+            reading = checked(topic.sensor, topic.name, decode(ReadingMessage, message.payload))
+            return [*self.readings.on_reading(fog.number, topic.drone, reading)]
         if isinstance(topic, DroneTopic) and topic.kind == "reachable":
             return [*fog.on_record(topic.drone, decode(DroneRecord, message.payload), now_ms)]
         if isinstance(topic, DroneTopic) and topic.kind == "commands_result":

@@ -53,6 +53,13 @@ class Retry:
         return True
 
     @classmethod
+    def unanswered(cls, now_ms: int) -> Retry:
+        """What was sent just now is sent again after two seconds."""
+        retry = cls(now_ms)
+        retry.is_due(now_ms)
+        return retry
+
+    @classmethod
     def after_word(cls, qos: int, now_ms: int) -> Retry | None:
         """A command that was answered is asked for rarely at QoS 0, and not at all at QoS 1."""
         return cls(now_ms + RESEND_LAST_MS) if qos == 0 else None

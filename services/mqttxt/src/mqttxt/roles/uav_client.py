@@ -15,6 +15,7 @@ from ..topics import DroneTopic, FogSide
 from ..wire.bundles import drone_bundle
 from ..wire.codec import decode, encode
 from ..wire.states import StampedState, encode_state
+from .carrier import Carrier, is_carried
 from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Transmit, Will
 from .endurance import EnduranceMeter
 from .enquiries import Enquiries
@@ -48,6 +49,7 @@ class UavClient:
         self.desk = CommandDesk(
             drone, session, settings, self.topics, self.vehicle, unfinished or [], remembers, options.limits
         )
+        self.carrier = Carrier(drone, LINK, settings, self.topics) if options.carries_sensors else None
         self.connected = False
         self._streams = self.desk.executor.streams
         self._throttle = Throttle(policies)
@@ -77,11 +79,15 @@ class UavClient:
         self.connected = True
         self._awaited_subacks = 2
         commands = Subscribe(LINK, (self.topics.commands(self.drone),), live_only=True)
-        others = (self.topics.init_connect(self.drone), self.topics.reachable(self.drone))
-        return [commands, Subscribe(LINK, others)]
+        others = [self.topics.init_connect(self.drone), self.topics.reachable(self.drone)]
+        if self.carrier is not None:
+            others.append(self.topics.sensor_ack(self.drone))
+        return [commands, Subscribe(LINK, tuple(others))]
 
     def on_disconnected(self, now_ms: int) -> list[Effect]:
         self.connected = self.desk.may_publish = False
+        if self.carrier is not None:
+            self.carrier.on_fog_down()
         return []
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
@@ -92,7 +98,8 @@ class UavClient:
         self.desk.may_publish = True
         self._throttle.forget_published()
         out: list[Effect] = [self._birth(), self._beacon(now_ms)]
-        return out + self.desk.close_restored(now_ms) + self.desk.republish()
+        out += self.desk.close_restored(now_ms) + self.desk.republish()
+        return out + (self.carrier.on_fog_up(now_ms) if self.carrier is not None else [])
 
     def on_message(self, message: Inbound, now_ms: int) -> list[Effect]:
         """A message from the fog broker."""
@@ -108,6 +115,8 @@ class UavClient:
 
     def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
         """A QoS 1 publish with `ref` was acknowledged with an MQTT reason code."""
+        if self.carrier is not None and is_carried(ref):
+            return self.carrier.on_published(ref, code, now_ms)
         return self.desk.on_published(ref, code, now_ms)
 
     def on_mavlink(self, message: Any, now_ms: int) -> list[Effect]:
@@ -144,6 +153,8 @@ class UavClient:
         if self._rebirth_at_ms is not None and now_ms >= self._rebirth_at_ms:
             self._rebirth_at_ms = None
             out.append(self._birth())
+        if self.carrier is not None:
+            out += self.carrier.tick(now_ms)
         return out + self._publish_states(now_ms)
 
     def is_controlled(self, now_ms: int) -> bool:
@@ -154,6 +165,8 @@ class UavClient:
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop leaves no set-points behind, and says that the drone is no longer reachable."""
         self.desk.may_publish = False
+        if self.carrier is not None:
+            self.carrier.on_fog_down()
         out = self.desk.carry_out(self.desk.executor.leave(), now_ms)
         return [*out, self._publish_presence(up=False)] if self.connected else out
 
@@ -169,8 +182,14 @@ class UavClient:
                 return []
             if not lease.bound:
                 return [Stop(f"refused: another live UAV client is drone {self.drone} already")]
+            if self.carrier is not None and (
+                self._lease is None or self._lease.activator_session != lease.activator_session
+            ):
+                self.carrier.on_new_activator(now_ms)
             self._take_lease(lease)
             return [self._beacon(now_ms, lease.nonce)]
+        if topic.kind == "sensor_ack" and self.carrier is not None:
+            return self.carrier.on_ack(message.payload, now_ms)
         raise PayloadError(f"topic {message.topic!r}: not a UAV client's", "topic")
 
     def _take_lease(self, lease: DroneLease) -> None:

@@ -15,11 +15,13 @@ SHORTEST_S, LONGEST_S = 60, 86_400
 class UavOptions:
     """`endurance_s`: how long a full battery lasts in flight; None: to be measured. `limits`: of raw MAV_CMDs.
 
+    `carries_sensors`: the client has a broker for sensors and carries their readings.
     Raises ConfigurationError for what cannot be.
     """
 
     endurance_s: int | None = None
     limits: Limits = field(default_factory=Limits)
+    carries_sensors: bool = False
 
     def __post_init__(self) -> None:
         if self.endurance_s is not None and not SHORTEST_S <= self.endurance_s <= LONGEST_S:

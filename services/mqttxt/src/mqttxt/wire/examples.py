@@ -9,6 +9,7 @@ import cbor2
 
 from ..commands import Takeoff
 from ..messages import BeaconMessage, CommandMessage, ResultMessage, Word
+from ..readings import ReadingAck, ReadingKey, ReadingMessage
 from ..states import Battery, Heading, Location
 from .bundles import drone_bundle, fog_bundles
 from .codec import encode
@@ -73,6 +74,8 @@ def examples() -> list[Example]:
     (bundle,) = fog_bundles(
         [(2, StampedState(place, 4090, 8190)), (2, newer), (3, StampedState(Battery(64), 17, 8204))]
     )
+    reading = ReadingMessage(boot=0xB007, seq=12, time_ms=1_767_225_600_000, value=21.5)
+    stored = ReadingAck(readings=(ReadingKey(sensor=3, boot=0xB007, seq=12),))
     return [
         _message("An activator's beacon that echoes a station's nonce", "fog1/clock", beacon),
         _message("A station's command, due in the activator's clock", "fog1/drone2/commands", command),
@@ -83,6 +86,8 @@ def examples() -> list[Example]:
         _state("The same position, relayed", "fog1/drone2/state/location", StampedState(place, 4090, 8190)),
         _message("Two states of a drone in one message", "drone2/states", drone_bundle([place, Battery(87)], 4090)),
         _message("States of two drones in one message", "fog1/states", bundle),
+        _message("A temperature that a drone carried", "fog1/drone2/sensor3/temperature", reading),
+        _message("The activator has passed it on", "drone2/sensor_ack", stored),
     ]
 
 

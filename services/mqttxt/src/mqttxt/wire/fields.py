@@ -37,6 +37,11 @@ class Real:
 
 
 @dataclass(frozen=True)
+class Finite:
+    """Any finite number of 64 bits, the same in both forms; CBOR carries whole ones as integers."""
+
+
+@dataclass(frozen=True)
 class Constant:
     """A whole number that can only have one value (the payload's version)."""
 

@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .. import messages, rankings
+from .. import messages, rankings, readings
 from ..states import STATES
 from . import bundles
 from .codec import FieldPlan, Plan, plan_of
-from .fields import VERSION, Constant, Integer, Items, Named, Real, Scaled, Text
+from .fields import VERSION, Constant, Finite, Integer, Items, Named, Real, Scaled, Text
 from .states import message_class
 
 MESSAGES: tuple[type[Any], ...] = (
@@ -30,6 +30,8 @@ MESSAGES: tuple[type[Any], ...] = (
     rankings.SelectMessage,
     rankings.PsmiMessage,
     rankings.QodsMessage,
+    readings.ReadingMessage,
+    readings.ReadingAck,
     bundles.DroneBundle,
     bundles.FogBundle,
 )
@@ -83,6 +85,8 @@ def _json_field(mark: Any, definitions: dict[str, Any]) -> dict[str, Any]:
         return {"type": "number", "minimum": mark.low, "maximum": mark.high}
     if isinstance(mark, Real):
         return {"type": ["number", "null"], "minimum": -mark.largest, "maximum": mark.largest}
+    if isinstance(mark, Finite):
+        return {"type": "number"}
     if isinstance(mark, Text):
         return {"type": "string", "maxLength": mark.longest}
     if isinstance(mark, Items):
@@ -153,6 +157,8 @@ def _cddl_type(mark: Any, rules: dict[str, str]) -> str:
         return f"{round(mark.low * mark.per_unit)}..{round(mark.high * mark.per_unit)}"
     if isinstance(mark, Real):
         return "number / null"
+    if isinstance(mark, Finite):
+        return "int / float"
     if isinstance(mark, Text):
         return f"tstr .size (0..{4 * mark.longest})"
     if isinstance(mark, Items):

@@ -18,10 +18,10 @@ from ..dialect.raw import GUARDED, MAV_CMDS, TYPED
 from ..errors import ConfigurationError
 from ..messages import Word
 from ..states import POLICIES, STATE, STATES, Policy
-from ..topic_table import CLOUD_SIDE, FOG_SIDE, TopicRow, topics_of
+from ..topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, TopicRow, topics_of
 from .codec import Plan, plan_of
 from .examples import examples
-from .fields import Constant, Integer, Items, Named, Real, Scaled, Text
+from .fields import Constant, Finite, Integer, Items, Named, Real, Scaled, Text
 from .schema import MESSAGES, rule_name
 from .values import item_of, mark_of
 
@@ -37,13 +37,15 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def topics() -> str:
-    """Both sides' topics."""
+    """The topics of every broker."""
     return "\n\n".join(
         [
             "Between ground stations and an activator, on the cloud broker:",
             _topic_table(CLOUD_SIDE),
             "Between an activator and its UAV clients, on the fog's broker:",
             _topic_table(FOG_SIDE),
+            "Between sensors and the UAV client that carries their readings, on the drone's own broker:",
+            _topic_table(SENSOR_SIDE),
         ]
     )
 
@@ -153,6 +155,8 @@ def _forms(name: str, hint: Any) -> tuple[str, str]:
         return (of_cbor, of_json)
     if isinstance(mark, Real):
         return ("a number or null", "the same")
+    if isinstance(mark, Finite):
+        return ("a finite number: integer or float", "a finite number")
     if isinstance(mark, Text):
         return (f"text of at most {mark.longest} characters", "the same")
     if isinstance(mark, Items):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import is_dataclass
 from enum import Enum
 from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 from ..errors import PayloadError
-from .fields import Constant, Integer, Items, Named, Real, Scaled, Text
+from .fields import Constant, Finite, Integer, Items, Named, Real, Scaled, Text
 
 Plain = Any
 """What cbor2 and json read and write."""
@@ -59,6 +60,8 @@ def converters(hint: Any, nested: Callable[[type[Any]], Converters]) -> Converte
         return _scaled(mark)
     if isinstance(mark, Real):
         return _real(mark.largest)
+    if isinstance(mark, Finite):
+        return _finite()
     if isinstance(mark, Text):
         return _text(mark)
     if isinstance(mark, Items):
@@ -129,6 +132,21 @@ def _real(largest: float) -> Converters:
         return None if value is None or value != value else from_plain(value, encoding, "field")
 
     return to_plain, from_plain
+
+
+def _finite() -> Converters:
+    def check(value: Plain, path: str) -> float:
+        # NaN, infinity and integers that no 64 bits hold fail the comparison.
+        if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
+            refuse(path, "a finite number", value)
+        return float(value)
+
+    def to_plain(value: Any, encoding: Encoding) -> Plain:
+        number = check(value, "field")
+        is_short = encoding is Encoding.CBOR and number.is_integer() and abs(number) < 2**53
+        return int(number) if is_short else number
+
+    return to_plain, (lambda plain, _, path: check(plain, path))
 
 
 def _text(mark: Text) -> Converters:
