@@ -22,6 +22,7 @@ from ..io.uav import UavRunner
 from ..roles.uav_options import UavOptions
 from ..topics import MAX_DRONE, FogSide, check_number, check_prefix
 from .common import errors_as_lines, run_role, set_up_logging, settings
+from .conformance import conformance_app
 from .gs import gs_app
 
 app = typer.Typer(
@@ -32,6 +33,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(gs_app, name="gs")
+app.add_typer(conformance_app, name="conformance")
 
 Qos = Annotated[int, typer.Option(help="QoS of commands and results: 0 or 1.")]
 Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")]

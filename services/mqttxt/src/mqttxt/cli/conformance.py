@@ -1,0 +1,80 @@
+"""`mqttxt conformance`: checks an implementation of a role against the rules of the specification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from ..conformance.registry import Finding, Verdict
+from ..conformance.report import as_json, count, print_table
+from ..conformance.uav import UavTarget, check_uav
+from ..errors import ConfigurationError
+from ..io.mavlink import AutopilotAddress
+from ..io.mqtt import BrokerAddress
+from ..topics import MAX_DRONE, check_number, check_prefix
+from .common import run_coroutine
+
+conformance_app = typer.Typer(
+    help="Check an implementation of a role against the specification's rules.", no_args_is_help=True
+)
+
+Checking = Callable[[Callable[[Finding], None]], Coroutine[Any, Any, list[Finding]]]
+
+Format = Annotated[str, typer.Option("--format", help="table or json.")]
+Run = Annotated[
+    str | None,
+    typer.Option(help="Command line that starts the implementation; without it, it is expected to run already."),
+]
+LogFile = Annotated[Path | None, typer.Option("--log", help="File for what the started implementation prints.")]
+FogRoot = Annotated[str, typer.Option(help="Root of the fog side's topics, as fog1/local/.")]
+
+
+@conformance_app.command()
+def uav(
+    broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
+    drone: Annotated[int, typer.Option(help="The drone's number.")] = 1,
+    autopilot: Annotated[
+        str, typer.Option(help="udp:HOST:PORT where the UAV client listens for its autopilot.")
+    ] = "udp:127.0.0.1:14540",
+    fog_root: FogRoot = "",
+    run: Run = None,
+    log: LogFile = None,
+    format_: Format = "table",
+) -> None:
+    """Check a UAV client: the kit plays its activator and its autopilot.
+
+    {broker}, {drone} and {autopilot} in --run are replaced.
+    """
+
+    async def job() -> int:
+        where = AutopilotAddress.parse(autopilot)
+        if where.kind != "udp":
+            raise ConfigurationError(f"--autopilot {autopilot!r}: expected udp:HOST:PORT")
+        number, root = check_number("--drone", drone, MAX_DRONE), check_prefix(fog_root)
+        target = UavTarget(number, where.host, where.port, root, run, log)
+        address = BrokerAddress.parse(broker, "--broker")
+        return await _report("uav", format_, lambda tell: check_uav(address, target, tell))
+
+    run_coroutine(job())
+
+
+async def _report(role: str, format_: str, check: Checking) -> int:
+    """Check, print, and say by the exit code whether a rule failed."""
+    if format_ not in ("table", "json"):
+        raise ConfigurationError(f"--format {format_!r}: expected table or json")
+    progress = Console(stderr=True)
+
+    def tell(finding: Finding) -> None:
+        progress.print(f"{finding.rule.name}: {finding.verdict.value}", highlight=False)
+
+    findings = await check(tell)
+    if format_ == "json":
+        typer.echo(as_json(role, findings))
+    else:
+        console = Console()
+        print_table(role, findings, console if console.is_terminal else Console(width=140))
+    return 1 if count(findings, Verdict.FAIL) else 0

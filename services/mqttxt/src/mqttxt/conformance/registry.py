@@ -1,0 +1,97 @@
+"""The rules that the kit checks: each a small function with the numbers of what it checks; and how they are run."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, TypeVar
+
+Kit = TypeVar("Kit")
+Check = Callable[[Any], Awaitable[str]]
+"""Takes a role's kit; returns the evidence that the rule is kept, or raises Broken or NotTested."""
+
+
+class Broken(Exception):
+    """The implementation does not keep a rule; the text is the evidence."""
+
+
+class NotTested(Exception):
+    """A rule that could not be checked; the text says why."""
+
+
+class Verdict(Enum):
+    """What is said of a rule."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    NOT_TESTED = "not tested"
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One thing to check: `numbers` are those of docs/protocol.md, `statement` says it in one line."""
+
+    role: str
+    name: str
+    numbers: tuple[str, ...]
+    statement: str
+    check: Check
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A rule's verdict and what it rests on."""
+
+    rule: Rule
+    verdict: Verdict
+    evidence: str
+
+
+RULES: dict[str, list[Rule]] = {"uav": [], "activator": [], "gs": []}
+"""Every rule of each role, in the order in which they are checked."""
+
+
+def rule(role: str, *numbers: str) -> Callable[[Check], Check]:
+    """Enter a check; its name and the first line of its docstring are the rule's."""
+
+    def enter(check: Check) -> Check:
+        statement = (check.__doc__ or "").strip().splitlines()[0]
+        name = check.__name__.replace("_", "-")
+        RULES[role].append(Rule(role, name, numbers, statement, check))
+        return check
+
+    return enter
+
+
+def expect(condition: object, evidence: str) -> None:
+    """Raises Broken with the evidence unless the condition holds."""
+    if not condition:
+        raise Broken(evidence)
+
+
+async def check_all(rules: Iterable[Rule], kit: object, on_finding: Callable[[Finding], None]) -> list[Finding]:
+    """Check one rule after the other; `on_finding` hears of each at once."""
+    found = []
+    for one in rules:
+        try:
+            finding = Finding(one, Verdict.PASS, await one.check(kit))
+        except Broken as broken:
+            finding = Finding(one, Verdict.FAIL, str(broken))
+        except NotTested as reason:
+            finding = Finding(one, Verdict.NOT_TESTED, str(reason))
+        found.append(finding)
+        on_finding(finding)
+    return found
+
+
+def unmet(rules: Iterable[Rule], failed: str, evidence: str, on_finding: Callable[[Finding], None]) -> list[Finding]:
+    """The findings where the implementation never appeared: one rule fails, the others are not tested."""
+    found = []
+    for one in rules:
+        is_it = one.name == failed
+        verdict = Verdict.FAIL if is_it else Verdict.NOT_TESTED
+        finding = Finding(one, verdict, evidence if is_it else f"the implementation did not appear: {failed}")
+        found.append(finding)
+        on_finding(finding)
+    return found

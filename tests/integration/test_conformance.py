@@ -1,0 +1,142 @@
+"""The conformance kit: the project's own roles keep every rule, and a role that breaks one is found by that rule."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from processes import ROOT, Broker, free_port
+
+from mqttxt.conformance.registry import Finding, Verdict
+from mqttxt.conformance.uav import UavTarget, check_uav
+from mqttxt.io.address import BrokerAddress
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(240)]
+
+BROKEN = str(Path(__file__).parent / "broken_roles.py")
+UAV_VARIANTS = {
+    "uav-starts-late": {"does-not-start-late"},
+    "uav-takes-any-session": {"executes-only-its-own-session"},
+    "uav-executes-duplicates": {"answers-a-duplicate", "says-one-last-word"},
+    "uav-repeats-late": {"does-not-repeat-late"},
+    "uav-forgets-the-order": {"keeps-the-order"},
+    "uav-takes-retained": {"refuses-what-is-retained"},
+    "uav-is-always-a-ground-station": {"is-a-ground-station-only-inside-the-lease"},
+}
+AT_ONCE = 8
+"""Checks that run side by side, each against implementations of its own."""
+
+
+class Checks:
+    """All checks of this module, run together: most of their time they wait."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.cloud = Broker(folder, "cloud")
+        self.fog = Broker(folder, "fog")
+        self.found: dict[str, list[Finding]] = {}
+        self._gate = asyncio.Semaphore(AT_ONCE)
+
+    async def run(self) -> None:
+        jobs = [self._uav("uav", 1), *(self._uav(name, number) for number, name in enumerate(UAV_VARIANTS, start=2))]
+        await asyncio.gather(*jobs)
+
+    async def _uav(self, variant: str, drone: int) -> None:
+        """The project's own is started and ended by the kit; a broken one runs already."""
+        port = free_port(socket.SOCK_DGRAM)
+        program = ["-m", "mqttxt", "uav"] if variant == "uav" else [BROKEN, variant, "uav"]
+        options = ["--drone", "{drone}", "--broker", "{broker}", "--autopilot", "{autopilot}"]
+        files = ["--journal", str(self.folder / f"{variant}.journal")]
+        async with self._gate:
+            log = self.folder / f"{variant}.log"
+            line = " ".join([sys.executable, *program, *options, *files])
+            broker = BrokerAddress.parse(self.fog.url)
+            values = {"drone": str(drone), "broker": self.fog.url, "autopilot": f"udp:127.0.0.1:{port}"}
+            with log.open("ab") as output:
+                own = variant == "uav"
+                process = None if own else subprocess.Popen(line.format(**values).split(), stderr=output, stdout=output)
+            try:
+                target = UavTarget(drone, "127.0.0.1", port, run=line if own else None, log=log)
+                self.found[variant] = await check_uav(broker, target, lambda finding: None)
+            finally:
+                if process is not None:
+                    process.kill()
+                    process.wait()
+
+
+@pytest.fixture(scope="module")
+def checks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Checks]:
+    made = Checks(tmp_path_factory.mktemp("conformance"))
+    try:
+        made.cloud.start()
+        made.fog.start()
+        asyncio.run(made.run())
+        yield made
+    finally:
+        made.fog.kill()
+        made.cloud.kill()
+
+
+def _said(found: list[Finding], verdict: Verdict) -> dict[str, str]:
+    return {finding.rule.name: finding.evidence for finding in found if finding.verdict is verdict}
+
+
+@pytest.mark.parametrize("role", ["uav"])
+def test_the_projects_own_role_keeps_every_rule(checks: Checks, role: str) -> None:
+    found = checks.found[role]
+    assert _said(found, Verdict.FAIL) == {}
+    assert _said(found, Verdict.NOT_TESTED) == {}
+    assert found
+
+
+@pytest.mark.parametrize(("variant", "broken"), [*UAV_VARIANTS.items()])
+def test_a_broken_role_fails_exactly_the_rules_that_it_breaks(checks: Checks, variant: str, broken: set[str]) -> None:
+    failed = _said(checks.found[variant], Verdict.FAIL)
+    assert set(failed) == broken, failed
+
+
+def test_what_needs_an_implementation_that_the_kit_starts_says_so(checks: Checks) -> None:
+    left = _said(checks.found["uav-takes-retained"], Verdict.NOT_TESTED)
+    assert "a-clean-stop-says-down" in left
+    assert "needs --run" in left["a-clean-stop-says-down"]
+
+
+def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mqttxt", "conformance", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["uav", "--broker", "mqtt://127.0.0.1:1"], "--broker mqtt://127.0.0.1:1: no broker answers"),
+        (["uav", "--broker", "here"], "--broker 'here': expected mqtt://HOST[:PORT]"),
+        (["uav", "--broker", "mqtt://x", "--drone", "0"], "--drone 0: expected a whole number from 1 to 250"),
+        (["uav", "--broker", "mqtt://x", "--autopilot", "tcp:x:1"], "expected udp:HOST:PORT"),
+        (["uav", "--broker", "mqtt://x", "--format", "xml"], "--format 'xml': expected table or json"),
+        (["uav", "--broker", "mqtt://x", "--run", "uav {port}"], "expected a command line, with {broker}, {drone}"),
+    ],
+)
+def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(arguments: list[str], said: str) -> None:
+    done = _run(*arguments)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert said in done.stderr.strip().splitlines()[-1]
+
+
+def test_an_implementation_that_never_appears_fails_its_birth_and_the_exit_code_says_so(broker: Broker) -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    address = ["--broker", broker.url, "--autopilot", f"udp:127.0.0.1:{port}"]
+    done = _run("uav", *address, "--run", f"{sys.executable} -c 0", "--format", "json")
+    report = json.loads(done.stdout)
+    assert done.returncode == 1
+    assert (report["pass"], report["fail"]) == (0, 1)
+    (failed,) = [row for row in report["findings"] if row["verdict"] == "fail"]
+    assert failed["rule"] == "birth-carries-the-session"
+    assert "R9.1" in failed["numbers"]
