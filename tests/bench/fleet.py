@@ -6,7 +6,7 @@ import asyncio
 import time
 
 from mqttxt.messages import BeaconMessage, DroneLease, Presence
-from mqttxt.states import Battery, FlightMode, FlightModeName, Groundspeed, Heading, Location, State
+from mqttxt.states import Battery, FlightMode, FlightModeName, Groundspeed, Heading, Location, MaxGroundspeed, State
 from mqttxt.topics import FogSide
 from mqttxt.wire.codec import decode, encode
 from mqttxt.wire.states import StampedState, encode_state
@@ -44,6 +44,8 @@ class Fleet:
         for number, session in self._sessions.items():
             client.publish(self._topics.reachable(number), encode(Presence(session=session, up=True)), qos=1)
             await asyncio.sleep(0)
+            fastest = encode_state(StampedState(MaxGroundspeed(12.0), _FIRST_STAMP), Encoding.CBOR)
+            client.publish(self._topics.state(number, MaxGroundspeed.name), fastest)
         alias = 0
         for number in self._sessions:
             for state in FIVE:

@@ -78,6 +78,9 @@ def test_bundles_are_served_from_topics_and_states_wait_for_each_other() -> None
     bench.tell(Groundspeed(5))
     bench.tell(Armed(True))
     assert bundles(bench.until(bench.now_ms + 100)) == [[(1, "groundspeed"), (1, "armed")]]
+    bench.tell(Armed(True))  # as before: said again, no news
+    assert bundles(bench.until(bench.now_ms + 100)) == []
+    assert bundles(bench.until(bench.now_ms + 1000)) == [[(1, "armed")]]
 
 
 def test_a_station_for_each_form_gets_each_form() -> None:

@@ -64,7 +64,7 @@ def test_a_drone_that_is_not_reachable_or_not_known_enough_is_not_ranked() -> No
     bench.appear(3, UAV_SESSION + 3)
     bench.tell(Battery(99), drone=3)
     bench.fog("drone1/reachable", Presence(session=UAV_SESSION + 1, up=False))
-    assert rankings(bench.until(bench.now_ms + 100)) == [[2]]
+    assert rankings(bench.until(bench.now_ms + 600)) == [[2]]
 
 
 def test_without_a_registered_station_nothing_is_published() -> None:

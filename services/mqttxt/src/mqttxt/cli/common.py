@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import logging
 import signal
 import sys
@@ -61,6 +62,10 @@ def settings(qos: int, json: bool, bundles: bool = False) -> Settings:
 
 def run_role(make: Callable[[], Runner]) -> None:
     """Run a role until SIGTERM or SIGINT, which end it cleanly (exit code 0)."""
+    # A message makes many objects that live for microseconds, in no cycles: looking for those less often saves a tenth
+    # of an activator's time. What the imports made stays for good.
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
     with errors_as_lines():
         asyncio.run(_until_signal(make))
 

@@ -16,6 +16,7 @@ from ..roles.settings import Settings
 from ..roles.uav_client import UavClient
 from ..roles.uav_commands import LINK
 from ..roles.uav_options import UavOptions
+from ..states import Policy
 from ..topics import FogSide
 from .journal import JournalFile
 from .mavlink import AutopilotAddress, AutopilotLink
@@ -74,13 +75,12 @@ class UavRunner(Runner):
         ready_file: Path | None = None,
         options: UavOptions | None = None,
         sensors: SensorOptions | None = None,
+        policies: dict[str, Policy] | None = None,
     ) -> None:
         clock = SessionClock()
         remembers = not journal.is_new
         left = journal.unfinished
-        self.client = UavClient(
-            drone, clock.session, settings, topics, unfinished=left, remembers=remembers, options=options
-        )
+        self.client = UavClient(drone, clock.session, settings, topics, policies, left, remembers, options)
         super().__init__(_Links(self.client), clock, ready_file)
         self._journal = journal
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)

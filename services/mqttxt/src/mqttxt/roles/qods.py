@@ -10,6 +10,8 @@ from .activator_drones import DroneLink
 
 DECILES = 10
 HEARTBEAT_MS = 30_000
+LOOK_MS = 500
+"""Between two computations: with hundreds of drones something is touched all the time."""
 USED = frozenset({Battery.name, MaxGroundspeed.name})
 """The states by which drones are ranked."""
 
@@ -55,18 +57,21 @@ class QodsTurns:
         self.touched = True
         self._published: tuple[tuple[int, int], ...] | None = None
         self._at_ms = 0
+        self._look_after_ms = 0
 
     def forget(self) -> None:
         """Somebody new listens."""
         self._published = None
+        self._look_after_ms = 0
         self.touched = True
 
     def due(self, links: Iterable[DroneLink], stale_ms: int, now_ms: int) -> tuple[Ranked, ...] | None:
         """The ranking, if it is to be published now. Nothing is computed while nothing was touched."""
         beats = now_ms - self._at_ms >= HEARTBEAT_MS
-        if not self.touched and not beats:
+        if not beats and (not self.touched or now_ms < self._look_after_ms):
             return None
         self.touched = False
+        self._look_after_ms = now_ms + LOOK_MS
         ranking = rank(links, stale_ms, now_ms)
         shape = tuple((ranked.drone, decile(ranked.remaining_pct)) for ranked in ranking)
         if shape == self._published and not beats:

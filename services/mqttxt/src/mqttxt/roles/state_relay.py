@@ -30,6 +30,7 @@ class StateRelay:
         self._leases = leases
         self._bundled: dict[tuple[int, str], StampedState] = {}
         self._next_bundle_ms = 0
+        self._is_urgent = False
 
     def on_state(self, link: DroneLink | None, name: str, payload: bytes, now_ms: int) -> list[Effect]:
         """`droneY/state/Z`."""
@@ -54,7 +55,8 @@ class StateRelay:
             self._bundled.clear()
             return []
         out: list[Effect] = []
-        if self._bundled and (now_ms >= self._next_bundle_ms or any(name in URGENT for _, name in self._bundled)):
+        if self._bundled and (now_ms >= self._next_bundle_ms or self._is_urgent):
+            self._is_urgent = False
             self._next_bundle_ms = now_ms + self._settings.bundle_ms
             out += self._bundles()
         ranking = self.qods.due(self._drones.links.values(), self._settings.state_limit_ms, now_ms)
@@ -66,8 +68,11 @@ class StateRelay:
 
     def _take(self, link: DroneLink | None, state: StampedState, now_ms: int) -> list[Effect]:
         name = state.state.name
+        known = link.states.get(name) if link is not None else None
         if link is None or not self._drones.keep_state(link, name, state, now_ms):
             return []
+        if name in URGENT and (known is None or known.state.state != state.state):
+            self._is_urgent = True
         if name in qods.USED:
             self.qods.touched = True
         return self._relay(link, name, now_ms) if self._leases else []

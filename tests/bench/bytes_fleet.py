@@ -1,0 +1,128 @@
+"""Bytes on the wire of six drones with five states a second over three hops: bundles, topics, and MAVLink.
+
+Drone to fog, fog to cloud, cloud to ground station; everything on those connections counts: states, beacons,
+leases, and every ACK. MAVLink is what the same autopilots say, over UDP, on as many hops.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from mqttxt import GroundStation
+from tests.bench.brokers import BenchBroker
+from tests.bench.capture import Capture, Frame
+from tests.bench.vital import packed, telemetry
+from tests.integration.processes import Process, eventually, free_port
+
+FOGS = {1: (1, 2, 3), 2: (4, 5, 6)}
+STATES = ("battery", "location", "heading", "groundspeed", "flight_mode")
+HOPS = 3
+SETTLE_S, WINDOW_S = 3.0, 20.0
+"""The window holds two intervals of beacons and leases."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """Bytes a second on each of the hops, and of the same by MAVLink on one hop."""
+
+    hops: tuple[float, float, float]
+    mavlink: float
+
+    @property
+    def ratio(self) -> float:
+        return sum(self.hops) / (HOPS * self.mavlink)
+
+    def __str__(self) -> str:
+        apiece = ", ".join(f"{hop:,.0f}" for hop in self.hops)
+        return f"{sum(self.hops):,.0f} bytes a second ({apiece}) beside MAVLink's {HOPS * self.mavlink:,.0f}"
+
+
+def measure() -> list[str]:
+    """Lines of figures; takes about a minute and a half."""
+    lines = []
+    for bundles, how in ((True, "bundled"), (False, "topic by topic")):
+        load = asyncio.run(_measure(bundles))
+        lines.append(f"six drones, five states a second, three hops, {how}: {load}: {load.ratio:.2f} times")
+    return lines
+
+
+class _Broker(BenchBroker):
+    """A broker with a second port, so that a capture can tell connections apart by their ports."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.second = free_port()
+        super().__init__(folder, name, f"listener {self.second} 127.0.0.1\nmax_topic_alias 4096\n")
+
+    @property
+    def second_url(self) -> str:
+        return f"mqtt://127.0.0.1:{self.second}"
+
+
+async def _measure(bundles: bool) -> Load:
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        cloud, *fogs = (_Broker(folder, side) for side in ("cloud", *(f"fog{fog}" for fog in FOGS)))
+        autopilots = {drone: free_port(socket.SOCK_DGRAM) for drones in FOGS.values() for drone in drones}
+        for broker in (cloud, *fogs):
+            stack.callback(broker.start().kill)
+        telling = asyncio.create_task(_tell(autopilots))
+        processes = _processes(folder, cloud, fogs, autopilots, bundles)
+        for process in processes:
+            stack.callback(process.start().kill)
+        for process in processes:
+            await asyncio.to_thread(process.wait_ready)
+        fog_ports = [fog.port for fog in fogs]
+        capture = Capture(folder, [cloud.port, cloud.second, *fog_ports, *autopilots.values()])
+        async with GroundStation(cloud.second_url, bundles=bundles) as station:
+            there = await station.connect(FOGS)
+            drones = [fog.drone(drone) for fog in there for drone in FOGS[fog.number]]
+            await eventually(lambda: all(set(STATES) <= drone.states.keys() for drone in drones), "every state")
+            with capture:
+                await asyncio.sleep(SETTLE_S)
+                start_s = time.time()
+                await asyncio.sleep(WINDOW_S)
+                end_s = time.time()
+        telling.cancel()
+    frames = capture.between(start_s, end_s)
+    hops = (_bytes(frames, fog_ports), _bytes(frames, [cloud.port]), _bytes(frames, [cloud.second]))
+    told = sum(frame.size for frame in frames if frame.target in autopilots.values()) / WINDOW_S
+    return Load(hops, told)
+
+
+def _bytes(frames: list[Frame], ports: list[int]) -> float:
+    """Bytes a second in both directions."""
+    return sum(frame.size for frame in frames if frame.source in ports or frame.target in ports) / WINDOW_S
+
+
+def _processes(
+    folder: Path, cloud: _Broker, fogs: list[_Broker], autopilots: dict[int, int], bundles: bool
+) -> list[Process]:
+    made = []
+    for (fog, drones), broker in zip(FOGS.items(), fogs, strict=True):
+        urls = ["--cloud", cloud.url, "--fog-broker", broker.second_url]
+        ready = ["--ready-file", str(folder / f"activator{fog}.ready")]
+        made.append(Process(folder, f"activator{fog}", "mqttxt", "activator", "--fog", str(fog), *urls, *ready))
+        for drone in drones:
+            form = "bundles" if bundles else "topics"
+            options = [str(drone), broker.url, str(autopilots[drone]), str(folder), form]
+            made.append(Process(folder, f"uav{drone}", "tests.bench.steady_uav", *options))
+    return made
+
+
+async def _tell(autopilots: dict[int, int]) -> None:
+    """What each autopilot says, once a second; drones are not in step with each other."""
+    loop = asyncio.get_running_loop()
+    started_s = loop.time()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        for turn in range(10**6):
+            second, which = divmod(turn, len(autopilots))
+            drone = sorted(autopilots)[which]
+            for message in telemetry(second):
+                sock.sendto(packed(message, drone), ("127.0.0.1", autopilots[drone]))
+            await asyncio.sleep(max(0, started_s + (turn + 1) / len(autopilots) - loop.time()))
