@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -94,13 +95,14 @@ class Broker:
 
 
 class Process:
-    """A Python module of the repository as a process of its own."""
+    """A Python module of the repository as a process of its own; mqttxt with `ppm` has a clock of its own too."""
 
-    def __init__(self, folder: Path, name: str, module: str, *arguments: str) -> None:
+    def __init__(self, folder: Path, name: str, module: str, *arguments: str, ppm: int | None = None) -> None:
         self.name = name
         self.ready_file = folder / f"{name}.ready"
         self.log = folder / f"{name}.log"
-        self._command = [sys.executable, "-m", module, *arguments]
+        how = ["-m", module] if ppm is None else [str(Path(__file__).with_name("odd_clock.py")), str(ppm)]
+        self._command = [sys.executable, *how, *arguments]
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> Self:
@@ -140,6 +142,11 @@ class Process:
         self._process.terminate()
         return self._process.wait(PATIENCE_S)
 
+    def step_clock(self) -> None:
+        """Its session clock jumps ahead (`odd_clock`)."""
+        assert self._process is not None
+        os.kill(self._process.pid, signal.SIGUSR1)
+
     def stall(self) -> None:
         assert self._process is not None
         os.kill(self._process.pid, signal.SIGSTOP)
@@ -150,9 +157,13 @@ class Process:
 
 
 class Proxy:
-    """A TCP proxy on loopback that can hold every byte, in both directions, and let them go again."""
+    """A TCP proxy on loopback that can hold every byte, in both directions, and let them go again.
+
+    `delay_s` is how long it takes at most for what comes together, each time another part of it.
+    """
 
     def __init__(self, target_port: int) -> None:
+        self.delay_s = 0.0
         self._target_port = target_port
         self._open = asyncio.Event()
         self._open.set()
@@ -192,6 +203,8 @@ class Proxy:
         try:
             while data := await source.read(65_536):
                 await self._open.wait()
+                if self.delay_s:
+                    await asyncio.sleep(random.uniform(0, self.delay_s))
                 sink.write(data)
                 await sink.drain()
         except ConnectionError:
@@ -213,19 +226,25 @@ class System:
         self.activator = self.make_activator(self.cloud.url, self.fog.url)
         self.uavs = {drone: self.make_uav(drone, self.fog.url) for drone in self.autopilots}
 
-    def make_activator(self, cloud: str, fog: str, name: str = "activator") -> Process:
+    def make_activator(self, cloud: str, fog: str, name: str = "activator", ppm: int | None = None) -> Process:
         ready = str(self.folder / f"{name}.ready")
         options = ["--fog", "1", "--cloud", cloud, "--fog-broker", fog, "--drones", "1,2", "--ready-file", ready]
-        return Process(self.folder, name, "mqttxt", "activator", *options, "--qos", str(self.qos))
+        return Process(self.folder, name, "mqttxt", "activator", *options, "--qos", str(self.qos), ppm=ppm)
 
     def make_uav(
-        self, drone: int, broker: str, name: str | None = None, autopilot_port: int | None = None, *more: str
+        self,
+        drone: int,
+        broker: str,
+        name: str | None = None,
+        autopilot_port: int | None = None,
+        *more: str,
+        ppm: int | None = None,
     ) -> Process:
         called = name or f"uav{drone}"
         address = f"udp:127.0.0.1:{autopilot_port or self.autopilots[drone]}"
         options = ["--drone", str(drone), "--broker", broker, "--autopilot", address, "--qos", str(self.qos)]
         files = ["--journal", str(self.folder / called), "--ready-file", str(self.folder / f"{called}.ready")]
-        return Process(self.folder, called, "mqttxt", "uav", *options, *files, *more)
+        return Process(self.folder, called, "mqttxt", "uav", *options, *files, *more, ppm=ppm)
 
     def make_sitl(self, drone: int) -> Process:
         base = str(self.folder / f"sitl{drone}")
