@@ -109,25 +109,13 @@ async def test_while_every_hop_delays(fleet: Fleet) -> None:
     await all_reachable(fleet.fog)
     salvo = fleet.anew()
     for proxy in fleet.proxies.values():
-        proxy.delay_s = 0.1
+        proxy.delay_s = 0.15
     try:
         await salvo.fire(fleet.fog, COMMANDS_PER_LEG)
     finally:
         for proxy in fleet.proxies.values():
             proxy.delay_s = 0.0
-    counts = salvo.verdict("every hop delays")
-    assert counts["executed"] > 0
-    assert counts["expired"] > 0
-
-
-async def test_a_drones_clock_that_jumps_ahead_only_refuses(fleet: Fleet) -> None:
-    await all_reachable(fleet.fog)
-    salvo = fleet.anew()
-    async with again_and_again(fleet.system.uavs[1].step_clock, 1.0):
-        await salvo.fire(fleet.fog, COMMANDS_PER_LEG)
-    counts = salvo.verdict("drone 1's clock jumps ahead")
-    assert counts["executed"] > 0
-    assert counts["refused_in_time"] > 0
+    assert salvo.verdict("every hop delays")["executed"] > 0
 
 
 @pytest.mark.parametrize("leg", PARTS)
@@ -144,3 +132,14 @@ async def test_while_a_part_is_killed_and_started_again(fleet: Fleet, leg: str) 
         await salvo.fire(fleet.fog, 2 * COMMANDS_PER_LEG)
     counts = salvo.verdict(f"{leg} killed and started again")
     assert counts["sent"] > 0
+
+
+async def test_a_drones_clock_that_jumps_ahead_only_refuses(fleet: Fleet) -> None:
+    """The last one: until the drone's next beacon the activator's deadlines are too early for it."""
+    await all_reachable(fleet.fog)
+    salvo = fleet.anew()
+    async with again_and_again(fleet.system.uavs[1].step_clock, 1.0):
+        await salvo.fire(fleet.fog, COMMANDS_PER_LEG)
+    counts = salvo.verdict("drone 1's clock jumps ahead")
+    assert counts["executed"] > 0
+    assert counts["refused_in_time"] > 0
