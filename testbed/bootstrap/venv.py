@@ -11,7 +11,14 @@ from .steps import CACHE, ROOT, apt_install, check_disk, check_python, run, step
 
 VENV = ROOT / ".venv"
 LOCK = ROOT / "requirements" / "testbed.txt"
-SOURCES = (".", "services/mqttxt/src", "services/sitl/src", "services/mission/src", "services/net/src")
+SOURCES = (
+    ".",
+    "services/mqttxt/src",
+    "services/sitl/src",
+    "services/mission/src",
+    "services/net/src",
+    "services/sensor/src",
+)
 _MARK = VENV / ".made-from"
 _OLD = ROOT / ".cache" / "venv-before"
 

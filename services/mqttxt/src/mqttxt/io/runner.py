@@ -58,6 +58,11 @@ class Runner:
                 for task in tasks:
                     task.cancel()
 
+    def finish(self) -> None:
+        """End `run` as after a cancellation, because the role has done what it was for."""
+        if self._stopped is not None and not self._stopped.done():
+            self._stopped.set_result(None)
+
     def jobs(self) -> list[Any]:
         """The coroutines that run as long as the role does."""
         return [*(link.run() for link in self.links.values()), self._tick()]

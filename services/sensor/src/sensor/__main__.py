@@ -1,0 +1,5 @@
+"""`python -m sensor` is the `sensor` command."""
+
+from .cli import main
+
+main()

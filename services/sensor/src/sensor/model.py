@@ -1,0 +1,74 @@
+"""What a sensor would measure: a day's course with slow noise. The same seed and time give the same value.
+
+The noise is first-order autoregressive over the seconds since 1970, cut off after `_MEMORY` of them so that it
+depends on nothing but seed and time, and bounded by its amplitude.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from math import cos, exp, pi
+
+DAY_S = 86_400
+_KEEPS = 0.9
+"""How much of a second's noise is left in the next."""
+_MEMORY = 64
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A kind of value: its course over a day (0 to 1) in its unit, how far noise goes, its bounds and decimals."""
+
+    kind: str
+    unit: str
+    course: Callable[[float], float]
+    noise: float
+    low: float
+    high: float
+    decimals: int
+
+
+def _warmth(day: float) -> float:
+    """From 0 before dawn (03:00 UTC) to 1 in the afternoon."""
+    return (1 - cos(2 * pi * (day - 3 / 24))) / 2
+
+
+def _sun(day: float) -> float:
+    """Nought at night, 1 at noon UTC."""
+    return max(0.0, -cos(2 * pi * day))
+
+
+QUANTITIES = {
+    quantity.kind: quantity
+    for quantity in (
+        Quantity("temperature", "degC", lambda day: 8 + 14 * _warmth(day), 0.6, -40, 60, 2),
+        Quantity("humidity", "%", lambda day: 85 - 45 * _warmth(day), 3, 0, 100, 1),
+        Quantity("light", "lx", lambda day: 50_000 * _sun(day) * exp(_sun(day) - 1), 400, 0, 120_000, 0),
+    )
+}
+
+
+def value(kind: str, unix_ms: int, seed: int) -> float:
+    """What is measured of a kind at a time, rounded as such a sensor would."""
+    quantity = QUANTITIES[kind]
+    second, part_ms = divmod(unix_ms, 1000)
+    course = quantity.course(unix_ms / 1000 % DAY_S / DAY_S)
+    here, next_one = noise(kind, second, seed), noise(kind, second + 1, seed)
+    found = course + quantity.noise * (here + (next_one - here) * part_ms / 1000)
+    return round(min(max(found, quantity.low), quantity.high), quantity.decimals)
+
+
+@lru_cache(maxsize=64)
+def noise(kind: str, second: int, seed: int) -> float:
+    """Between -1 and 1, much like the second before."""
+    return (1 - _KEEPS) * sum(_KEEPS**ago * _shock(kind, second - ago, seed) for ago in range(_MEMORY))
+
+
+@lru_cache(maxsize=1024)
+def _shock(kind: str, second: int, seed: int) -> float:
+    """What is new in a second: evenly spread from -1 to 1."""
+    digest = hashlib.blake2b(f"{seed}/{kind}/{second}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "big") / 2**63 - 1

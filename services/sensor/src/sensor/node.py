@@ -1,0 +1,182 @@
+"""A sensor node as a state machine: it measures on schedule and keeps each reading until the drone has stored it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from itertools import takewhile
+
+from mqttxt.errors import PayloadError
+from mqttxt.readings import Reading, ReadingAck, ReadingKey, ReadingMessage
+from mqttxt.roles.effects import Effect, Inbound, Log, Publish, Subscribe
+from mqttxt.roles.settings import Retry, Settings
+from mqttxt.topics import SensorSide
+from mqttxt.wire.codec import decode, encode
+
+from .model import QUANTITIES, value
+
+LINK = "broker"
+WINDOW = 100
+"""Readings that may be on their way at once."""
+
+
+@dataclass(frozen=True)
+class SensorOptions:
+    """`rate_hz`: readings of each kind a second; `samples`: of each kind, None for no end; `keep`: unacknowledged."""
+
+    number: int = 1
+    kinds: tuple[str, ...] = tuple(QUANTITIES)
+    rate_hz: float = 1.0
+    seed: int = 1
+    samples: int | None = None
+    keep: int = 10_000
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A reading was made, for the record."""
+
+    reading: Reading
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A reading was given up, because newer ones needed its room."""
+
+    reading: Reading
+
+
+@dataclass(frozen=True)
+class Finished:
+    """All that was to be measured is measured, and stored on the drone or given up."""
+
+
+Output = Effect | Measured | Dropped | Finished
+
+
+@dataclass
+class _Kept:
+    """A reading that the drone has not acknowledged; `retry` from the broker's PUBACK on."""
+
+    reading: Reading
+    is_sent: bool = False
+    retry: Retry | None = None
+
+
+class SensorNode:
+    """One boot of a sensor. Times are milliseconds of its session clock; `unix_ms` reads its wall clock."""
+
+    def __init__(self, boot: int, options: SensorOptions, settings: Settings, unix_ms: Callable[[], int]) -> None:
+        self.options = options
+        self.side = SensorSide()
+        self._boot = boot
+        self._settings = settings
+        self._unix_ms = unix_ms
+        self._kept: dict[ReadingKey, _Kept] = {}
+        self._seq = 0
+        self._taken = 0
+        self._next_ms: float | None = None
+        self._is_up = False
+        self._under_way = 0
+
+    def on_connected(self, link: str, now_ms: int) -> list[Output]:
+        return [Subscribe(LINK, (self.side.ack,), live_only=True)]
+
+    def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Output]:
+        """Acknowledgements can be heard from now on."""
+        self._is_up = True
+        return self._send(now_ms)
+
+    def on_disconnected(self, link: str, now_ms: int) -> list[Output]:
+        """What was under way may be lost."""
+        self._is_up = False
+        self._under_way = 0
+        for kept in self._kept.values():
+            kept.is_sent, kept.retry = False, None
+        return []
+
+    def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Output]:
+        """`sensor_ack`: of all sensors of the drone."""
+        try:
+            keys = decode(ReadingAck, message.payload).readings
+        except PayloadError as error:
+            return [Log("acknowledgement", f"{message.topic}: {error}")]
+        for key in keys:
+            self._forget(key)
+        return self._send(now_ms)
+
+    def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> list[Output]:
+        """The broker has it: the drone's word is waited for."""
+        kept = self._kept.get(ref) if isinstance(ref, ReadingKey) else None
+        if kept is not None and kept.is_sent and kept.retry is None:
+            kept.retry = Retry.unanswered(now_ms)
+        return []
+
+    def tick(self, now_ms: int) -> list[Output]:
+        """Measure what is due, send what is new, send again what was not acknowledged in time."""
+        out = self._measure(now_ms) + self._send(now_ms)
+        if self._is_up:
+            sent = takewhile(lambda kept: kept.is_sent, self._kept.values())  # they are the oldest
+            due = [kept for kept in sent if kept.retry is not None and kept.retry.is_due(now_ms)]
+            out += [self._publish(kept) for kept in due]
+        if self._is_finished() and not self._kept:
+            out.append(Finished())
+        return out
+
+    def goodbye(self, now_ms: int) -> list[Output]:
+        return []
+
+    def is_ready(self, now_ms: int) -> bool:
+        return self._is_up
+
+    def _is_finished(self) -> bool:
+        return self.options.samples is not None and self._taken >= self.options.samples
+
+    def _measure(self, now_ms: int) -> list[Output]:
+        out: list[Output] = []
+        if self._next_ms is None:
+            self._next_ms = now_ms
+        while now_ms >= self._next_ms and not self._is_finished():
+            time_ms = self._unix_ms() - round(now_ms - self._next_ms)
+            self._next_ms += 1000 / self.options.rate_hz
+            self._taken += 1
+            for kind in self.options.kinds:
+                out += self._keep(kind, time_ms)
+        return out
+
+    def _keep(self, kind: str, time_ms: int) -> list[Output]:
+        measured = value(kind, time_ms, self.options.seed)
+        message = ReadingMessage(boot=self._boot, seq=self._seq, time_ms=time_ms, value=measured)
+        self._seq += 1
+        reading = Reading(self.options.number, kind, message)
+        out: list[Output] = [Measured(reading)]
+        if len(self._kept) >= self.options.keep:
+            oldest = next(iter(self._kept.values())).reading
+            self._forget(oldest.key)
+            out += [Log("dropped", f"{oldest.key}: {self.options.keep} readings are unacknowledged"), Dropped(oldest)]
+        self._kept[reading.key] = _Kept(reading)
+        return out
+
+    def _forget(self, key: ReadingKey) -> None:
+        kept = self._kept.pop(key, None)
+        if kept is not None and kept.is_sent:
+            self._under_way -= 1
+
+    def _send(self, now_ms: int) -> list[Output]:
+        """What was not sent on this connection, oldest first, as far as the window goes."""
+        out: list[Output] = []
+        if not self._is_up or self._under_way >= WINDOW:
+            return out
+        for kept in self._kept.values():
+            if not kept.is_sent:
+                kept.is_sent = True
+                self._under_way += 1
+                out.append(self._publish(kept))
+                if self._under_way >= WINDOW:
+                    break
+        return out
+
+    def _publish(self, kept: _Kept) -> Publish:
+        reading = kept.reading
+        payload = encode(reading.message, self._settings.encoding)
+        return Publish(LINK, self.side.sensor(reading.sensor, reading.kind), payload, qos=1, ref=reading.key)

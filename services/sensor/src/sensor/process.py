@@ -1,0 +1,70 @@
+"""A sensor node as a process: its connection, and the record of what it measured."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from mqttxt.clock import SessionClock
+from mqttxt.errors import ConfigurationError
+from mqttxt.io.mqtt import BrokerAddress, MqttLink
+from mqttxt.io.runner import Runner
+from mqttxt.readings import Reading
+from mqttxt.roles.settings import Settings
+
+from .node import LINK, Dropped, Finished, Measured, SensorNode, SensorOptions
+
+
+class EventFile:
+    """JSON lines of every reading, for a check of what arrived elsewhere; raises ConfigurationError."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._file = path.open("a", encoding="ascii", buffering=1)
+        except OSError as error:
+            raise ConfigurationError(f"--events {path}: cannot be written: {error.strerror}") from error
+
+    def write(self, event: str, reading: Reading) -> None:
+        message = reading.message
+        line = {
+            "event": event,
+            "sensor": reading.sensor,
+            "boot": message.boot,
+            "seq": message.seq,
+            "kind": reading.kind,
+            "value": message.value,
+            "unit": reading.unit,
+            "time_ms": message.time_ms,
+        }
+        self._file.write(json.dumps(line) + "\n")
+
+
+class SensorRunner(Runner):
+    """Runs a sensor node until it has measured all it should."""
+
+    def __init__(
+        self,
+        broker: BrokerAddress,
+        options: SensorOptions,
+        settings: Settings,
+        *,
+        events: Path | None = None,
+        ready_file: Path | None = None,
+    ) -> None:
+        clock = SessionClock()
+        node = SensorNode(clock.session, options, settings, lambda: time.time_ns() // 1_000_000)
+        super().__init__(node, clock, ready_file)
+        self._events = EventFile(events) if events is not None else None
+        client_id = f"mqttxt-sensor{options.number}-{clock.session:08x}"
+        self.links[LINK] = MqttLink(LINK, broker, client_id, None, self)
+
+    def special(self, output: Any) -> None:
+        if isinstance(output, Measured | Dropped):
+            if self._events is not None:
+                self._events.write("reading" if isinstance(output, Measured) else "dropped", output.reading)
+        elif isinstance(output, Finished):
+            self.finish()
+        else:
+            super().special(output)

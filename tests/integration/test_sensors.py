@@ -1,0 +1,222 @@
+"""Readings from a sensor to the ground station: nothing is lost or doubled over a stalled air link, a power loss of the
+drone's computer and a restart of the activator; and a UAV client's embedded broker takes them in."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import sqlite3
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import docker
+import pytest
+from processes import NODE_IMAGE, ROOT, Broker, Process, Proxy, System, eventually, free_port
+
+from mqttxt import GroundStation, SensorReading
+
+pytestmark = pytest.mark.integration
+
+KINDS = 3
+
+
+class SensorField:
+    """A drone with a broker of its own for sensors, behind a proxy to its fog, and a sensor."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.system = System(folder)
+        self.cloud, self.fog, self.activator = self.system.cloud, self.system.fog, self.system.activator
+        self.sitl = self.system.sitls[1]
+        self.drone = Broker(folder, "drone")
+        self.air = Proxy(self.fog.port)
+        self.store = folder / "uav1.sensors"
+        self.events = folder / "sensor.jsonl"
+        self.uav: Process | None = None
+        self.sensor: Process | None = None
+
+    async def start(self) -> None:
+        for broker in (self.cloud, self.fog, self.drone):
+            await asyncio.to_thread(broker.start)
+        await self.air.start()
+        self.uav = self._make_uav()
+        for process in (self.sitl, self.activator, self.uav):
+            process.start()
+        await asyncio.to_thread(self.uav.wait_ready)
+
+    def start_sensor(self, *more: str) -> Process:
+        options = ["--broker", self.drone.url, "--number", "7", "--events", str(self.events), *more]
+        self.sensor = Process(self.folder, "sensor", "sensor", *options).start()
+        return self.sensor
+
+    def measured(self) -> list[dict[str, Any]]:
+        """What the sensor wrote down, complete lines only."""
+        lines = self.events.read_text().split("\n")[:-1] if self.events.exists() else []
+        return [json.loads(line) for line in lines]
+
+    async def close(self) -> None:
+        for process in (self.sensor, self.uav, self.activator, self.sitl):
+            if process is not None:
+                process.kill()
+        await self.air.close()
+        for broker in (self.drone, self.fog, self.cloud):
+            broker.kill()
+
+    def _make_uav(self) -> Process:
+        base = str(self.folder / "uav1")
+        link = ["--broker", self.air.url, "--autopilot", f"udp:127.0.0.1:{self.system.autopilots[1]}"]
+        files = ["--journal", f"{base}.journal", "--ready-file", f"{base}.ready", "--sensor-store", str(self.store)]
+        sensors = ["--sensor-broker", self.drone.url]
+        return Process(self.folder, "uav1", "mqttxt", "uav", "--drone", "1", *link, *files, *sensors)
+
+
+@pytest.fixture
+async def field(tmp_path: Path) -> AsyncIterator[SensorField]:
+    """A drone, its fog and the cloud; nobody has registered, nothing is measured yet."""
+    made = SensorField(tmp_path)
+    try:
+        await made.start()
+        yield made
+    finally:
+        await made.close()
+
+
+async def _listen(station: GroundStation, heard: list[SensorReading]) -> None:
+    async for event in station.events():
+        if isinstance(event, SensorReading):
+            heard.append(event)
+
+
+def _as_measured(heard: list[SensorReading]) -> list[dict[str, Any]]:
+    """Readings as the sensor's record has them, in its order."""
+    return [
+        {
+            "event": "reading",
+            "sensor": reading.sensor,
+            "boot": reading.boot,
+            "seq": reading.seq,
+            "kind": reading.kind,
+            "value": reading.value,
+            "unit": reading.unit,
+            "time_ms": reading.time_ms,
+        }
+        for reading in sorted(heard, key=lambda reading: reading.seq)
+    ]
+
+
+async def test_nothing_is_lost_or_doubled_whatever_fails_between_sensor_and_station(field: SensorField) -> None:
+    uav, heard = field.uav, []  # type: ignore[var-annotated]
+    assert uav is not None
+    async with GroundStation(field.cloud.url) as station:
+        await station.connect([1], timeout_s=30)
+        listening = asyncio.create_task(_listen(station, heard))
+        sensor = field.start_sensor("--rate", "40", "--samples", "500")
+        await eventually(lambda: len(heard) > 150, "readings arrive")
+
+        field.air.stall()
+        at_stall = len(field.measured())
+        await eventually(lambda: len(field.measured()) > at_stall + 150, "the sensor goes on while the air link stalls")
+        await asyncio.to_thread(uav.kill)
+        await asyncio.to_thread(field.drone.kill)
+        at_power_loss = len(field.measured())
+        await eventually(lambda: len(field.measured()) > at_power_loss + 100, "the sensor goes on without the drone")
+        field.air.go_on()
+        await asyncio.to_thread(field.drone.start)
+        uav.start()
+
+        before = len(heard)
+        await eventually(lambda: len(heard) > before + 300, "readings arrive again")
+        await asyncio.to_thread(field.activator.kill)
+        field.activator.start()
+
+        assert await asyncio.to_thread(sensor.wait, 60) == 0
+        await eventually(lambda: len(heard) >= 500 * KINDS, "everything has arrived", 60)
+        listening.cancel()
+    measured = field.measured()
+    assert len(measured) == 500 * KINDS
+    assert {entry["event"] for entry in measured} == {"reading"}
+    assert _as_measured(heard) == measured
+    assert await asyncio.to_thread(uav.stop) == 0
+    assert _stored(field.store) == 0
+
+
+async def test_readings_wait_on_the_drone_until_a_station_is_there(field: SensorField) -> None:
+    sensor = field.start_sensor("--rate", "50", "--samples", "30", "--kinds", "temperature", "--json")
+    assert await asyncio.to_thread(sensor.wait) == 0
+    heard: list[SensorReading] = []
+    async with GroundStation(field.cloud.url) as station:
+        listening = asyncio.create_task(_listen(station, heard))
+        await station.connect([1], timeout_s=30)
+        await eventually(lambda: len(heard) == 30, "what was stored arrives")
+        listening.cancel()
+    assert _as_measured(heard) == field.measured()
+    assert {reading.unit for reading in heard} == {"degC"}
+
+
+async def test_a_uav_clients_embedded_broker_takes_readings_in(tmp_path: Path) -> None:
+    field = SensorField(tmp_path)
+    port, autopilot = free_port(), field.system.autopilots[1]
+    uav: Any = None
+    try:
+        await asyncio.to_thread(field.cloud.start)
+        await asyncio.to_thread(field.fog.start)
+        field.sitl.start()
+        field.activator.start()
+        uav = _contained_uav(field.fog.url, autopilot, f"127.0.0.1:{port}")
+        heard: list[SensorReading] = []
+        async with GroundStation(field.cloud.url) as station:
+            await station.connect([1], timeout_s=30)
+            listening = asyncio.create_task(_listen(station, heard))
+            events = ["--events", str(field.events), "--rate", "20", "--samples", "20"]
+            sensor = Process(tmp_path, "sensor", "sensor", "--broker", f"mqtt://127.0.0.1:{port}", *events).start()
+            assert await asyncio.to_thread(sensor.wait) == 0, uav.logs().decode()
+            await eventually(lambda: len(heard) == 20 * KINDS, "every reading")
+            listening.cancel()
+        assert _as_measured(heard) == field.measured()
+    finally:
+        if uav is not None:
+            uav.remove(force=True)
+        for process in (field.activator, field.sitl):
+            process.kill()
+        for broker in (field.fog, field.cloud):
+            broker.kill()
+
+
+async def test_a_port_for_sensors_that_is_taken_is_one_line(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
+        uav = _contained_uav("mqtt://127.0.0.1:1", free_port(socket.SOCK_DGRAM), address)
+        try:
+            ended = await asyncio.to_thread(uav.wait, timeout=30)
+            (said,) = [line for line in uav.logs().decode().splitlines() if line.startswith("mqttxt: ")]
+        finally:
+            uav.remove(force=True)
+    assert ended["StatusCode"] == 2
+    assert f"embedded broker {address}: Mosquitto ended with code" in said
+
+
+def _contained_uav(fog: str, autopilot_port: int, sensors: str) -> Any:
+    """`mqttxt uav` with its embedded broker, from the testbed's image but with the code as it is here."""
+    options = ["--drone", "1", "--broker", fog, "--autopilot", f"udp:127.0.0.1:{autopilot_port}"]
+    files = ["--journal", "/tmp/uav1.journal", "--sensor-store", "/tmp/uav1.sensors"]
+    return docker.from_env().containers.run(
+        NODE_IMAGE,
+        ["mqttxt", "uav", *options, *files, "--sensors", sensors],
+        network_mode="host",
+        init=True,
+        detach=True,
+        volumes={str(ROOT / "services"): {"bind": "/opt/services", "mode": "ro"}},
+    )
+
+
+def _stored(path: Path) -> int:
+    database = sqlite3.connect(path)
+    try:
+        (count,) = database.execute("SELECT count(*) FROM reading").fetchone()
+    finally:
+        database.close()
+    return int(count)
