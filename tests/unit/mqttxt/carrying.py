@@ -1,0 +1,152 @@
+"""Sensors, a drone's carrier, an activator's relay and a station's readings, connected by links that a test breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mqttxt.io.sensor_store import Batch, Done, SensorStore
+from mqttxt.outcomes import SensorReading
+from mqttxt.readings import Reading, ReadingMessage, checked
+from mqttxt.roles.activator_drones import CLOUD, FOG
+from mqttxt.roles.carrier import SENSORS, Carrier
+from mqttxt.roles.effects import Acknowledge, ForgetReadings, Inbound, LoadReadings, Log, Publish, StoreReading
+from mqttxt.roles.sensor_relay import SensorRelay
+from mqttxt.roles.settings import Settings
+from mqttxt.roles.station_readings import Readings
+from mqttxt.topics import CloudSide, FogSide
+from mqttxt.wire.codec import decode, encode
+
+BOOT = 0xB007
+LINK = "air"
+
+
+def reading(seq: int = 0, sensor: int = 1, kind: str = "temperature", boot: int = BOOT, **more: Any) -> Reading:
+    fields = {"boot": boot, "seq": seq, "time_ms": 1_767_225_600_000 + seq, "value": seq / 7, **more}
+    return Reading(sensor, kind, ReadingMessage(**fields))
+
+
+def inbound(of: Reading, receipt: tuple[int, int] | None = (1, 1)) -> Inbound:
+    return Inbound(f"sensor{of.sensor}/{of.kind}", encode(of.message), 1, False, receipt)
+
+
+def carried(effects: Iterable[Any]) -> list[int]:
+    """The sequence numbers of readings that go out to the fog, in their order."""
+    found = [e for e in effects if isinstance(e, Publish) and e.link == LINK]
+    return [decode(ReadingMessage, e.payload).seq for e in found]
+
+
+@dataclass
+class Way:
+    """One drone's way to the station. What is on a link when it breaks is lost; `stored` is what sensors were told."""
+
+    path: Path
+    limit: int = 1000
+    now_ms: int = 0
+    fog_is_up: bool = False
+    to_fog: list[Publish] = field(default_factory=list)
+    to_cloud: list[Publish] = field(default_factory=list)
+    to_drone: list[Publish] = field(default_factory=list)
+    to_store: Batch = field(default_factory=Batch)
+    stored: set[int] = field(default_factory=set)
+    heard: list[SensorReading] = field(default_factory=list)
+    logs: list[Log] = field(default_factory=list)
+    listens: bool = True
+
+    def __post_init__(self) -> None:
+        self.station = Readings()
+        self.restart_activator()
+        self.store: SensorStore | None = None
+        self.restart_drone()
+
+    def restart_activator(self) -> None:
+        self.relay = SensorRelay(Settings(), CloudSide(1), FogSide())
+        self.to_cloud.clear()
+        self.to_drone.clear()
+
+    def restart_drone(self) -> None:
+        """The client starts with what its store holds, and nothing else."""
+        if self.store is not None:
+            self.store.close()
+        self.store = SensorStore(self.path, self.limit)
+        self.carrier = Carrier(1, LINK, Settings(), FogSide())
+        self.to_store = Batch()
+        self.cut()
+
+    def cut(self) -> None:
+        """The air link is gone, with what was on it."""
+        self.fog_is_up = False
+        self.carrier.on_fog_down()
+        self.to_fog.clear()
+        self.to_drone.clear()
+
+    def connect(self) -> None:
+        if not self.fog_is_up:
+            self.fog_is_up = True
+            self.take(self.carrier.on_fog_up(self.now_ms))
+
+    def measure(self, *seqs: int) -> None:
+        for seq in seqs:
+            self.take(self.carrier.on_message(inbound(reading(seq)), self.now_ms))
+
+    def take(self, effects: Iterable[Any]) -> None:
+        for effect in effects:
+            if isinstance(effect, StoreReading):
+                self.to_store.store.append(effect)
+            elif isinstance(effect, ForgetReadings):
+                self.to_store.forget += effect.keys
+            elif isinstance(effect, LoadReadings):
+                self.to_store.load = effect
+            elif isinstance(effect, Log):
+                self.logs.append(effect)
+            elif isinstance(effect, Publish) and effect.link == LINK:
+                self.to_fog.append(effect)
+            elif isinstance(effect, Publish) and effect.link == CLOUD:
+                self.to_cloud.append(effect)
+            elif isinstance(effect, Publish) and effect.link == FOG:
+                self.to_drone.append(effect)
+            else:
+                assert isinstance(effect, Acknowledge | Publish)
+                assert effect.link == SENSORS
+
+    def work(self) -> None:
+        """The store's turn."""
+        assert self.store is not None
+        batch, self.to_store = self.to_store, Batch()
+        done: Done = self.store.carry_out(batch)
+        self.stored |= {effect.reading.message.seq for effect in done.stored}
+        self.take(self.carrier.on_stored(done.stored, self.now_ms) if done.stored else [])
+        self.take(self.carrier.on_refused(done.refused, done.reason, self.now_ms))
+        if batch.load is not None:
+            self.take(self.carrier.on_loaded(done.rows, batch.load.most, self.now_ms))
+
+    def fly(self, most: int = 1000) -> None:
+        """Up to `most` publishes arrive on each link, in their order."""
+        for _ in range(min(most, len(self.to_fog))):
+            publish = self.to_fog.pop(0)
+            self.take(self.carrier.on_published(publish.ref, 0, self.now_ms))  # type: ignore[arg-type]
+            self.take(self.relay.on_reading(FogSide().parse(publish.topic), publish.payload, self.now_ms))
+        for _ in range(min(most, len(self.to_cloud))):
+            publish = self.to_cloud.pop(0)
+            if self.listens:
+                topic = CloudSide(1).parse(publish.topic)
+                message = checked(topic.sensor, topic.name, decode(ReadingMessage, publish.payload))  # type: ignore
+                self.heard += self.station.on_reading(1, 1, message)
+            self.take(self.relay.on_published(publish.ref, 0 if self.listens else 0x10, self.now_ms))  # type: ignore
+        self.take(self.relay.tick(self.now_ms))
+        for _ in range(min(most, len(self.to_drone))):
+            self.take(self.carrier.on_ack(self.to_drone.pop(0).payload, self.now_ms))
+
+    def pass_time(self, milliseconds: int) -> None:
+        self.now_ms += milliseconds
+        self.take(self.carrier.tick(self.now_ms))
+
+    def settle(self) -> None:
+        """Everything works again for as long as it takes."""
+        self.connect()
+        for _ in range(200):
+            self.work()
+            self.fly()
+            self.pass_time(1000)
