@@ -30,7 +30,7 @@ test: containers ## Run every check and every test (about 10 minutes)
 	@$(PYTHON) -m pytest
 
 check: venv lint ## Format, lint, types, import rules and unit tests, in under a minute
-	@$(PYTHON) -m pytest -q -m 'not integration and not e2e'
+	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long'
 
 lint: venv
 	@.venv/bin/ruff format --check --quiet . && .venv/bin/ruff check --quiet .

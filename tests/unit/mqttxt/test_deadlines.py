@@ -20,6 +20,9 @@ from mqttxt.roles.relay import Relay
 from mqttxt.roles.station_commands import StationCommands
 from mqttxt.roles.uav_commands import CommandDesk
 
+LONG = pytest.mark.long
+"""What the quick check leaves out."""
+
 AIMED = replace(CALM, latencies_us=((100, 2000), (3 * MS, 40 * MS)), aims=0.5, ttls_ms=(600, 5000))
 """No danger but messages that come just around their deadlines."""
 SKEWED = replace(AIMED, ppm=(-RHO_PPM, RHO_PPM), ttls_ms=(5000, 10_000))
@@ -132,6 +135,7 @@ def _a_margin_ten_times_too_large(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(clocks, "_SLOWEST", 980)
 
 
+@LONG
 @pytest.mark.parametrize(
     ("take_away", "kind", "dangers"),
     [
@@ -154,6 +158,7 @@ def test_a_rule_taken_away_is_noticed(
     assert any(history(seed, dangers).violations.get(kind) for seed in range(8))
 
 
+@LONG
 def test_without_the_last_look_before_the_write_a_pause_makes_commands_late() -> None:
     pausing = replace(AIMED, pauses=0.05, pausing="drone")
     assert history(1, pausing).violations == {}
@@ -166,6 +171,7 @@ def test_without_the_last_look_before_the_write_a_pause_makes_commands_late() ->
 STEP_MS, STEP_AT_S, BEACON_S = 4000, 20, 10
 
 
+@LONG
 @pytest.mark.parametrize(
     ("who", "step_ms", "late"),
     [

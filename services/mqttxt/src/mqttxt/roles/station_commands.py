@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -38,6 +39,8 @@ class StationCommands:
 
     def __init__(self, session: int, settings: Settings) -> None:
         self.pending: dict[CommandId, Pending] = {}
+        self._open: dict[CommandId, Pending] = {}
+        self._closed: deque[Pending] = deque()
         self._session = session
         self._settings = settings
         self._seq = 0
@@ -131,6 +134,7 @@ class StationCommands:
             retry=Retry.of(self._settings.qos, now_ms, ttl_ms),
             roster=None,
         )
+        self._open[message.id] = pending
         return pending
 
     def on_result(self, fog: FogView, drone: int, result: ResultMessage, now_ms: int) -> list[Output]:
@@ -210,22 +214,22 @@ class StationCommands:
 
     def tick(self, fogs: Mapping[int, FogView], now_ms: int) -> list[Output]:
         """Commands that nobody answers: asked for again, and at last given up."""
+        for pending in [pending for pending in self._open.values() if not pending.is_open]:
+            del self._open[pending.id]
+            self._closed.append(pending)
+        while self._closed and now_ms > self._closed[0].close_at_ms + KEEP_MS:
+            del self.pending[self._closed.popleft().id]
         for fog in fogs.values():
             fog.in_offboard = any(
-                isinstance(pending.command, Offboard) and pending.fog == fog.number and pending.is_open
-                for pending in self.pending.values()
+                isinstance(pending.command, Offboard) and pending.fog == fog.number for pending in self._open.values()
             )
         return [
             output
-            for pending in list(self.pending.values())
+            for pending in list(self._open.values())
             for output in self._tick_one(pending, fogs[pending.fog], now_ms)
         ]
 
     def _tick_one(self, pending: Pending, fog: FogView, now_ms: int) -> list[Output]:
-        if not pending.is_open:
-            if now_ms > pending.close_at_ms + KEEP_MS:
-                del self.pending[pending.id]
-            return []
         if now_ms > pending.close_at_ms:
             return self._give_up(pending, now_ms)
         if pending.retry is not None and fog.registered and pending.retry.is_due(now_ms):
