@@ -8,12 +8,14 @@ from world import FOG_SESSION, GS_SESSION, UAV_SESSION
 
 from mqttxt.messages import (
     BeaconMessage,
+    Control,
     DroneLease,
     DroneRecord,
     FogPresence,
     Presence,
     Word,
 )
+from mqttxt.roles.activator import MOST_STATIONS
 from mqttxt.roles.effects import Inbound, Log, Publish, Stop, Unsubscribe
 from mqttxt.wire.codec import decode, encode
 from mqttxt.wire.states import decode_state
@@ -222,3 +224,12 @@ def test_a_later_echo_never_makes_an_earlier_state_look_old_or_of_the_future() -
         age_ms = bench.role.drones.links[1].age_ms("battery", bench.now_ms)
         assert age_ms is not None
         assert bench.now_ms - BORN_MS - 40 <= age_ms <= bench.now_ms - BORN_MS + 11_000
+
+
+def test_more_stations_than_an_activator_remembers_are_not_registered() -> None:
+    bench = ready()
+    for session in range(1, MOST_STATIONS + 50):
+        bench.register(name="many", session=1000 + session, control=Control.NONE)
+    assert len(bench.role.leases) == MOST_STATIONS
+    assert [type(effect) for effect in bench.register(name="late", session=5)] == [Log]
+    assert of(bench.register(), "fog1/clock") != []

@@ -20,6 +20,8 @@ from .state_relay import StateRelay
 
 CHALLENGE_MS = 3000
 """How long another live activator of this fog has to answer before this one takes its place."""
+MOST_STATIONS = 1000
+"""Registrations at a time; who is not answered is not registered."""
 _ASKING = frozenset({"commands", "select", "init_connect"})
 """What is left to the activator that may own the fog already."""
 
@@ -194,6 +196,8 @@ class Activator:
 
     def _on_registration(self, message: Registration, now_ms: int) -> list[Effect]:
         is_new = (message.name, message.session) not in self.leases
+        if is_new and message.lease_s > 0 and len(self.leases) >= MOST_STATIONS:
+            return [Log("too_many_stations", f"{message.name}: {MOST_STATIONS} stations are registered already")]
         out = self.drones.controlled_anew(self.leases.register(message, now_ms), now_ms)
         out.append(self._beacon(now_ms, message.nonce))
         if is_new and message.lease_s > 0:

@@ -59,6 +59,9 @@ class Leases:
         """Whether the gate is open: any station is registered."""
         return bool(self._leases)
 
+    def __len__(self) -> int:
+        return len(self._leases)
+
     def __contains__(self, key: Key) -> bool:
         return key in self._leases
 

@@ -16,11 +16,13 @@ from ..wire.identify import identify
 from .effects import Effect, Inbound, Journal, Log, Publish
 from .executor import Executor
 from .leases import NOT_IN_CONTROL
-from .ledger import Admission, Ledger
+from .ledger import KEEP_MS, Admission, Ledger
 from .runs import Output, Said
 from .settings import NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Settings
 
 LINK = "fog"
+MOST_SESSIONS = 1000
+"""Stations of the last ten minutes beyond which older ones are forgotten."""
 KEPT_BACK_MS = 1000
 """How long a result waits before it is published again, where nobody was there to get it."""
 
@@ -77,7 +79,7 @@ class CommandDesk:
         self._settings = settings
         self._topics = topics
         self._remembers = remembers
-        self._highest_started: dict[int, int] = {}
+        self._highest_started: dict[int, tuple[int, int]] = {}
         self._restored = list(unfinished)
         for left in self._restored:
             entry = self.ledger.enter(left.id, None, Answers(left.command), 0)
@@ -117,7 +119,7 @@ class CommandDesk:
         limit_ms = round(command.limit_s * 1000)
         started = self.executor.start(command.id, command.command, deadline_ms, limit_ms, now_ms)
         if not any(isinstance(output, Said) and output.id == command.id for output in started):
-            self._highest_started[command.gs_session] = command.seq
+            self._note_started(command, now_ms)
         return [Journal(command.id, command.command.name), *self.carry_out(started, now_ms)]
 
     def _refusal(self, command: CommandMessage, deadline_ms: int | None, retained: bool, now_ms: int) -> Said | None:
@@ -135,9 +137,16 @@ class CommandDesk:
             return Said(command.id, Word.EXPIRED)
         if command.epoch < self.epoch:
             return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
-        if command.seq < self._highest_started.get(command.gs_session, -1):
+        if command.seq < self._highest_started.get(command.gs_session, (-1, 0))[0]:
             return Said(command.id, Word.OVERTAKEN)
         return None
+
+    def _note_started(self, command: CommandMessage, now_ms: int) -> None:
+        """Keep the order of a station's commands while an older one of it may still be in time."""
+        self._highest_started[command.gs_session] = (command.seq, now_ms)
+        if len(self._highest_started) > MOST_SESSIONS:
+            recent = {session: at for session, at in self._highest_started.items() if now_ms - at[1] <= KEEP_MS}
+            self._highest_started = recent
 
     def carry_out(self, outputs: list[Output], now_ms: int) -> list[Effect]:
         """Effects as they are; words become results, recorded in ledger and journal before they leave."""
