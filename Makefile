@@ -40,9 +40,12 @@ lint: venv
 bench: venv ## Measure speed and load, as shares and ratios of one run
 	@$(PYTHON) -m tests.bench
 
-docs: venv ## Make the specification's tables and the schemas anew from the code
+docs: venv ## Make schemas and tables anew from the code, and the site from docs/
 	@$(PYTHON) -m mqttxt.wire.schema services/mqttxt/src/mqttxt/schemas
 	@$(PYTHON) -m mqttxt.wire.tables docs/protocol.md
+	@$(PYTHON) -m mqttxt.cli.options docs/activator.md docs/ground-station.md docs/uav-client.md
+	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --quiet --strict
+	@echo "site: .cache/site/index.html"
 
 sitl: venv ## Fly one simulated autopilot on loopback; prints how to connect to it
 	@$(PYTHON) -m sitl fly --gcs

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -266,13 +266,13 @@ SECTIONS: dict[str, Callable[[], str]] = {
 _BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
-def filled(text: str) -> str:
+def filled(text: str, sections: Mapping[str, Callable[[], str]] = SECTIONS) -> str:
     """`text` with everything between its markers made anew; raises ConfigurationError for a marker without tables."""
 
     def fill(block: re.Match[str]) -> str:
-        make = SECTIONS.get(block[2])
+        make = sections.get(block[2])
         if make is None:
-            raise ConfigurationError(f"marker {block[2]!r}: expected one of {', '.join(SECTIONS)}")
+            raise ConfigurationError(f"marker {block[2]!r}: expected one of {', '.join(sections)}")
         return f"{block[1]}\n{make()}\n\n{block[3]}"
 
     return _BLOCK.sub(fill, text)

@@ -1,0 +1,53 @@
+"""The options of each subcommand as Markdown tables, for the pages of the roles.
+
+`python -m mqttxt.cli.options FILE…` writes them between `<!-- generated: options … -->` and `<!-- end -->`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from ..wire.tables import filled, table
+from .main import app
+
+
+def subcommands(group: Any = None, path: str = "") -> dict[str, Any]:
+    """Every subcommand by its words, as `gs-watch`."""
+    found: dict[str, Any] = {}
+    root: Any = group or typer.main.get_command(app)
+    for name, command in sorted(root.commands.items()):
+        whole = f"{path}{name}"
+        found.update(subcommands(command, f"{whole}-") if hasattr(command, "commands") else {whole: command})
+    return found
+
+
+def options(command: Any) -> str:
+    """What a subcommand takes."""
+    return table(("option", "what", "default"), [_row(parameter) for parameter in command.params])
+
+
+def _row(parameter: Any) -> tuple[str, str, str]:
+    is_option = parameter.param_type_name == "option"
+    name = ", ".join(f"`{opt}`" for opt in parameter.opts) if is_option else f"`{parameter.name.upper()}`"
+    help_text = parameter.help or ""
+    if parameter.envvar:
+        help_text += f" Also from the environment's `{parameter.envvar}`."
+    if parameter.required:
+        return name, help_text, "required"
+    default = parameter.default
+    return name, help_text, "" if default in (None, "", False) else f"`{default}`"
+
+
+def main(*files: str) -> None:
+    """Write the tables into `files`."""
+    sections = {f"options-{name}": lambda command=command: options(command) for name, command in subcommands().items()}
+    for path in map(Path, files):
+        path.write_text(filled(path.read_text(encoding="utf-8"), sections), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,161 @@
+"""The tutorial's commands and the API's example, run just as they stand in docs/."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from uuid import uuid4
+
+import docker
+import pytest
+from processes import NODE_IMAGE, ROOT, System, free_port, wait_until
+
+pytestmark = pytest.mark.integration
+
+DOCS = ROOT / "docs"
+BLOCK = re.compile(r"<!-- tutorial: (?P<how>[^\n]*) -->\n```sh\n(?P<text>.*?)```", re.DOTALL)
+SAYS = re.compile(r'(?:says|until) "(.*)"')
+EXIT_CODE = re.compile(r"exit code (\d+)")
+MOSQUITTO = """\
+#!/bin/sh
+exec docker run --rm --init --label {label} --network host --user 1000:1000 --volume "$TMPDIR:$TMPDIR:ro" \\
+    --entrypoint mosquitto {image} "$@"
+"""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A block of the tutorial, and what becomes of it."""
+
+    how: str
+    text: str
+
+    @property
+    def says(self) -> str | None:
+        found = SAYS.search(self.how)
+        return found[1] if found else None
+
+    @property
+    def exit_code(self) -> int:
+        found = EXIT_CODE.search(self.how)
+        return int(found[1]) if found else 0
+
+
+def steps() -> list[Step]:
+    """The tutorial's blocks, each port replaced by one that nobody uses."""
+    text = (DOCS / "tutorial.md").read_text()
+    ports = {old: str(free_port()) for old in ("1890", "1891")}
+    ports |= {old: str(free_port(socket.SOCK_DGRAM)) for old in ("14540", "14541", "14580", "14581")}
+    for old, new in ports.items():
+        text = re.sub(rf"\b{old}\b", new, text)
+    return [Step(block["how"], block["text"]) for block in BLOCK.finditer(text)]
+
+
+@dataclass
+class Laptop:
+    """Terminals in which a person's commands run; `mosquitto` and `mqttxt` are on the PATH."""
+
+    folder: Path
+    label: str = field(default_factory=lambda: f"mqttxt-tutorial-{uuid4().hex}")
+    terminals: list[subprocess.Popen[bytes]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        tools, self.temporary = self.folder / "bin", self.folder / "tmp"
+        for made in (tools, self.temporary):
+            made.mkdir()
+        (tools / "mosquitto").write_text(MOSQUITTO.format(label=self.label, image=NODE_IMAGE))
+        (tools / "mqttxt").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mqttxt "$@"\n')
+        (tools / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+        for tool in tools.iterdir():
+            tool.chmod(0o755)
+        path = f"{tools}:{os.environ['PATH']}"
+        home = {"HOME": str(self.folder), "TMPDIR": str(self.temporary), "PATH": path}
+        self.environment = {key: value for key, value in os.environ.items() if not key.startswith("XDG_")} | home
+
+    def open(self, step: Step) -> None:
+        """Run a block in a terminal of its own, and wait until it says what it should."""
+        log = self.folder / f"terminal{len(self.terminals)}.log"
+        with log.open("wb") as output:
+            terminal = subprocess.Popen(
+                ["bash", "-c", step.text],
+                cwd=ROOT,
+                env=self.environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+            )
+        self.terminals.append(terminal)
+        wait_until(lambda: terminal.poll() is not None or (step.says or "") in log.read_text(), f"{step}: {log}")
+        assert terminal.poll() is None, log.read_text()
+
+    def run(self, step: Step) -> str:
+        done = subprocess.run(
+            ["bash", "-c", step.text],
+            cwd=ROOT,
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=100,
+            check=False,
+        )
+        assert done.returncode == step.exit_code, f"{step.text}\n{done.stdout}"
+        return done.stdout
+
+    def close(self) -> None:
+        for terminal in reversed(self.terminals):
+            if terminal.poll() is None:
+                os.killpg(terminal.pid, signal.SIGTERM)
+        for terminal in self.terminals:
+            terminal.wait(30)
+        for left in docker.from_env().containers.list(filters={"label": self.label}):
+            left.remove(force=True)
+
+
+@pytest.fixture
+def laptop(tmp_path: Path) -> Iterator[Laptop]:
+    made = Laptop(tmp_path)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+@pytest.mark.timeout(240)
+def test_the_tutorial_is_true(laptop: Laptop) -> None:
+    found = steps()
+    assert {step.how.split(",")[0] for step in found} == {"by hand", "terminal", "run"}
+    for step in found:
+        if step.how.startswith("terminal"):
+            laptop.open(step)
+        elif step.how.startswith("run"):
+            said = laptop.run(step)
+            assert step.says is not None
+            assert step.says in said, said
+
+
+def test_every_command_of_the_tutorial_is_run_or_marked() -> None:
+    """No block of shell without its marker."""
+    text = (DOCS / "tutorial.md").read_text()
+    assert text.count("```sh") == len(BLOCK.findall(text))
+
+
+def test_the_programs_of_the_api_page_fly(system: System, tmp_path: Path) -> None:
+    programs = re.findall(r"```python\n(.*?)```", (DOCS / "api.md").read_text(), re.DOTALL)
+    assert programs
+    for number, program in enumerate(programs):
+        path = tmp_path / f"program{number}.py"
+        path.write_text(program.replace("mqtt://cloud.example:1883", system.cloud.url))
+        done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, timeout=100, check=False)
+        assert done.returncode == 0, done.stderr
+        assert "drone 1: goto completed" in done.stdout
+        assert "drone 2: land" in done.stdout

@@ -1,0 +1,58 @@
+"""The documentation: every page is in the site, every link leads somewhere, and nothing is fetched from elsewhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mqttxt.cli import options
+
+ROOT = Path(__file__).resolve().parents[3]
+ROLE_PAGES = [ROOT / "docs" / f"{name}.md" for name in ("activator", "ground-station", "uav-client")]
+
+
+def test_the_site_builds_strictly_and_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
+    built = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path)],
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (built.returncode, built.stdout + built.stderr) == (0, "")
+    pages = [*tmp_path.glob("*.html")]
+    assert len(pages) > 5
+    for page in pages:
+        fetched = re.findall(
+            r'<(?:script|img|iframe)[^>]*src="(https?:[^"]*)|<link[^>]*href="(https?:[^"]*)', page.read_text()
+        )
+        assert fetched == []
+    for sheet in tmp_path.rglob("*.css"):
+        assert not re.search(r"@import|url\(\s*['\"]?https?:", sheet.read_text())
+
+
+@pytest.mark.parametrize("page", ROLE_PAGES, ids=lambda page: page.stem)
+def test_the_options_of_a_role_are_those_of_its_command(page: Path, tmp_path: Path) -> None:
+    copy = tmp_path / page.name
+    copy.write_text(page.read_text())
+    options.main(str(copy))
+    assert copy.read_text() == page.read_text(), "run make docs"
+
+
+def test_every_subcommand_is_documented() -> None:
+    text = "".join(page.read_text() for page in (ROOT / "docs").glob("*.md"))
+    assert [name for name in options.subcommands() if f"<!-- generated: options-{name} -->" not in text] == []
+
+
+def test_required_options_and_defaults_are_told() -> None:
+    shown = options.options(options.subcommands()["uav"])
+    assert "| `--drone` | This drone's number: its autopilot's MAVLink system id. | required |" in shown
+    assert "| `udp:127.0.0.1:14540` |" in shown
+    assert "Also from the environment's `MQTTXT_CLOUD`." in options.options(options.subcommands()["gs-send"])
