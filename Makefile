@@ -43,7 +43,7 @@ bench: venv ## Measure speed and load, as shares and ratios of one run
 docs: venv ## Make schemas and tables anew from the code, and the site from docs/
 	@$(PYTHON) -m mqttxt.wire.schema services/mqttxt/src/mqttxt/schemas
 	@$(PYTHON) -m mqttxt.wire.tables docs/protocol.md
-	@$(PYTHON) -m mqttxt.cli.options docs/activator.md docs/ground-station.md docs/uav-client.md
+	@$(PYTHON) -m mqttxt.cli.options docs/activator.md docs/conformance.md docs/ground-station.md docs/uav-client.md
 	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --quiet --strict
 	@echo "site: .cache/site/index.html"
 

@@ -22,7 +22,7 @@ with atheris.instrument_imports(include=["mqttxt"]):
     from mqttxt.topics import CloudSide, FogSide
     from mqttxt.wire.codec import decode, encode, plan_of
     from mqttxt.wire.examples import examples
-    from mqttxt.wire.fields import Constant, Integer, Items, Named, Scaled, Text
+    from mqttxt.wire.fields import Constant, Finite, Integer, Items, Named, Real, Scaled, Text
     from mqttxt.wire.identify import identify
     from mqttxt.wire.schema import MESSAGES
     from mqttxt.wire.states import decode_state, encode_state, message_class
@@ -86,12 +86,14 @@ def value(mark: Any, most: bool) -> Any:
         return mark.high if most else mark.low
     if isinstance(mark, Scaled):
         return mark.high if most else mark.low
+    if isinstance(mark, Real | Finite):
+        return 3.0e38 if most else -3.0e38
     if isinstance(mark, Constant):
         return mark.value
     if isinstance(mark, Text):
         return "x" * mark.longest if most else ""
     if isinstance(mark, Items):
-        return (value(mark.of, most),)
+        return (value(mark.of, most),) * max(1, mark.least)
     if mark is bool:
         return most
     if issubclass(mark, Named):

@@ -13,8 +13,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from strategies import PLAIN
 
-from mqttxt.cli.gs import parse_command
 from mqttxt.cli.main import _drone_numbers, _embedded
+from mqttxt.cli.parameters import parse_command
 from mqttxt.commands import COMMANDS
 from mqttxt.errors import ConfigurationError
 from mqttxt.io.journal import JournalFile

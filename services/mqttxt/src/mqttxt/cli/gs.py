@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from dataclasses import fields
 from typing import Annotated, Any
 
 import typer
@@ -15,9 +14,8 @@ from ..gs import GroundStation
 from ..messages import Word
 from ..outcomes import Outcome, PsmiList
 from ..topics import MAX_DRONE, SELECTABLE, check_number
-from ..wire.codec import plan_of
-from ..wire.fields import Scaled
 from .common import run_coroutine, set_up_logging, settings
+from .parameters import HELP, parse_command
 from .watch import watch_fogs
 
 gs_app = typer.Typer(help="A ground station: watch drones, send commands.", no_args_is_help=True)
@@ -56,7 +54,7 @@ def send(
     command: Annotated[str, typer.Argument(help=f"One of {', '.join(COMMANDS)}.")],
     parameters: Annotated[
         list[str] | None,
-        typer.Argument(help="takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home)."),
+        typer.Argument(help=HELP),
     ] = None,
     fog: Annotated[
         list[int] | None, typer.Option(help="The fog's number, 1 by default; several only with --best.")
@@ -117,29 +115,3 @@ def _check_target(command: Command, fogs: list[int], drone: int | None, best: bo
         raise ConfigurationError(f"{command.name}: expected --drone, because each drone has its own")
     if drone is not None:
         check_number("--drone", drone, MAX_DRONE)
-
-
-def parse_command(name: str, parameters: list[str]) -> Command:
-    """A command from its name and its parameters in order; raises ConfigurationError."""
-    cls: type[Any] | None = COMMANDS.get(name)
-    if cls is None:
-        raise ConfigurationError(f"command {name!r}: expected one of {', '.join(COMMANDS)}")
-    names = [field.name for field in fields(cls)]
-    if name == "takeoff" and not parameters:
-        return cls()  # type: ignore[no-any-return]
-    if len(parameters) != len(names):
-        expected = " ".join(part.upper() for part in names) or "no parameters"
-        raise ConfigurationError(f"{name}: expected {expected}, got {' '.join(parameters) or 'nothing'}")
-    values = {}
-    for plan, text in zip(plan_of(cls).fields, parameters, strict=True):
-        mark: Scaled = plan.mark
-        try:
-            value = float(text)
-        except ValueError:
-            value = float("nan")
-        if not mark.low <= value <= mark.high:
-            raise ConfigurationError(
-                f"{name} {plan.name} {text!r}: expected a number from {mark.low:g} to {mark.high:g}"
-            )
-        values[plan.name] = value
-    return cls(**values)  # type: ignore[no-any-return]

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,24 @@ from ..wire.tables import filled, table
 from .main import app
 
 
-def subcommands(group: Any = None, path: str = "") -> dict[str, Any]:
+def subcommands(parent: Any = None, path: str = "") -> dict[str, Any]:
     """Every subcommand by its words, as `gs-watch`."""
     found: dict[str, Any] = {}
-    root: Any = group or typer.main.get_command(app)
+    root: Any = parent or typer.main.get_command(app)
     for name, command in sorted(root.commands.items()):
         whole = f"{path}{name}"
         found.update(subcommands(command, f"{whole}-") if hasattr(command, "commands") else {whole: command})
     return found
+
+
+def group(name: str) -> str:
+    """Every subcommand of a group under its own heading, with what it says of itself."""
+    parts = [
+        f"### mqttxt {path.replace('-', ' ')}\n\n{' '.join((command.help or '').split())}\n\n{options(command)}"
+        for path, command in subcommands().items()
+        if path.startswith(f"{name}-")
+    ]
+    return "\n\n".join(parts)
 
 
 def options(command: Any) -> str:
@@ -44,7 +55,11 @@ def _row(parameter: Any) -> tuple[str, str, str]:
 
 def main(*files: str) -> None:
     """Write the tables into `files`."""
-    sections = {f"options-{name}": lambda command=command: options(command) for name, command in subcommands().items()}
+    found = subcommands()
+    sections = {f"options-{name}": partial(options, command) for name, command in found.items()}
+    sections |= {
+        f"options-{name}": partial(group, name) for name in {path.split("-")[0] for path in found if "-" in path}
+    }
     for path in map(Path, files):
         path.write_text(filled(path.read_text(encoding="utf-8"), sections), encoding="utf-8")
 

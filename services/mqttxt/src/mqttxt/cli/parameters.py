@@ -1,0 +1,89 @@
+"""Commands as a person types them: a name, and its parameters in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ..commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
+from ..errors import ConfigurationError
+from ..wire.codec import plan_of
+from ..wire.fields import Integer, Scaled, Text
+
+HELP = (
+    "takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home); "
+    "offboard: SECONDS velocity NORTH EAST DOWN [YAW], or SECONDS attitude ROLL PITCH YAW THRUST; "
+    "stream: STATE HERTZ; mavlink: MAV_CMD and up to seven parameters, - for one that is not set."
+)
+_NOT_SET = "-"
+_MAV_CMD = Integer(0, 2**16 - 1)
+_LARGEST = 3.4028234663852886e38
+"""Of a MAV_CMD's parameters: MAVLink's floats have 32 bits."""
+
+
+def parse_command(name: str, parameters: list[str]) -> Command:
+    """A command from its name and its parameters; raises ConfigurationError."""
+    cls: type[Any] | None = COMMANDS.get(name)
+    if cls is None:
+        raise ConfigurationError(f"command {name!r}: expected one of {', '.join(COMMANDS)}")
+    if cls is Takeoff and not parameters:
+        return Takeoff()
+    special: dict[type[Any], Callable[[list[str]], Command]] = {Offboard: _offboard, Mavlink: _mavlink}
+    found: Command = special[cls](parameters) if cls in special else _fields(name, cls, parameters)
+    return found
+
+
+def _offboard(parameters: list[str]) -> Offboard:
+    kinds: dict[str, type[Any]] = {"velocity": Velocity, "attitude": Attitude}
+    if len(parameters) < 2 or parameters[1] not in kinds:
+        raise _unexpected("offboard", "SECONDS, then velocity or attitude", parameters)
+    seconds = _value("offboard", "duration_s", plan_of(Offboard).fields[0].mark, parameters[0])
+    kind = parameters[1]
+    return Offboard(seconds, **{kind: _fields(f"offboard {kind}", kinds[kind], parameters[2:])})
+
+
+def _mavlink(parameters: list[str]) -> Mavlink:
+    if not 1 <= len(parameters) <= 8:
+        raise _unexpected("mavlink", "MAV_CMD and up to seven parameters", parameters)
+    number = _value("mavlink", "mav_cmd", _MAV_CMD, parameters[0])
+    wide = Scaled(1, -_LARGEST, _LARGEST)
+    params = [
+        None if text == _NOT_SET else _value("mavlink", f"param{index}", wide, text)
+        for index, text in enumerate(parameters[1:], start=1)
+    ]
+    return Mavlink(number, (*params, *[None] * (7 - len(params))))
+
+
+def _fields(name: str, cls: type[Any], parameters: list[str]) -> Any:
+    """A dataclass of numbers and texts; what may be missing may be left out at the end."""
+    plans = plan_of(cls).fields
+    least = len([plan for plan in plans if not plan.optional])
+    if not least <= len(parameters) <= len(plans):
+        names = [f"[{plan.name.upper()}]" if plan.optional else plan.name.upper() for plan in plans]
+        raise _unexpected(name, " ".join(names) or "no parameters", parameters)
+    given = zip(plans, parameters, strict=False)
+    return cls(**{plan.name: _value(name, plan.name, plan.mark, text) for plan, text in given})
+
+
+def _value(name: str, field: str, mark: Any, text: str) -> Any:
+    if isinstance(mark, Text):
+        if not 0 < len(text) <= mark.longest:
+            raise ConfigurationError(f"{name} {field} {text!r}: expected 1 to {mark.longest} characters")
+        return text
+    value = _decimal(text)
+    if not mark.low <= value <= mark.high or (isinstance(mark, Integer) and value != int(value)):
+        kind = "a whole number" if isinstance(mark, Integer) else "a number"
+        raise ConfigurationError(f"{name} {field} {text!r}: expected {kind} from {mark.low:g} to {mark.high:g}")
+    return int(value) if isinstance(mark, Integer) else value
+
+
+def _decimal(text: str) -> float:
+    """The number in a text, NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _unexpected(name: str, expected: str, parameters: list[str]) -> ConfigurationError:
+    return ConfigurationError(f"{name}: expected {expected}, got {' '.join(parameters) or 'nothing'}")
