@@ -24,6 +24,8 @@ from mqttxt.errors import ConfigurationError
         ("stream mavlink/ATTITUDE 5", Stream("mavlink/ATTITUDE", 5.0)),
         ("mavlink 178 1 - -1", Mavlink(178, (1.0, None, -1.0, None, None, None, None))),
         ("mavlink 203", Mavlink(203, (None,) * 7)),
+        ("mavlink do_digicam_control", Mavlink(203, (None,) * 7)),
+        ("mavlink MAV_CMD_DO_CHANGE_SPEED 1 - -1", Mavlink(178, (1.0, None, -1.0, None, None, None, None))),
     ],
 )
 def test_every_command_can_be_typed(typed: str, command: Any) -> None:

@@ -104,3 +104,25 @@ def test_the_side_channel_refuses_the_rest_and_changes_nothing(drone: Any, reque
     with pytest.raises(SitlError, match=error):
         drone.vehicle.control(request_)
     assert drone.vehicle.control({"get": "state"}) == before
+
+
+def test_a_command_can_be_made_to_take_its_time(drone: Any) -> None:
+    drone.vehicle.control({"set": {"in_progress": {"command": 400, "percents": [10, 60, 255], "interval_s": 0.5}}})
+    assert drone.command(400, 1) == 5
+    assert drone.command(400, 1) == 5
+    assert not drone.autopilot.armed
+    drone.fly(2)
+    acks = [(ack.result, ack.progress) for ack in drone.sent("COMMAND_ACK")]
+    assert acks == [(5, 10), (5, 10), (5, 60), (5, 255), (0, 0)]
+    assert drone.autopilot.armed
+    drone.vehicle.control({"set": {"in_progress": {"command": 400, "percents": []}}})
+    assert drone.command(400, 0) == 0
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [{}, {"command": 400}, {"command": "400", "percents": []}, {"command": 400, "percents": [256]}, [400]],
+)
+def test_steps_that_cannot_be_are_refused(drone: Any, wanted: Any) -> None:
+    with pytest.raises(SitlError, match="set in_progress: expected"):
+        drone.vehicle.control({"set": {"in_progress": wanted}})

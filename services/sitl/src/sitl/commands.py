@@ -25,6 +25,7 @@ _FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT, *_RELATIVE)
 ACCEPTED, DENIED = int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_DENIED)
 REJECTED = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
+IN_PROGRESS = int(mavlink.MAV_RESULT_IN_PROGRESS)
 
 
 def handle(autopilot: Autopilot, message: Any) -> list[Output]:
@@ -52,10 +53,10 @@ def received(message: Any) -> Happened:
     return Happened("command", {"command": message.command, "params": params, "from": message.get_srcSystem()})
 
 
-def acknowledgement(message: Any, result: int) -> mavlink.MAVLink_command_ack_message:
-    """COMMAND_ACK to whoever sent the command."""
+def acknowledgement(message: Any, result: int, progress: int = 0) -> mavlink.MAVLink_command_ack_message:
+    """COMMAND_ACK to whoever sent the command; `progress` in percent, 255 unknown."""
     source = (message.get_srcSystem(), message.get_srcComponent())
-    return mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *source)
+    return mavlink.MAVLink_command_ack_message(message.command, result, progress, 0, *source)
 
 
 def whole(value: float) -> int | None:

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from .autopilot import Autopilot
 from .errors import SitlError
 from .modes import Mode
+from .progress import is_progress
 
 _MESSAGES = frozenset(kind.msgname for kind in mavlink.mavlink_map.values())
 
@@ -81,4 +82,8 @@ _CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "battery_pct": (lambda value: _is_number(value, 0, 100), "a number from 0 to 100"),
     "healthy": (_is_flag, "true or false"),
     "mute": (_is_mute, "a list of MAVLink messages such as COMMAND_ACK; an empty one ends it"),
+    "in_progress": (
+        is_progress,
+        'a command that takes its time: {"command": N, "percents": [0..255, ...], "interval_s": 0.02..60}',
+    ),
 }

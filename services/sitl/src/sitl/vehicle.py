@@ -16,6 +16,7 @@ from .dynamics import Battery
 from .fleet import DroneConfig
 from .modes import Happened, Output, Reply
 from .parameters import Parameters
+from .progress import Progress
 from .streams import NAMES, Streams
 from .telemetry import Telemetry
 
@@ -45,12 +46,17 @@ class Vehicle:
         self.telemetry = Telemetry(self.autopilot, seed * 1000 + config.system_id)
         self.links = [Streams(chosen) for chosen in stream_sets]
         self.muted: set[str] = set()
+        self.progress = Progress()
 
     def advance(self, now_s: float) -> list[Output]:
         """Fly up to `now_s` in fixed steps, so that the same inputs at the same times give the same flight."""
         out: list[Output] = []
         while self.autopilot.now_s + STEP_S <= now_s + 1e-9:
             out += self.autopilot.step()
+            steps, finished = self.progress.due(self.autopilot.now_s)
+            out += steps
+            if finished is not None:
+                out += commands.handle(self.autopilot, finished.message)
         return self._unmuted(out)
 
     def streamed(self, link: int, now_s: float) -> list[Any]:
@@ -74,7 +80,11 @@ class Vehicle:
             return [Reply(_ftp_nak(message))]
         if kind == "MISSION_REQUEST_LIST":
             return [Reply(mavlink.MAVLink_mission_count_message(*_source(message), 0, message.mission_type))]
-        if kind in ("COMMAND_LONG", "COMMAND_INT") and message.command in _REQUESTS:
+        is_command = kind in ("COMMAND_LONG", "COMMAND_INT")
+        steps = self.progress.take(message, self.autopilot.now_s) if is_command else None
+        if steps is not None:
+            return self._unmuted(steps)
+        if is_command and message.command in _REQUESTS:
             return self._unmuted([commands.received(message), *self._request(link, message)])
         return self._unmuted(commands.handle(self.autopilot, message))
 
@@ -83,6 +93,8 @@ class Vehicle:
         wanted = control.parse(request)
         if wanted is not None:
             self.muted = set(wanted.get("mute", self.muted))
+            if "in_progress" in wanted:
+                self.progress.set(wanted["in_progress"])
             control.apply(self.autopilot, wanted)
         return control.state(self.autopilot), self._unmuted(self.autopilot.take_out())
 

@@ -49,7 +49,7 @@ def watch(
     run_coroutine(job())
 
 
-@gs_app.command()
+@gs_app.command(context_settings={"ignore_unknown_options": True})  # a negative number is a parameter
 def send(
     command: Annotated[str, typer.Argument(help=f"One of {', '.join(COMMANDS)}.")],
     parameters: Annotated[

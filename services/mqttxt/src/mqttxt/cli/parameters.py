@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
+from ..dialect.raw import MAV_CMDS
 from ..errors import ConfigurationError
 from ..wire.codec import plan_of
 from ..wire.fields import Integer, Scaled, Text
@@ -13,9 +14,10 @@ from ..wire.fields import Integer, Scaled, Text
 HELP = (
     "takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home); "
     "offboard: SECONDS velocity NORTH EAST DOWN [YAW], or SECONDS attitude ROLL PITCH YAW THRUST; "
-    "stream: STATE HERTZ; mavlink: MAV_CMD and up to seven parameters, - for one that is not set."
+    "stream: STATE HERTZ; mavlink: MAV_CMD (number or name) and up to seven parameters, - for one that is not set."
 )
 _NOT_SET = "-"
+_NUMBERS = {name.removeprefix("MAV_CMD_"): number for number, name in MAV_CMDS.items()}
 _MAV_CMD = Integer(0, 2**16 - 1)
 _LARGEST = 3.4028234663852886e38
 """Of a MAV_CMD's parameters: MAVLink's floats have 32 bits."""
@@ -45,7 +47,9 @@ def _offboard(parameters: list[str]) -> Offboard:
 def _mavlink(parameters: list[str]) -> Mavlink:
     if not 1 <= len(parameters) <= 8:
         raise _unexpected("mavlink", "MAV_CMD and up to seven parameters", parameters)
-    number = _value("mavlink", "mav_cmd", _MAV_CMD, parameters[0])
+    number = _NUMBERS.get(parameters[0].upper().removeprefix("MAV_CMD_"))
+    if number is None:
+        number = _value("mavlink", "mav_cmd", _MAV_CMD, parameters[0])
     wide = Scaled(1, -_LARGEST, _LARGEST)
     params = [
         None if text == _NOT_SET else _value("mavlink", f"param{index}", wide, text)
