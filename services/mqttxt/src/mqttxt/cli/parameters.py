@@ -14,9 +14,10 @@ from ..wire.fields import Integer, Scaled, Text
 HELP = (
     "takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home); "
     "offboard: SECONDS velocity NORTH EAST DOWN [YAW], or SECONDS attitude ROLL PITCH YAW THRUST; "
-    "stream: STATE HERTZ; mavlink: MAV_CMD (number or name) and up to seven parameters, - for one that is not set."
+    "stream: STATE HERTZ; "
+    "mavlink: MAV_CMD (number or name) and up to seven parameters, - or nan for one that is not set."
 )
-_NOT_SET = "-"
+_NOT_SET = ("-", "nan")
 _NUMBERS = {name.removeprefix("MAV_CMD_"): number for number, name in MAV_CMDS.items()}
 _MAV_CMD = Integer(0, 2**16 - 1)
 _LARGEST = 3.4028234663852886e38
@@ -52,7 +53,7 @@ def _mavlink(parameters: list[str]) -> Mavlink:
         number = _value("mavlink", "mav_cmd", _MAV_CMD, parameters[0])
     wide = Scaled(1, -_LARGEST, _LARGEST)
     params = [
-        None if text == _NOT_SET else _value("mavlink", f"param{index}", wide, text)
+        None if text.lower() in _NOT_SET else _value("mavlink", f"param{index}", wide, text)
         for index, text in enumerate(parameters[1:], start=1)
     ]
     return Mavlink(number, (*params, *[None] * (7 - len(params))))
