@@ -160,6 +160,15 @@ def test_without_control_it_does_not_begin(until_ms: int | None) -> None:
     assert said(flight.start(1, NORTH)) == [(1, Word.DENIED, "no_lease")]
 
 
+def test_it_ends_when_another_station_takes_control() -> None:
+    flight = Flight().engage()
+    flight.fly_until(4000)
+    flight.executor.holder_session = 2
+    assert written(flight.fly_until(4050)) == [MODE]
+    assert said(flight.hear(in_hold())) == [(1, Word.FAILED, "lease_lost")]
+    assert said(flight.start(2, NORTH)) == [(2, Word.DENIED, "no_lease")]
+
+
 def test_a_pilots_mode_stops_the_set_points_at_once_and_nothing_is_commanded() -> None:
     flight = Flight().engage()
     assert said(flight.hear(heartbeat(armed=True, main=3, sub=0))) == [(1, Word.FAILED, "mode_changed")]

@@ -60,6 +60,15 @@ class Executor:
         self._pilot.lease_until_ms = until_ms
 
     @property
+    def holder_session(self) -> int | None:
+        """The station that the control lease belongs to."""
+        return self._pilot.holder_session
+
+    @holder_session.setter
+    def holder_session(self, session: int | None) -> None:
+        self._pilot.holder_session = session
+
+    @property
     def offboard_until_ms(self) -> int | None:
         """Until when the lease lets an offboard command go on."""
         return self._pilot.offboard_until_ms
@@ -74,7 +83,7 @@ class Executor:
         """Begin a command that was admitted; its first write may have to wait for its MAV_CMD."""
         if not self.vehicle.is_alive(now_ms):
             return [Said(command_id, Word.DENIED, "no_autopilot")]
-        reason = self._pilot.refusal(now_ms) if isinstance(command, Offboard) else None
+        reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
         if reason is not None:
             return [Said(command_id, Word.DENIED, reason)]
         try:

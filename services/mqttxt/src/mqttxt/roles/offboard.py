@@ -57,19 +57,20 @@ class OffboardPilot:
     """Flies the offboard commands among the runs of one autopilot.
 
     `lease_until_ms` is the end of the control lease, `offboard_until_ms` what it allows to an offboard command;
-    both in the session clock, None while there is none.
+    both in the session clock, None while there is none. `holder_session` is the station that it belongs to.
     """
 
     def __init__(self, vehicle: Vehicle, runs: Runs) -> None:
         self.lease_until_ms: int | None = None
         self.offboard_until_ms: int | None = None
+        self.holder_session: int | None = None
         self._vehicle = vehicle
         self._runs = runs
         self._flights: dict[Run, Flight] = {}
 
-    def refusal(self, now_ms: int) -> str | None:
-        """Why an offboard command is not started now, None where it may be."""
-        if self.lease_until_ms is None or now_ms > self.lease_until_ms:
+    def refusal(self, gs_session: int, now_ms: int) -> str | None:
+        """Why an offboard command of a station is not started now, None where it may be."""
+        if not self._has_control(gs_session, now_ms):
             return "no_lease"
         own = any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards())
         if self._is_offboard() and not own:
@@ -94,9 +95,9 @@ class OffboardPilot:
         assert isinstance(run.command, Offboard)
         if not self._vehicle.is_alive(now_ms):
             return Word.UNCONFIRMED, "autopilot_lost"
-        if self.lease_until_ms is None or now_ms > self.lease_until_ms:
-            return Word.FAILED, "lease_lost"
-        if now_ms > max(run.started_ms + LEASE_MS, self.offboard_until_ms or 0):
+        if not self._has_control(run.id.gs_session, now_ms) or now_ms > max(
+            run.started_ms + LEASE_MS, self.offboard_until_ms or 0
+        ):
             return Word.FAILED, "lease_lost"
         if now_ms >= run.started_ms + run.limit_ms:
             return Word.FAILED, "timeout"
@@ -161,6 +162,12 @@ class OffboardPilot:
         if any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards()):
             return [Transmit(set_mode(self._vehicle, FlightModeName.HOLD))]
         return []
+
+    def _has_control(self, gs_session: int, now_ms: int) -> bool:
+        """Whether the control lease lives, and is this station's still."""
+        if self.lease_until_ms is None or now_ms > self.lease_until_ms:
+            return False
+        return self.holder_session in (None, gs_session)
 
     def _offboards(self) -> list[Run]:
         return [run for run in self._runs if isinstance(run.command, Offboard)]

@@ -201,6 +201,7 @@ class UavClient:
         self.desk.epoch = lease.epoch
         self.desk.executor.lease_until_ms = lease.deadline_ms
         self.desk.executor.offboard_until_ms = lease.offboard_until_ms
+        self.desk.executor.holder_session = lease.holder_session
 
     def _publish_states(self, now_ms: int) -> list[Effect]:
         """What is due by policy, bundled if so set; streamed states have their own times."""
