@@ -13,10 +13,10 @@ from mqttxt.readings import Reading, ReadingMessage, checked
 from mqttxt.roles.activator_drones import CLOUD, FOG
 from mqttxt.roles.carrier import SENSORS, Carrier
 from mqttxt.roles.effects import Acknowledge, ForgetReadings, Inbound, LoadReadings, Log, Publish, StoreReading
-from mqttxt.roles.sensor_relay import SensorRelay
+from mqttxt.roles.sensor_relay import Carried, SensorRelay
 from mqttxt.roles.settings import Settings
 from mqttxt.roles.station_readings import Readings
-from mqttxt.topics import CloudSide, FogSide
+from mqttxt.topics import CloudSide, DroneTopic, FogSide
 from mqttxt.wire.codec import decode, encode
 
 BOOT = 0xB007
@@ -122,31 +122,53 @@ class Way:
         if batch.load is not None:
             self.take(self.carrier.on_loaded(done.rows, batch.load.most, self.now_ms))
 
-    def fly(self, most: int = 1000) -> None:
-        """Up to `most` publishes arrive on each link, in their order."""
+    def to_the_activator(self, most: int = 1000) -> None:
+        """Up to `most` publishes cross the air."""
         for _ in range(min(most, len(self.to_fog))):
             publish = self.to_fog.pop(0)
             self.take(self.carrier.on_published(publish.ref, 0, self.now_ms))  # type: ignore[arg-type]
             self.take(self.relay.on_reading(FogSide().parse(publish.topic), publish.payload, self.now_ms))
+
+    def to_the_station(self, most: int = 1000) -> None:
+        """Up to `most` readings reach the cloud broker, and the station if it listens."""
         for _ in range(min(most, len(self.to_cloud))):
             publish = self.to_cloud.pop(0)
             if self.listens:
                 topic = CloudSide(1).parse(publish.topic)
-                message = checked(topic.sensor, topic.name, decode(ReadingMessage, publish.payload))  # type: ignore
+                assert isinstance(topic, DroneTopic)
+                message = checked(topic.sensor, topic.name, decode(ReadingMessage, publish.payload))
                 self.heard += self.station.on_reading(1, 1, message)
-            self.take(self.relay.on_published(publish.ref, 0 if self.listens else 0x10, self.now_ms))  # type: ignore
+            assert isinstance(publish.ref, Carried)
+            self.take(self.relay.on_published(publish.ref, 0 if self.listens else 0x10, self.now_ms))
+
+    def back_to_the_drone(self, most: int = 1000) -> None:
+        """Acknowledgements cross the air."""
         self.take(self.relay.tick(self.now_ms))
         for _ in range(min(most, len(self.to_drone))):
             self.take(self.carrier.on_ack(self.to_drone.pop(0).payload, self.now_ms))
+
+    def lose_the_cloud(self) -> None:
+        """The activator's connection to the cloud broker is gone, with what was on it."""
+        self.to_cloud.clear()
+        self.relay.on_cloud_down()
+
+    def fly(self) -> None:
+        """Everything goes all the way."""
+        self.to_the_activator()
+        self.to_the_station()
+        self.back_to_the_drone()
 
     def pass_time(self, milliseconds: int) -> None:
         self.now_ms += milliseconds
         self.take(self.carrier.tick(self.now_ms))
 
     def settle(self) -> None:
-        """Everything works again for as long as it takes."""
+        """Everything works again for as long as it takes, five minutes at the most."""
         self.connect()
-        for _ in range(200):
+        assert self.store is not None
+        for _ in range(300):
+            if not (self.to_store or self.to_fog or self.to_cloud or self.to_drone or len(self.store)):
+                return
             self.work()
             self.fly()
             self.pass_time(1000)

@@ -7,13 +7,26 @@ from typing import Any
 
 import pytest
 from carrying import BOOT, LINK, Way, carried, inbound, reading
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from world import UAV_SESSION
 
+from mqttxt.messages import DroneLease
 from mqttxt.readings import ReadingAck, ReadingKey
 from mqttxt.roles.carrier import WINDOW, Carrier
-from mqttxt.roles.effects import Acknowledge, ForgetReadings, Inbound, LoadReadings, Log, Publish, StoreReading
+from mqttxt.roles.effects import (
+    Acknowledge,
+    ForgetReadings,
+    Inbound,
+    LoadReadings,
+    Log,
+    Publish,
+    StoreReading,
+    Subscribe,
+)
 from mqttxt.roles.settings import Settings
+from mqttxt.roles.uav_client import UavClient
+from mqttxt.roles.uav_options import UavOptions
 from mqttxt.topics import FogSide
 from mqttxt.wire.codec import decode, encode
 
@@ -192,13 +205,59 @@ def test_two_sensors_of_one_number_both_pass(way: Way) -> None:
     assert [(r.boot, r.seq, r.value) for r in way.heard] == [(1, 0, 1.0), (2, 0, 2.0)]
 
 
-FAULTS = ("measure", "repeat", "work", "fly", "one", "cut", "connect", "restart drone", "restart activator", "later")
+def test_a_uav_client_that_carries_hears_acknowledgements_and_repeats_for_a_new_activator() -> None:
+    client = UavClient(1, UAV_SESSION, Settings(), options=UavOptions(carries_sensors=True))
+    assert client.carrier is not None
+    subscribes = [e for e in client.on_connected(0) if isinstance(e, Subscribe)]
+    assert "drone1/sensor_ack" in subscribes[1].filters
+    out = [effect for subscribe in subscribes for effect in client.on_subscribed(subscribe, 0)]
+    assert LoadReadings(0, WINDOW) in out
+    (publish,) = client.carrier.on_loaded([(1, reading(0))], WINDOW, 0)[:1]
+    assert isinstance(publish, Publish)
+    assert (publish.topic, publish.qos, publish.retain) == ("drone1/sensor1/temperature", 1, False)
+    client.on_published(publish.ref, 0, 0)
+    for activator in (1, 1, 2):
+        lease = DroneLease(activator_session=activator, drone_session=UAV_SESSION, nonce=1, bound=True)
+        client.on_message(Inbound("drone1/init_connect", encode(lease), 1), 100)
+    assert [e.topic for e in client.tick(100) if isinstance(e, Publish)].count(publish.topic) == 1
+    ack = Inbound("drone1/sensor_ack", encode(ReadingAck(readings=(reading(0).key,))), 1)
+    assert ForgetReadings((reading(0).key,)) in client.on_message(ack, 100)
+    assert client.on_disconnected(200) == []
+    assert not [e for e in client.tick(90_000) if isinstance(e, Publish)]
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(steps=st.lists(st.sampled_from(FAULTS), max_size=60), limit=st.integers(1, 60))
+def test_a_uav_client_that_carries_nothing_knows_no_acknowledgements() -> None:
+    client = UavClient(1, UAV_SESSION, Settings())
+    assert "drone1/sensor_ack" not in [f for e in client.on_connected(0) for f in getattr(e, "filters", ())]
+    (log,) = client.on_message(Inbound("drone1/sensor_ack", encode(ReadingAck(readings=())), 1), 0)
+    assert isinstance(log, Log)
+
+
+STEPS = {
+    "measure": 3,
+    "measure again": 1,
+    "work": 4,
+    "to_the_activator": 3,
+    "to_the_station": 3,
+    "back_to_the_drone": 2,
+    "connect": 3,
+    "cut": 1,
+    "lose_the_cloud": 1,
+    "restart_drone": 1,
+    "restart activator": 1,
+    "later": 1,
+}
+"""What may happen, and how often beside the others."""
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    steps=st.lists(st.sampled_from([step for step, often in STEPS.items() for _ in range(often)]), min_size=30),
+    limit=st.integers(1, 60),
+    most=st.sampled_from([1, 2, 1000]),
+)
 def test_whatever_breaks_each_stored_reading_arrives_exactly_once(
-    steps: list[str], limit: int, tmp_path_factory: pytest.TempPathFactory
+    steps: list[str], limit: int, most: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     way = Way(tmp_path_factory.mktemp("way") / "sensors", limit)
     measured = 0
@@ -206,26 +265,24 @@ def test_whatever_breaks_each_stored_reading_arrives_exactly_once(
         if step == "measure":
             way.measure(measured, measured + 1, measured + 2)
             measured += 3
-        elif step == "repeat":
+        elif step == "measure again":
             way.measure(*range(measured))
-        elif step == "restart drone":
-            way.restart_drone()
         elif step == "restart activator":
             way.restart_activator()
             way.carrier.on_new_activator(way.now_ms)
         elif step == "later":
             way.pass_time(3000)
-        elif step == "one":
-            way.fly(1)
+        elif step.startswith(("to_", "back_")):
+            getattr(way, step)(most)
         else:
             getattr(way, step)()
     way.settle()
     heard = [r.seq for r in way.heard]
     assert len(heard) == len(set(heard))
     assert way.stored <= set(heard)
-    assert {(r.seq, r.value, r.time_ms) for r in way.heard} == {
-        (r.seq, r.value, r.time_ms) for r in (reading(seq).message for seq in heard)
-    }
+    assert [(r.value, r.time_ms) for r in way.heard] == [
+        (sent.value, sent.time_ms) for sent in (reading(seq).message for seq in heard)
+    ]
     assert way.store is not None
     assert len(way.store) == 0
     way.store.close()

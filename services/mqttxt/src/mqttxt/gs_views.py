@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from .clock import DEFAULT_TTL_MS
 from .commands import Command
-from .outcomes import Outcome, PsmiList
+from .outcomes import Outcome, PsmiList, SensorReading
 from .rankings import Ranked
 from .roles.station_fog import FogView
 from .states import State
@@ -113,6 +113,12 @@ class Drone:
             name: KnownState(known.message.state, self._view.age_ms(known, now_ms))
             for name, known in (drone.states if drone is not None else {}).items()
         }
+
+    @property
+    def readings(self) -> list[SensorReading]:
+        """The newest reading of each kind of each sensor that this drone carries for."""
+        latest = self._station.station.readings.latest
+        return [latest[key] for key in sorted(latest) if key[0] == self.number]
 
     def outcomes(
         self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from datetime import UTC, datetime
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
+from rich.markup import escape
 from rich.table import Table
 
 from ..gs import Drone, Fog, GroundStation, KnownState
@@ -40,12 +42,39 @@ async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) 
                 timeout_s=FIRST_STATES_S,
             )
         wide = Console(width=180, file=console.file)
-        wide.print(table(fogs))
+        wide.print(everything(fogs))
         return
-    with Live(table(fogs), console=console, auto_refresh=False) as live:
+    with Live(everything(fogs), console=console, auto_refresh=False) as live:
         while True:
             await asyncio.sleep(REFRESH_S)
-            live.update(table(fogs), refresh=True)
+            live.update(everything(fogs), refresh=True)
+
+
+def everything(fogs: list[Fog]) -> Group:
+    """The drones and, where any came, the sensors' newest readings."""
+    found = readings(fogs)
+    return Group(table(fogs), found) if found.rows else Group(table(fogs))
+
+
+def readings(fogs: list[Fog]) -> Table:
+    """The newest reading of each sensor and kind, with the time at which it was measured."""
+    shown = Table(title="Sensors", title_justify="left")
+    for heading in ("drone", "sensor", "kind"):
+        shown.add_column(heading)
+    for heading in ("value", "measured (UTC)"):
+        shown.add_column(heading, justify="right")
+    for reading in (reading for fog in fogs for drone in fog.drones for reading in drone.readings):
+        value = escape(f"{reading.value:g} {reading.unit}".strip())
+        shown.add_row(str(reading.drone), str(reading.sensor), reading.kind, value, _time_of(reading.time_ms))
+    return shown
+
+
+def _time_of(unix_ms: int) -> str:
+    """A wall clock's time; years that no calendar has are shown as the number that came."""
+    try:
+        return f"{datetime.fromtimestamp(unix_ms / 1000, UTC):%Y-%m-%d %H:%M:%S}"
+    except (OverflowError, ValueError, OSError):
+        return f"{unix_ms} ms"
 
 
 def table(fogs: list[Fog]) -> Table:

@@ -5,6 +5,7 @@ Write-ahead log with full synchronisation: what a finished transaction holds is 
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import sqlite3
 from collections.abc import Iterable
@@ -92,13 +93,14 @@ class SensorStore:
             self._database.execute("COMMIT")
         except sqlite3.Error as error:
             self._count = count
-            if self._database.in_transaction:
+            with contextlib.suppress(sqlite3.Error):  # sqlite rolls back by itself after some errors
                 self._database.execute("ROLLBACK")
             return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
         return done
 
     def close(self) -> None:
-        self._database.close()
+        with contextlib.suppress(sqlite3.Error):  # all that counts is on the disk already
+            self._database.close()
 
     def _open(self) -> int:
         run = self._database.execute

@@ -15,7 +15,7 @@ from typing import Any
 
 from ..errors import BrokerRefused
 from ..roles.carrier import SENSORS, Carrier
-from ..roles.effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
+from ..roles.effects import Acknowledge, ForgetReadings, LoadReadings, Receipt, StoreReading
 from .broker import EmbeddedBroker
 from .events import LinkEvents
 from .mqtt import BrokerAddress, MqttLink
@@ -37,6 +37,28 @@ class SensorOptions:
     store: Path
     limit: int = DEFAULT_LIMIT
     embedded: EmbeddedBroker | None = None
+
+
+class Receipts:
+    """Acknowledges inbound messages in the order of their receipt (MQTT 5.0, 4.6), in whichever they become safe."""
+
+    def __init__(self, acknowledge: Callable[[Receipt], None]) -> None:
+        self._acknowledge = acknowledge
+        self._waiting: dict[Receipt, bool] = {}
+
+    def wait(self, receipt: Receipt) -> None:
+        """A message came; what came behind it waits for it."""
+        self._waiting[receipt] = False
+
+    def release(self, receipt: Receipt) -> None:
+        """A message, whether it had to wait or not, may be acknowledged."""
+        self._waiting[receipt] = True
+        while self._waiting:
+            first = next(iter(self._waiting))
+            if not self._waiting[first]:
+                return
+            del self._waiting[first]
+            self._acknowledge(first)
 
 
 class SensorPort:
@@ -70,6 +92,7 @@ class SensorPort:
             manual_ack=True,
             session_expiry_s=KEPT_BY_BROKER_S,
         )
+        self._receipts = Receipts(self.link.acknowledge)
 
     def jobs(self) -> list[Any]:
         """The coroutines that run as long as the UAV client does."""
@@ -80,12 +103,14 @@ class SensorPort:
         """Carry out an effect of the carrier; whether it was one."""
         if isinstance(output, StoreReading):
             self._batch.store.append(output)
+            if output.receipt is not None:
+                self._receipts.wait(output.receipt)
         elif isinstance(output, ForgetReadings):
             self._batch.forget += output.keys
         elif isinstance(output, LoadReadings):
             self._batch.load = output
         elif isinstance(output, Acknowledge):
-            self.link.acknowledge(output.receipt)
+            self._receipts.release(output.receipt)
             return True
         else:
             return False
