@@ -250,7 +250,7 @@ STEPS = {
 """What may happen, and how often beside the others."""
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     steps=st.lists(st.sampled_from([step for step, often in STEPS.items() for _ in range(often)]), min_size=30),
     limit=st.integers(1, 60),
