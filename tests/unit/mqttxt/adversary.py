@@ -34,11 +34,15 @@ class Dangers:
     pauses: float = 0.001
     pausing: str = ""
     dies_between: float = 0.0002
+    mute: float = 0.05
+    """The chance that an autopilot does what it was told and says nothing."""
     ppm: tuple[int, ...] = (-RHO_PPM, RHO_PPM, 0, -137, 512)
     drifts_per_s: float = 0.2
     slow_drones: bool = False
     """Drones' clocks are as slow, all others as fast as they can be: where margins are needed most."""
     ttls_ms: tuple[int, ...] = (200, 600, 600, 1500, 5000, 10_000)
+    commands_per_s: float = 10
+    selects: float = 0.05
     looks_before_the_write: bool = True
 
 
@@ -78,16 +82,14 @@ class Simulation:
             return -RHO_PPM if name.startswith("drone") else RHO_PPM
         return self.rng.choice(self.dangers.ppm)
 
-    def live(
-        self, seconds: int, commands_per_s: int = 10, befalls: dict[int, Callable[[], Any]] | None = None
-    ) -> Judge:
+    def live(self, seconds: int, befalls: dict[int, Callable[[], Any]] | None = None) -> Judge:
         """Start in calm weather, send under danger, and let it end in calm weather; `befalls` at given seconds."""
         dangers = self.dangers
         self._become(CALM)
         self.events.run(self.events.now_us + 3 * S)
         self._become(dangers)
         for second in range(seconds):
-            for _ in range(commands_per_s):
+            for _ in range(int(dangers.commands_per_s + self.rng.random())):
                 self.events.after(self.rng.randint(0, S), self.station.send)
             self._endanger()
             (befalls or {}).get(second, lambda: None)()

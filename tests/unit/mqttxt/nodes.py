@@ -7,14 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from copy import copy
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 from true_time import Channel, Client, Connection, DriftingClock
-from world import ack, heartbeat, home, landed, position
+from world import ack, from_autopilot, heartbeat, home, landed, position
 
 from mqttxt.clock import RemoteClock, SessionClock
 from mqttxt.commands import Arm, Disarm, Goto, Hold
+from mqttxt.dialect.vehicle import CRUISE_SPEED_PARAMETER, MAX_SPEED_PARAMETER
 from mqttxt.errors import FogUnreachable
 from mqttxt.outcomes import Outcome
 from mqttxt.roles.activator import Activator
@@ -24,6 +26,8 @@ from mqttxt.roles.ground_station import GroundStation
 from mqttxt.roles.settings import Settings
 from mqttxt.roles.uav_client import UavClient
 from mqttxt.roles.uav_commands import Unfinished
+from mqttxt.roles.uav_options import UavOptions
+from mqttxt.states import POLICIES
 
 if TYPE_CHECKING:
     from adversary import Simulation
@@ -38,6 +42,16 @@ COMMANDS = (
     Hold(),
     *(Goto(place.lat / 1e7, place.lon / 1e7, 5.0) for place in PLACES),
 )
+FIGURES = (
+    home(),
+    landed(2),
+    from_autopilot(mavlink.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, 0, 0, 90)),
+    *(
+        from_autopilot(mavlink.MAVLink_param_value_message(name.encode(), 10.0, 9, 1, 0))
+        for name in (MAX_SPEED_PARAMETER, CRUISE_SPEED_PARAMETER)
+    ),
+)
+"""What an autopilot tells at the start, all that PSMI needs among it."""
 
 
 class Node(Client):
@@ -195,21 +209,26 @@ class StationNode(Node):
         return role
 
     def send(self) -> None:
+        """To one drone, to all, or to whichever the fog selects."""
         rng, sim = self.sim.rng, self.sim
         if not self.alive or sim.events.now_us < self.stalled_until_us:
             return
         drone = rng.choice((*DRONES, *DRONES, None))
-        command = rng.choice(COMMANDS if drone is not None else COMMANDS[:3])
-        ttl_ms = rng.choice(sim.dangers.ttls_ms)
-        self.read_us = sim.events.now_us
+        selects = rng.random() < sim.dangers.selects
+        among = COMMANDS[3:] if selects else COMMANDS if drone is not None else COMMANDS[:3]
+        command = rng.choice(among)
+        times: dict[str, Any] = {"ttl_ms": rng.choice(sim.dangers.ttls_ms), "limit_s": rng.choice((1.0, 3.0))}
+        self.read_us, now_ms = sim.events.now_us, self.clock.now_ms()
         try:
-            command_id, outputs = self.role.send(
-                1, drone, command, self.clock.now_ms(), ttl_ms=ttl_ms, limit_s=rng.choice((1.0, 3.0))
-            )
+            if selects:
+                command_id, outputs = self.role.select(1, command, now_ms, **times)
+            else:
+                command_id, outputs = self.role.send(1, drone, command, now_ms, **times)
         except FogUnreachable:
             sim.judge.unsent += 1
             return
-        sim.judge.calls(self, command_id, DRONES if drone is None else (drone,), ttl_ms)
+        drones = DRONES if selects or drone is None else (drone,)
+        sim.judge.calls(self, command_id, drones, times["ttl_ms"], selects)
         self.carry_out(outputs, self.read_us)
 
     def remote_clock(self, topic: str) -> RemoteClock | None:
@@ -249,18 +268,20 @@ class DroneNode(Node):
     def __init__(self, sim: Simulation, number: int) -> None:
         self.number = number
         self.journal: dict[Any, Unfinished] = {}
-        self.armed = False
+        self.armed = True
         self.place = PLACES[0]
         super().__init__(sim, f"drone {number}")
         self._telemetry()
 
     def make_role(self) -> UavClient:
-        left = list(self.journal.values())
-        return UavClient(self.number, self.clock.session, Settings(qos=self.sim.qos), unfinished=left)
+        left, options = list(self.journal.values()), UavOptions(endurance_s=900)
+        settings = Settings(qos=self.sim.qos)
+        often = {name: replace(policy, heartbeat_ms=3000) for name, policy in POLICIES.items()}
+        return UavClient(self.number, self.clock.session, settings, None, often, left, options=options)
 
     def start(self) -> None:
         super().start()
-        for message in (home(), landed(2)):
+        for message in FIGURES:
             self.react(self.role.on_mavlink, _of(message, self.number))
         self._tell()
 
@@ -286,11 +307,13 @@ class DroneNode(Node):
     def _autopilot(self, effect: Transmit) -> None:
         rng, message = self.sim.rng, effect.message
         result = 0 if rng.random() < 0.9 else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+        if result == 0:
+            self.sim.judge.takes_on(self, effect.ref)
         if result == 0 and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             self.armed = message.param1 == 1.0
         if result == 0 and message.command == mavlink.MAV_CMD_DO_REPOSITION:
             self.place = min(PLACES, key=lambda place: abs(place.lat - message.x))
-        if rng.random() < 0.95:
+        if rng.random() >= self.sim.dangers.mute:
             delay_us = rng.randint(1 * MS, 80 * MS) if rng.random() < 0.95 else rng.randint(1 * MS, 2 * S)
             self._soon(delay_us, self._acknowledge, effect.ref, message.command, result)
 

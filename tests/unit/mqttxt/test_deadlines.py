@@ -13,7 +13,8 @@ from true_time import RHO_PPM
 from verdicts import Judge
 
 from mqttxt import clock as clocks
-from mqttxt.messages import CommandMessage
+from mqttxt.messages import CommandMessage, Word
+from mqttxt.roles import selector
 from mqttxt.roles.executor import Executor
 from mqttxt.roles.ledger import Admission, Ledger
 from mqttxt.roles.relay import Relay
@@ -27,13 +28,17 @@ AIMED = replace(CALM, latencies_us=((100, 2000), (3 * MS, 40 * MS)), aims=0.5, t
 """No danger but messages that come just around their deadlines."""
 SKEWED = replace(AIMED, ppm=(-RHO_PPM, RHO_PPM), ttls_ms=(5000, 10_000))
 STEADY = replace(SKEWED, latencies_us=((50, 300),), slow_drones=True, ttls_ms=(200, 600))
+SELECTING = Dangers(commands_per_s=2, selects=1.0, ttls_ms=(1500, 10_000), mute=0.5)
+"""The fog is asked to choose the drone, seldom enough that drones are free; autopilots often say nothing."""
+
+SILENT = replace(CALM, commands_per_s=0.3, selects=1.0, ttls_ms=(10_000,), mute=0.8)
 
 
-def history(seed: int, dangers: Dangers | None = None, seconds: int = 40) -> Judge:
+def history(seed: int, dangers: Dangers | None = None, seconds: int = 30) -> Judge:
     return Simulation(seed, dangers, qos=seed % 2).live(seconds)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_late_or_twice_and_each_command_has_one_last_word(seed: int) -> None:
     judge = history(seed)
     assert judge.violations == {}
@@ -41,6 +46,14 @@ def test_nothing_is_late_or_twice_and_each_command_has_one_last_word(seed: int) 
     assert counts["commands"] > 100
     assert counts["executed"] > 10
     assert counts["expired"] > 10
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_a_fog_chose_a_drone_for_is_done_by_one_at_most(seed: int) -> None:
+    """After silence the first drone may be flying: no other one is sent."""
+    judge = history(seed, SELECTING)
+    assert judge.violations == {}
+    assert any(sent.taken_on for sent in judge.sent.values() if sent.selected)
 
 
 def test_a_seed_is_a_whole_history() -> None:
@@ -56,7 +69,7 @@ def test_what_comes_around_its_deadline_is_refused_no_earlier_than_the_formula_s
 
 
 def test_without_danger_nothing_is_refused() -> None:
-    judge = history(1, replace(CALM, ttls_ms=(1500, 5000)), seconds=20)
+    judge = history(1, replace(CALM, ttls_ms=(1500, 5000), mute=0), seconds=20)
     assert judge.violations == {}
     assert judge.timely_refused == 0
     assert judge.counts()["executed"] > len(judge.sent) / 2
@@ -122,6 +135,12 @@ def _repeated_after_its_acknowledgement(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Executor, "_on_ack", deaf)
 
 
+def _the_next_drone_after_any_last_word(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(
+        selector, "DEFINITE_NO", frozenset(word for word in Word if word.is_last and word is not Word.COMPLETED)
+    )
+
+
 def _every_word_is_passed_on(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(StationCommands, "_say", lambda self, pending, outcome, now_ms: [outcome])
 
@@ -144,8 +163,9 @@ def _a_margin_ten_times_too_large(patch: pytest.MonkeyPatch) -> None:
         (_the_clock_is_where_the_middle_of_the_round_trip_was, "late", None),
         (_a_relay_starts_the_time_anew, "late", None),
         (_no_duplicates_in_the_ledger, "again", None),
-        (_any_session_is_the_own_one, "late", replace(Dangers(), kills_per_s=0.03)),
+        (_any_session_is_the_own_one, "late", replace(Dangers(), kills_per_s=0.05, repeats=0.4)),
         (_repeated_after_its_acknowledgement, "again", None),
+        (_the_next_drone_after_any_last_word, "again", SILENT),
         (_every_word_is_passed_on, "words", None),
         (_nobody_closes_what_stays_unanswered, "words", None),
         (_a_margin_ten_times_too_large, "early", SKEWED),
@@ -168,7 +188,7 @@ def test_without_the_last_look_before_the_write_a_pause_makes_commands_late() ->
 
 # Outside of the bound: a session clock that is stepped, as when a virtual machine is paused with its clocks.
 
-STEP_MS, STEP_AT_S, BEACON_S = 4000, 20, 10
+STEP_MS, STEP_AT_S, BEACON_S = 4000, 10, 10
 
 
 @LONG
@@ -183,14 +203,16 @@ STEP_MS, STEP_AT_S, BEACON_S = 4000, 20, 10
 )
 def test_what_a_stepped_clock_does(who: str, step_ms: int, late: bool) -> None:
     """An executor's jump ahead only refuses; another step can make late by its length, until the next echo."""
-    judges = []
-    for seed in range(4):
+    was_late = False
+    for seed in range(4 if late else 2):
         simulation = Simulation(seed, AIMED)
         nodes = simulation.drones if who == "executor" else [simulation.station]
         step = [partial(node.hardware.step, step_ms) for node in nodes]
-        judges.append(simulation.live(40, befalls={STEP_AT_S: lambda step=step: [one() for one in step]}))
-    for judge in judges:
+        judge = simulation.live(24, befalls={STEP_AT_S: lambda step=step: [one() for one in step]})
         assert set(judge.violations) <= ({"late", "early"} if late else {"early"})
         assert judge.worst_late_ms < STEP_MS
         assert judge.last_late_call_us < (3 + STEP_AT_S + BEACON_S + 1) * S
-    assert any("late" in judge.violations for judge in judges) is late
+        was_late = "late" in judge.violations
+        if was_late:
+            break
+    assert was_late is late

@@ -30,6 +30,8 @@ class Sent:
     end_us: int
     station: int
     early_ms: float
+    selected: bool
+    taken_on: set[int] = field(default_factory=set)
     early_drone_ms: dict[int, float] = field(default_factory=dict)
     questioned: bool = False
     writes: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
@@ -74,11 +76,11 @@ class Judge:
     def _hop_ms(self, clock: RemoteClock, end_us: int) -> float:
         return (self._best_beacon[clock] + 4 * RHO * (1 + 2 * RHO) * end_us / 1000 + WHOLE_MS) / (1 - RHO)
 
-    def calls(self, station: Any, command_id: CommandId, drones: tuple[int, ...], ttl_ms: int) -> None:
+    def calls(self, station: Any, command_id: CommandId, drones: tuple[int, ...], ttl_ms: int, selected: bool) -> None:
         now_us = self._events.now_us
         end_us = now_us + ttl_ms * 1000
         early_ms = self._hop_ms(station.role.fogs[1].clock, end_us)
-        self.sent[command_id] = Sent(drones, now_us, end_us, self._station, early_ms)
+        self.sent[command_id] = Sent(drones, now_us, end_us, self._station, early_ms, selected)
 
     def publishes(self, node: Any, publish: Publish, read_us: int) -> None:
         """What a process says: commands handed on, and `expired`."""
@@ -131,6 +133,13 @@ class Judge:
             self._blame("again", f"{command_id} executed again by {node.name}")
         before.append((node.clock.session, now_us))
 
+    def takes_on(self, node: Any, command_id: CommandId) -> None:
+        """An autopilot begins to do it: of a command for whichever drone is best only one may."""
+        sent = self.sent[command_id]
+        sent.taken_on.add(node.number)
+        if sent.selected and len(sent.taken_on) > 1:
+            self._blame("again", f"{command_id} executed by two drones")
+
     def acknowledges(self, node: Any, command_id: CommandId) -> None:
         self.sent[command_id].acknowledged.add(node.number)
 
@@ -159,7 +168,7 @@ class Judge:
         for command_id, sent in self.sent.items():
             counted = {drone: count for drone, count in sent.last.items() if count}
             answered = counted.get(None, 0) == 1 if len(sent.drones) > 1 else False
-            answered = answered or set(counted) == set(sent.drones)
+            answered = answered or set(counted) == set(sent.drones) or (sent.selected and bool(counted))
             twice = any(count > 1 for count in (*counted.values(), *sent.settled.values()))
             if twice or (sent.station == self._station and not answered):
                 self._blame("words", f"{command_id} has last words {counted}, settled {dict(sent.settled)}")
