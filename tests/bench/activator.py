@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mqttxt.messages import Registration
-from mqttxt.wire.codec import encode
+from mqttxt.wire.bundles import FogBundle, states_of
+from mqttxt.wire.codec import decode, encode
 from tests.bench.brokers import BenchBroker, cpu_s, rss_mb
 from tests.bench.fleet import FIVE, Fleet
 from tests.bench.raw_mqtt import RawClient
@@ -21,6 +22,8 @@ DRONES_A_FOG = 250
 FULL_HZ, VITAL_HZ = 5.0, 1.0
 """How often each of five states is sent."""
 WARM_UP_S, WINDOW_S, SLICE_S = 1.0, 6.0, 0.02
+QUIET_S = 2.2
+"""Longer than bundles wait."""
 _BRIDGE = """
 connection cloud
 address 127.0.0.1:{port}
@@ -32,9 +35,9 @@ topic +/state/# out 0 f1/ fog1/
 
 @dataclass(frozen=True)
 class Relayed:
-    """What was relayed in a window, and what it cost the processes that relayed."""
+    """How many states were relayed in a window, and what it cost the processes that relayed."""
 
-    messages: int
+    states: int
     lost: int
     wall_s: float
     cpu_s: float
@@ -42,7 +45,7 @@ class Relayed:
 
     @property
     def per_cpu_s(self) -> float:
-        return self.messages / self.cpu_s
+        return self.states / self.cpu_s
 
     @property
     def share(self) -> float:
@@ -61,23 +64,25 @@ async def _measure() -> list[str]:
     few = await relay_by_activators(1, 10, VITAL_HZ)
     some = await relay_by_activators(1, 100, VITAL_HZ)
     thousand = await relay_by_activators(4, DRONES_A_FOG, VITAL_HZ)
+    bundled = await relay_by_activators(4, DRONES_A_FOG, VITAL_HZ, bundles=True)
     return [
-        f"activator: relays {full.per_cpu_s:,.0f} states per CPU second ({full.messages / full.wall_s:,.0f} a second, "
+        f"activator: relays {full.per_cpu_s:,.0f} states per CPU second ({full.states / full.wall_s:,.0f} a second, "
         f"{100 * full.share:.0f} % of a core, {full.lost} lost); Mosquitto's bridge doing the same "
         f"{bridge.per_cpu_s:,.0f} ({bridge.per_cpu_s / full.per_cpu_s:.1f} times)",
         f"activator: 1,000 drones (four fogs of {DRONES_A_FOG}) with 5 states a second take "
-        f"{100 * thousand.share:.0f} % of a core together ({thousand.lost} lost)",
+        f"{100 * thousand.share:.0f} % of a core together ({thousand.lost} lost), "
+        f"{100 * bundled.share:.0f} % in bundles ({bundled.lost} states superseded by newer ones in them)",
         f"activator: resident memory with 10, 100 and 1,000 drones {few.rss_mb:.0f}, {some.rss_mb:.0f} and "
         f"{thousand.rss_mb:.0f} MB (the last: four processes together)",
     ]
 
 
-async def relay_by_activators(fogs: int, drones: int, hz: float) -> Relayed:
+async def relay_by_activators(fogs: int, drones: int, hz: float, bundles: bool = False) -> Relayed:
     """Five states of each of `drones` drones at each of `fogs` activators, each `hz` times a second."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         cloud, fog = _started(folder, stack, "cloud"), _started(folder, stack, "fog")
-        station = await _station(cloud, stack)
+        station = await _Station.at(cloud, stack)
         processes, fleets = [], []
         for number in range(1, fogs + 1):
             ready = ["--ready-file", str(folder / f"activator{number}.ready")]
@@ -85,10 +90,10 @@ async def relay_by_activators(fogs: int, drones: int, hz: float) -> Relayed:
             process = Process(folder, f"activator{number}", "mqttxt", "activator", *options, *ready).start()
             stack.callback(process.stop)
             await asyncio.to_thread(process.wait_ready)
-            registration = encode(Registration(name="bench", session=7, nonce=1, lease_s=600))
-            station.publish(f"fog{number}/init_connect", registration, qos=1)
+            registration = encode(Registration(name="bench", session=7, nonce=1, lease_s=600, bundles=bundles))
+            station.client.publish(f"fog{number}/init_connect", registration, qos=1)
             processes.append(process)
-            fleets.append(Fleet(fog.port, range(1, drones + 1), f"f{number}/"))
+            fleets.append(Fleet(fog.port, range(1, drones + 1), f"f{number}/", bundles))
         return await _relayed(fleets, station, hz, [process.pid for process in processes])
 
 
@@ -98,7 +103,7 @@ async def relay_by_bridge(drones: int, hz: float) -> Relayed:
         folder = Path(name)
         cloud = _started(folder, stack, "cloud")
         fog = _started(folder, stack, "fog", _BRIDGE.format(port=cloud.port))
-        station = await _station(cloud, stack)
+        station = await _Station.at(cloud, stack)
         return await _relayed([Fleet(fog.port, range(1, drones + 1), "f1/")], station, hz, [fog.pid])
 
 
@@ -109,32 +114,44 @@ def _started(folder: Path, stack: ExitStack, name: str, more: str = "") -> Bench
     return broker
 
 
-async def _station(cloud: BenchBroker, stack: ExitStack) -> RawClient:
-    station = await RawClient.connect(cloud.port, "bench-station")
-    stack.callback(station.close)
-    await station.subscribe("+/+/state/#")
-    return station
+class _Station:
+    """Counts the states that arrive at the cloud broker, by topics or in bundles."""
+
+    def __init__(self) -> None:
+        self.states = 0
+        self.client: RawClient
+
+    @classmethod
+    async def at(cls, cloud: BenchBroker, stack: ExitStack) -> _Station:
+        station = cls()
+        station.client = await RawClient.connect(cloud.port, "bench-station", station._heard)
+        stack.callback(station.client.close)
+        await station.client.subscribe("+/+/state/#", "+/states")
+        return station
+
+    def _heard(self, topic: str, payload: bytes) -> None:
+        self.states += len(states_of(decode(FogBundle, payload))) if topic.endswith("/states") else 1
 
 
-async def _relayed(fleets: list[Fleet], station: RawClient, hz: float, pids: list[int]) -> Relayed:
+async def _relayed(fleets: list[Fleet], station: _Station, hz: float, pids: list[int]) -> Relayed:
     for fleet in fleets:
         await fleet.start()
     count = sum(len(fleet) for fleet in fleets) * len(FIVE)
 
-    while station.received < count:  # drones become reachable one by one, and their states are relayed from then on
+    while station.states < count:  # drones become reachable one by one, and their states are relayed from then on
         await _send(fleets, 1.0, 1.0)
     await _send(fleets, hz, WARM_UP_S)
     await _settled(station)
-    before = (time.monotonic(), cpu_s(*pids), sum(fleet.sent for fleet in fleets), station.received)
+    before = (time.monotonic(), cpu_s(*pids), sum(fleet.sent for fleet in fleets), station.states)
     await _send(fleets, hz, WINDOW_S)
     sent_s = time.monotonic()
     await _settled(station)
     used_s = cpu_s(*pids) - before[1]
-    messages = station.received - before[3]
+    states = station.states - before[3]
     sent = sum(fleet.sent for fleet in fleets) - before[2]
     for fleet in fleets:
         fleet.close()
-    return Relayed(messages, sent - messages, sent_s - before[0], used_s, sum(rss_mb(pid) for pid in pids))
+    return Relayed(states, sent - states, sent_s - before[0], used_s, sum(rss_mb(pid) for pid in pids))
 
 
 async def _send(fleets: list[Fleet], hz: float, lasting_s: float) -> None:
@@ -148,9 +165,9 @@ async def _send(fleets: list[Fleet], hz: float, lasting_s: float) -> None:
         await asyncio.sleep(max(0, started + (tick + 1) * SLICE_S - loop.time()))
 
 
-async def _settled(station: RawClient) -> None:
+async def _settled(station: _Station) -> None:
     """Wait until nothing more arrives."""
     last = -1
-    while station.received != last:
-        last = station.received
-        await asyncio.sleep(1.0)
+    while station.states != last:
+        last = station.states
+        await asyncio.sleep(QUIET_S)

@@ -8,6 +8,7 @@ import time
 from mqttxt.messages import BeaconMessage, DroneLease, Presence
 from mqttxt.states import Battery, FlightMode, FlightModeName, Groundspeed, Heading, Location, MaxGroundspeed, State
 from mqttxt.topics import FogSide
+from mqttxt.wire.bundles import drone_bundle
 from mqttxt.wire.codec import decode, encode
 from mqttxt.wire.states import StampedState, encode_state
 from mqttxt.wire.values import Encoding
@@ -28,8 +29,9 @@ _FIRST_STAMP = 256
 class Fleet:
     """`numbers` drones below `root` and their five states."""
 
-    def __init__(self, port: int, numbers: range, root: str = "") -> None:
+    def __init__(self, port: int, numbers: range, root: str = "", bundles: bool = False) -> None:
         self.sent = 0
+        self._bundles = bundles
         self._port = port
         self._topics = FogSide(root)
         self._sessions = {number: 0x10000 + number for number in numbers}
@@ -48,14 +50,21 @@ class Fleet:
             client.publish(self._topics.state(number, MaxGroundspeed.name), fastest)
         alias = 0
         for number in self._sessions:
-            for state in FIVE:
+            for topic, payload in self._said(number):
                 alias += 1
-                payload = encode_state(StampedState(state, _FIRST_STAMP), Encoding.CBOR)
-                at = payload.index(b"\x19\x01\x00")
-                client.send(publish_packet(self._topics.state(number, state.name), payload, alias))
+                client.send(publish_packet(topic, payload, alias))
                 short = publish_packet("", payload, alias)
-                cut = len(short) - len(payload) + at + 1
+                cut = len(short) - len(payload) + payload.index(b"\x19\x01\x00") + 1
                 self._packets.append((short[:cut], short[cut + 2 :]))
+
+    def _said(self, number: int) -> list[tuple[str, bytes]]:
+        """Topics and payloads of a drone's five states."""
+        if self._bundles:
+            return [(self._topics.states(number), encode(drone_bundle(FIVE, _FIRST_STAMP)))]
+        return [
+            (self._topics.state(number, state.name), encode_state(StampedState(state, _FIRST_STAMP), Encoding.CBOR))
+            for state in FIVE
+        ]
 
     def __len__(self) -> int:
         return len(self._sessions)
@@ -66,7 +75,7 @@ class Fleet:
         now = self.stamp().to_bytes(2, "big")
         packets = self._packets[part::parts]
         self._client.send(b"".join(head + now + tail for head, tail in packets))
-        self.sent += len(packets)
+        self.sent += len(packets) * (len(FIVE) if self._bundles else 1)
 
     def stamp(self) -> int:
         """A stamp that three bytes of CBOR carry."""

@@ -15,6 +15,7 @@ from mqtt_server import CONNECT, DISCONNECT, PUBACK, PUBLISH, Server, eventually
 
 from mqttxt.errors import BrokerRefused
 from mqttxt.io import connection as connection_module
+from mqttxt.io.client import KEEPALIVE_S
 from mqttxt.io.mqtt import BrokerAddress, MqttLink
 from mqttxt.roles.effects import Inbound, Publish, Subscribe, Will
 
@@ -137,7 +138,7 @@ async def test_connect_asks_for_a_clean_start_and_small_packets() -> None:
         (connect,) = server.sessions[0].of(CONNECT)
         assert connect.body[:7] == b"\0\4MQTT\5"
         assert connect.body[7] & 2  # clean start
-        assert int.from_bytes(connect.body[8:10], "big") == connection_module.KEEPALIVE_S
+        assert int.from_bytes(connect.body[8:10], "big") == KEEPALIVE_S
         properties = numbers(connect.body[11 : 11 + connect.body[10]])
         assert properties == {0x11: 0, 0x27: 65_536, 0x21: 1000}
 

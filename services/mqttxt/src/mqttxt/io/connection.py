@@ -7,7 +7,6 @@ publish, and fail, without paho being half-way through a packet.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import socket
 import ssl
@@ -19,22 +18,19 @@ from typing import Any, cast
 
 from paho.mqtt import MQTTException
 from paho.mqtt.client import Client, MQTTMessage
-from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
+from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from ..errors import BrokerRefused
 from ..roles.effects import Inbound, Publish, Receipt, Subscribe, Unsubscribe, Will
 from .address import BrokerAddress
 from .aliases import AliasTable
+from .client import CONNECT_TIMEOUT_S, connect, cork, make_client
 from .events import LinkEvents
-from .properties import BrokerLimits, connect_properties, publish_properties
+from .properties import BrokerLimits, publish_properties
 
 logger = logging.getLogger("mqttxt.mqtt")
 
-KEEPALIVE_S = 15
-"""Above the 10 s between two beacons, so that a link that carries them never needs a PINGREQ; one and a half of it
-(when the broker publishes the will) is below the three beacon intervals after which silence says the same."""
-CONNECT_TIMEOUT_S = 5.0
 MOST_HELD = 10_000
 """Publishes at QoS 0 that wait while the broker takes no bytes; further ones are dropped: they age."""
 _READ_AT_ONCE = 64
@@ -78,12 +74,17 @@ class Connection:
         self._is_blocked = False
         self._held = 0
         self._serial = next(_SERIALS) if manual_ack else None
-        self._client = self._make_client(client_id, will, manual_ack)
+        self._client = client = make_client(address, client_id, will, manual_ack)
+        client.on_connect = self._on_connect
+        client.on_disconnect = self._on_disconnect
+        client.on_message = self._on_message
+        client.on_subscribe = self._on_subscribe
+        client.on_publish = self._on_publish
 
     async def open(self) -> int:
         """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError without a CONNACK."""
         # paho resolves, connects and shakes hands blocking: that is done in a thread, all else in this loop.
-        connecting = self._loop.run_in_executor(None, self._connect)
+        connecting = self._loop.run_in_executor(None, connect, self._client, self.address, self._session_expiry_s)
         try:
             await asyncio.shield(connecting)
         except asyncio.CancelledError:
@@ -157,41 +158,10 @@ class Connection:
             sock.close()
         _resolve(self.ended, 0)
 
-    def _connect(self) -> None:
-        is_clean = self._session_expiry_s == 0
-        properties = connect_properties(self._session_expiry_s)
-        self._client.connect(
-            self.address.host, self.address.port, KEEPALIVE_S, clean_start=is_clean, properties=properties
-        )
-
     def _abandon(self, connecting: asyncio.Future[None]) -> None:
         """Nobody waits for this connection any more; it came about, or not."""
         connecting.exception()
         self.close()
-
-    def _make_client(self, client_id: str, will: Will | None, manual_ack: bool) -> Client:
-        client = Client(
-            CallbackAPIVersion.VERSION2,
-            client_id=client_id,
-            protocol=MQTTProtocolVersion.MQTTv5,
-            reconnect_on_failure=False,
-            manual_ack=manual_ack,
-        )
-        client.connect_timeout = CONNECT_TIMEOUT_S
-        client.max_inflight_messages = 0  # paho's own limit; the broker's is kept here
-        if will is not None:
-            client.will_set(will.topic, will.payload, qos=1, retain=True)
-        if self.address.username is not None:
-            client.username_pw_set(self.address.username, self.address.password)
-        if self.address.tls:
-            client.tls_set_context(ssl.create_default_context())
-        client.on_socket_open = _on_socket_open
-        client.on_connect = self._on_connect
-        client.on_disconnect = self._on_disconnect
-        client.on_message = self._on_message
-        client.on_subscribe = self._on_subscribe
-        client.on_publish = self._on_publish
-        return client
 
     # What the event loop calls.
 
@@ -234,14 +204,14 @@ class Connection:
         sock = self._client.socket()
         if sock is None:
             return
-        _cork(sock, True)
+        cork(sock, True)
         # paho makes a reason code and properties for each QoS 0 publish that it tells of; nobody asks for them.
         self._client.on_publish = None
         try:
             self._client.loop_write()
         finally:
             self._client.on_publish = self._on_publish
-            _cork(sock, False)
+            cork(sock, False)
         if self._client.want_write() and not self._is_blocked and self._client.socket() is sock:
             self._is_blocked = True
             self._loop.add_writer(cast(socket.socket, sock), self._flush)
@@ -334,15 +304,3 @@ class Connection:
 def _resolve(future: asyncio.Future[int], value: int) -> None:
     if not future.done():
         future.set_result(value)
-
-
-def _on_socket_open(_client: Client, _userdata: Any, sock: Any) -> None:
-    """Without it Nagle's algorithm holds small publishes back and is what one measures."""
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-
-def _cork(sock: Any, closed: bool) -> None:
-    """Hold segments back while packets are written one by one (tcp(7)); elsewhere each packet is a segment."""
-    if hasattr(socket, "TCP_CORK"):
-        with contextlib.suppress(OSError):  # closed in between
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, closed)

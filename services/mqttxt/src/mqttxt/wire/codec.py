@@ -171,10 +171,10 @@ def _out(field: FieldPlan, message: object, encoding: Encoding) -> Plain:
 
 
 def _tag(variant: Variant, body: object) -> tuple[int, str]:
-    for code, label, cls in variant.codes:
-        if type(body) is cls:
-            return code, label
-    raise PayloadError(f"{variant.name}: {type(body).__name__} cannot be carried")
+    tag = variant.tags.get(type(body))
+    if tag is None:
+        raise PayloadError(f"{variant.name}: {type(body).__name__} cannot be carried")
+    return tag
 
 
 def _from_array(cls: type[Any], plain: Plain, path: str) -> object:
@@ -201,7 +201,7 @@ def _values_of_array(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
         name, variant = plan.variant
         if len(plain) <= count:
             refuse(f"{path}{name}", "a value", "nothing")
-        body = next((c for code, _, c in variant.codes if type(plain[count]) is int and code == plain[count]), None)
+        body = variant.by_code.get(plain[count]) if type(plain[count]) is int else None
         if body is None:
             refuse(f"{path}{name}", f"a known {variant.name}", plain[count])
         values[name] = _from_array(body, plain[count + 1 :], path)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Annotated, Any
 
 
@@ -73,6 +74,15 @@ class Variant:
 
     name: str
     codes: tuple[tuple[int, str, type[Any]], ...]
+
+    @cached_property
+    def by_code(self) -> dict[int, type[Any]]:
+        return {code: cls for code, _, cls in self.codes}
+
+    @cached_property
+    def tags(self) -> dict[type[Any], tuple[int, str]]:
+        """The code and the name of each class."""
+        return {cls: (code, label) for code, label, cls in self.codes}
 
 
 VERSION = 1

@@ -1,0 +1,59 @@
+"""A client of paho-mqtt as every connection of ours has it, and its socket."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import ssl
+from typing import Any
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+
+from ..roles.effects import Will
+from .address import BrokerAddress
+from .properties import connect_properties
+
+KEEPALIVE_S = 15
+"""Above the 10 s between two beacons, so that a link that carries them never needs a PINGREQ; one and a half of it
+(when the broker publishes the will) is below the three beacon intervals after which silence says the same."""
+CONNECT_TIMEOUT_S = 5.0
+
+
+def make_client(address: BrokerAddress, client_id: str, will: Will | None, manual_ack: bool) -> Client:
+    """A client that has yet to connect, and never connects again by itself."""
+    client = Client(
+        CallbackAPIVersion.VERSION2,
+        client_id=client_id,
+        protocol=MQTTProtocolVersion.MQTTv5,
+        reconnect_on_failure=False,
+        manual_ack=manual_ack,
+    )
+    client.connect_timeout = CONNECT_TIMEOUT_S
+    client.max_inflight_messages = 0  # paho's own limit; the connection keeps to the broker's
+    if will is not None:
+        client.will_set(will.topic, will.payload, qos=1, retain=True)
+    if address.username is not None:
+        client.username_pw_set(address.username, address.password)
+    if address.tls:
+        client.tls_set_context(ssl.create_default_context())
+    client.on_socket_open = _on_socket_open
+    return client
+
+
+def connect(client: Client, address: BrokerAddress, session_expiry_s: int) -> None:
+    """Resolve, connect, shake hands and send CONNECT; blocks. Raises OSError."""
+    properties = connect_properties(session_expiry_s)
+    client.connect(address.host, address.port, KEEPALIVE_S, clean_start=session_expiry_s == 0, properties=properties)
+
+
+def _on_socket_open(_client: Client, _userdata: Any, sock: Any) -> None:
+    """Without it Nagle's algorithm holds small publishes back and is what one measures."""
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+
+def cork(sock: Any, closed: bool) -> None:
+    """Hold segments back while packets are written one by one (tcp(7)); elsewhere each packet is a segment."""
+    if hasattr(socket, "TCP_CORK"):
+        with contextlib.suppress(OSError):  # closed in between
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, closed)
