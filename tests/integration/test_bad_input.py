@@ -119,6 +119,11 @@ def test_a_fog_that_does_not_answer_is_one_line(broker: Broker) -> None:
     [
         (["gs", "send", "jump"], "command 'jump': expected one of arm, disarm, takeoff, land, goto, hold, return"),
         (["gs", "send", "takeoff", "high"], "takeoff altitude_m 'high': expected a number from 0.5 to 10000"),
+        (
+            ["gs", "send", "goto", "1", "-2", "-501", "--drone", "1"],
+            "goto altitude_m '-501': expected a number from -500",
+        ),
+        (["gs", "send", "hold", "--drnoe", "1"], "hold: expected no parameters, got --drnoe 1"),
         (["gs", "send", "takeoff", "nan"], "takeoff altitude_m 'nan': expected a number from 0.5 to 10000"),
         (
             ["gs", "send", "goto", "91", "8", "9", "--drone", "1"],

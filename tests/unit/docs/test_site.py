@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from mqttxt.cli import options
+from mqttxt.cli.parameters import parse_command
 
 ROOT = Path(__file__).resolve().parents[3]
 ROLE_PAGES = [ROOT / "docs" / f"{name}.md" for name in ("activator", "conformance", "ground-station", "uav-client")]
@@ -50,6 +52,35 @@ def test_every_subcommand_is_documented() -> None:
     text = "".join(page.read_text() for page in (ROOT / "docs").glob("*.md"))
     told = set(re.findall(r"<!-- generated: options-(\S+) -->", text))
     assert [name for name in options.subcommands() if not told & {name, name.split("-")[0]}] == []
+
+
+def command_lines() -> list[tuple[str, list[str]]]:
+    """Every command line of `mqttxt` in the pages, the README included: subcommand and words behind it."""
+    found = []
+    for page in [*(ROOT / "docs").glob("*.md"), ROOT / "README.md"]:
+        text = page.read_text().replace("\\\n", " ")
+        for line in re.findall(r"^(?:ExecStart=\S*/|docker exec -it \S+ )?mqttxt (\w.*)$", text, re.MULTILINE):
+            words = shlex.split(line, comments=True)
+            depth = 2 if words[0] in ("gs", "conformance") else 1
+            found.append(("-".join(words[:depth]), words[depth:]))
+    return found
+
+
+def test_every_command_line_in_the_pages_has_options_that_exist() -> None:
+    lines, known = command_lines(), options.subcommands()
+    assert len(lines) > 15
+    for name, words in lines:
+        taken = {opt for parameter in known[name].params for opt in parameter.opts}
+        assert [word for word in words if word.startswith("--") and word != "--" and word not in taken] == []
+
+
+def test_every_command_that_the_pages_send_can_be_sent() -> None:
+    sent = [words for name, words in command_lines() if name == "gs-send" and "20000" not in words]
+    assert len(sent) > 8
+    for words in sent:
+        valued = {index + 1 for index, word in enumerate(words) if word in ("--fog", "--drone", "--cloud", "--ttl")}
+        typed = [word for index, word in enumerate(words) if index not in valued and not word.startswith("--")]
+        parse_command(typed[0], typed[1:])
 
 
 def test_required_options_and_defaults_are_told() -> None:

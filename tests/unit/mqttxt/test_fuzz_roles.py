@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 from unittest.mock import patch
 
@@ -18,12 +19,23 @@ from mqttxt.commands import Arm, Goto, Takeoff
 from mqttxt.errors import ConfigurationError, FogUnreachable
 from mqttxt.messages import BeaconMessage, CommandId, CommandMessage, FogPresence, Presence
 from mqttxt.roles.activator import Activator
-from mqttxt.roles.effects import Inbound, Journal, Log, Publish, Stop, Subscribe, Transmit
+from mqttxt.roles.effects import (
+    Inbound,
+    Journal,
+    LoadReadings,
+    Log,
+    Publish,
+    Stop,
+    StoreReading,
+    Subscribe,
+    Transmit,
+)
 from mqttxt.roles.ground_station import GroundStation
 from mqttxt.roles.settings import Settings
 from mqttxt.roles.uav_client import UavClient
 from mqttxt.roles.uav_commands import Unfinished
-from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE
+from mqttxt.roles.uav_options import UavOptions
+from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE
 from mqttxt.wire.codec import MAX_PAYLOAD, encode
 from mqttxt.wire.values import Encoding
 
@@ -193,6 +205,53 @@ def test_nothing_from_broker_or_autopilot_makes_a_uav_client_raise(
             bench.wait(step)
     bench.wait(10_000)
     bench.carry_out(client.goodbye(bench.now_ms))
+
+
+SENSOR_TRAFFIC = inbound(SENSOR_SIDE, KNOWN)
+
+
+class CarrierBench(Bench):
+    """Beside the answers of a bench, a store that keeps what it is given, or has no room for it."""
+
+    def __init__(self, client: UavClient, has_room: bool) -> None:
+        super().__init__(client, ())
+        assert client.carrier is not None
+        self.carrier = client.carrier
+        self.stored: list[Any] = []
+        self.has_room = has_room
+
+    def carry_out(self, outputs: Iterable[Any]) -> None:
+        for output in outputs:
+            if isinstance(output, StoreReading):
+                self.stored += [output.reading] if self.has_room else []
+                answer = self.carrier.on_stored if self.has_room else partial(self.carrier.on_refused, reason="full")
+                self.carry_out(answer([output], now_ms=self.now_ms))
+            elif isinstance(output, LoadReadings):
+                rows = list(enumerate(self.stored, start=1))[output.after : output.after + output.most]
+                self.carry_out(self.carrier.on_loaded(rows, output.most, self.now_ms))
+            else:
+                super().carry_out([output] if not isinstance(output, Subscribe) or output.link == "fog" else [])
+
+
+@PATIENT
+@given(ROLE_SETTINGS, st.booleans(), steps(st.tuples(SENSOR_TRAFFIC), FOG_TRAFFIC, CODES))
+def test_nothing_from_sensors_makes_a_uav_client_raise(how: Settings, has_room: bool, traffic: list[Any]) -> None:
+    client = UavClient(1, UAV_SESSION, how, options=UavOptions(carries_sensors=True))
+    bench = CarrierBench(client, has_room)
+    for message in (heartbeat(), home(), position(), landed(1)):
+        client.on_mavlink(message, bench.now_ms)
+    bench.carry_out(client.on_connected(bench.now_ms))
+    bench.carry_out(bench.carrier.on_connected(bench.now_ms))
+    for step in traffic:
+        if isinstance(step, tuple):
+            bench.carry_out(bench.carrier.on_message(step[0], bench.now_ms))
+        elif isinstance(step, Inbound):
+            bench.hear(step)
+        elif step in (0x10, 0x80, 0x97):
+            for _, ref in bench.refs[-3:]:
+                bench.carry_out(client.on_published(ref, step, bench.now_ms))
+        bench.wait(50 if not isinstance(step, int) or step in (0x10, 0x80, 0x97) else step)
+    bench.wait(10_000)
 
 
 ORDERS = st.tuples(st.sampled_from([None, 1, 2]), st.sampled_from([Arm(), Takeoff(10.0), Goto(47.0, 8.0, 10.0)]))
