@@ -44,7 +44,7 @@ docs: venv ## Make schemas and tables anew from the code, and the site from docs
 	@$(PYTHON) -m mqttxt.wire.schema services/mqttxt/src/mqttxt/schemas
 	@$(PYTHON) -m mqttxt.wire.tables docs/protocol.md
 	@$(PYTHON) -m mqttxt.cli.options docs/activator.md docs/conformance.md docs/ground-station.md docs/uav-client.md
-	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --quiet --strict
+	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict > .cache/site.log 2>&1 || (cat .cache/site.log; exit 1)
 	@echo "site: .cache/site/index.html"
 
 sitl: venv ## Fly one simulated autopilot on loopback; prints how to connect to it

@@ -20,7 +20,7 @@ ROLE_PAGES = [ROOT / "docs" / f"{name}.md" for name in ("activator", "conformanc
 
 def test_the_site_builds_strictly_and_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
     built = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path)],
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)],
         cwd=ROOT,
         env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
         capture_output=True,
@@ -28,7 +28,7 @@ def test_the_site_builds_strictly_and_needs_nothing_from_elsewhere(tmp_path: Pat
         timeout=60,
         check=False,
     )
-    assert (built.returncode, built.stdout + built.stderr) == (0, "")
+    assert (built.returncode, "WARNING" in built.stderr) == (0, False), built.stderr
     pages = [*tmp_path.glob("*.html")]
     assert len(pages) > 5
     for page in pages:
