@@ -7,11 +7,13 @@ import contextlib
 import json
 import logging
 import socket
+import struct
+import sys
 import time
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO, cast
+from typing import Any, TextIO
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -23,6 +25,12 @@ logger = logging.getLogger("sitl")
 
 TICK_S = 0.01
 READY_S = 1.0
+_READ_AT_ONCE = 64
+_LARGEST_DATAGRAM = 65_536
+_SO_TIMESTAMPNS = 35
+"""socket(7), asm-generic/socket.h: a control message with a timespec, for each datagram."""
+_TIMESPEC = struct.Struct("@ll")
+_ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 POSITION_S = 1.0
 
 
@@ -35,7 +43,7 @@ class LinkConfig:
     streams: str
 
 
-class _Link(asyncio.DatagramProtocol):
+class _Link:
     """One UDP link of the vehicle."""
 
     def __init__(self, process: Process, number: int, config: LinkConfig) -> None:
@@ -44,15 +52,27 @@ class _Link(asyncio.DatagramProtocol):
         self._peer: tuple[str, int] = config.send
         self._codec = mavlink.MAVLink(None, srcSystem=process.vehicle.config.system_id, srcComponent=1)
         self._codec.robust_parsing = True
-        self._transport: asyncio.DatagramTransport | None = None
+        self._socket = _bind(config.listen)
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.DatagramTransport, transport)
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        loop.add_reader(self._socket, self._readable)
 
-    def error_received(self, exc: Exception) -> None:
-        """Nobody listens there yet (ICMP port unreachable): as with a real autopilot, it keeps sending."""
+    def close(self, loop: asyncio.AbstractEventLoop) -> None:
+        loop.remove_reader(self._socket)
+        self._socket.close()
 
-    def datagram_received(self, data: bytes, addr: Any) -> None:
+    def _readable(self) -> None:
+        """Take in the datagrams that are there."""
+        for _ in range(_READ_AT_ONCE):
+            try:
+                data, ancillary, _, addr = self._socket.recvmsg(_LARGEST_DATAGRAM, _ANCILLARY_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:  # an ICMP error for an earlier datagram: nobody listens there yet
+                continue
+            self._take(data, addr, _arrival_ns(ancillary))
+
+    def _take(self, data: bytes, addr: Any, arrived_ns: int) -> None:
         codec = self._codec
         for message in codec.parse_buffer(data) or ():
             kind = message.get_type()
@@ -62,15 +82,15 @@ class _Link(asyncio.DatagramProtocol):
                 self._process.count("unknown message", kind)
             else:
                 self._peer = addr
-                self._process.on_message(self._number, message)
+                self._process.on_message(self._number, message, arrived_ns)
         if codec.buf_len():
             # A frame never spans datagrams: what is left of a cut one must not swallow the next.
             self._process.count("cut short", f"{codec.buf_len()} bytes left over")
             codec.buf, codec.buf_index = bytearray(), 0
 
     def send(self, message: Any) -> None:
-        assert self._transport is not None
-        self._transport.sendto(message.pack(self._codec), self._peer)
+        with contextlib.suppress(OSError):  # nobody listens there yet: as a real autopilot, it keeps sending
+            self._socket.sendto(message.pack(self._codec), self._peer)
         self._codec.seq = (self._codec.seq + 1) % 256
 
 
@@ -104,15 +124,15 @@ class Process:
                 self._events = stack.enter_context(_open_events(self._events_path))
             for number, config in enumerate(self._configs):
                 link = _Link(self, number, config)
-                transport, _ = await loop.create_datagram_endpoint(lambda link=link: link, sock=_bind(config.listen))  # type: ignore[misc]
-                stack.callback(transport.close)
+                link.open(loop)
+                stack.callback(link.close, loop)
                 self._links.append(link)
             if self._control is not None:
                 stack.callback((await self._open_control(self._control)).close)
             await self._fly()
 
-    def on_message(self, link: int, message: Any) -> None:
-        self._carry_out(link, self.vehicle.handle(link, message))
+    def on_message(self, link: int, message: Any, arrived_ns: int) -> None:
+        self._carry_out(link, self.vehicle.handle(link, message), arrived_ns)
 
     def count(self, kind: str, detail: str) -> None:
         self._counts[kind] += 1
@@ -136,20 +156,23 @@ class Process:
             next_tick_s = max(next_tick_s + TICK_S, now_s)
             await asyncio.sleep(next_tick_s - (time.monotonic() - self._started))
 
-    def _carry_out(self, link: int | None, outputs: list[Output]) -> None:
+    def _carry_out(self, link: int | None, outputs: list[Output], arrived_ns: int | None = None) -> None:
         """Replies go to the link that asked; what the vehicle says by itself goes to all."""
         for output in outputs:
             if isinstance(output, Happened):
-                self._write(output)
+                self._write(output, arrived_ns)
                 continue
             to_all = link is None or output.message.get_type() in ("HEARTBEAT", "STATUSTEXT")
             for number, one in enumerate(self._links):
                 if to_all or number == link:
                     one.send(output.message)
 
-    def _write(self, happened: Happened) -> None:
+    def _write(self, happened: Happened, arrived_ns: int | None = None) -> None:
+        """A line of the events file; what a message caused tells too when the kernel received that."""
         if self._events is not None:
             record = {"t_ns": time.time_ns(), "event": happened.event, **happened.detail}
+            if arrived_ns is not None:
+                record["arrived_ns"] = arrived_ns
             self._events.write(json.dumps(record, default=str) + "\n")
             self._events.flush()
 
@@ -181,7 +204,18 @@ def _bind(address: tuple[str, int]) -> socket.socket:
         sock.close()
         raise SitlError(f"cannot receive on {address[0]}:{address[1]}: {error.strerror}") from error
     sock.setblocking(False)
+    if sys.platform == "linux":
+        sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
     return sock
+
+
+def _arrival_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
+    """When the kernel received a datagram, in nanoseconds since 1970; now, where it does not say."""
+    for level, kind, data in ancillary:
+        if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS:
+            seconds, nanoseconds = _TIMESPEC.unpack(data)
+            return int(seconds * 1_000_000_000 + nanoseconds)
+    return time.time_ns()
 
 
 def _open_events(path: Path) -> TextIO:
