@@ -167,7 +167,8 @@ async def test_a_uav_clients_embedded_broker_takes_readings_in(tmp_path: Path) -
         uav = _contained_uav(field.fog.url, autopilot, f"127.0.0.1:{port}")
         heard: list[SensorReading] = []
         async with GroundStation(field.cloud.url) as station:
-            await station.connect([1], timeout_s=30)
+            (fog,) = await station.connect([1], timeout_s=30)
+            await eventually(lambda: fog.drone(1).is_reachable, "the drone is reachable", 60)
             listening = asyncio.create_task(_listen(station, heard))
             events = ["--events", str(field.events), "--rate", "20", "--samples", "20"]
             sensor = Process(tmp_path, "sensor", "sensor", "--broker", f"mqtt://127.0.0.1:{port}", *events).start()
@@ -177,7 +178,9 @@ async def test_a_uav_clients_embedded_broker_takes_readings_in(tmp_path: Path) -
         assert _as_measured(heard) == field.measured()
     finally:
         if uav is not None:
+            print(uav.logs().decode())
             uav.remove(force=True)
+        print(field.activator.log.read_text(), field.sitl.log.read_text())
         for process in (field.activator, field.sitl):
             process.kill()
         for broker in (field.fog, field.cloud):
