@@ -23,7 +23,7 @@ from mqttxt.io.mqtt import BrokerAddress
 from mqttxt.io.sensors import Receipts, SensorOptions, SensorPort
 from mqttxt.readings import ReadingAck
 from mqttxt.roles.carrier import Carrier
-from mqttxt.roles.effects import ForgetReadings, Inbound, Journal, Log, Publish
+from mqttxt.roles.effects import ForgetReadings, Inbound, Journal, Log, Publish, StoreReading
 from mqttxt.roles.settings import Settings
 from mqttxt.topics import FogSide
 from mqttxt.wire.codec import decode, encode
@@ -180,6 +180,16 @@ def test_a_bad_value_of_the_uav_client_is_one_line(options: list[str], said: str
     assert done.exit_code == ConfigurationError.exit_code
     (line,) = done.stderr.splitlines()
     assert said in line
+
+
+def test_the_reading_that_the_documentation_publishes_is_one() -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs" / "uav-client.md").read_text(encoding="utf-8")
+    command = page.split("mosquitto_pub ")[1]
+    topic, payload = command.split("-t ")[1].split()[0], command.split("-m '")[1].split("'")[0]
+    carrier = Carrier(1, "fog", Settings(), FogSide())
+    (store,) = carrier.on_message(Inbound(topic, payload.encode(), 1), 0)
+    assert isinstance(store, StoreReading)
+    assert (store.reading.kind, store.reading.message.value, store.reading.unit) == ("temperature", 21.5, "degC")
 
 
 def test_the_newest_readings_are_watched(capsys: pytest.CaptureFixture[str]) -> None:
