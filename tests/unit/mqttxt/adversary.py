@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
-from nodes import DRONES, MS, ActivatorNode, DroneNode, Node, S, StationNode
+from drone_node import DroneNode
+from nodes import DRONES, MS, ActivatorNode, Node, S, StationNode
 from true_time import RHO_PPM, Broker, Events, Weather
 from verdicts import Judge
 

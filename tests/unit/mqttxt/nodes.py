@@ -6,28 +6,20 @@ A pause comes between the reading of the clock and what follows from it, a kill 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from copy import copy
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from pymavlink.dialects.v20 import common as mavlink
 from true_time import Channel, Client, Connection, DriftingClock
-from world import ack, from_autopilot, heartbeat, home, landed, position
+from world import position
 
 from mqttxt.clock import RemoteClock, SessionClock
 from mqttxt.commands import Arm, Disarm, Goto, Hold
-from mqttxt.dialect.vehicle import CRUISE_SPEED_PARAMETER, MAX_SPEED_PARAMETER
 from mqttxt.errors import FogUnreachable
 from mqttxt.outcomes import Outcome
 from mqttxt.roles.activator import Activator
 from mqttxt.roles.activator_drones import CLOUD, FOG
-from mqttxt.roles.effects import Inbound, Journal, Publish, Stop, Subscribe, Transmit, Unsubscribe
+from mqttxt.roles.effects import Inbound, Publish, Stop, Subscribe, Unsubscribe
 from mqttxt.roles.ground_station import GroundStation
 from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_commands import Unfinished
-from mqttxt.roles.uav_options import UavOptions
-from mqttxt.states import POLICIES
 
 if TYPE_CHECKING:
     from adversary import Simulation
@@ -42,16 +34,6 @@ COMMANDS = (
     Hold(),
     *(Goto(place.lat / 1e7, place.lon / 1e7, 5.0) for place in PLACES),
 )
-FIGURES = (
-    home(),
-    landed(2),
-    from_autopilot(mavlink.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, 0, 0, 90)),
-    *(
-        from_autopilot(mavlink.MAVLink_param_value_message(name.encode(), 10.0, 9, 1, 0))
-        for name in (MAX_SPEED_PARAMETER, CRUISE_SPEED_PARAMETER)
-    ),
-)
-"""What an autopilot tells at the start, all that PSMI needs among it."""
 
 
 class Node(Client):
@@ -258,86 +240,3 @@ class ActivatorNode(Node):
     def remote_clock(self, topic: str) -> RemoteClock | None:
         link = self.role.drones.get(int(topic[5])) if topic.startswith("drone") else None
         return link.clock if link is not None else None
-
-
-class DroneNode(Node):
-    """A UAV client with its journal, and the autopilot that outlives it."""
-
-    brokers = (FOG,)
-
-    def __init__(self, sim: Simulation, number: int) -> None:
-        self.number = number
-        self.journal: dict[Any, Unfinished] = {}
-        self.armed = True
-        self.place = PLACES[0]
-        super().__init__(sim, f"drone {number}")
-        self._telemetry()
-
-    def make_role(self) -> UavClient:
-        left, options = list(self.journal.values()), UavOptions(endurance_s=900)
-        settings = Settings(qos=self.sim.qos)
-        often = {name: replace(policy, heartbeat_ms=3000) for name, policy in POLICIES.items()}
-        return UavClient(self.number, self.clock.session, settings, None, often, left, options=options)
-
-    def start(self) -> None:
-        super().start()
-        for message in FIGURES:
-            self.react(self.role.on_mavlink, _of(message, self.number))
-        self._tell()
-
-    def special(self, output: Any) -> None:
-        if isinstance(output, Journal):
-            if output.done:
-                self.journal.pop(output.id, None)
-            else:
-                self.journal[output.id] = Unfinished(output.id, output.command, output.word, output.reason)
-        elif isinstance(output, Transmit) and output.ref is not None:
-            self._transmit(output)
-
-    def _transmit(self, effect: Transmit) -> None:
-        """As the runner does it: the last look at the clock is immediately before the write."""
-        late = effect.not_after_ms is not None and self.clock.now_ms() > effect.not_after_ms
-        if late and self.sim.dangers.looks_before_the_write:
-            self.react(self.role.on_refused, effect.ref, True)
-            return
-        self.sim.judge.writes(self, effect.ref)
-        self._autopilot(effect)
-        self.react(self.role.on_transmitted, effect.ref)
-
-    def _autopilot(self, effect: Transmit) -> None:
-        rng, message = self.sim.rng, effect.message
-        result = 0 if rng.random() < 0.9 else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-        if result == 0:
-            self.sim.judge.takes_on(self, effect.ref)
-        if result == 0 and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            self.armed = message.param1 == 1.0
-        if result == 0 and message.command == mavlink.MAV_CMD_DO_REPOSITION:
-            self.place = min(PLACES, key=lambda place: abs(place.lat - message.x))
-        if rng.random() >= self.sim.dangers.mute:
-            delay_us = rng.randint(1 * MS, 80 * MS) if rng.random() < 0.95 else rng.randint(1 * MS, 2 * S)
-            self._soon(delay_us, self._acknowledge, effect.ref, message.command, result)
-
-    def _acknowledge(self, ref: Any, command: int, result: int) -> None:
-        self.react(self._on_ack, ref, _of(ack(command, result), self.number))
-        self._soon(5 * MS, self._tell)
-
-    def _on_ack(self, ref: Any, message: Any, now_ms: int) -> Any:
-        self.sim.judge.acknowledges(self, ref)
-        return self.role.on_mavlink(message, now_ms)
-
-    def _telemetry(self) -> None:
-        self._tell()
-        self.sim.events.after(1 * S, self._telemetry)
-
-    def _tell(self) -> None:
-        for message in (heartbeat(self.armed), self.place):
-            self.react(self.role.on_mavlink, _of(message, self.number))
-
-
-def _of(message: Any, system: int) -> Any:
-    """The message as another autopilot's, to its own companion."""
-    own = copy(message)
-    own.get_srcSystem = lambda: system
-    if hasattr(own, "target_system"):
-        own.target_system = system
-    return own
