@@ -7,11 +7,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from mqttxt.messages import Word
+from mqttxt.clock import stamp
+from mqttxt.messages import ResultMessage, Word
+from mqttxt.roles.activator_drones import Drones
 from mqttxt.roles.executor import Executor
+from mqttxt.roles.leases import Leases
 from mqttxt.roles.ledger import Admission, Ledger
+from mqttxt.roles.relay import Relay
 from mqttxt.roles.uav_client import UavClient
 from mqttxt.roles.uav_commands import CommandDesk
+from mqttxt.wire.codec import decode
 
 Patch = Callable[[], None]
 
@@ -91,6 +96,59 @@ def uav_is_always_a_ground_station() -> None:
     wrap(UavClient, "is_controlled", lambda original: lambda self, now_ms: True)
 
 
+def activator_keeps_the_gate_open() -> None:
+    wrap(Leases, "__bool__", lambda original: lambda self: True)
+
+
+def activator_forwards_the_deadline() -> None:
+    def make(original: Any) -> Any:
+        def publish(self: Any, entry: Any, leg: Any, remaining_ms: int) -> Any:
+            if leg.sent.deadline_ms > 0:
+                leg.sent = replace(leg.sent, deadline_ms=entry.record.deadline_ms)
+            return original(self, entry, leg, remaining_ms)
+
+        return publish
+
+    wrap(Relay, "_publish_command", make)
+
+
+def activator_says_two_last_words() -> None:
+    def make(original: Any) -> Any:
+        def on_result(self: Any, link: Any, payload: bytes, name: str, now_ms: int) -> Any:
+            result = decode(ResultMessage, payload)
+            entry = self.ledger.get(result.id)
+            leg = entry.record.legs.get(link.number) if entry is not None else None
+            if leg is not None and leg.is_closed and leg.words[-1].word is Word.COMPLETED:
+                return [self._words.publish_result(link.number, name, replace(result, relay_stamp=stamp(now_ms)))]
+            return original(self, link, payload, name, now_ms)
+
+        return on_result
+
+    wrap(Relay, "on_result", make)
+
+
+def activator_copies_the_expiry() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, *arguments: replace(original(self, *arguments), expiry_s=3600)
+
+    wrap(Relay, "_publish_command", make)
+
+
+def activator_stamps_on_arrival() -> None:
+    def make(original: Any) -> Any:
+        def relayed(self: Any, link: Any, name: str, now_ms: int) -> Any:
+            found = original(self, link, name, now_ms)
+            return replace(found, relay_stamp=stamp(link.states[name].received_ms)) if found is not None else None
+
+        return relayed
+
+    wrap(Drones, "relayed", make)
+
+
+def activator_obeys_everybody() -> None:
+    wrap(Leases, "refusal", lambda original: lambda self, drone, gs_session, epoch: None)
+
+
 VARIANTS: dict[str, Patch] = {
     "uav-starts-late": uav_starts_late,
     "uav-takes-any-session": uav_takes_any_session,
@@ -99,6 +157,12 @@ VARIANTS: dict[str, Patch] = {
     "uav-forgets-the-order": uav_forgets_the_order,
     "uav-takes-retained": uav_takes_retained,
     "uav-is-always-a-ground-station": uav_is_always_a_ground_station,
+    "activator-keeps-the-gate-open": activator_keeps_the_gate_open,
+    "activator-forwards-the-deadline": activator_forwards_the_deadline,
+    "activator-says-two-last-words": activator_says_two_last_words,
+    "activator-copies-the-expiry": activator_copies_the_expiry,
+    "activator-stamps-on-arrival": activator_stamps_on_arrival,
+    "activator-obeys-everybody": activator_obeys_everybody,
 }
 
 if __name__ == "__main__":

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
 from processes import ROOT, Broker, free_port
 
+from mqttxt.conformance.activator import ActivatorTarget, check_activator
 from mqttxt.conformance.registry import Finding, Verdict
 from mqttxt.conformance.uav import UavTarget, check_uav
 from mqttxt.io.address import BrokerAddress
@@ -29,6 +31,14 @@ UAV_VARIANTS = {
     "uav-takes-retained": {"refuses-what-is-retained"},
     "uav-is-always-a-ground-station": {"is-a-ground-station-only-inside-the-lease"},
 }
+ACTIVATOR_VARIANTS = {
+    "activator-keeps-the-gate-open": {"holds-states-back", "closes-the-gate"},
+    "activator-forwards-the-deadline": {"never-makes-a-deadline-later"},
+    "activator-says-two-last-words": {"says-one-last-word"},
+    "activator-copies-the-expiry": {"sets-the-expiry-anew"},
+    "activator-stamps-on-arrival": {"stamps-states-conservatively"},
+    "activator-obeys-everybody": {"lets-one-station-command", "raises-the-epoch-at-a-takeover"},
+}
 AT_ONCE = 8
 """Checks that run side by side, each against implementations of its own."""
 
@@ -44,30 +54,47 @@ class Checks:
         self._gate = asyncio.Semaphore(AT_ONCE)
 
     async def run(self) -> None:
-        jobs = [self._uav("uav", 1), *(self._uav(name, number) for number, name in enumerate(UAV_VARIANTS, start=2))]
+        jobs = [self._uav(name, number) for number, name in enumerate(["uav", *UAV_VARIANTS], start=1)]
+        names = ["activator", *ACTIVATOR_VARIANTS]
+        jobs += [self._activator(name, number) for number, name in enumerate(names, start=1)]
         await asyncio.gather(*jobs)
 
     async def _uav(self, variant: str, drone: int) -> None:
-        """The project's own is started and ended by the kit; a broken one runs already."""
         port = free_port(socket.SOCK_DGRAM)
-        program = ["-m", "mqttxt", "uav"] if variant == "uav" else [BROKEN, variant, "uav"]
         options = ["--drone", "{drone}", "--broker", "{broker}", "--autopilot", "{autopilot}"]
         files = ["--journal", str(self.folder / f"{variant}.journal")]
-        async with self._gate:
-            log = self.folder / f"{variant}.log"
-            line = " ".join([sys.executable, *program, *options, *files])
-            broker = BrokerAddress.parse(self.fog.url)
-            values = {"drone": str(drone), "broker": self.fog.url, "autopilot": f"udp:127.0.0.1:{port}"}
-            with log.open("ab") as output:
-                own = variant == "uav"
-                process = None if own else subprocess.Popen(line.format(**values).split(), stderr=output, stdout=output)
-            try:
-                target = UavTarget(drone, "127.0.0.1", port, run=line if own else None, log=log)
-                self.found[variant] = await check_uav(broker, target, lambda finding: None)
-            finally:
-                if process is not None:
-                    process.kill()
-                    process.wait()
+        values = {"drone": str(drone), "broker": self.fog.url, "autopilot": f"udp:127.0.0.1:{port}"}
+        async with self._gate, self._implementation("uav", variant, [*options, *files], values) as line:
+            target = UavTarget(drone, "127.0.0.1", port, run=line, log=self.folder / f"{variant}.log")
+            self.found[variant] = await check_uav(BrokerAddress.parse(self.fog.url), target, lambda finding: None)
+
+    async def _activator(self, variant: str, fog: int) -> None:
+        brokers = ["--cloud", "{broker}", "--fog-broker", "{fog_broker}"]
+        options = ["--fog", "{fog}", "--fog-root", "{fog_root}", "--drones", "{drones}", *brokers]
+        root = f"fog{fog}/local/"
+        values = {"fog": str(fog), "fog_root": root, "drones": "1,2"}
+        values |= {"broker": self.cloud.url, "fog_broker": self.fog.url}
+        addresses = BrokerAddress.parse(self.cloud.url), BrokerAddress.parse(self.fog.url)
+        async with self._gate, self._implementation("activator", variant, options, values) as line:
+            target = ActivatorTarget(fog, fog_root=root, run=line, log=self.folder / f"{variant}.log")
+            self.found[variant] = await check_activator(*addresses, target, lambda finding: None)
+
+    @contextlib.asynccontextmanager
+    async def _implementation(
+        self, role: str, variant: str, options: list[str], values: dict[str, str]
+    ) -> AsyncIterator[str | None]:
+        """The command line with which the kit starts the project's own role; a broken one runs already."""
+        if variant == role:
+            yield " ".join([sys.executable, "-m", "mqttxt", role, *options])
+            return
+        line = [sys.executable, BROKEN, variant, role, *options]
+        with (self.folder / f"{variant}.log").open("ab") as log:
+            process = subprocess.Popen([part.format(**values) for part in line], stdout=log, stderr=log)
+        try:
+            yield None
+        finally:
+            process.kill()
+            process.wait()
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +114,7 @@ def _said(found: list[Finding], verdict: Verdict) -> dict[str, str]:
     return {finding.rule.name: finding.evidence for finding in found if finding.verdict is verdict}
 
 
-@pytest.mark.parametrize("role", ["uav"])
+@pytest.mark.parametrize("role", ["uav", "activator"])
 def test_the_projects_own_role_keeps_every_rule(checks: Checks, role: str) -> None:
     found = checks.found[role]
     assert _said(found, Verdict.FAIL) == {}
@@ -95,7 +122,7 @@ def test_the_projects_own_role_keeps_every_rule(checks: Checks, role: str) -> No
     assert found
 
 
-@pytest.mark.parametrize(("variant", "broken"), [*UAV_VARIANTS.items()])
+@pytest.mark.parametrize(("variant", "broken"), [*UAV_VARIANTS.items(), *ACTIVATOR_VARIANTS.items()])
 def test_a_broken_role_fails_exactly_the_rules_that_it_breaks(checks: Checks, variant: str, broken: set[str]) -> None:
     failed = _said(checks.found[variant], Verdict.FAIL)
     assert set(failed) == broken, failed

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
+from ..conformance.activator import ActivatorTarget, check_activator
 from ..conformance.registry import Finding, Verdict
 from ..conformance.report import as_json, count, print_table
 from ..conformance.uav import UavTarget, check_uav
@@ -57,7 +59,35 @@ def uav(
         number, root = check_number("--drone", drone, MAX_DRONE), check_prefix(fog_root)
         target = UavTarget(number, where.host, where.port, root, run, log)
         address = BrokerAddress.parse(broker, "--broker")
-        return await _report("uav", format_, lambda tell: check_uav(address, target, tell))
+        return await _report("uav", format_, partial(check_uav, address, target))
+
+    run_coroutine(job())
+
+
+@conformance_app.command()
+def activator(
+    broker: Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].")],
+    fog_broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
+    fog: Annotated[int, typer.Option(help="The fog's number.")] = 1,
+    prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
+    fog_root: FogRoot = "",
+    run: Run = None,
+    log: LogFile = None,
+    format_: Format = "table",
+) -> None:
+    """Check an activator: the kit plays its ground stations and its drones 1 and 2, on both brokers.
+
+    {broker}, {fog_broker}, {fog}, {drones} and {fog_root} in --run are replaced.
+    """
+
+    async def job() -> int:
+        number, root = check_number("--fog", fog), check_prefix(fog_root)
+        target = ActivatorTarget(number, check_prefix(prefix), root, run, log)
+        cloud_address = BrokerAddress.parse(broker, "--broker")
+        fog_address = BrokerAddress.parse(fog_broker, "--fog-broker")
+        return await _report(
+            "activator", format_, lambda tell: check_activator(cloud_address, fog_address, target, tell)
+        )
 
     run_coroutine(job())
 

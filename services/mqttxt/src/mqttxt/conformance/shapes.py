@@ -263,3 +263,9 @@ def shown(payload: bytes) -> str:
     except (ValueError, cbor2.CBORError):
         text = payload.hex(" ")
     return text if len(text) <= 120 else text[:117] + "..."
+
+
+def roster_entry(value: Any) -> tuple[int, int | None]:
+    """A drone's number and session in a roster."""
+    row: list[Any] = [value.get("drone"), value.get("session")] if isinstance(value, dict) else [*value, None]
+    return row[0], row[1]

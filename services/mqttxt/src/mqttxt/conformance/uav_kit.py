@@ -19,6 +19,7 @@ from .autopilot import HOLD_MODE, Autopilot, Written
 from .registry import Broken, expect
 from .subject import Subject
 from .tap import Heard, Tap, clear_retained
+from .words import Words
 
 PATIENCE_S = 6.0
 """How long an answer may take that no rule gives a time for."""
@@ -27,26 +28,6 @@ QUIET_S = 0.4
 """How long to listen for what must not come."""
 SLACK_MS = 150
 """How long a datagram may be under way before its arrival proves nothing about when it was written."""
-
-
-@dataclass
-class Words:
-    """What was said of one command, in its order; `at_ms` of each in the kit's clock."""
-
-    words: list[dict[str, Any]]
-    at_ms: list[int]
-
-    @property
-    def names(self) -> list[str]:
-        return [word["word"] for word in self.words]
-
-    @property
-    def last(self) -> dict[str, Any] | None:
-        return next((word for word in self.words if word["word"] not in shapes.FIRST_WORDS), None)
-
-    def __str__(self) -> str:
-        shown = [word["word"] + (f"({word['reason']})" if "reason" in word else "") for word in self.words]
-        return ", ".join(shown) or "no word"
 
 
 class UavKit:
