@@ -1,22 +1,32 @@
-"""Starts a role of the project with one rule taken away: `python broken_roles.py VARIANT ROLE OPTIONS…`."""
+"""Starts a role of the project with one rule taken away: `python broken_roles.py VARIANT ROLE OPTIONS…`.
+
+A ground station sends three commands, one after another: `python broken_roles.py VARIANT gs CLOUD FOG DRONE`. The
+variant `none` takes nothing away.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import mqttxt
 from mqttxt.clock import stamp
-from mqttxt.messages import ResultMessage, Word
+from mqttxt.messages import CommandMessage, ResultMessage, Word
 from mqttxt.roles.activator_drones import Drones
+from mqttxt.roles.effects import Publish
 from mqttxt.roles.executor import Executor
+from mqttxt.roles.ground_station import GroundStation
 from mqttxt.roles.leases import Leases
 from mqttxt.roles.ledger import Admission, Ledger
 from mqttxt.roles.relay import Relay
+from mqttxt.roles.station_commands import StationCommands
+from mqttxt.roles.station_fog import FogView
 from mqttxt.roles.uav_client import UavClient
 from mqttxt.roles.uav_commands import CommandDesk
-from mqttxt.wire.codec import decode
+from mqttxt.wire.codec import decode, encode
 
 Patch = Callable[[], None]
 
@@ -97,7 +107,9 @@ def uav_is_always_a_ground_station() -> None:
 
 
 def activator_keeps_the_gate_open() -> None:
+    topics = Leases.want_topics
     wrap(Leases, "__bool__", lambda original: lambda self: True)
+    Leases.want_topics = property(lambda self: not self._leases or topics.fget(self))
 
 
 def activator_forwards_the_deadline() -> None:
@@ -149,6 +161,71 @@ def activator_obeys_everybody() -> None:
     wrap(Leases, "refusal", lambda original: lambda self, drone, gs_session, epoch: None)
 
 
+def gs_counts_nothing() -> None:
+    def make(original: Any) -> Any:
+        def addressed(self: Any, *arguments: Any) -> Any:
+            self._seq = 0
+            return original(self, *arguments)
+
+        return addressed
+
+    wrap(StationCommands, "_addressed", make)
+
+
+def gs_retains_commands() -> None:
+    def make(original: Any) -> Any:
+        def pend(self: Any, *arguments: Any) -> Any:
+            pending = original(self, *arguments)
+            pending.publish = replace(pending.publish, retain=True)
+            return pending
+
+        return pend
+
+    wrap(StationCommands, "_pend", make)
+
+
+def gs_never_renews() -> None:
+    def make(original: Any) -> Any:
+        def tick(self: Any, now_ms: int) -> Any:
+            self._next_registration_ms = now_ms + 1000
+            return original(self, now_ms)
+
+        return tick
+
+    wrap(FogView, "tick", make)
+
+
+def gs_gives_more_time() -> None:
+    def make(original: Any) -> Any:
+        def addressed(self: Any, *arguments: Any) -> Any:
+            fields = original(self, *arguments)
+            return fields | {"deadline_ms": fields["deadline_ms"] + 200}
+
+        return addressed
+
+    wrap(StationCommands, "_addressed", make)
+
+
+def gs_refreshes_what_it_sends_again() -> None:
+    def make(original: Any) -> Any:
+        def tick_one(self: Any, *arguments: Any) -> Any:
+            found = original(self, *arguments)
+            for index, effect in enumerate(found):
+                if isinstance(effect, Publish):
+                    again = decode(CommandMessage, effect.payload)
+                    again = replace(again, deadline_ms=again.deadline_ms + 5000)
+                    found[index] = replace(effect, payload=encode(again))
+            return found
+
+        return tick_one
+
+    wrap(StationCommands, "_tick_one", make)
+
+
+def gs_leaves_its_lease() -> None:
+    wrap(GroundStation, "goodbye", lambda original: lambda self, now_ms: original(self, now_ms)[-1:])
+
+
 VARIANTS: dict[str, Patch] = {
     "uav-starts-late": uav_starts_late,
     "uav-takes-any-session": uav_takes_any_session,
@@ -163,10 +240,30 @@ VARIANTS: dict[str, Patch] = {
     "activator-copies-the-expiry": activator_copies_the_expiry,
     "activator-stamps-on-arrival": activator_stamps_on_arrival,
     "activator-obeys-everybody": activator_obeys_everybody,
+    "gs-counts-nothing": gs_counts_nothing,
+    "gs-retains-commands": gs_retains_commands,
+    "gs-never-renews": gs_never_renews,
+    "gs-gives-more-time": gs_gives_more_time,
+    "gs-refreshes-what-it-sends-again": gs_refreshes_what_it_sends_again,
+    "gs-leaves-its-lease": gs_leaves_its_lease,
 }
+
+
+async def send_three(cloud: str, fog: int, drone: int) -> None:
+    """A ground station with something to do."""
+    async with mqttxt.GroundStation(cloud) as station:
+        for command in (mqttxt.Arm(), mqttxt.Hold(), mqttxt.Disarm()):
+            (there,) = await station.connect([fog], timeout_s=30)
+            await there.drone(drone).send(command)
+
 
 if __name__ == "__main__":
     from mqttxt.cli import main
 
-    VARIANTS[sys.argv.pop(1)]()
-    main()
+    variant = sys.argv.pop(1)
+    if variant != "none":
+        VARIANTS[variant]()
+    if sys.argv[1] == "gs":
+        asyncio.run(send_three(sys.argv[2], int(sys.argv[3]), int(sys.argv[4])))
+    else:
+        main()

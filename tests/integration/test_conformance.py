@@ -15,6 +15,7 @@ import pytest
 from processes import ROOT, Broker, free_port
 
 from mqttxt.conformance.activator import ActivatorTarget, check_activator
+from mqttxt.conformance.gs import GsTarget, check_gs
 from mqttxt.conformance.registry import Finding, Verdict
 from mqttxt.conformance.uav import UavTarget, check_uav
 from mqttxt.io.address import BrokerAddress
@@ -39,7 +40,16 @@ ACTIVATOR_VARIANTS = {
     "activator-stamps-on-arrival": {"stamps-states-conservatively"},
     "activator-obeys-everybody": {"lets-one-station-command", "raises-the-epoch-at-a-takeover"},
 }
-AT_ONCE = 8
+GS_VARIANTS = {
+    "gs-counts-nothing": {"counts-by-one"},
+    "gs-retains-commands": {"never-retains-a-command"},
+    "gs-never-renews": {"renews-at-a-third"},
+    "gs-gives-more-time": {"never-makes-a-deadline-later"},
+    "gs-refreshes-what-it-sends-again": {"sends-the-same-bytes-again"},
+    "gs-leaves-its-lease": {"a-clean-stop-ends-the-lease"},
+}
+VARIANTS = {**UAV_VARIANTS, **ACTIVATOR_VARIANTS, **GS_VARIANTS}
+AT_ONCE = 12
 """Checks that run side by side, each against implementations of its own."""
 
 
@@ -57,6 +67,7 @@ class Checks:
         jobs = [self._uav(name, number) for number, name in enumerate(["uav", *UAV_VARIANTS], start=1)]
         names = ["activator", *ACTIVATOR_VARIANTS]
         jobs += [self._activator(name, number) for number, name in enumerate(names, start=1)]
+        jobs += [self._gs(name, number) for number, name in enumerate(["gs", *GS_VARIANTS], start=101)]
         await asyncio.gather(*jobs)
 
     async def _uav(self, variant: str, drone: int) -> None:
@@ -78,6 +89,13 @@ class Checks:
         async with self._gate, self._implementation("activator", variant, options, values) as line:
             target = ActivatorTarget(fog, fog_root=root, run=line, log=self.folder / f"{variant}.log")
             self.found[variant] = await check_activator(*addresses, target, lambda finding: None)
+
+    async def _gs(self, variant: str, fog: int) -> None:
+        what = "none" if variant == "gs" else variant
+        line = " ".join([sys.executable, BROKEN, what, "gs", "{broker}", "{fog}", "{drone}"])
+        target = GsTarget(fog, drone=1, run=line, log=self.folder / f"{variant}.log")
+        async with self._gate:
+            self.found[variant] = await check_gs(BrokerAddress.parse(self.cloud.url), target, lambda finding: None)
 
     @contextlib.asynccontextmanager
     async def _implementation(
@@ -114,7 +132,7 @@ def _said(found: list[Finding], verdict: Verdict) -> dict[str, str]:
     return {finding.rule.name: finding.evidence for finding in found if finding.verdict is verdict}
 
 
-@pytest.mark.parametrize("role", ["uav", "activator"])
+@pytest.mark.parametrize("role", ["uav", "activator", "gs"])
 def test_the_projects_own_role_keeps_every_rule(checks: Checks, role: str) -> None:
     found = checks.found[role]
     assert _said(found, Verdict.FAIL) == {}
@@ -122,7 +140,7 @@ def test_the_projects_own_role_keeps_every_rule(checks: Checks, role: str) -> No
     assert found
 
 
-@pytest.mark.parametrize(("variant", "broken"), [*UAV_VARIANTS.items(), *ACTIVATOR_VARIANTS.items()])
+@pytest.mark.parametrize(("variant", "broken"), [*VARIANTS.items()])
 def test_a_broken_role_fails_exactly_the_rules_that_it_breaks(checks: Checks, variant: str, broken: set[str]) -> None:
     failed = _said(checks.found[variant], Verdict.FAIL)
     assert set(failed) == broken, failed

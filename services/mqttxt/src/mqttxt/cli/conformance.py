@@ -10,7 +10,9 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from ..clock import MAX_TTL_MS
 from ..conformance.activator import ActivatorTarget, check_activator
+from ..conformance.gs import GsTarget, check_gs
 from ..conformance.registry import Finding, Verdict
 from ..conformance.report import as_json, count, print_table
 from ..conformance.uav import UavTarget, check_uav
@@ -88,6 +90,36 @@ def activator(
         return await _report(
             "activator", format_, lambda tell: check_activator(cloud_address, fog_address, target, tell)
         )
+
+    run_coroutine(job())
+
+
+@conformance_app.command()
+def gs(
+    broker: Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].")],
+    fog: Annotated[int, typer.Option(help="The fog's number, which no activator serves now.")] = 1,
+    drone: Annotated[int, typer.Option(help="The number of the drone that gets the commands.")] = 1,
+    prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
+    ttl: Annotated[float, typer.Option(help="Seconds that the station gives its commands to start.")] = 5.0,
+    run: Run = None,
+    log: LogFile = None,
+    format_: Format = "table",
+) -> None:
+    """Check a ground station: the kit plays a fog's activator and its drone.
+
+    Let the station register at the fog and send at least two commands to the drone, one after another. {broker}, {fog}
+    and {drone} in --run are replaced.
+    """
+
+    async def job() -> int:
+        numbers = check_number("--fog", fog), check_number("--drone", drone, MAX_DRONE)
+        if not 0 < ttl <= MAX_TTL_MS / 1000:
+            raise ConfigurationError(f"--ttl {ttl:g}: expected more than 0 and at most {MAX_TTL_MS // 1000} s")
+        target = GsTarget(*numbers, check_prefix(prefix), ttl, run, log)
+        address = BrokerAddress.parse(broker, "--broker")
+        if run is None:
+            typer.echo(f"now let the ground station at {address} command drone {drone} of fog {fog}", err=True)
+        return await _report("ground station", format_, partial(check_gs, address, target))
 
     run_coroutine(job())
 

@@ -30,40 +30,49 @@ async def lets_one_station_command(kit: ActivatorKit) -> str:
     kit.stations.append(other)
     await kit.echoed(other.register())
     message = kit.command(Arm(), gs_session=other.session, seq=1)
-    words, evidence = await kit.refused(message, "denied", "not_in_control")
+    try:
+        words, evidence = await kit.refused(message, "denied", "not_in_control")
+    finally:
+        other.register(lease_s=0)
     reason = str((words.last or {}).get("reason"))
     expect(kit.station.name in reason, f"came {words}, expected the holder's name {kit.station.name}")
-    other.register(lease_s=0)
     return f"records name {kit.station.name}; another's arm: {evidence}"
 
 
 @rule("activator", "R6.5")
 async def raises_the_epoch_at_a_takeover(kit: ActivatorKit) -> str:
     """A takeover is announced in the record and raises the epoch; commands of a lower one are denied."""
-    before = kit.record(1).get("epoch", 0)
     other = Station(kit.cloud, kit.topics, kit.clock)
     kit.stations.append(other)
+    try:
+        return await _take_over(kit, other)
+    finally:
+        newest = kit.record(1).get("epoch", 0)
+        await kit.echoed(kit.station.register(control=Control.TAKE, epoch=newest))
+        other.register(lease_s=0)
+        await kit.cloud.until(lambda: kit.record(1).get("holder_session") == kit.station.session, PATIENCE_S)
+
+
+async def _take_over(kit: ActivatorKit, other: Station) -> str:
+    before = kit.record(1).get("epoch", 0)
     await kit.echoed(other.register(control=Control.TAKE, epoch=before))
     await kit.cloud.until(lambda: kit.record(1).get("holder_session") == other.session, PATIENCE_S)
     taken = kit.record(1)
     expect(taken.get("holder_session") == other.session, f"{other.name} took control: the record says {taken}")
     expect(taken.get("epoch", 0) > before, f"epoch {before} before, {taken.get('epoch')} after a takeover")
     lease = await kit.fog.until(lambda: [x for _, x in kit.one.leases if x.get("epoch") == taken["epoch"]], PATIENCE_S)
-    expect(
-        lease and lease[-1].get("holder_session") == other.session, f"the drone's newest lease: {kit.one.leases[-1]}"
-    )
+    told = lease[-1] if lease else {}
+    expect(told.get("holder_session") == other.session, f"{other.name} took control: the drone was told {told}")
     words, _ = await kit.refused(kit.command(Arm()), "denied", "not_in_control")
     stale = kit.command(Arm(), gs_session=other.session, seq=1, epoch=before)
     again, _ = await kit.refused(stale, "denied", "not_in_control")
-    await kit.echoed(kit.station.register(control=Control.TAKE, epoch=taken["epoch"]))
-    await kit.cloud.until(lambda: kit.record(1).get("holder_session") == kit.station.session, PATIENCE_S)
-    other.register(lease_s=0)
     return f"epoch {before}, then {taken['epoch']}; of who held it before: {words}; of epoch {before}: {again}"
 
 
 @rule("activator", "R6.6", "R4.4")
 async def hands_the_lease_down(kit: ActivatorKit) -> str:
     """The drone is told who is in control, and until when in its own clock: not after the station's lease."""
+    await asyncio.sleep(QUIET_S)
     mark = len(kit.one.leases)
     sent_ms = kit.one.now_ms()
     await kit.echoed(kit.station.register(lease_s=6))
@@ -130,15 +139,16 @@ async def chooses_by_psmi(kit: ActivatorKit) -> str:
 async def bundles_on_request(kit: ActivatorKit) -> str:
     """A station that asks for bundles gets fogX/states, with both stamps of each state."""
     await kit.echoed(kit.station.register(bundles=True))
+    await asyncio.sleep(QUIET_S)
     mark = len(kit.cloud.heard)
     own = kit.one.state(Battery(50))
     found = await kit.cloud.until(lambda: kit.cloud.since(mark, kit.topics.states), PATIENCE_S)
-    await kit.echoed(kit.station.register())
     expect(found, f"nothing on {kit.topics.states} within {PATIENCE_S:g} s of a new battery")
     entries = [entry for heard in found for entry in _entries(heard.payload)]
     mine = [entry for entry in entries if entry[0] == 1 and entry[2] == own and [1, 50] in entry[3]]
     expect(mine, f"battery 50 of drone 1, stamp {own}: came {entries}")
     alone = kit.states(mark)
+    await kit.echoed(kit.station.register())
     expect(not alone, f"nobody asked for topics: {alone[0][0].topic if alone else ''} came too")
     return f"battery 50, stamp {own}: {mine[0]}"
 
