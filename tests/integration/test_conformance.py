@@ -49,7 +49,7 @@ GS_VARIANTS = {
     "gs-leaves-its-lease": {"a-clean-stop-ends-the-lease"},
 }
 VARIANTS = {**UAV_VARIANTS, **ACTIVATOR_VARIANTS, **GS_VARIANTS}
-AT_ONCE = 12
+AT_ONCE = 16
 """Checks that run side by side, each against implementations of its own."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+from functools import partial
 
 from ..clock import STAMP_MODULUS, STAMP_TICK_MS
 from ..messages import Control, FogPresence, Presence, Word
@@ -129,7 +130,7 @@ async def stamps_states_conservatively(kit: ActivatorKit) -> str:
         taken_ms = drone.now_ms()
         await asyncio.sleep(0.5)
         drone.state(Armed(number == 1), stamped_ms=taken_ms)
-        await kit.cloud.until(lambda number=number, mark=mark: kit.states(mark, number), PATIENCE_S)  # type: ignore[misc]
+        await kit.cloud.until(partial(kit.states, mark, number), PATIENCE_S)
         came = [shapes.read_state(name, heard.payload, relayed=True) for heard, name in kit.states(mark, number)]
         expect(came, f"a state of drone {number} that was 0.5 s under way did not come")
         young_ms = (came[0]["relay_stamp"] * STAMP_TICK_MS - latest_ms) % _STAMPS_MS
@@ -144,6 +145,13 @@ async def stamps_states_conservatively(kit: ActivatorKit) -> str:
 @rule("activator", "R6.2", "R6.3")
 async def closes_the_gate(kit: ActivatorKit) -> str:
     """The gate closes when the last lease ends, lapses, or the station's will comes."""
+    try:
+        return await _open_and_close(kit)
+    finally:
+        await kit.echoed(kit.station.register())
+
+
+async def _open_and_close(kit: ActivatorKit) -> str:
     kit.station.register(lease_s=0)
     await asyncio.sleep(QUIET_S)
     said = []
@@ -153,7 +161,8 @@ async def closes_the_gate(kit: ActivatorKit) -> str:
         await kit.echoed(station.register(lease_s=1 if what == "a lapse" else 600, control=Control.NONE))
         mark = len(kit.cloud.heard)
         kit.one.state(Battery(60))
-        expect(await kit.cloud.until(lambda mark=mark: kit.states(mark), PATIENCE_S), "no state although registered")  # type: ignore[misc]
+        await kit.cloud.until(partial(kit.states, mark), PATIENCE_S)
+        expect(kit.states(mark), "no state although a station was registered")
         if what == "its end":
             station.register(lease_s=0)
         elif what == "a will":
@@ -165,7 +174,6 @@ async def closes_the_gate(kit: ActivatorKit) -> str:
         came = kit.states(mark)
         expect(not came, f"after {what} came {came[0][0].topic if came else ''}")
         said.append(what)
-    await kit.echoed(kit.station.register())
     return f"no state after {', after '.join(said)}"
 
 

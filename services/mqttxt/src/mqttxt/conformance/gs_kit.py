@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -250,12 +251,13 @@ class GsKit:
             for command in self.commands:
                 if command.heard.payload not in self.answered:
                     self.answer(command, Word.ACCEPTED, Word.COMPLETED)
-            await self.tap.until(lambda known=known: len(self.commands) > known or self._is_over(), NEXT_S)  # type: ignore[misc]
+            await self.tap.until(partial(self._has_more, known), NEXT_S)
             if len(self.commands) == known:
                 return
 
-    def _is_over(self) -> bool:
-        return self.subject.is_ours and self.subject.exit_code is not None
+    def _has_more(self, known: int) -> bool:
+        """Whether another command came, or none can come any more."""
+        return len(self.commands) > known or self.subject.exit_code is not None
 
     async def _end(self) -> None:
         """A clean stop; then, of an implementation that the kit starts, a crash."""

@@ -26,7 +26,7 @@ PATIENCE_S = 6.0
 BIRTH_S = 30.0
 QUIET_S = 0.4
 """How long to listen for what must not come."""
-SLACK_MS = 150
+SLACK_MS = 250
 """How long a datagram may be under way before its arrival proves nothing about when it was written."""
 
 
