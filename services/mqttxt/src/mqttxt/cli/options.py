@@ -1,4 +1,4 @@
-"""The options of each subcommand as Markdown tables, for the pages of the roles.
+"""The options of each subcommand, and the rules that are checked of each role, as Markdown tables for the pages.
 
 `python -m mqttxt.cli.options FILE…` writes them between `<!-- generated: options … -->` and `<!-- end -->`.
 """
@@ -12,6 +12,8 @@ from typing import Any
 
 import typer
 
+from ..conformance import activator, gs, uav
+from ..conformance.report import rules_table
 from ..wire.tables import filled, table
 from .main import app
 
@@ -60,6 +62,8 @@ def main(*files: str) -> None:
     sections |= {
         f"options-{name}": partial(group, name) for name in {path.split("-")[0] for path in found if "-" in path}
     }
+    kits = {"uav": uav, "activator": activator, "gs": gs}
+    sections |= {f"rules-{role}": partial(rules_table, kit.rules()) for role, kit in kits.items()}
     for path in map(Path, files):
         path.write_text(filled(path.read_text(encoding="utf-8"), sections), encoding="utf-8")
 

@@ -19,7 +19,7 @@ from .registry import Broken, expect, rule
 _RATE = 0.002
 
 
-@rule("activator", "R6.4")
+@rule("activator", "R6.5", "R6.6")
 async def lets_one_station_command(kit: ActivatorKit) -> str:
     """Only the station in control is obeyed; another's command is `denied(not_in_control, HOLDER)`."""
     for number in kit.drones:
@@ -39,7 +39,7 @@ async def lets_one_station_command(kit: ActivatorKit) -> str:
     return f"records name {kit.station.name}; another's arm: {evidence}"
 
 
-@rule("activator", "R6.5")
+@rule("activator", "R6.7", "R6.8", "R6.9")
 async def raises_the_epoch_at_a_takeover(kit: ActivatorKit) -> str:
     """A takeover is announced in the record and raises the epoch; commands of a lower one are denied."""
     other = Station(kit.cloud, kit.topics, kit.clock)
@@ -69,7 +69,7 @@ async def _take_over(kit: ActivatorKit, other: Station) -> str:
     return f"epoch {before}, then {taken['epoch']}; of who held it before: {words}; of epoch {before}: {again}"
 
 
-@rule("activator", "R6.6", "R4.4")
+@rule("activator", "R6.10", "R4.5")
 async def hands_the_lease_down(kit: ActivatorKit) -> str:
     """The drone is told who is in control, and until when in its own clock: not after the station's lease."""
     await asyncio.sleep(QUIET_S)
@@ -113,7 +113,7 @@ async def ranks_by_qods(kit: ActivatorKit) -> str:
     return f"35 % and 90 %, then both 90 %: {rankings()}"
 
 
-@rule("activator", "R7.1", "R7.2")
+@rule("activator", "R7.2", "R7.5")
 async def chooses_by_psmi(kit: ActivatorKit) -> str:
     """A goto on fogX/commands/goto goes to who arrives first; the list says each figure, on fogX/PSMI."""
     await _rank(kit)

@@ -89,7 +89,7 @@ async def renews_at_a_third(kit: GsKit) -> str:
     return f"a lease of {lease_s} s was renewed after {gap_s:.1f} s"
 
 
-@rule("gs", "R6.7", "R4.4")
+@rule("gs", "R6.4", "R4.4")
 async def bounds_its_lease(kit: GsKit) -> str:
     """Where a registration says until when it is meant, that is made as a command's deadline is."""
     found = [one for one in _live(kit) if "until_ms" in one.fields and one.latest_ms > one.fields["lease_s"] * 1000]
@@ -185,7 +185,7 @@ async def counts_by_one(kit: GsKit) -> str:
     return f"seq {numbers}"
 
 
-@rule("gs", "R5.10", "R5.3")
+@rule("gs", "R10.1", "R5.10")
 async def sends_the_same_bytes_again(kit: GsKit) -> str:
     """What is not answered is sent again with the same bytes; at QoS 1 not before its deadline."""
     first = _first(kit)[0]
@@ -218,7 +218,7 @@ async def is_quiet_after_the_last_word(kit: GsKit) -> str:
     return f"{len(kit.answered)} commands were completed, none came again"
 
 
-@rule("gs", "R6.5")
+@rule("gs", "R6.8")
 async def names_the_newest_epoch(kit: GsKit) -> str:
     """A command carries the newest epoch of control that the drone's record tells."""
     epochs = [command.fields["epoch"] for command in _first(kit)]

@@ -7,7 +7,8 @@ import json
 from rich.console import Console
 from rich.table import Table
 
-from .registry import Finding, Verdict
+from ..wire.tables import table
+from .registry import Finding, Rule, Verdict
 
 _STYLES = {Verdict.PASS: "green", Verdict.FAIL: "bold red", Verdict.NOT_TESTED: "yellow"}
 
@@ -49,3 +50,9 @@ def count(findings: list[Finding], verdict: Verdict) -> int:
 def _escaped(finding: Finding) -> str:
     text = f"{finding.rule.statement}\n{finding.evidence}"
     return text.replace("[", r"\[")
+
+
+def rules_table(rules: list[Rule]) -> str:
+    """A role's rules as a Markdown table."""
+    rows = [(f"`{rule.name}`", ", ".join(rule.numbers), rule.statement) for rule in rules]
+    return table(("rule", "specification", "what is checked"), rows)

@@ -17,7 +17,7 @@ def _gcs_beats(kit: UavKit, mark: int) -> list[int]:
     return [one.at_ms for one in kit.autopilot.of_type(mark, "HEARTBEAT") if one.message.type == GCS]
 
 
-@rule("uav", "R6.4")
+@rule("uav", "R6.12")
 async def is_a_ground_station_only_inside_the_lease(kit: UavKit) -> str:
     """It sends a ground station's HEARTBEAT while a control lease lives, and none before or after it."""
     await kit.echo()
@@ -99,7 +99,7 @@ async def offboard_ends_with_the_lease(kit: UavKit) -> str:
     return f"60 s of offboard with a lease of 2.5 s: came {words}; HOLD; no set-point afterwards"
 
 
-@rule("uav", "R6.5")
+@rule("uav", "R6.8", "R6.10")
 async def refuses_a_lower_epoch(kit: UavKit) -> str:
     """A command of a lower epoch than the lease's is `denied(not_in_control)`; an older lease changes nothing."""
     await kit.calm()

@@ -103,7 +103,7 @@ async def says_one_last_word(kit: UavKit) -> str:
     return f"{len(said)} ids, none with two last words"
 
 
-@rule("uav", "R6.4")
+@rule("uav", "R6.12")
 async def its_heartbeats_are_a_companion_computers(kit: UavKit) -> str:
     """It sends HEARTBEAT as an onboard controller in system Y, and as a ground station in no other system's name."""
     beats = kit.autopilot.of_type(0, "HEARTBEAT")

@@ -1,0 +1,108 @@
+"""The conformance kit's rules are those of the specification, and its own reading of payloads agrees with the codec."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import cbor2
+import pytest
+
+from mqttxt.commands import Takeoff
+from mqttxt.conformance import activator, gs, shapes, uav
+from mqttxt.conformance.registry import Broken, Finding, Rule, Verdict, check_all, expect
+from mqttxt.conformance.report import as_json, count
+from mqttxt.errors import PayloadError
+from mqttxt.messages import (
+    BeaconMessage,
+    CommandMessage,
+    DroneLease,
+    DroneRecord,
+    FogPresence,
+    FogResultMessage,
+    Presence,
+    Registration,
+    ResultMessage,
+    Word,
+)
+from mqttxt.rankings import PsmiMessage, QodsMessage
+from mqttxt.wire.codec import decode, encode
+from mqttxt.wire.values import Encoding
+
+SPECIFICATION = Path(__file__).resolve().parents[3] / "docs" / "protocol.md"
+ALL = [*uav.rules(), *activator.rules(), *gs.rules()]
+
+MESSAGES = {
+    "presence": Presence(session=7, up=True),
+    "beacon": BeaconMessage(session=7, now_ms=1, nonce=2, held_ms=3),
+    "result": ResultMessage(gs_session=1, seq=2, session=3, stamp=4, word=Word.DENIED, reason="retained"),
+    "fog-result": FogResultMessage(gs_session=1, seq=2, session=3, stamp=4, roster=()),
+    "drone-record": DroneRecord(activator_session=1, up=True, drone_session=2),
+    "fog-presence": FogPresence(session=1, up=False),
+    "registration": Registration(name="g", session=1, nonce=2, lease_s=30),
+    "drone-lease": DroneLease(activator_session=1, drone_session=2, nonce=3, bound=True),
+    "command": CommandMessage(gs_session=1, seq=2, executor_session=3, limit_s=5, command=Takeoff(10)),
+    "psmi": PsmiMessage(gs_session=1, seq=2, session=3, stamp=4, listed=(), left_out=()),
+    "qods": QodsMessage(session=3, stamp=4, ranking=()),
+}
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda one: f"{one.role}-{one.name}")
+def test_a_rule_names_numbers_of_the_specification_and_says_what_it_checks(one: Rule) -> None:
+    known = set(re.findall(r"^- (R\d+\.\d+) ", SPECIFICATION.read_text(), re.MULTILINE))
+    assert set(one.numbers) <= known
+    assert one.numbers
+    assert one.statement.endswith(".")
+
+
+def test_rule_names_are_unique_within_a_role() -> None:
+    names = [(one.role, one.name) for one in ALL]
+    assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.JSON])
+@pytest.mark.parametrize("kind", sorted(shapes.MESSAGES))
+def test_what_the_codec_writes_is_read_as_it_was_meant(kind: str, encoding: Encoding) -> None:
+    message = MESSAGES[kind]
+    fields = shapes.read(kind, encode(message, encoding))
+    for name, value in fields.items():
+        if hasattr(message, name) and isinstance(value, int) and name != "limit_s":
+            assert value == getattr(message, name)
+    if kind == "result":
+        assert fields["word"] == "denied"
+    if kind == "command":
+        assert fields["command"] == "takeoff"
+
+
+@pytest.mark.parametrize("kind", sorted(set(shapes.MESSAGES) - {"command"}))
+def test_what_the_codec_refuses_is_broken_here_too(kind: str) -> None:
+    row = cbor2.loads(encode(MESSAGES[kind]))
+    spoilt = [[*row, *[1] * 20], row[:1], [-1, *row[1:]], [*row[:1], 1.5, *row[2:]], {"a": 1}]
+    for plain in spoilt:
+        payload = cbor2.dumps(plain)
+        with pytest.raises(PayloadError):
+            decode(type(MESSAGES[kind]), payload)
+        with pytest.raises(Broken):
+            shapes.read(kind, payload)
+
+
+async def test_each_rule_gets_its_verdict_and_the_others_go_on() -> None:
+    async def kept(kit: object) -> str:
+        """Is kept."""
+        return "as it should be"
+
+    async def broken(kit: object) -> str:
+        """Is broken."""
+        expect(False, "came 1, expected 2")
+        return ""
+
+    rules = [Rule("uav", check.__name__, ("R1.1",), "S.", check) for check in (broken, kept)]
+    told: list[Finding] = []
+    found = await check_all(rules, object(), told.append)
+    assert [(one.verdict, one.evidence) for one in found] == [
+        (Verdict.FAIL, "came 1, expected 2"),
+        (Verdict.PASS, "as it should be"),
+    ]
+    assert told == found
+    assert count(found, Verdict.FAIL) == 1
+    assert '"verdict": "fail"' in as_json("uav", found)
