@@ -8,7 +8,7 @@ from pathlib import Path
 import cbor2
 import pytest
 
-from mqttxt.commands import Takeoff
+from mqttxt.commands import COMMANDS, Takeoff
 from mqttxt.conformance import activator, gs, shapes, uav
 from mqttxt.conformance.registry import Broken, Finding, Rule, Verdict, check_all, expect
 from mqttxt.conformance.report import as_json, count
@@ -26,7 +26,8 @@ from mqttxt.messages import (
     Word,
 )
 from mqttxt.rankings import PsmiMessage, QodsMessage
-from mqttxt.wire.codec import decode, encode
+from mqttxt.states import STATES
+from mqttxt.wire.codec import decode, encode, plan_of
 from mqttxt.wire.values import Encoding
 
 SPECIFICATION = Path(__file__).resolve().parents[3] / "docs" / "protocol.md"
@@ -58,6 +59,20 @@ def test_a_rule_names_numbers_of_the_specification_and_says_what_it_checks(one: 
 def test_rule_names_are_unique_within_a_role() -> None:
     names = [(one.role, one.name) for one in ALL]
     assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize("kind", sorted(shapes.MESSAGES))
+def test_the_kit_knows_every_field_in_its_place(kind: str) -> None:
+    own = [name for name in shapes.MESSAGES[kind] if (kind, name) != ("command", "command")]
+    assert own == [field.name for field in plan_of(type(MESSAGES[kind])).fields]
+
+
+def test_the_kit_knows_every_state_and_command() -> None:
+    assert {name: [*fields] for name, fields in shapes.STATES.items()} == {
+        name: [field.name for field in plan_of(cls).fields] for name, cls in STATES.items()
+    }
+    assert shapes.COMMANDS[1:] == tuple(COMMANDS)
+    assert shapes.WORDS[1:] == tuple(word.label for word in Word)
 
 
 @pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.JSON])

@@ -8,6 +8,7 @@ from functools import partial
 
 from ..clock import STAMP_MODULUS, STAMP_TICK_MS
 from ..messages import Control, FogPresence, Presence, Word
+from ..readings import ReadingMessage
 from ..states import Armed, Battery, Heading
 from ..wire.codec import encode
 from . import shapes
@@ -140,6 +141,26 @@ async def stamps_states_conservatively(kit: ActivatorKit) -> str:
         expect(old_ms < 5000, f"stamped {old_ms} ms before it was taken")
         said.append(f"drone {number}: {old_ms} ms")
     return f"0.5 s under way; stamped before it was taken by {', '.join(said)}"
+
+
+@rule("activator", "R9.14", "R6.3")
+async def passes_readings_on(kit: ActivatorKit) -> str:
+    """A reading goes to the cloud as it is, and is named on droneY/sensor_ack so that the drone may forget it."""
+    reading = ReadingMessage(boot=secrets.randbelow(2**32 - 1) + 1, seq=1, time_ms=1_700_000_000_000, value=21.5)
+    mark, below = len(kit.cloud.heard), len(kit.fog.heard)
+    kit.fog.publish(kit.fog_side.sensor(1, 4, "temperature"), encode(reading))
+    topic = kit.topics.drone_sensor(1, 4, "temperature")
+    await kit.cloud.until(lambda: kit.cloud.since(mark, topic), PATIENCE_S)
+    came = kit.cloud.since(mark, topic)
+    expect(came, f"nothing on {topic}")
+    sent, told = shapes.plain(encode(reading)), shapes.plain(came[0].payload)
+    expect(came[0].qos == 1 and not came[0].retain, f"{topic}: QoS {came[0].qos}, RETAIN {came[0].retain}")
+    expect(told == sent or isinstance(told, dict), f"{sent} became {told}")
+    ack = kit.fog_side.sensor_ack(1)
+    await kit.fog.until(lambda: kit.fog.since(below, ack), PATIENCE_S)
+    named = [shapes.shown(heard.payload) for heard in kit.fog.since(below, ack)]
+    expect(named and str(reading.boot) in named[0], f"boot {reading.boot} passed on; on {ack} came {named}")
+    return f"{told} on {topic}; then {named[0]} on {ack}"
 
 
 @rule("activator", "R6.2", "R6.3")

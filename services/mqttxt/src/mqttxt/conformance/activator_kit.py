@@ -19,7 +19,7 @@ from .fake_drone import FakeDrone, Forwarded
 from .registry import Broken, expect
 from .subject import Subject
 from .tap import Heard, Tap, clear_retained
-from .words import Words
+from .words import Words, words_of
 
 PATIENCE_S = 5.0
 BIRTH_S = 30.0
@@ -183,15 +183,8 @@ class ActivatorKit:
 
     def words(self, message: CommandMessage, drone: int = 1, mark: int = 0) -> Words:
         """What was said so far of a command and a drone; raises Broken where a result is none."""
-        found = Words([], [])
         below = f"{self.topics.root}drone{drone}/commands_result/"
-        for heard in self.cloud.since(mark, below=below):
-            word = shapes.read("result", heard.payload)
-            if (word["gs_session"], word["seq"]) == (message.gs_session, message.seq):
-                word["topic"] = heard.topic.removeprefix(below)
-                found.words.append(word)
-                found.at_ms.append(heard.at_ms)
-        return found
+        return words_of(self.cloud.since(mark, below=below), below, message.gs_session, message.seq)
 
     async def outcome(
         self, message: CommandMessage, drone: int = 1, limit_s: float = PATIENCE_S, mark: int = 0

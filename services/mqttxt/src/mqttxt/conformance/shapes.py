@@ -92,6 +92,7 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "by": _container,
         "settled": _flag,
         "beacon": _container,
+        "observed": _flag,
     },
     "fog-result": {
         **_ID,

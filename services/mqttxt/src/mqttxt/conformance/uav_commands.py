@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from itertools import pairwise
 
-from ..commands import Arm, Hold, Land
+from ..commands import Arm, Hold, Land, Stream
 from ..wire.codec import encode
 from ..wire.values import Encoding
 from . import shapes
@@ -209,3 +209,27 @@ async def lets_the_newer_command_win(kit: UavKit) -> str:
     expect(named, f"superseded by {by}, expected [{older.gs_session}, 2]")
     expect(then.names[-1:] == ["completed"], f"land, then hold: of hold came {then}")
     return f"land, then hold: {said}; {then}"
+
+
+@rule("uav", "R5.16")
+async def streams_at_a_rate(kit: UavKit) -> str:
+    """`stream` publishes a state at a fixed rate although it does not change, and rate 0 ends that."""
+    await kit.calm()
+    topic = kit.topics.state(kit.drone, "location")
+    message = kit.command(Stream("location", 2.0))
+    mark = len(kit.tap.heard)
+    kit.publish(message)
+    words = await kit.outcome(message)
+    await asyncio.sleep(2.0)
+    came = len(kit.tap.since(mark, topic))
+    ending = kit.command(Stream("location", 0.0), gs_session=message.gs_session, seq=2)
+    kit.publish(ending)
+    ended = await kit.outcome(ending)
+    await asyncio.sleep(QUIET_S)
+    mark = len(kit.tap.heard)
+    await asyncio.sleep(1.2)
+    after = len(kit.tap.since(mark, topic))
+    expect(words.names[-1:] == ["completed"], f"stream(location, 2 Hz): came {words}")
+    expect(3 <= came <= 7, f"2 Hz for about 2 s, standing still: {came} positions")
+    expect(ended.names[-1:] == ["completed"] and after == 0, f"rate 0: came {ended}, then {after} positions in 1.2 s")
+    return f"2 Hz for about 2 s: {came} positions; rate 0: none in 1.2 s"

@@ -59,7 +59,7 @@ async def offboard_streams_and_ends_in_hold(kit: UavKit) -> str:
     until_ms = kit.deadline(9000)
     await kit.echo(holder_session=_HOLDER, deadline_ms=until_ms, offboard_until_ms=kit.deadline(3000))
     mark = len(kit.autopilot.written)
-    message = kit.command(Offboard(1.0, Velocity(1, 0, 0)))
+    message = kit.command(Offboard(1.0, Velocity(1, 0, 0)), gs_session=_HOLDER, seq=1)
     kit.publish(message)
     words = await kit.outcome(message, 8)
     modes = kit.autopilot.flights(mark, SET_MODE)
@@ -84,7 +84,7 @@ async def offboard_ends_with_the_lease(kit: UavKit) -> str:
     lease_ms = kit.deadline(2500)
     await kit.echo(holder_session=_HOLDER, deadline_ms=lease_ms, offboard_until_ms=lease_ms)
     mark = len(kit.autopilot.written)
-    message = kit.command(Offboard(60.0, Velocity(1, 0, 0)), limit_s=90.0)
+    message = kit.command(Offboard(60.0, Velocity(1, 0, 0)), limit_s=90.0, gs_session=_HOLDER, seq=2)
     kit.publish(message)
     words = await kit.outcome(message, 10)
     modes = [(int(one.message.param2), int(one.message.param3)) for one in kit.autopilot.flights(mark, SET_MODE)]

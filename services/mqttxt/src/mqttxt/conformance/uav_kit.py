@@ -19,7 +19,7 @@ from .autopilot import HOLD_MODE, Autopilot, Written
 from .registry import Broken, expect
 from .subject import Subject
 from .tap import Heard, Tap, clear_retained
-from .words import Words
+from .words import Words, words_of
 
 PATIENCE_S = 6.0
 """How long an answer may take that no rule gives a time for."""
@@ -143,15 +143,8 @@ class UavKit:
 
     def words(self, gs_session: int, seq: int = 1, mark: int = 0) -> Words:
         """What was said so far of a command; raises Broken where a result is none."""
-        found = Words([], [])
         below = f"{self.topics.root}drone{self.drone}/commands_result/"
-        for heard in self.tap.since(mark, below=below):
-            word = shapes.read("result", heard.payload)
-            if (word["gs_session"], word["seq"]) == (gs_session, seq):
-                word["topic"] = heard.topic.removeprefix(below)
-                found.words.append(word)
-                found.at_ms.append(heard.at_ms)
-        return found
+        return words_of(self.tap.since(mark, below=below), below, gs_session, seq)
 
     async def outcome(self, message: CommandMessage, limit_s: float = PATIENCE_S, mark: int = 0) -> Words:
         """The words of a command up to its last one, and what comes right behind it."""

@@ -7,14 +7,17 @@ import json
 
 import cbor2
 
-from ..commands import Arm, Disarm
+from ..commands import Arm, Disarm, Mavlink
 from ..wire.codec import encode
 from ..wire.values import Encoding
 from . import shapes
+from .autopilot import ARM
 from .registry import expect, rule
 from .uav_kit import QUIET_S, UavKit
 
 _FAR_MS = 61_000
+_TERMINATE, _REBOOT = 185, 246
+_NO_MAV_CMD = 65_000
 
 
 @rule("uav", "R4.6", "R5.5")
@@ -174,3 +177,20 @@ async def denies_without_an_autopilot(kit: UavKit) -> str:
     finally:
         await kit.calm()
         await asyncio.sleep(0.1)
+
+
+@rule("uav", "R5.17")
+async def limits_what_mavlink_may_do(kit: UavKit) -> str:
+    """`mavlink` is denied for what has a command of its own, for termination, reboot, and unknown MAV_CMDs."""
+    await kit.calm()
+    said = []
+    for mav_cmd, params in ((ARM, (1.0,)), (_TERMINATE, (1.0,)), (_REBOOT, (1.0,)), (_NO_MAV_CMD, (0.0,))):
+        before = len(kit.autopilot.written)
+        message = kit.command(Mavlink(mav_cmd, (*params, *[0.0] * 6)))
+        kit.publish(message)
+        words = await kit.outcome(message)
+        written = [one for one in kit.autopilot.written[before:] if one.command == mav_cmd]
+        expect(not written, f"mavlink({mav_cmd}) was written; came {words}")
+        expect(words.names == ["denied"], f"mavlink({mav_cmd}): came {words}")
+        said.append(f"{mav_cmd}: {words}")
+    return "; ".join(said)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from . import shapes
+from .registry import Broken
+from .tap import Heard
 
 
 @dataclass
@@ -26,3 +29,28 @@ class Words:
     def __str__(self) -> str:
         shown = [word["word"] + (f"({word['reason']})" if "reason" in word else "") for word in self.words]
         return ", ".join(shown) or "no word"
+
+
+def words_of(results: Iterable[Heard], below: str, gs_session: int, seq: int) -> Words:
+    """The words about one id among results below a topic; raises Broken where one of that id is not as specified."""
+    found = Words([], [])
+    for heard in results:
+        try:
+            word = shapes.read("result", heard.payload)
+        except Broken:
+            if names(heard.payload, gs_session, seq):
+                raise
+            continue
+        if (word["gs_session"], word["seq"]) == (gs_session, seq):
+            word["topic"] = heard.topic.removeprefix(below)
+            found.words.append(word)
+            found.at_ms.append(heard.at_ms)
+    return found
+
+
+def names(payload: bytes, gs_session: int, seq: int) -> bool:
+    """Whether a payload that is not as specified is about an id all the same."""
+    raw = shapes.plain(payload)
+    if isinstance(raw, dict):
+        return (raw.get("gs_session"), raw.get("seq")) == (gs_session, seq)
+    return isinstance(raw, list) and raw[1:3] == [gs_session, seq]
