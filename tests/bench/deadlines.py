@@ -16,7 +16,7 @@ from adversary import Simulation
 SECONDS = 60
 
 
-def measure(histories: int = 50, first: int = 1000) -> str:
+def measure(histories: int = 50, first: int = 1000) -> list[str]:
     """The counts over all histories, and the largest lateness and earliness by true time."""
     total: Counter[str] = Counter()
     late_ms = early_ms = 0.0
@@ -27,17 +27,15 @@ def measure(histories: int = 50, first: int = 1000) -> str:
         late_ms, early_ms = max(late_ms, judge.worst_late_ms), max(early_ms, judge.worst_early_ms)
         sentences += [f"seed {seed}: {kind}: {one}" for kind, found in judge.violations.items() for one in found[:3]]
     words = ", ".join(f"{name} {count}" for name, count in total.most_common())
-    return "\n".join(
-        [
-            f"deadlines, simulated: {histories} histories of {SECONDS} s: {words}",
-            f"  latest execution past its deadline: {late_ms:.3f} ms; earliest refusal before it: {early_ms:.1f} ms",
-            *sentences,
-        ]
-    )
+    return [
+        f"deadlines, simulated: {histories} histories of {SECONDS} s: {words}",
+        f"  latest execution past its deadline: {late_ms:.3f} ms; earliest refusal before it: {early_ms:.1f} ms",
+        *sentences,
+    ]
 
 
 def main() -> None:
-    print(measure(*(int(argument) for argument in sys.argv[1:3])))
+    print("\n".join(measure(*(int(argument) for argument in sys.argv[1:3]))))
 
 
 if __name__ == "__main__":

@@ -62,7 +62,8 @@ class DroneNode(Node):
     def special(self, output: Any) -> None:
         if isinstance(output, Journal):
             if output.done:
-                self.journal.pop(output.id, None)
+                if output.id in self.journal:
+                    self.journal[output.id] = replace(self.journal[output.id], delivered=True)
             else:
                 self.journal[output.id] = Unfinished(output.id, output.command, output.word, output.reason)
         elif isinstance(output, Transmit) and output.ref is not None:

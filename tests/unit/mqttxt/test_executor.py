@@ -275,3 +275,31 @@ def test_an_acknowledgement_that_nobody_asked_for_is_counted() -> None:
     bench = Bench()
     assert [o.kind for o in bench.hear(ack(ARM))] == ["ack_unexpected"]
     assert bench.hear(ack(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)) == []
+
+
+def test_a_refusal_is_no_definite_no_while_another_copy_is_unanswered() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    bench.until(600)  # the first copy is unanswered, a second one was written
+    assert said(bench.hear(ack(ARM, mavlink.MAV_RESULT_TEMPORARILY_REJECTED))) == []
+    out = bench.until(5000)
+    assert written(out) == []
+    assert said(out) == [(1, Word.UNCONFIRMED, "refused_once")]
+
+
+def test_copies_that_are_all_refused_are_a_definite_no() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    bench.until(600)
+    bench.hear(ack(ARM, mavlink.MAV_RESULT_TEMPORARILY_REJECTED))
+    out = bench.hear(ack(ARM, mavlink.MAV_RESULT_TEMPORARILY_REJECTED))
+    assert said(out) == [(1, Word.DENIED, "temporarily_rejected")]
+
+
+def test_a_copy_that_was_accepted_goes_before_one_that_was_refused() -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    bench.until(600)
+    bench.hear(ack(ARM, mavlink.MAV_RESULT_TEMPORARILY_REJECTED))
+    assert said(bench.hear(ack(ARM))) == [(1, Word.ACCEPTED, None)]
+    assert said(bench.hear(heartbeat(armed=True))) == [(1, Word.COMPLETED, None)]

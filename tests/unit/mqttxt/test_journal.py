@@ -1,4 +1,4 @@
-"""The journal: what was open survives a restart, what was acknowledged does not, a cut-off line is no harm."""
+"""The journal: what was open survives a restart, and so do last words, heard or not; a cut-off line is no harm."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mqttxt.errors import ConfigurationError
-from mqttxt.io.journal import JournalFile
+from mqttxt.io.journal import MOST_DELIVERED, JournalFile
 from mqttxt.io.mqtt import BrokerAddress
 from mqttxt.messages import CommandId, Word
 from mqttxt.roles.effects import Journal
@@ -26,15 +26,31 @@ def _fill(path: Path) -> None:
     journal.close()
 
 
-def test_open_ids_and_unheard_last_words_come_back(tmp_path: Path) -> None:
+def test_open_ids_and_last_words_come_back_and_which_of_them_were_heard(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "journal"
     _fill(path)
-    expected = [Unfinished(OPEN, "takeoff"), Unfinished(SAID, "takeoff", Word.FAILED, "timeout")]
+    expected = [
+        Unfinished(OPEN, "takeoff"),
+        Unfinished(SAID, "takeoff", Word.FAILED, "timeout"),
+        Unfinished(DONE, "takeoff", Word.FAILED, "timeout", delivered=True),
+    ]
     for _ in range(2):  # the file is made small at each start, and still says the same
         journal = JournalFile(path)
         assert journal.unfinished == expected
         journal.close()
-    assert len(path.read_text().splitlines()) == 2
+    assert len(path.read_text().splitlines()) == 4
+
+
+def test_only_the_newest_of_the_heard_words_are_kept(tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+    journal = JournalFile(path)
+    journal.record(Journal(OPEN, "takeoff"))
+    for seq in range(MOST_DELIVERED + 3):
+        for effect in (Journal(CommandId(2, seq), "arm", Word.COMPLETED), Journal(CommandId(2, seq), "arm", done=True)):
+            journal.record(effect)
+    journal.close()
+    left = JournalFile(path).unfinished
+    assert [one.id for one in left] == [OPEN, *(CommandId(2, seq) for seq in range(3, MOST_DELIVERED + 3))]
 
 
 @pytest.mark.parametrize("cut", [1, 5, 60])

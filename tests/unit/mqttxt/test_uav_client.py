@@ -260,3 +260,25 @@ def test_without_a_journal_nobody_knows_what_an_earlier_session_did(asked: dict[
         assert said.word in (Word.EXPIRED, Word.DENIED)
     else:
         assert (said.word, said.reason) == (Word.UNCONFIRMED, "no_journal")
+
+
+def test_a_new_activator_session_hears_every_state_anew() -> None:
+    uav = client()
+    told = {e.topic for e in uav.tick(1100) if isinstance(e, Publish) and "/state/" in e.topic}
+    assert told
+    uav.vehicle.heartbeat_ms = 1300
+    lease = DroneLease(activator_session=5, drone_session=UAV_SESSION, nonce=1, bound=True)
+    uav.on_message(Inbound("drone1/init_connect", encode(lease), 1), 1200)
+    assert not [e for e in uav.tick(1250) if isinstance(e, Publish) and "/state/" in e.topic]
+    lease = DroneLease(activator_session=6, drone_session=UAV_SESSION, nonce=1, bound=True)
+    uav.on_message(Inbound("drone1/init_connect", encode(lease), 1), 1300)
+    assert {e.topic for e in uav.tick(1350) if isinstance(e, Publish) and "/state/" in e.topic} == told
+
+
+def test_a_restarted_client_answers_what_it_was_told_of_an_earlier_session_and_says_it_only_when_asked() -> None:
+    told = Unfinished(CommandId(0x11, 1), "arm", Word.COMPLETED, delivered=True)
+    uav = UavClient(1, UAV_SESSION, Settings(), unfinished=[told])
+    ready(uav, 1000)
+    assert words(uav.tick(1100)) == []
+    asked = hear(uav, command_payload(Arm(), executor_session=UAV_SESSION, deadline_ms=0))
+    assert words(asked) == [(Word.COMPLETED, None)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from ..wire.codec import encode
 
 logger = logging.getLogger("mqttxt.journal")
 
+MOST_DELIVERED = 500
+"""Last words that are kept although they were delivered; far more than ten minutes of them."""
 _LAST_WORDS = {word.label: word for word in Word if word.is_last}
 
 
@@ -51,9 +54,10 @@ class JournalFile:
         self._file.close()
 
     def _compact(self) -> None:
-        """Start with the unfinished only, so that the file does not grow over the sessions."""
+        """Start with what may still be asked for, so that the file does not grow over the sessions."""
         fresh = self._path.with_suffix(".new")
         lines = [_line(Journal(left.id, left.command, left.word, left.reason)) for left in self.unfinished]
+        lines += [_line(Journal(left.id, left.command, done=True)) for left in self.unfinished if left.delivered]
         with fresh.open("w", encoding="ascii") as file:
             file.writelines(lines)
             file.flush()
@@ -74,7 +78,7 @@ def _line(effect: Journal) -> str:
 
 
 def _read(path: Path) -> list[Unfinished]:
-    """The unfinished ids; a last line that was cut off by a power loss is left out and said."""
+    """The unfinished ids and the newest delivered ones; a line that a power loss cut off is left out and said."""
     if not path.exists():
         return []
     found: dict[CommandId, Unfinished] = {}
@@ -84,11 +88,13 @@ def _read(path: Path) -> list[Unfinished]:
         except (ValueError, KeyError, TypeError, RecursionError, PayloadError):
             logger.warning("journal %s: line %d cannot be read and is left out", path, number)
             continue
-        if done:
-            found.pop(left.id, None)
-        else:
+        if not done:
             found[left.id] = left
-    return list(found.values())
+        elif left.id in found:
+            found[left.id] = replace(found.pop(left.id), delivered=True)
+    delivered = [left.id for left in found.values() if left.delivered]
+    forgotten = set(delivered[:-MOST_DELIVERED])
+    return [left for left in found.values() if left.id not in forgotten]
 
 
 def _restored(record: Any) -> tuple[Unfinished, bool]:

@@ -129,6 +129,8 @@ class Activator:
         if self._rebirth_at_ms is not None and now_ms >= self._rebirth_at_ms and self.born:
             self._rebirth_at_ms = None
             out.append(self._publish_presence(up=True))
+        if self.born and self.drones.roster_changed:
+            out.append(self._publish_presence(up=True))
         if self.born and now_ms >= self._next_beacon_ms:
             out.append(self._beacon(now_ms))
         return out
@@ -190,8 +192,6 @@ class Activator:
             out = out + self.relay.on_drone_reachable(link, now_ms) + self.states.relay_all([link], now_ms)
         if self.drones.roster_changed:
             self.states.qods.touched = True
-            if self.born:
-                out = [*out, self._publish_presence(up=True)]
         return out
 
     def _on_registration(self, message: Registration, now_ms: int) -> list[Effect]:

@@ -207,7 +207,8 @@ class Executor:
         if now_ms < run.last_send_ms + (ONCE_MS if run.plan.is_said_once else RESEND_MS):
             return []
         if (
-            not run.plan.is_said_once
+            run.refused is None
+            and not run.plan.is_said_once
             and run.sends < SENDS
             and now_ms <= run.deadline_ms
             and self._runs.newer(run) is None
@@ -216,9 +217,10 @@ class Executor:
         if now_ms < run.last_send_ms + 2 * RESEND_MS:
             return []
         self._rest(run, now_ms)
+        reason = "no_ack" if run.refused is None else "refused_once"
         if isinstance(run.command, Offboard):
-            return self._pilot.stop(run, Word.UNCONFIRMED, "no_ack", now_ms)
-        return [self._runs.end(run, Word.UNCONFIRMED, "no_ack")]
+            return self._pilot.stop(run, Word.UNCONFIRMED, reason, now_ms)
+        return [self._runs.end(run, Word.UNCONFIRMED, reason)]
 
     def _rest(self, run: Run, now_ms: int) -> None:
         """Leave the number alone while acknowledgements of this run may still come."""
@@ -235,13 +237,24 @@ class Executor:
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
             return self._on_progress(run, percent_of(message), now_ms)
         run.acks += 1
+        if message.result != mavlink.MAV_RESULT_ACCEPTED:
+            return self._on_refusal(run, *refusal(message.result), now_ms)
         if run.sends > run.acks:
             self._rest(run, now_ms)
-        if message.result != mavlink.MAV_RESULT_ACCEPTED:
-            return [self._runs.end(run, *refusal(message.result))]
         if run.plan.is_said_once:
             return [self._runs.end(run, Word.COMPLETED, observed=False)]
         return self._on_accepted(run, now_ms)
+
+    def _on_refusal(self, run: Run, word: Word, reason: str | None, now_ms: int) -> list[Output]:
+        """A definite no, unless another copy of the command is unanswered: that one may have been accepted."""
+        if run.sends == run.acks:
+            return [self._runs.end(run, word, reason)]
+        if word not in (Word.DENIED, Word.UNSUPPORTED):
+            self._rest(run, now_ms)
+            return [self._runs.end(run, word, reason)]
+        run.refused = (word, reason)
+        run.last_send_ms = now_ms
+        return []
 
     def _on_progress(self, run: Run, percent: int | None, now_ms: int) -> list[Output]:
         """It is being done: not said again, and told only where the percentage is another one."""

@@ -48,7 +48,7 @@ UNSENT = (Phase.WAITING, Phase.PRIMING)
 
 @dataclass(eq=False)
 class Run:
-    """A command that has no last word yet."""
+    """A command that has no last word yet. `refused`: what one copy of it was answered, while others are unanswered."""
 
     id: CommandId
     command: Command
@@ -64,6 +64,7 @@ class Run:
     accepted_number: int = 0
     in_progress: bool = False
     percent: int | None = None
+    refused: tuple[Word, str | None] | None = None
     entered_mode: bool = False
     passing_since_ms: int | None = None
     late_ms: int | None = None

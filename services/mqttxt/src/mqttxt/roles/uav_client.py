@@ -197,6 +197,8 @@ class UavClient:
         known = self._lease
         if known is not None and known.activator_session == lease.activator_session and lease.epoch < known.epoch:
             return
+        if known is not None and known.activator_session != lease.activator_session:
+            self._throttle.forget_published()  # a new activator knows no state, and some change rarely
         self._lease = lease
         self.desk.epoch = lease.epoch
         self.desk.executor.lease_until_ms = lease.deadline_ms

@@ -42,12 +42,16 @@ class Answers:
 
 @dataclass(frozen=True)
 class Unfinished:
-    """What a journal tells of an earlier session: an id that was open, or a last word that nobody acknowledged."""
+    """What a journal tells of an earlier session: an id that was open, or a last word, and whether it was delivered.
+
+    A delivered one is kept too: its answer may have died with the fog's broker, and is asked for again then.
+    """
 
     id: CommandId
     command: str
     word: Word | None = None
     reason: str | None = None
+    delivered: bool = False
 
 
 class CommandDesk:
@@ -207,7 +211,9 @@ class CommandDesk:
             assert entry is not None
             word, reason = (left.word, left.reason) if left.word else (Word.UNCONFIRMED, "restarted")
             entry.record.words.append(self._result(Said(left.id, word, reason), now_ms))
-            out.append(Journal(left.id, left.command, word, reason))
+            entry.record.delivered = left.delivered
+            if not left.delivered:
+                out.append(Journal(left.id, left.command, word, reason))
         self._restored.clear()
         return out
 
