@@ -165,11 +165,18 @@ def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
         (["uav", "--broker", "mqtt://x", "--drone", "0"], "--drone 0: expected a whole number from 1 to 250"),
         (["uav", "--broker", "mqtt://x", "--autopilot", "tcp:x:1"], "expected udp:HOST:PORT"),
         (["uav", "--broker", "mqtt://x", "--format", "xml"], "--format 'xml': expected table or json"),
+        (
+            ["activator", "--broker", "{url}", "--fog-broker", "mqtt://127.0.0.1:1"],
+            "--fog-broker mqtt://127.0.0.1:1: no broker answers",
+        ),
+        (["activator", "--broker", "mqtt://x", "--fog-broker", "y"], "--fog-broker 'y': expected mqtt://HOST[:PORT]"),
+        (["gs", "--broker", "mqtt://x", "--ttl", "61"], "--ttl 61: expected more than 0 and at most 60 s"),
+        (["gs", "--broker", "{url}", "--run", "/nowhere/station"], "--run '/nowhere/station': No such file"),
         (["uav", "--broker", "mqtt://x", "--run", "uav {port}"], "expected a command line, with {broker}, {drone}"),
     ],
 )
-def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(arguments: list[str], said: str) -> None:
-    done = _run(*arguments)
+def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(broker: Broker, arguments: list[str], said: str) -> None:
+    done = _run(*(broker.url if argument == "{url}" else argument for argument in arguments))
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     assert said in done.stderr.strip().splitlines()[-1]

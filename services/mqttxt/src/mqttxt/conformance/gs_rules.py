@@ -70,7 +70,7 @@ async def birth_carries_the_session(kit: GsKit) -> str:
 async def subscribes_before_it_registers(kit: GsKit) -> str:
     """When its registration comes, it is subscribed to the fog's clock, words and states."""
     if kit.unheard is None:
-        raise NotTested("the probes were not acknowledged")
+        raise NotTested("this broker does not say when nobody is subscribed (PUBACK 0x10)")
     expect(not kit.unheard, f"PUBACK 0x10 (nobody subscribed) at the registration for {', '.join(kit.unheard)}")
     return "at the registration the broker had a subscriber for fogX/clock, a result and a state"
 
