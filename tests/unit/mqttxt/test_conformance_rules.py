@@ -26,7 +26,8 @@ from mqttxt.messages import (
     Word,
 )
 from mqttxt.rankings import PsmiMessage, QodsMessage
-from mqttxt.states import STATES
+from mqttxt.states import STATES, Armed, Battery
+from mqttxt.wire.bundles import drone_bundle
 from mqttxt.wire.codec import decode, encode, plan_of
 from mqttxt.wire.values import Encoding
 
@@ -73,6 +74,20 @@ def test_the_kit_knows_every_state_and_command() -> None:
     }
     assert shapes.COMMANDS[1:] == tuple(COMMANDS)
     assert shapes.WORDS[1:] == tuple(word.label for word in Word)
+
+
+@pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.JSON])
+def test_a_bundle_is_its_states(encoding: Encoding) -> None:
+    states = (Battery(50), Armed(True))
+    payload = encode(drone_bundle(states, 7), encoding)
+    alone = [(name, shapes.read_state(name, single, relayed=False)) for name, single in shapes.unbundled(payload)]
+    assert alone == [("battery", {"stamp": 7, "remaining_pct": 50}), ("armed", {"stamp": 7, "armed": True})]
+
+
+@pytest.mark.parametrize("payload", [b"{}", cbor2.dumps([1]), cbor2.dumps([1, [[99, 1]]]), cbor2.dumps([1, [5]])])
+def test_a_bundle_that_is_none_is_broken(payload: bytes) -> None:
+    with pytest.raises(Broken):
+        shapes.unbundled(payload)
 
 
 @pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.JSON])

@@ -9,7 +9,7 @@ import cbor2
 
 from ..commands import Arm, Disarm, Goto, Hold
 from ..messages import Word
-from ..wire.codec import encode
+from ..wire.codec import encode, encoding_of
 from . import shapes
 from .activator_kit import PATIENCE_S, QUIET_S, ActivatorKit
 from .registry import expect, rule
@@ -27,7 +27,7 @@ async def passes_a_command_down(kit: ActivatorKit) -> str:
     words = await kit.outcome(message)
     expect(not came.heard.retain, f"{came.heard.topic}: published with RETAIN")
     expect(came.fields["executor_session"] == kit.one.session, f"drone session {kit.one.session}: {came.fields}")
-    sent = shapes.read("command", encode(message))
+    sent = shapes.read("command", encode(message, encoding_of(came.heard.payload)))
     for name in ("gs_session", "seq", "limit_s", "epoch", "command"):
         expect(came.fields.get(name) == sent.get(name), f"{name}: {sent.get(name)} became {came.fields.get(name)}")
     expect(words.names == ["accepted", "completed"], f"the drone said accepted, completed; came {words}")

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-import cbor2
-
 from ..commands import Arm, Goto
 from ..messages import Control
 from ..rankings import SelectMessage, SelectMode
@@ -145,7 +143,8 @@ async def bundles_on_request(kit: ActivatorKit) -> str:
     found = await kit.cloud.until(lambda: kit.cloud.since(mark, kit.topics.states), PATIENCE_S)
     expect(found, f"nothing on {kit.topics.states} within {PATIENCE_S:g} s of a new battery")
     entries = [entry for heard in found for entry in _entries(heard.payload)]
-    mine = [entry for entry in entries if entry[0] == 1 and entry[2] == own and [1, 50] in entry[3]]
+    forms = ([1, 50], {"state": "battery", "remaining_pct": 50})
+    mine = [one for one in entries if one[0] == 1 and one[2] == own and any(form in one[3] for form in forms)]
     expect(mine, f"battery 50 of drone 1, stamp {own}: came {entries}")
     alone = kit.states(mark)
     await kit.echoed(kit.station.register())
@@ -158,10 +157,10 @@ def _number(entry: object) -> int:
 
 
 def _entries(payload: bytes) -> list[list[Any]]:
-    """A fog bundle's entries as [drone, relay stamp, stamp, states]."""
-    plain = shapes.plain(payload)
-    if isinstance(plain, dict):
-        raise Broken(f"{shapes.shown(payload)}: expected CBOR, as the drone's state was")
-    for row in plain[0]:
-        expect(isinstance(row, list) and len(row) == 4, f"{cbor2.dumps(row).hex()}: expected four fields")
-    return list(plain[0])
+    """A fog bundle's entries as [drone, relay stamp, stamp, states]; raises Broken."""
+    raw = shapes.plain(payload)
+    if isinstance(raw, dict):
+        raw = [[[one.get(name) for name in ("drone", "relay_stamp", "stamp", "states")] for one in raw["drones"]]]
+    for row in raw[0]:
+        expect(isinstance(row, list) and len(row) == 4, f"{shapes.shown(payload)}: expected four fields a drone")
+    return list(raw[0])

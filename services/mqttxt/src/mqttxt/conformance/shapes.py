@@ -218,6 +218,19 @@ def read_state(name: str, payload: bytes, relayed: bool) -> dict[str, Any]:
     return _fields(f"state {name}", table, payload, len(table), open_ended=False)
 
 
+def unbundled(payload: bytes) -> list[tuple[str, bytes]]:
+    """Each state of a drone's bundle by name, as it would be on a topic of its own; raises Broken."""
+    raw, known = plain(payload), ["", *STATES]
+    try:
+        if isinstance(raw, dict):
+            rows = [(str(row["state"]), {k: v for k, v in row.items() if k != "state"}) for row in raw["states"]]
+            return [(name, json.dumps({"stamp": raw["stamp"], **row}).encode()) for name, row in rows]
+        stamp, states = raw
+        return [(known[row[0]], cbor2.dumps([stamp, *row[1:]])) for row in states]
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError):
+        raise Broken(f"bundle {shown(payload)}: expected a stamp, and states with their codes") from None
+
+
 def nested(kind: str, value: Any) -> dict[str, Any]:
     """A message inside another one, as an answer's beacon."""
     plain = value if isinstance(value, dict) else dict(zip(MESSAGES[kind], value, strict=False))

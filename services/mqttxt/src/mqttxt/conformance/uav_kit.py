@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -78,8 +79,14 @@ class UavKit:
 
     def on_heard(self, heard: Heard) -> None:
         """Beacons are taken in as they come; of a state it is kept what the clock could have read at the most."""
-        if heard.topic.startswith(f"{self.topics.root}drone{self.drone}/state/"):
-            self.states.append((heard, self.remote.latest_now_ms(heard.at_ms)))
+        latest_ms = self.remote.latest_now_ms(heard.at_ms)
+        if heard.topic.startswith(self.topics.state(self.drone, "")):
+            self.states.append((heard, latest_ms))
+        elif heard.topic == self.topics.states(self.drone):
+            with contextlib.suppress(Broken):  # the rule about states reads it again
+                for name, payload in shapes.unbundled(heard.payload):
+                    topic = self.topics.state(self.drone, name)
+                    self.states.append((replace(heard, topic=topic, payload=payload), latest_ms))
         if heard.topic != self.topics.clock(self.drone):
             return
         try:

@@ -36,8 +36,12 @@ async def states_are_as_specified(kit: UavKit) -> str:
             ahead_ms = (state["stamp"] * STAMP_TICK_MS - latest_ms) % _STAMPS_MS
             is_ahead = 2 * STAMP_TICK_MS < ahead_ms < _STAMPS_MS // 2
             expect(not is_ahead, f"{name} {shapes.shown(heard.payload)}: stamped {ahead_ms} ms ahead of its clock")
-    expect(found, "no state on droneY/state/+")
-    return ", ".join(f"{name} {count}" for name, count in sorted(found.items()))
+    bundles = kit.tap.since(0, kit.topics.states(kit.drone))
+    for heard in bundles:
+        shapes.unbundled(heard.payload)
+    expect(found, "no state on droneY/state/+ or droneY/states")
+    counts = ", ".join(f"{name} {count}" for name, count in sorted(found.items()))
+    return f"{counts}; {len(bundles)} bundles"
 
 
 @rule("uav", "R3.5")
