@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 from functools import partial
+from typing import Any
 
 from ..clock import STAMP_MODULUS, STAMP_TICK_MS
 from ..messages import Control, FogPresence, Presence, Word
@@ -106,11 +107,15 @@ async def passes_states_on(kit: ActivatorKit) -> str:
     """A state goes to the cloud as it is, behind the drone's stamp and the activator's; an older one does not."""
     mark = len(kit.cloud.heard)
     before_ms = kit.one.now_ms() - 1000
+
+    def headings() -> list[Any]:
+        return [heard for heard, name in kit.states(mark) if name == "heading"]
+
     own = kit.one.state(Heading(90.0))
-    await kit.cloud.until(lambda: kit.states(mark), PATIENCE_S)
+    await kit.cloud.until(headings, PATIENCE_S)
     kit.one.state(Heading(180.0), stamped_ms=before_ms)
     await asyncio.sleep(QUIET_S)
-    came = [shapes.read_state(name, heard.payload, relayed=True) for heard, name in kit.states(mark)]
+    came = [shapes.read_state("heading", heard.payload, relayed=True) for heard in headings()]
     expect(came, "heading 90 did not come")
     expect(came[0]["stamp"] == own and came[0]["heading_deg"] in (9000, 90.0), f"heading 90, stamp {own}: came {came}")
     expect(len(came) == 1, f"a heading that was stamped a second before came too: {came}")
