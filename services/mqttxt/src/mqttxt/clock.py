@@ -13,15 +13,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil
 
-RHO = 1e-3
+_PARTS = 1000
+RHO = 1 / _PARTS
 """Largest relative error of a clock's rate that the bounds allow for (1 ms a second)."""
 
-_SLOWEST, _SLOWEST_OF = 998, 1000
+_SLOWEST, _SLOWEST_OF = _PARTS - 2, _PARTS
 """1 - 2 rho: at least as much passes on another clock while 1 passes here, as it is below (1 - rho) / (1 + rho).
 
 Whole numbers, so that no rounding has to be argued about however long a session lasts.
 """
-_FASTEST, _FASTEST_OF = 1001, 999
+_FASTEST, _FASTEST_OF = _PARTS + 1, _PARTS - 1
 """(1 + rho) / (1 - rho): at most as much; 1 + 2 rho would be too little by 2 rho squared."""
 
 MAX_TTL_MS = 60_000

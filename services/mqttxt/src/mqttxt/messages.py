@@ -71,25 +71,37 @@ class BeaconMessage:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandMessage:
+class AboutCommand:
+    """What every message about a command leads with."""
+
+    version: Version = VERSION
+    gs_session: Session
+    seq: U32
+
+    @property
+    def id(self) -> CommandId:
+        return CommandId(self.gs_session, self.seq)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandHead(AboutCommand):
+    """A command without what it says: who is to execute it, when at the latest, and under whose control."""
+
+    executor_session: U32
+    deadline_ms: Milliseconds | None = None
+    limit_s: Limit
+    epoch: U32 = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandMessage(CommandHead):
     """A command for the executor whose session it names, started no later than `deadline_ms` of its clock.
 
     A deadline that is past makes the message a query; 0 is always past. None: the sender had no beacon.
     `epoch` is that of the sender's control of the drone: a takeover raises it, and lower ones are refused.
     """
 
-    version: Version = VERSION
-    gs_session: Session
-    seq: U32
-    executor_session: U32
-    deadline_ms: Milliseconds | None = None
-    limit_s: Limit
-    epoch: U32 = 0
     command: Annotated[Command, COMMAND]
-
-    @property
-    def id(self) -> CommandId:
-        return CommandId(self.gs_session, self.seq)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +113,7 @@ class By:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResultMessage:
+class ResultMessage(AboutCommand):
     """One word about a command and a drone, on `…/droneY/commands_result/C`.
 
     `session` is the drone's, or the activator's where the activator closed the command; `stamp` is of the
@@ -110,9 +122,6 @@ class ResultMessage:
     nobody saw.
     """
 
-    version: Version = VERSION
-    gs_session: Session
-    seq: U32
     session: Session
     relay_stamp: Stamp | None = None
     stamp: Stamp
@@ -125,10 +134,6 @@ class ResultMessage:
     beacon: BeaconMessage | None = None
     observed: bool | None = None
 
-    @property
-    def id(self) -> CommandId:
-        return CommandId(self.gs_session, self.seq)
-
 
 @dataclass(frozen=True, kw_only=True)
 class RosterEntry:
@@ -139,21 +144,14 @@ class RosterEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FogResultMessage:
+class FogResultMessage(AboutCommand):
     """A broadcast's roster, or why the fog denied a command, on `fogX/commands_result/C`."""
 
-    version: Version = VERSION
-    gs_session: Session
-    seq: U32
     session: Session
     stamp: Stamp
     roster: Annotated[tuple[RosterEntry, ...], Items(250)] | None = None
     denied: Reason | None = None
     beacon: BeaconMessage | None = None
-
-    @property
-    def id(self) -> CommandId:
-        return CommandId(self.gs_session, self.seq)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated
 
 from .commands import COMMAND, Command
-from .messages import CommandId, CommandMessage, Limit
+from .messages import AboutCommand, CommandHead, CommandMessage
+from .states import Speed
 from .wire.fields import (
     U32,
     VERSION,
@@ -24,7 +25,6 @@ from .wire.fields import (
 
 Metres = Annotated[float, Scaled(10, 0, 100_000_000)]
 Seconds = Annotated[float, Scaled(10, 0, 100_000_000)]
-Speed = Annotated[float, Scaled(100, 0, 655)]
 Percent = Annotated[int, Integer(0, 100)]
 Age = Annotated[float, Scaled(10, 0, 1000)]
 """Seconds: an upper bound of how old the oldest figure was."""
@@ -40,39 +40,21 @@ class SelectMode(Named):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SelectMessage:
+class SelectMessage(CommandHead):
     """A command for whichever drone PSMI chooses; the fields are those of a command.
 
     `offer` reserves the best drone for `limit_s` and sends nothing; `commit` sends the command to the drone that
     the same station's offer number `reservation` has reserved; `release` gives it up.
     """
 
-    version: Version = VERSION
-    gs_session: Session
-    seq: U32
-    executor_session: U32
-    deadline_ms: Milliseconds | None = None
-    limit_s: Limit
-    epoch: U32 = 0
     mode: SelectMode
     reservation: U32 | None = None
     command: Annotated[Command, COMMAND]
 
-    @property
-    def id(self) -> CommandId:
-        return CommandId(self.gs_session, self.seq)
-
     def as_command(self) -> CommandMessage:
         """The command that the chosen drone gets."""
-        return CommandMessage(
-            gs_session=self.gs_session,
-            seq=self.seq,
-            executor_session=self.executor_session,
-            deadline_ms=self.deadline_ms,
-            limit_s=self.limit_s,
-            epoch=self.epoch,
-            command=self.command,
-        )
+        head = {field.name: getattr(self, field.name) for field in fields(CommandHead)}
+        return CommandMessage(**head, command=self.command)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,26 +72,19 @@ class Candidate:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PsmiMessage:
+class PsmiMessage(AboutCommand):
     """PSMI's list for a command id, on `fogX/PSMI`: who comes first, who is left out and why.
 
     `chosen` is the drone that the command went to, or that is reserved until `hold_until_ms` of the activator's
     clock.
     """
 
-    version: Version = VERSION
-    gs_session: Session
-    seq: U32
     session: Session
     stamp: Stamp
     listed: Annotated[tuple[Candidate, ...], Items(250)]
     left_out: Annotated[tuple[Candidate, ...], Items(250)]
     chosen: DroneNumber | None = None
     hold_until_ms: Milliseconds | None = None
-
-    @property
-    def id(self) -> CommandId:
-        return CommandId(self.gs_session, self.seq)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,6 @@ from .vehicle import Vehicle
 logger = logging.getLogger("sitl")
 
 TICK_S = 0.01
-READY_S = 1.0
 _READ_AT_ONCE = 64
 _LARGEST_DATAGRAM = 65_536
 _SO_TIMESTAMPNS = 35

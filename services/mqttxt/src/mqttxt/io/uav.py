@@ -8,7 +8,10 @@ from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
+from pymavlink.dialects.v20 import common as mavlink
+
 from ..clock import SessionClock
+from ..dialect.vehicle import AUTOPILOT_COMPONENT
 from ..errors import ConfigurationError
 from ..roles.carrier import SENSORS
 from ..roles.effects import Inbound, Journal, Subscribe, Transmit
@@ -25,10 +28,6 @@ from .runner import Runner
 from .sensors import SensorOptions, SensorPort
 
 logger = logging.getLogger("mqttxt")
-
-AUTOPILOT_INVALID = 8
-"""MAV_AUTOPILOT_INVALID: a heartbeat of something that is no flight controller."""
-AUTOPILOT_COMPONENT = 1
 
 
 class _Links:
@@ -144,4 +143,4 @@ def _is_autopilot(message: Any) -> bool:
     """Whether a message is the heartbeat of a flight controller."""
     if message.get_type() != "HEARTBEAT" or message.get_srcComponent() != AUTOPILOT_COMPONENT:
         return False
-    return bool(message.autopilot != AUTOPILOT_INVALID)
+    return bool(message.autopilot != mavlink.MAV_AUTOPILOT_INVALID)

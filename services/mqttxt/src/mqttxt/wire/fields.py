@@ -88,7 +88,6 @@ class Variant:
 VERSION = 1
 
 Version = Annotated[int, Constant(VERSION)]
-U8 = Annotated[int, Integer(0, 2**8 - 1)]
 U16 = Annotated[int, Integer(0, 2**16 - 1)]
 U32 = Annotated[int, Integer(0, 2**32 - 1)]
 Session = Annotated[int, Integer(1, 2**32 - 1)]
