@@ -107,7 +107,7 @@ def test_a_large_fog_is_told_in_several_messages() -> None:
     assert [pair for bundle in made for pair in states_of(bundle)] == pairs
 
 
-def test_five_states_of_three_drones_are_less_than_a_mavlink_message_each() -> None:
+def test_four_states_of_three_drones_are_less_than_a_mavlink_message_each() -> None:
     states = (Battery(80), Heading(90.0), Groundspeed(5.0), Armed(True))
     pairs = [(drone, StampedState(state, 100, 90)) for drone in (1, 2, 3) for state in states]
     (bundle,) = fog_bundles(pairs)

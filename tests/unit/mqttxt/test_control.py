@@ -13,7 +13,6 @@ from world import GS_SESSION, UAV_SESSION, World, command_payload
 from mqttxt.commands import Arm, Hold, Offboard, Velocity
 from mqttxt.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
 from mqttxt.outcomes import ControlChanged
-from mqttxt.roles.activator import Activator
 from mqttxt.roles.effects import Inbound, Publish, Transmit
 from mqttxt.roles.ground_station import GroundStation
 from mqttxt.roles.settings import Settings
@@ -78,7 +77,7 @@ def test_a_new_activator_session_keeps_the_drone_for_its_station() -> None:
     bench = Bench(born=False)
     before = DroneRecord(activator_session=99, up=True, drone_session=5, holder="alpha", holder_session=17, epoch=3)
     bench.cloud("drone1/reachable", before, retain=True)
-    bench.cloud("clock", decode_beacon(bench))
+    bench.cloud("clock", own_beacon(bench))
     bench.appear()
     bench.register(name="beta", session=9)
     assert words(bench.command(Arm(), gs_session=9, epoch=3)) == [(Word.DENIED, "not_in_control")]
@@ -86,7 +85,7 @@ def test_a_new_activator_session_keeps_the_drone_for_its_station() -> None:
     assert words(bench.command(Arm(), gs_session=17, epoch=3)) == []
 
 
-def decode_beacon(bench: Bench) -> Any:
+def own_beacon(bench: Bench) -> Any:
     (publish,) = bench.beacons
     return publish.payload
 
@@ -204,4 +203,6 @@ def test_all_roles_together_put_a_registered_station_in_control() -> None:
     world = World().start()
     assert world.gs.fogs[1].controls(1)
     assert world.uav.is_controlled(world.now_ms)
-    assert isinstance(world.activator, Activator)
+    holder = world.activator.leases.holder(1)
+    assert holder is not None
+    assert holder.key == ("g", GS_SESSION)
