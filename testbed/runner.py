@@ -114,7 +114,7 @@ def _fleet_up(containers: Containers, attempt: Attempt, manifest: dict[str, Any]
             containers.up()
         manifest["images"] = containers.images()
         manifest["versions"] |= containers.versions()
-        manifest["versions"]["mosquitto"] = mosquitto_version(containers.output("cloud", ["mosquitto", "-h"]))
+        manifest["versions"]["mosquitto"] = mosquitto_version(containers.output("broker", ["mosquitto", "-h"]))
         manifest["versions"]["tc"] = containers.output("net", ["tc", "-V"]).strip()
         yield
     finally:

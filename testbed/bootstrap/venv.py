@@ -18,6 +18,7 @@ SOURCES = (
     "services/mission/src",
     "services/net/src",
     "services/sensor/src",
+    "services/router/src",
 )
 _MARK = VENV / ".made-from"
 _OLD = ROOT / ".cache" / "venv-before"

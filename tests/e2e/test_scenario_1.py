@@ -140,11 +140,11 @@ def test_ctrl_c_ends_all_containers_and_keeps_what_was_captured(tmp_path: Path) 
 def test_a_container_that_dies_in_mid_mission_is_named_with_its_last_words(tmp_path: Path) -> None:
     run = Run(tmp_path / "results")
     run.says("  arm ")
-    containers()["uav3"].kill()  # type: ignore[attr-defined]
+    containers()["client3"].kill()  # type: ignore[attr-defined]
     assert run.wait() == 1
-    assert "uav3 ended with exit code 137; its last log lines:" in run.output
+    assert "client3 ended with exit code 137; its last log lines:" in run.output
     assert "drone 3: heard its autopilot" in run.output
     metrics = json.loads((tmp_path / "results" / "scenario-1" / "latest" / "metrics.json").read_text())
     (attempt,) = metrics["protocols"]["mqttxt"]["attempts"]
     assert attempt["status"] == "failed"
-    assert attempt["reason"].startswith("uav3 ended")
+    assert attempt["reason"].startswith("client3 ended")

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 from net.captures import Counts, capture_command, parse_counts, write_counts
-from net.interfaces import Port
+from net.interfaces import Cable, Port
 
-PORT = Port("uav1", "198.18.21.2", "eth4")
+PORT = Port("uav1", Cable("198.18.21.2", "198.18.21.3"), "eth4", "02:42:c6:12:15:02")
 
 
 def test_frames_are_whole_with_nanoseconds_and_handed_over_at_once(tmp_path: Path) -> None:
@@ -20,16 +20,16 @@ def test_frames_are_whole_with_nanoseconds_and_handed_over_at_once(tmp_path: Pat
 
 def test_counts_are_read_from_the_last_words() -> None:
     said = "listening on eth4\n1 packet captured\n12 packets received by filter\n3 packets dropped by kernel\n"
-    assert parse_counts(PORT, said) == Counts("uav1", "eth4", captured=1, received=12, dropped=3)
+    assert parse_counts(PORT, said) == Counts("uav1", "eth4", PORT.mac, captured=1, received=12, dropped=3)
 
 
 def test_what_a_killed_capture_did_not_say_is_unknown() -> None:
-    assert parse_counts(PORT, "listening on eth4\n") == Counts("uav1", "eth4", None, None, None)
+    assert parse_counts(PORT, "listening on eth4\n") == Counts("uav1", "eth4", PORT.mac, None, None, None)
 
 
 def test_counts_are_written_whole(tmp_path: Path) -> None:
-    write_counts([Counts("uav1", "eth4", 1, 1, 0)], tmp_path / "captures.json")
+    write_counts([Counts("uav1", "eth4", PORT.mac, 1, 1, 0)], tmp_path / "captures.json")
     assert [path.name for path in tmp_path.iterdir()] == ["captures.json"]
     assert json.loads((tmp_path / "captures.json").read_text()) == [
-        {"node": "uav1", "interface": "eth4", "captured": 1, "received": 1, "dropped": 0}
+        {"node": "uav1", "interface": "eth4", "mac": PORT.mac, "captured": 1, "received": 1, "dropped": 0}
     ]

@@ -57,18 +57,53 @@ def test_net_is_the_gateway_of_every_node(services: dict[str, Any]) -> None:
     listed = dict(item.split("=") for item in services["net"]["environment"]["NODES"].split())
     attached = {name: config["ipv4_address"] for name, config in services["net"]["networks"].items()}
     gateways = {node.name: services[node.name]["environment"]["GATEWAY"] for node in read_topology().nodes}
-    assert listed == attached == gateways
+    assert listed == {node.name: f"{gateways[node.name]},{node.address}" for node in read_topology().nodes}
+    assert attached == gateways
 
 
-def test_each_drone_talks_to_its_own_fog(services: dict[str, Any]) -> None:
+def test_net_routes_along_the_links(services: dict[str, Any]) -> None:
+    listed = {tuple(item.split("-")) for item in services["net"]["environment"]["LINKS"].split()}
+    assert {frozenset(pair) for pair in listed} == {frozenset((k.lower, k.upper)) for k in read_topology().links}
+
+
+def test_each_drone_talks_to_its_own_fog_and_its_own_autopilot(services: dict[str, Any]) -> None:
     topology = read_topology()
     address = {node.name: node.address for node in topology.nodes}
     fog = {link.lower: link.upper for link in topology.links if link.name.startswith("air:")}
     for drone in DRONES:
-        command = services[f"uav{drone}"]["command"]
-        assert f"--drone {drone} --broker mqtt://{address[fog[f'uav{drone}']]}:1883" in command
-        assert services[f"sitl{drone}"]["network_mode"] == f"service:uav{drone}"
-        assert f"--system {drone} " in services[f"sitl{drone}"]["command"]
+        client, autopilot = services[f"client{drone}"], services[f"sitl{drone}"]
+        to_fog = f"--broker mqtt://{address[fog[f'uav{drone}']]}:1883"
+        assert f"--drone {drone} {to_fog} --autopilot udp:127.0.0.1:1454{drone}" in client["command"]
+        assert f"--system {drone} " in autopilot["command"]
+        assert f":1458{drone} --send ${{AUTOPILOT_TO:-127.0.0.1}}:1454{drone}" in autopilot["command"]
+        assert client["network_mode"] == autopilot["network_mode"] == f"service:uav{drone}"
+
+
+def test_both_protocols_have_the_same_nodes_and_nothing_else_in_common(services: dict[str, Any]) -> None:
+    profiles = {name: set(service["profiles"]) for name, service in services.items()}
+    both = {name for name, found in profiles.items() if found == {"mqttxt", "mavlink"}}
+    assert both == {"net", *(node.name for node in read_topology().nodes), *(f"sitl{drone}" for drone in DRONES)}
+    roles = {name: str(services[name]["command"]) for name in services if profiles[name] == {"mavlink"}}
+    assert sorted(roles) == sorted(f"router-{node.name}" for node in read_topology().nodes)
+    assert all(command.startswith("router ") for command in roles.values())
+
+
+@pytest.mark.parametrize("chain", ["PER_UAV", "SHARED"])
+def test_every_router_sends_to_one_that_listens_and_has_a_system_id_of_its_own(
+    services: dict[str, Any], chain: str
+) -> None:
+    listens, sends, ids = set(), set(), []
+    for node in read_topology().nodes:
+        for line in services[f"router-{node.name}"]["environment"][chain].splitlines():
+            server, client, system = line.split()
+            listens.add(server.removeprefix("udps:"))
+            sends.add(client.removeprefix("udpc:"))
+            ids.append(int(system.removeprefix("--hb-systemid=")))
+    to_station = {f"127.0.0.1:1454{drone}" for drone in DRONES} if chain == "PER_UAV" else {"127.0.0.1:14540"}
+    from_autopilots = {f"127.0.0.1:1454{drone}" for drone in DRONES}
+    assert sends - to_station == listens - from_autopilots
+    assert len(ids) == len(set(ids)) == (24 if chain == "PER_UAV" else 10)
+    assert not set(ids) & {*DRONES, 245, 255}
 
 
 def test_nothing_is_privileged_or_throttled(services: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""`net route`: check the ports, capture on each, and stay until told to end."""
+"""`net route`: check the ports, route hop by hop, capture on each, and stay until told to end."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from .captures import Capture, stop_all, write_counts
+from .hops import parse_links, route_by_hops
 from .interfaces import NetError, parse_nodes, read_ports, turn_off_offloads
 
 WATCH_S = 1.0
@@ -29,7 +30,7 @@ def route(
     captures: Annotated[Path, typer.Option(help="Folder for one pcap a node and captures.json.")],
     ready_file: Annotated[Path, typer.Option(help="File that is made once everything is captured.")],
 ) -> None:
-    """Route between all nodes and capture at each, until SIGTERM or SIGINT."""
+    """Route between all nodes, hop by hop, and capture at each, until SIGTERM or SIGINT."""
     try:
         _route(captures, ready_file)
     except NetError as error:
@@ -43,9 +44,12 @@ def _route(folder: Path, ready_file: Path) -> None:
         signal.signal(number, lambda *_: ending.set())
     if Path("/proc/sys/net/ipv4/ip_forward").read_text().strip() != "1":
         raise NetError("net.ipv4.ip_forward is off; expected the sysctl of compose.yaml")
-    ports = read_ports(parse_nodes(os.environ.get("NODES", "")))
+    nodes = parse_nodes(os.environ.get("NODES", ""))
+    links = parse_links(os.environ.get("LINKS", ""), list(nodes))
+    ports = read_ports(nodes)
     for port in ports:
         turn_off_offloads(port)
+    route_by_hops(ports, links)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -29,11 +29,13 @@ _COUNTS = {
 class Counts:
     """What tcpdump says of one capture when it ends; None where it did not say.
 
-    `captured` is in the file; what was `received` beyond it still waited in the kernel's buffer at the end.
+    `mac` is net's own: frames from it go to the node. `captured` is in the file; what was `received` beyond it still
+    waited in the kernel's buffer at the end.
     """
 
     node: str
     interface: str
+    mac: str
     captured: int | None
     received: int | None
     dropped: int | None
@@ -109,7 +111,7 @@ def parse_counts(port: Port, said: str) -> Counts:
     """The counts in tcpdump's last words."""
     found = {name: pattern.search(said) for name, pattern in _COUNTS.items()}
     numbers = {name: int(match[1]) if match else None for name, match in found.items()}
-    return Counts(port.node, port.interface, **numbers)
+    return Counts(port.node, port.interface, port.mac, **numbers)
 
 
 def write_counts(counts: Sequence[Counts], path: Path) -> None:

@@ -15,42 +15,52 @@ class NetError(Exception):
 
 
 @dataclass(frozen=True)
+class Cable:
+    """The two addresses of a node's network: `net`'s, and the node's own."""
+
+    net: str
+    node: str
+
+
+@dataclass(frozen=True)
 class Port:
-    """`net`'s interface towards a node."""
+    """`net`'s interface towards a node; `mac` is its own, so that a captured frame tells which way it went."""
 
     node: str
-    address: str
+    cable: Cable
     interface: str
+    mac: str
 
 
-def parse_nodes(text: str) -> dict[str, str]:
-    """`NODES` as in compose.yaml, `gs=198.18.0.2 cloud=…`: each node's name and net's address towards it."""
-    found: dict[str, str] = {}
+def parse_nodes(text: str) -> dict[str, Cable]:
+    """`NODES` as in compose.yaml, `gs=198.18.0.2,198.18.0.3 cloud=…`: names, net's address towards each, its own."""
+    found: dict[str, Cable] = {}
     for item in text.split():
-        node, _, address = item.partition("=")
-        if not node or address.count(".") != 3 or node in found:
-            raise NetError(f"NODES {item!r}: expected NAME=ADDRESS, each name once")
-        found[node] = address
+        node, _, addresses = item.partition("=")
+        parts = addresses.split(",")
+        if not node or node in found or len(parts) != 2 or any(part.count(".") != 3 for part in parts):
+            raise NetError(f"NODES {item!r}: expected NAME=NET'S ADDRESS,NODE'S ADDRESS, each name once")
+        found[node] = Cable(*parts)
     if not found:
-        raise NetError("NODES: expected at least one NAME=ADDRESS")
+        raise NetError("NODES: expected at least one NAME=NET'S ADDRESS,NODE'S ADDRESS")
     return found
 
 
-def find_ports(nodes: dict[str, str], ip_addr_json: str) -> list[Port]:
+def find_ports(nodes: dict[str, Cable], ip_addr_json: str) -> list[Port]:
     """The port of every node, from the output of `ip -json addr`; raises NetError when one is missing."""
     by_address = {
-        info["local"]: link["ifname"]
+        info["local"]: (link["ifname"], link.get("address", ""))
         for link in json.loads(ip_addr_json)
         for info in link.get("addr_info", ())
         if info.get("family") == "inet"
     }
-    missing = [f"{node}={address}" for node, address in nodes.items() if address not in by_address]
+    missing = [f"{node}={cable.net}" for node, cable in nodes.items() if cable.net not in by_address]
     if missing:
         raise NetError(f"NODES {', '.join(missing)}: expected an interface with that address")
-    return [Port(node, address, by_address[address]) for node, address in nodes.items()]
+    return [Port(node, cable, *by_address[cable.net]) for node, cable in nodes.items()]
 
 
-def read_ports(nodes: dict[str, str]) -> list[Port]:
+def read_ports(nodes: dict[str, Cable]) -> list[Port]:
     """The ports of this container."""
     listed = subprocess.run(["ip", "-json", "addr"], check=True, capture_output=True, text=True)
     return find_ports(nodes, listed.stdout)

@@ -1,0 +1,50 @@
+"""Which routers a node runs: mavp2p's arguments, a line each, from the environment that compose.yaml gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+CHAINS = ("per-uav", "shared", "direct")
+_VARIABLES = {"per-uav": "PER_UAV", "shared": "SHARED"}
+
+
+class ChainError(Exception):
+    """A chain that cannot be run: its text names what, the value and what was expected."""
+
+
+@dataclass(frozen=True)
+class Router:
+    """One mavp2p: its arguments, and the system ids of the autopilots whose heartbeats have to come through it."""
+
+    arguments: tuple[str, ...]
+    drones: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        return f"uav{self.drones[0]}" if len(self.drones) == 1 else "all"
+
+
+def parse_drones(text: str) -> tuple[int, ...]:
+    """`1,2,3` as system ids; raises ChainError."""
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isascii() and part.isdecimal() and 1 <= int(part) <= 250 for part in parts):
+        raise ChainError(f"--drones {text!r}: expected system ids from 1 to 250, as 1,2,3")
+    return tuple(int(part) for part in parts)
+
+
+def read_chain(chain: str, drones: tuple[int, ...], environment: Mapping[str, str]) -> tuple[Router, ...]:
+    """A node's routers: one for each drone in `per-uav`, one for all in `shared`, none in `direct`.
+
+    Raises ChainError for another chain, a variable that is missing, or one with other than so many lines.
+    """
+    if chain not in CHAINS:
+        raise ChainError(f"--chain {chain!r}: expected one of {', '.join(CHAINS)}")
+    if chain == "direct":
+        return ()
+    variable = _VARIABLES[chain]
+    lines = [line.split() for line in environment.get(variable, "").splitlines() if line.strip()]
+    heard = [(drone,) for drone in drones] if chain == "per-uav" else [drones]
+    if len(lines) != len(heard):
+        raise ChainError(f"{variable}: {len(lines)} lines, expected {len(heard)}: mavp2p's arguments, a router a line")
+    return tuple(Router(tuple(line), ids) for line, ids in zip(lines, heard, strict=True))
