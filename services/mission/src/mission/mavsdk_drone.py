@@ -1,0 +1,214 @@
+"""One drone through MAVSDK: its telemetry as states, its set-up before the mission, and whether it is still there."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncGenerator, Callable, Coroutine
+from dataclasses import asdict
+from typing import Any, TypeVar
+
+from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+from mavsdk.asyncio.system import System
+from mavsdk.plugins.action import ActionError, ActionResult
+from mavsdk.plugins.telemetry import FlightMode, LandedState, Position, TelemetryError, TelemetryResult
+
+from mqttxt import Word
+
+from .events import EventLog
+from .fleet import MissionError
+from .mavsdk_outcomes import Goal, HeartbeatCount, Place, Told, View, landed_of, mode_of
+
+Value = TypeVar("Value")
+Answer = TypeVar("Answer")
+
+LOST_S = 10.0
+"""A drone is lost when it stays away so long after MAVSDK missed its heartbeats for three seconds."""
+LOCATION_LOG_S = 1.0
+FIVE_STATES_HZ = 1.0
+STREAM_SETS = ("px4-onboard", "px4-gcs", "five-states")
+_AGAIN = (TelemetryResult.TIMEOUT, TelemetryResult.BUSY, ActionResult.TIMEOUT, ActionResult.BUSY)
+
+
+class Calls:
+    """Calls of MAVSDK's that run in threads: a cancelled one goes on in its own until MAVSDK gives up on it."""
+
+    def __init__(self) -> None:
+        self._open: set[asyncio.Task[Any]] = set()
+
+    async def run(self, call: Coroutine[Any, Any, Answer]) -> Answer:
+        """The answer of a call."""
+        task = asyncio.ensure_future(call)
+        self._open.add(task)
+        task.add_done_callback(self._ended)
+        return await asyncio.shield(task)
+
+    async def wait(self) -> None:
+        """Wait until none is open; MAVSDK ends each after three seconds at the latest."""
+        if self._open:
+            await asyncio.wait(self._open)
+
+    def _ended(self, task: asyncio.Task[Any]) -> None:
+        self._open.discard(task)
+        if not task.cancelled():
+            task.exception()  # whoever was cancelled does not ask for it
+
+
+class MavsdkDrone:
+    """A vehicle by its MAVLink system id, which is the drone's number. `on_news` is called when something was told."""
+
+    def __init__(
+        self,
+        number: int,
+        fog: int,
+        system: System,
+        streams: str,
+        log: EventLog,
+        calls: Calls,
+        on_news: Callable[[], None],
+    ) -> None:
+        self.number = number
+        self.fog = fog
+        self.action = ActionAsync(system)
+        self.view = View(tells_landed=streams != "five-states")
+        self.heartbeats = HeartbeatCount()
+        self.takeoff_altitude_m: float | None = None
+        self.is_set_up = False
+        self.is_connected = True
+        self.is_lost = False
+        self._calls = calls
+        self._system = system
+        self._telemetry = TelemetryAsync(system)
+        self._streams = streams
+        self._log = log
+        self._on_news = on_news
+        self._news = asyncio.Event()
+        self._clock = asyncio.get_running_loop().time
+        self._losing: asyncio.TimerHandle | None = None
+        self._logged_place_s = 0.0
+        self._listening = [asyncio.create_task(listening) for listening in self._listeners()]
+
+    async def set_up(self) -> None:
+        """Ask for what has to be streamed and read the takeoff altitude; raises MissionError when it is refused.
+
+        MAVSDK's Action asks for EXTENDED_SYS_STATE at 1 Hz by itself: it is put back to what the vehicle's own stream
+        set says, so that a set is what its name says. A request that is not answered is repeated until cancelled.
+        """
+        if self._streams == "five-states":
+            await self._ask("BATTERY_STATUS", lambda: self._telemetry.set_rate_battery(FIVE_STATES_HZ))
+            await self._ask("GLOBAL_POSITION_INT", lambda: self._telemetry.set_rate_position(FIVE_STATES_HZ))
+            await self._ask("VFR_HUD", lambda: self._telemetry.set_rate_fixedwing_metrics(FIVE_STATES_HZ))
+        await self._ask("EXTENDED_SYS_STATE", lambda: self._telemetry.set_rate_landed_state(0.0))
+        self.takeoff_altitude_m = await self._ask("takeoff altitude", lambda: self.action.get_takeoff_altitude())
+        self.is_set_up = True
+        self._tell()
+
+    async def settle(self, goal: Goal, asked_s: float) -> tuple[Word, str | None]:
+        """Wait for the effect of a command that was accepted just now: its last word, and the reason for a bad one."""
+        accepted_s = self._clock()
+        entered = False
+        try:
+            async with asyncio.timeout(goal.limit_s):
+                while not goal.reached(self.view, asked_s):
+                    entered = entered or (self.view.mode is not None and self.view.mode.value in goal.modes)
+                    reason = goal.failure(self.view, accepted_s, entered)
+                    if reason is not None:
+                        return Word.FAILED, reason
+                    if self.is_lost:
+                        return Word.UNCONFIRMED, "heartbeat_lost"
+                    self._news.clear()
+                    await self._news.wait()
+        except TimeoutError:
+            return (Word.FAILED, "timeout") if self.is_connected else (Word.UNCONFIRMED, "heartbeat_lost")
+        return Word.COMPLETED, None
+
+    async def close(self) -> None:
+        """Stop listening."""
+        if self._losing is not None:
+            self._losing.cancel()
+        for task in self._listening:
+            task.cancel()
+        for ended in await asyncio.gather(*self._listening, return_exceptions=True):
+            if isinstance(ended, Exception):
+                raise ended
+
+    async def _ask(self, what: str, ask: Callable[[], Coroutine[Any, Any, Answer]]) -> Answer:
+        while True:
+            try:
+                return await self._calls.run(ask())
+            except (TelemetryError, ActionError) as error:
+                if error.result not in _AGAIN:
+                    raise MissionError(f"connect: drone {self.number}: {what}: {error.result.name.lower()}") from error
+
+    def _listeners(self) -> list[Coroutine[Any, Any, None]]:
+        telemetry = self._telemetry
+        found = [
+            _each(telemetry.subscribe_armed(), self._on_armed),
+            _each(telemetry.subscribe_flight_mode(), self._on_mode),
+            _each(telemetry.subscribe_position(), self._on_position),
+            _each(self._system.is_connected_state(), self._on_connected),
+        ]
+        if self.view.tells_landed:
+            found.append(_each(telemetry.subscribe_landed_state(), self._on_landed))
+        return found
+
+    def _on_armed(self, armed: bool) -> None:
+        """MAVSDK tells it with every heartbeat of the autopilot, changed or not."""
+        now_s = self._clock()
+        self.heartbeats.heard(now_s)
+        before, self.view.armed = self.view.armed, Told(armed, now_s)
+        if before is None or before.value != armed:
+            self._write("armed", {"armed": armed})
+        self._tell()
+
+    def _on_mode(self, mode: FlightMode) -> None:
+        name = mode_of(mode)
+        before, self.view.mode = self.view.mode, Told(name, self._clock())
+        if before is None or before.value != name:
+            self._write("flight_mode", {"mode": name.label})
+        self._tell()
+
+    def _on_landed(self, state: LandedState) -> None:
+        landed = landed_of(state)
+        before, self.view.landed = self.view.landed, Told(landed, self._clock())
+        if before is None or before.value != landed:
+            self._write("landed_state", {"landed": landed.label})
+        self._tell()
+
+    def _on_position(self, found: Position) -> None:
+        now_s = self._clock()
+        place = Place(found.latitude_deg, found.longitude_deg, found.absolute_altitude_m, found.relative_altitude_m)
+        self.view.place = Told(place, now_s)
+        if now_s - self._logged_place_s >= LOCATION_LOG_S:
+            self._logged_place_s = now_s
+            self._write("location", asdict(place))
+        self._tell()
+
+    def _on_connected(self, connected: bool) -> None:
+        self.is_connected = connected
+        if self._losing is not None:
+            self._losing.cancel()
+            self._losing = None
+        if connected:
+            self.is_lost = False
+        else:
+            self._losing = asyncio.get_running_loop().call_later(LOST_S, self._lose)
+        self._tell()
+
+    def _lose(self) -> None:
+        self.is_lost = True
+        self._tell()
+
+    def _write(self, name: str, value: dict[str, object]) -> None:
+        self._log.write("state", drone=self.number, name=name, value=value, age_ms=None)
+
+    def _tell(self) -> None:
+        self._news.set()
+        self._on_news()
+
+
+async def _each(values: AsyncGenerator[Value, None], handle: Callable[[Value], None]) -> None:
+    async with contextlib.aclosing(values):
+        async for value in values:
+            handle(value)

@@ -1,0 +1,237 @@
+"""The fleet over MAVLink: MAVSDK as a ground station, one call for each drone."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
+from mavsdk.asyncio.exceptions import MavsdkConnectionError
+from mavsdk.asyncio.system import System
+from mavsdk.logging import LogLevel, log_subscribe, log_unsubscribe
+from mavsdk.plugins.action import ActionError
+
+from mqttxt import Word
+
+from .events import EventLog
+from .fleet import MissionError, Result, Status
+from .mavsdk_drone import STREAM_SETS, Calls, MavsdkDrone
+from .mavsdk_outcomes import Goal, arm_goal, land_goal, refusal, takeoff_goal
+
+COMMANDING = ("one-by-one", "concurrent")
+LOOK_S = 0.1
+"""Pause between two looks at MAVSDK's systems: it announces a new one, but not the autopilot that joins it."""
+THREADS_PER_DRONE = 4
+"""A call that is not answered keeps a thread for two or three seconds."""
+
+Ask = Callable[[MavsdkDrone], Coroutine[Any, Any, object]]
+logger = logging.getLogger("mavsdk")
+
+
+@dataclass(frozen=True)
+class _Accepted:
+    """A call that the autopilot acknowledged."""
+
+    call: int
+    asked_s: float
+
+
+class MavsdkFleet:
+    """Drones by their MAVLink system ids, heard at `urls` (`udpin://HOST:PORT`); `fogs` maps each fog to its drones.
+
+    `commanding`: `one-by-one` makes the next call when the last one returned, as a plain MAVSDK script does;
+    `concurrent` all at once. `streams` is what the vehicles send: `px4-onboard` and `px4-gcs` by themselves,
+    `five-states` what they are asked for here.
+    """
+
+    def __init__(
+        self, urls: tuple[str, ...], fogs: dict[int, tuple[int, ...]], commanding: str, streams: str, log: EventLog
+    ) -> None:
+        for name, value, known in (("commanding", commanding, COMMANDING), ("streams", streams, STREAM_SETS)):
+            if value not in known:
+                raise ValueError(f"{name} {value!r}: expected one of {', '.join(known)}")
+        self._urls = urls
+        self._fogs = fogs
+        self._concurrent = commanding == "concurrent"
+        self._streams = streams
+        self._log = log
+        self._mavsdk: Mavsdk | None = None
+        self._drones: dict[int, MavsdkDrone] = {}
+        self._others: set[int] = set()
+        self._setting_up: set[asyncio.Task[None]] = set()
+        self._calls = Calls()
+        self._news = asyncio.Event()
+
+    @property
+    def drones(self) -> tuple[int, ...]:
+        return tuple(drone for drones in self._fogs.values() for drone in drones)
+
+    async def connect(self, limit_s: float) -> None:
+        """Wait until every drone is there, does what it was asked for and has told its states; raises MissionError."""
+        asyncio.get_running_loop().set_default_executor(
+            ThreadPoolExecutor(THREADS_PER_DRONE * max(1, len(self.drones)), "mavsdk")
+        )
+        log_subscribe(_to_logger)
+        try:
+            async with asyncio.timeout(limit_s):
+                await self._open()
+                while self._missing():
+                    await self._look()
+                    await asyncio.sleep(LOOK_S)
+        except TimeoutError:
+            raise MissionError(f"connect: within {limit_s:g} s not there: {'; '.join(self._missing())}") from None
+
+    async def close(self) -> None:
+        """End every call, stop listening and release MAVSDK; takes at most the three seconds of an open call."""
+        for task in self._setting_up:
+            task.cancel()
+        await asyncio.gather(*self._setting_up, return_exceptions=True)
+        await self._calls.wait()
+        for drone in self._drones.values():
+            await drone.close()
+        mavsdk, self._mavsdk = self._mavsdk, None
+        if mavsdk is not None:
+            await asyncio.to_thread(mavsdk.destroy)
+            log_unsubscribe()
+
+    async def arm(self) -> list[Result]:
+        return await self._command("arm", lambda drone: drone.action.arm(), arm_goal())
+
+    async def takeoff(self, altitude_m: float) -> list[Result]:
+        """MAVSDK's takeoff goes to the vehicle's own takeoff altitude, which is set before where it is another one."""
+
+        async def ask(drone: MavsdkDrone) -> None:
+            if drone.takeoff_altitude_m != altitude_m:
+                await drone.action.set_takeoff_altitude(altitude_m)
+                drone.takeoff_altitude_m = altitude_m
+            await drone.action.takeoff()
+
+        return await self._command("takeoff", ask, takeoff_goal(altitude_m))
+
+    async def land(self) -> list[Result]:
+        return await self._command("land", lambda drone: drone.action.land(), land_goal())
+
+    def status(self, drone: int) -> Status:
+        found = self._drones.get(drone)
+        return found.view.status if found is not None else Status()
+
+    async def changed(self) -> None:
+        """Return when something was heard since the last call; raises MissionError when a drone is lost."""
+        self._news.clear()
+        self._check_lost()
+        await self._news.wait()
+        self._check_lost()
+
+    async def _open(self) -> None:
+        self._mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+        for url in self._urls:
+            try:
+                await self._mavsdk.add_any_connection(url)
+            except MavsdkConnectionError as error:
+                raise MissionError(f"connect: {url}: {error}") from error
+
+    async def _look(self) -> None:
+        """Take in the vehicles that appeared; raises MissionError for two with one system id and a refused set-up."""
+        assert self._mavsdk is not None
+        for system in await self._mavsdk.get_systems():
+            number = await system.get_system_id()
+            if number in self._drones or not await system.has_autopilot() or not await system.is_connected():
+                continue
+            if number in self.drones:
+                self._add(number, system)
+            else:
+                self._others.add(number)
+        for task in self._setting_up:
+            if task.done():
+                task.result()
+        for number, drone in self._drones.items():
+            if drone.heartbeats.is_two:
+                raise MissionError(
+                    f"connect: drone {number}: heartbeats twice as often as one vehicle sends them: two vehicles have "
+                    f"system id {number}, or one is heard over two ways"
+                )
+
+    def _add(self, number: int, system: System) -> None:
+        fog = next(fog for fog, drones in self._fogs.items() if number in drones)
+        drone = MavsdkDrone(number, fog, system, self._streams, self._log, self._calls, self._news.set)
+        self._drones[number] = drone
+        self._setting_up.add(asyncio.create_task(drone.set_up()))
+
+    def _missing(self) -> list[str]:
+        """What is not there yet of the drones that are wanted."""
+        found = []
+        heard = f" (heard system {', '.join(map(str, sorted(self._others)))})" if self._others else ""
+        for number in self.drones:
+            drone = self._drones.get(number)
+            if drone is None:
+                found.append(f"drone {number} never appeared{heard}")
+            elif not drone.is_connected:
+                found.append(f"drone {number} appeared, but its heartbeats stopped")
+            elif not drone.is_set_up:
+                found.append(f"drone {number} does not answer")
+            elif drone.view.missing:
+                found.append(f"drone {number} has not told {', '.join(drone.view.missing)}")
+            elif not drone.heartbeats.is_one:
+                found.append(f"drone {number}: too few heartbeats to know that it is one vehicle")
+        return found
+
+    def _check_lost(self) -> None:
+        lost = [f"drone {number}: heartbeats stopped" for number, drone in self._drones.items() if drone.is_lost]
+        if lost:
+            raise MissionError("; ".join(lost))
+
+    async def _command(self, command: str, ask: Ask, goal: Goal) -> list[Result]:
+        """Ask every drone in the manner of `commanding`; completion is awaited beside it."""
+        drones = [self._drones[number] for number in self.drones]
+        async with asyncio.TaskGroup() as group:
+            flown = []
+            for drone in drones:
+                flight = group.create_task(self._fly(drone, command, ask, goal, acknowledged := asyncio.Event()))
+                flown.append(flight)
+                if not self._concurrent:
+                    await acknowledged.wait()
+        return [flight.result() for flight in flown]
+
+    async def _fly(self, drone: MavsdkDrone, command: str, ask: Ask, goal: Goal, acknowledged: asyncio.Event) -> Result:
+        """A command from its call to its last word; `acknowledged` is set when the call has returned."""
+        accepted = await self._call(drone, command, ask)
+        acknowledged.set()
+        if isinstance(accepted, Result):
+            return accepted
+        word, reason = await drone.settle(goal, accepted.asked_s)
+        return self._note(accepted.call, command, drone, word, reason)
+
+    async def _call(self, drone: MavsdkDrone, command: str, ask: Ask) -> _Accepted | Result:
+        call = self._log.next_call()
+        asked_s = asyncio.get_running_loop().time()
+        self._log.write("command", call=call, command=command, fog=drone.fog, drone=drone.number)
+        try:
+            await self._calls.run(ask(drone))
+        except ActionError as error:
+            return self._note(call, command, drone, *refusal(error.result))
+        self._note(call, command, drone, Word.ACCEPTED, None)
+        return _Accepted(call, asked_s)
+
+    def _note(self, call: int, command: str, drone: MavsdkDrone, word: Word, reason: str | None) -> Result:
+        self._log.write(
+            "outcome",
+            call=call,
+            command=command,
+            fog=drone.fog,
+            drone=drone.number,
+            id=None,
+            word=word.label,
+            reason=reason,
+            final=word.is_last,
+        )
+        return Result(drone.number, word.label, reason)
+
+
+def _to_logger(level: LogLevel, message: str, file: str | None, line: int) -> bool:
+    """MAVSDK's own log as Python's; returns that it needs no printing."""
+    logger.log(logging.WARNING if level >= LogLevel.ERROR else logging.DEBUG, "%s", message)
+    return True

@@ -1,0 +1,212 @@
+"""MAVSDK's results and telemetry in MQTT-XT's words: what was told of a drone, and what shows a command's effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Generic, TypeVar
+
+from mavsdk.plugins.action import ActionResult
+from mavsdk.plugins.telemetry import FlightMode, LandedState
+
+from mqttxt import Arm, FlightModeName, Land, Landed, Takeoff, Word
+from mqttxt.dialect.plans import ALTITUDE_REACHED_M
+
+from .fleet import Status
+
+Value = TypeVar("Value")
+
+_WORDS: Final[dict[ActionResult, tuple[Word, str | None]]] = {
+    ActionResult.NO_SYSTEM: (Word.UNREACHABLE, "no_system"),
+    ActionResult.CONNECTION_ERROR: (Word.UNREACHABLE, "connection_error"),
+    ActionResult.BUSY: (Word.FAILED, "busy"),
+    ActionResult.COMMAND_DENIED: (Word.DENIED, "autopilot"),
+    ActionResult.COMMAND_DENIED_LANDED_STATE_UNKNOWN: (Word.DENIED, "landed_state_unknown"),
+    ActionResult.COMMAND_DENIED_NOT_LANDED: (Word.DENIED, "not_landed"),
+    ActionResult.TIMEOUT: (Word.UNCONFIRMED, "timeout"),
+    ActionResult.PARAMETER_ERROR: (Word.FAILED, "parameter_error"),
+    ActionResult.UNSUPPORTED: (Word.UNSUPPORTED, None),
+    ActionResult.FAILED: (Word.FAILED, "autopilot"),
+    ActionResult.INVALID_ARGUMENT: (Word.FAILED, "invalid_argument"),
+}
+
+_MODES: Final[dict[FlightMode, FlightModeName]] = {
+    FlightMode.TAKEOFF: FlightModeName.TAKEOFF,
+    FlightMode.HOLD: FlightModeName.HOLD,
+    FlightMode.MISSION: FlightModeName.MISSION,
+    FlightMode.RETURN_TO_LAUNCH: FlightModeName.RETURN,
+    FlightMode.LAND: FlightModeName.LAND,
+    FlightMode.OFFBOARD: FlightModeName.OFFBOARD,
+    FlightMode.FOLLOW_ME: FlightModeName.FOLLOW,
+    FlightMode.MANUAL: FlightModeName.MANUAL,
+    FlightMode.ALTCTL: FlightModeName.ALTITUDE,
+    FlightMode.POSCTL: FlightModeName.POSITION,
+    FlightMode.ACRO: FlightModeName.ACRO,
+    FlightMode.STABILIZED: FlightModeName.STABILIZED,
+}
+
+_LANDED: Final[dict[LandedState, Landed]] = {
+    LandedState.UNKNOWN: Landed.UNDEFINED,
+    LandedState.ON_GROUND: Landed.ON_GROUND,
+    LandedState.IN_AIR: Landed.IN_AIR,
+    LandedState.TAKING_OFF: Landed.TAKEOFF,
+    LandedState.LANDING: Landed.LANDING,
+}
+
+
+def refusal(result: ActionResult) -> tuple[Word, str | None]:
+    """The last word for a result of MAVSDK's Action other than success, and its reason.
+
+    MAVSDK says COMMAND_DENIED for MAV_RESULT_DENIED and MAV_RESULT_TEMPORARILY_REJECTED alike.
+    """
+    return _WORDS.get(result, (Word.FAILED, result.name.lower()))
+
+
+def mode_of(mode: FlightMode) -> FlightModeName:
+    """A flight mode by MQTT-XT's name; UNKNOWN where it has none."""
+    return _MODES.get(mode, FlightModeName.UNKNOWN)
+
+
+def landed_of(state: LandedState) -> Landed:
+    """MAV_LANDED_STATE by MQTT-XT's name."""
+    return _LANDED[state]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a drone is; altitude_m in metres above home, as GLOBAL_POSITION_INT.relative_alt."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_amsl_m: float
+    altitude_m: float
+
+
+@dataclass(frozen=True)
+class Told(Generic[Value]):
+    """A value and when its message was received, in seconds of the event loop's clock."""
+
+    value: Value
+    at_s: float
+
+
+@dataclass
+class View:
+    """What telemetry has told of a drone. `tells_landed`: its streams carry EXTENDED_SYS_STATE."""
+
+    tells_landed: bool
+    armed: Told[bool] | None = None
+    mode: Told[FlightModeName] | None = None
+    place: Told[Place] | None = None
+    landed: Told[Landed] | None = None
+
+    @property
+    def missing(self) -> list[str]:
+        """The states that were not told yet, by MQTT-XT's names."""
+        told: dict[str, object] = {"armed": self.armed, "flight_mode": self.mode, "location": self.place}
+        if self.tells_landed:
+            told["landed_state"] = self.landed
+        return [name for name, found in told.items() if found is None]
+
+    @property
+    def status(self) -> Status:
+        return Status(
+            armed=self.armed.value if self.armed else None,
+            mode=self.mode.value.label if self.mode else None,
+            altitude_m=self.place.value.altitude_m if self.place else None,
+            landed=self.landed.value.label if self.landed else None,
+        )
+
+    def is_landed_as(self, wanted: Landed, since_s: float) -> bool:
+        """Whether it was told so since then; true where the streams do not tell it."""
+        return not self.tells_landed or since(self.landed, since_s) == wanted
+
+
+def since(told: Told[Value] | None, since_s: float) -> Value | None:
+    """What was told, if that was since a time."""
+    return told.value if told is not None and told.at_s >= since_s else None
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A command's effect: what shows it, the modes it runs in, and how long it may take.
+
+    `reached(view, since_s)` looks only at what was told since the call. `passing` are modes that may follow its own.
+    """
+
+    reached: Callable[[View, float], bool]
+    limit_s: float
+    modes: frozenset[FlightModeName] = frozenset()
+    passing: frozenset[FlightModeName] = frozenset()
+    needs_armed: bool = False
+
+    def failure(self, view: View, accepted_s: float, entered: bool) -> str | None:
+        """Why the effect will not come any more, None while it can. `entered`: one of its modes has been told."""
+        if self.needs_armed and since(view.armed, accepted_s) is False:
+            return "disarmed"
+        mode = since(view.mode, accepted_s)
+        if entered and mode is not None and mode not in self.modes | self.passing:
+            return "mode_changed"
+        return None
+
+
+def arm_goal() -> Goal:
+    """A heartbeat says armed."""
+    return Goal(lambda view, since_s: since(view.armed, since_s) is True, Arm.limit_s)
+
+
+def takeoff_goal(altitude_m: float) -> Goal:
+    """In the air and at most half a metre, or 5 % of the altitude, below it."""
+    enough_m = altitude_m - max(ALTITUDE_REACHED_M, 0.05 * altitude_m)
+
+    def reached(view: View, since_s: float) -> bool:
+        place = since(view.place, since_s)
+        return place is not None and place.altitude_m >= enough_m and view.is_landed_as(Landed.IN_AIR, since_s)
+
+    own, passing = frozenset({FlightModeName.TAKEOFF}), frozenset({FlightModeName.HOLD})
+    return Goal(reached, Takeoff.limit_s, own, passing, needs_armed=True)
+
+
+def land_goal() -> Goal:
+    """On the ground and disarmed."""
+
+    def reached(view: View, since_s: float) -> bool:
+        return since(view.armed, since_s) is False and view.is_landed_as(Landed.ON_GROUND, since_s)
+
+    return Goal(reached, Land.limit_s, frozenset({FlightModeName.LAND}))
+
+
+WINDOW_S = 4.0
+MOST_IN_WINDOW = 6
+"""Heartbeats of one vehicle: one a second, five at most, and one that was late."""
+
+
+class HeartbeatCount:
+    """Tells two vehicles with one system id by their heartbeats, of which each sends one a second (MAVLink).
+
+    MAVSDK does not say over which connection or from which address a message came. Two windows running must have too
+    many, so that a queue that empties is not taken for a vehicle. It cannot see a second vehicle of which half the
+    heartbeats are lost, nor one that appears later; a vehicle that is heard over two ways looks like two.
+    """
+
+    def __init__(self) -> None:
+        self._began_s: float | None = None
+        self._count = 0
+        self._too_many = 0
+        self.is_one = False
+
+    @property
+    def is_two(self) -> bool:
+        return self._too_many >= 2
+
+    def heard(self, at_s: float) -> None:
+        """Count a heartbeat, until it is clear whether it is one vehicle or two."""
+        if self.is_one or self.is_two:
+            return
+        if self._began_s is None:
+            self._began_s = at_s
+        if at_s - self._began_s >= WINDOW_S:
+            self._too_many = self._too_many + 1 if self._count > MOST_IN_WINDOW else 0
+            self.is_one = self._too_many == 0
+            self._began_s, self._count = at_s, 0
+        self._count += 1
