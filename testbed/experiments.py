@@ -22,7 +22,7 @@ class Arm:
     streams: str
 
 
-ARMS = {"thesis": Arm("thesis", qos=0, states="on-change", streams="onboard")}
+ARMS = {"thesis": Arm("thesis", qos=0, states="on-change", streams="px4-onboard")}
 
 
 @dataclass(frozen=True)

@@ -249,7 +249,7 @@ class System:
     def make_sitl(self, drone: int) -> Process:
         base = str(self.folder / f"sitl{drone}")
         files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready"]
-        control = ["--control", f"{base}.sock", "--streams", "normal"]
+        control = ["--control", f"{base}.sock", "--streams", "px4-normal"]
         ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self.autopilots[drone]}"]
         fleet = ["--fleet", str(ROOT / "services" / "sitl" / "fleet.yaml"), "--system", str(drone)]
         return Process(self.folder, f"sitl{drone}", "sitl", "fly", *fleet, *ports, *files, *control)

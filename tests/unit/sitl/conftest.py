@@ -20,7 +20,7 @@ class Drone:
     """A vehicle with one link, flown by a test."""
 
     def __init__(self, **parameters: float) -> None:
-        self.vehicle = Vehicle(DroneConfig(1, parameters=parameters), ["onboard"])
+        self.vehicle = Vehicle(DroneConfig(1, parameters=parameters), ["px4-onboard"])
         self.out: list[Any] = []
 
     @property

@@ -236,7 +236,7 @@ FLOATS = st.floats(width=32)
 
 @given(st.sampled_from([21, 22, 176, 192, 400, 510, 511, 512, 520, 999]), st.lists(FLOATS, min_size=7, max_size=7))
 def test_no_parameter_ends_the_flight(number: int, params: list[float]) -> None:
-    vehicle = Vehicle(DroneConfig(1), ["onboard"])
+    vehicle = Vehicle(DroneConfig(1), ["px4-onboard"])
     vehicle.control({"set": {"altitude_m": 10}})
     _tell(vehicle, mavlink.MAVLink_command_long_message(1, 1, number, 0, *params))
     _tell(vehicle, mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, *params[:4], 0, 0, params[6]))
@@ -245,7 +245,7 @@ def test_no_parameter_ends_the_flight(number: int, params: list[float]) -> None:
 
 @given(st.lists(FLOATS, min_size=9, max_size=9), st.integers(0, 0xFFFF), st.sampled_from([1, 8, 21]))
 def test_no_set_point_ends_the_flight(values: list[float], mask: int, frame: int) -> None:
-    vehicle = Vehicle(DroneConfig(1), ["onboard"])
+    vehicle = Vehicle(DroneConfig(1), ["px4-onboard"])
     vehicle.control({"set": {"altitude_m": 10}})
     _tell(vehicle, _set_point(values[:3], values[3:6], mask=mask, frame=frame))
     _tell(vehicle, mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0))

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from sitl.streams import RATES_HZ, SETS, Streams
+from sitl.modes import Mode
+from sitl.streams import PX4_SETS, RATES_HZ, Streams
 from sitl.telemetry import _MAKERS
 
 BATTERY, ATTITUDE, PING = 147, 30, 4
@@ -21,25 +22,51 @@ def count(streams: Streams, seconds: float, start_s: float = 0.0, tick_s: float 
     return found
 
 
-@pytest.mark.parametrize("chosen", SETS)
+@pytest.mark.parametrize("chosen", PX4_SETS)
 def test_rates_are_px4s(chosen: str) -> None:
     found = count(Streams(chosen), 20)
     for name, rates in RATES_HZ.items():
-        assert found[name] == pytest.approx(rates[SETS.index(chosen)] * 20, abs=1), name
+        assert found[name] == pytest.approx(rates[PX4_SETS.index(chosen)] * 20, abs=1), name
 
 
 def test_the_sum_is_px4s_load() -> None:
-    """About 451, 64 and 393 messages a second, with the few that are left out here."""
+    """About 451, 64 and 393 messages a second."""
     totals = [sum(rates[i] for rates in RATES_HZ.values()) for i in range(3)]
     assert totals == pytest.approx([451, 64, 393], abs=4)
 
 
-def test_rates_are_ceilings_when_the_caller_is_slow() -> None:
-    assert count(Streams("onboard"), 10, tick_s=0.02)["ATTITUDE"] <= 500
+@pytest.mark.parametrize("tick_s", [0.017, 0.02, 0.09])
+def test_a_caller_that_is_late_does_not_make_the_streams_slower(tick_s: float) -> None:
+    assert count(Streams("px4-onboard"), 10, tick_s=tick_s)["ATTITUDE"] == pytest.approx(1000, abs=10)
+
+
+def test_after_a_standstill_it_goes_on_without_making_up_for_it() -> None:
+    streams = Streams("px4-onboard")
+    count(streams, 1)
+    assert Counter(streams.due(31.0)) == Counter({name: 1 for name, rates in RATES_HZ.items() if rates[0] > 0.1})
+    assert count(streams, 10, 31.01)["ATTITUDE"] == pytest.approx(1000, abs=1)
+
+
+def test_five_states_are_only_heartbeats_until_someone_asks() -> None:
+    streams = Streams("five-states")
+    assert count(streams, 10) == {"HEARTBEAT": 10}
+    assert streams.set_interval(BATTERY, 1_000_000)
+    assert count(streams, 10, 10) == {"HEARTBEAT": 10, "BATTERY_STATUS": 10}
+    streams.set_interval(BATTERY, 0)
+    assert count(streams, 10, 20) == {"HEARTBEAT": 10}, "its default is none"
+
+
+def test_modes_are_told_one_after_the_other(drone: Any) -> None:
+    telemetry = drone.vehicle.telemetry
+    told = [telemetry.make("AVAILABLE_MODES") for _ in Mode]
+    assert [one.mode_index for one in told] == list(range(1, len(Mode) + 1))
+    assert {one.custom_mode for one in told} == {mode.custom_mode for mode in Mode}
+    now = telemetry.make("CURRENT_MODE")
+    assert now.custom_mode == now.intended_custom_mode == drone.vehicle.autopilot.mode.custom_mode
 
 
 def test_messages_do_not_all_fall_on_one_tick() -> None:
-    streams = Streams("normal")
+    streams = Streams("px4-normal")
     assert max(len(streams.due(tick * 0.01)) for tick in range(300)) <= 8
 
 
@@ -48,7 +75,7 @@ def test_every_streamed_message_can_be_made() -> None:
 
 
 def test_an_interval_is_set_at_once_stopped_and_put_back() -> None:
-    streams = Streams("onboard")
+    streams = Streams("px4-onboard")
     count(streams, 10)
     assert streams.set_interval(BATTERY, 100_000)
     assert "BATTERY_STATUS" in streams.due(10.0)

@@ -64,7 +64,7 @@ def manifest(**changed: Any) -> dict[str, Any]:
         "status": "completed",
         "reason": None,
         "revision": {"commit": "c0ffee", "dirty": False},
-        "configuration": {"qos": 0, "states": "on-change", "streams": "onboard"},
+        "configuration": {"qos": 0, "states": "on-change", "streams": "px4-onboard"},
         "shaper": "none",
         "host": {"cores": 2, "machine": "x86_64", "python": "3.11.7"},
         "versions": {"mosquitto": "2.0.21"},

@@ -16,7 +16,7 @@ GOOD = {"experiment": "scenario-1", "attempts": "2", "arm": "thesis", "profile":
 def test_a_good_plan() -> None:
     plan = make_plan(**GOOD)
     assert (plan.attempts, plan.arm.qos, plan.protocols) == (2, 0, ("mqttxt",))
-    assert settings_of(plan) == {"QOS": "0", "STREAMS": "onboard", "ENCODING_FLAG": ""}
+    assert settings_of(plan) == {"QOS": "0", "STREAMS": "px4-onboard", "ENCODING_FLAG": ""}
     assert settings_of(plan, "json")["ENCODING_FLAG"] == "--json"
 
 

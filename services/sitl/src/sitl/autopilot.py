@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import development as mavlink
 
 from .dynamics import Battery, Motion, Place
 from .guidance import FALL_M_S, Guidance

@@ -40,7 +40,7 @@ def fly(
     fleet: Annotated[Path | None, typer.Option(help="The fleet in YAML; PX4's defaults without.")] = None,
     listen: Annotated[str, typer.Option(help="HOST:PORT to receive on.")] = "127.0.0.1:14580",
     send: Annotated[str, typer.Option(help="HOST:PORT to send to.")] = "127.0.0.1:14540",
-    streams: Annotated[str, typer.Option(help=f"Which of PX4's stream sets: {', '.join(SETS)}.")] = "onboard",
+    streams: Annotated[str, typer.Option(help=f"What it streams: {', '.join(SETS)}.")] = "px4-onboard",
     gcs: Annotated[bool, typer.Option("--gcs", help="Also PX4's link for ground stations, 18570 to 14550.")] = False,
     events: Annotated[Path | None, typer.Option(help="File for what happens, JSON lines.")] = None,
     control: Annotated[Path | None, typer.Option(help="Unix socket of the side channel.")] = None,
@@ -57,7 +57,7 @@ def fly(
         config = load(fleet, system) if fleet is not None else DroneConfig(system)
         links = [LinkConfig(_address("--listen", listen), _reachable("--send", send), streams)]
         if gcs:
-            links.append(LinkConfig(("127.0.0.1", 18569 + system), ("127.0.0.1", 14550), "gcs"))
+            links.append(LinkConfig(("127.0.0.1", 18569 + system), ("127.0.0.1", 14550), "px4-gcs"))
             typer.echo(_how_to_connect(system, links[0]))
         vehicle = Vehicle(config, [link.streams for link in links], seed)
         process = Process(vehicle, links, events=events, control=control, ready_file=ready_file)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import development as mavlink
 
 RATES_HZ: dict[str, tuple[float, float, float]] = {
     "HEARTBEAT": (1, 1, 1),
@@ -27,6 +27,8 @@ RATES_HZ: dict[str, tuple[float, float, float]] = {
     "EXTENDED_SYS_STATE": (5, 1, 1),
     "BATTERY_STATUS": (0.5, 0.5, 0.5),
     "HOME_POSITION": (0.5, 0.5, 0.5),
+    "CURRENT_MODE": (0.5, 0.5, 0.5),
+    "AVAILABLE_MODES": (0.3, 0.3, 0.3),
     "ESTIMATOR_STATUS": (1, 0.5, 0.5),
     "GPS_GLOBAL_ORIGIN": (1, 1, 1),
     "SCALED_PRESSURE": (1, 1, 1),
@@ -37,34 +39,48 @@ RATES_HZ: dict[str, tuple[float, float, float]] = {
     "PING": (1, 0.1, 0.1),
     "MISSION_CURRENT": (1, 1, 1),
 }
-"""Hz in the sets onboard, normal and gcs, from PX4's start scripts and mavlink_main. CURRENT_MODE (0.5) and
-AVAILABLE_MODES (0.3) are left out: pymavlink's common dialect does not have them."""
+"""Hz in PX4's sets onboard, normal and gcs, from its start scripts and mavlink_main."""
 
 FASTEST_HZ = 100.0
 """As fast as the stand-in's clock ticks."""
-SETS = ("onboard", "normal", "gcs")
+LATE_S = 0.1
+"""What fell due so long ago is still sent; what is older is left out, as after a standstill."""
+PX4_SETS = ("px4-onboard", "px4-normal", "px4-gcs")
+SETS = (*PX4_SETS, "five-states")
+"""`five-states` begins with heartbeats: whoever wants more asks for it by SET_MESSAGE_INTERVAL."""
 NAMES = {getattr(mavlink, f"MAVLINK_MSG_ID_{name}"): name for name in RATES_HZ}
+
+
+def rates_hz(chosen: str) -> dict[str, float]:
+    """Hz of each message in one of SETS; 0 where it is not in it."""
+    if chosen in PX4_SETS:
+        return {name: rates[PX4_SETS.index(chosen)] for name, rates in RATES_HZ.items()}
+    return {name: 1.0 if name == "HEARTBEAT" else 0.0 for name in RATES_HZ}
 
 
 class Streams:
     """The messages of one link and their rates."""
 
     def __init__(self, chosen: str) -> None:
-        index = SETS.index(chosen)
-        self._default_hz = {name: rates[index] for name, rates in RATES_HZ.items()}
+        self._default_hz = rates_hz(chosen)
         self._hz = dict(self._default_hz)
         self._next_s = {name: i / len(RATES_HZ) / max(hz, 1) for i, (name, hz) in enumerate(self._hz.items())}
         """When each is due next; apart from each other, so that they do not all fall on one tick."""
 
     def due(self, now_s: float) -> list[str]:
-        """The names of the messages to send now; a late caller sends each at most once."""
+        """The names of the messages to send now; one that fell due twice since the last call is there twice.
+
+        So a busy machine, on which this is called late now and then, does not make the streams slower.
+        """
         found = []
         for name, hz in self._hz.items():
-            if hz > 0 and now_s >= self._next_s[name]:
+            if hz <= 0:
+                continue
+            if now_s - self._next_s[name] > max(LATE_S, 1 / hz):
+                self._next_s[name] = now_s
+            while self._next_s[name] <= now_s:
                 found.append(name)
-                period = 1 / hz
-                missed = now_s - self._next_s[name] > period
-                self._next_s[name] = now_s + period if missed else self._next_s[name] + period
+                self._next_s[name] += 1 / hz
         return found
 
     def set_interval(self, message_id: int, interval_us: float) -> bool:
@@ -72,7 +88,7 @@ class Streams:
         name = NAMES.get(message_id)
         if name is None or not math.isfinite(interval_us):
             return False
-        self._next_s[name] = 0.0
+        self._next_s[name] = -math.inf  # so late that it is sent now, once
         if interval_us < 0:
             self._hz[name] = 0.0
         elif interval_us == 0:

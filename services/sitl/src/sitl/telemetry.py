@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from collections.abc import Callable
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import development as mavlink
 
 from .autopilot import Autopilot
 from .modes import Mode
@@ -31,6 +32,7 @@ class Telemetry:
         self._ap = autopilot
         self._random = random.Random(seed)
         self._pings = 0
+        self._modes = itertools.cycle(enumerate(Mode, 1))
 
     def make(self, name: str) -> Any:
         """The message `name`; raises KeyError for one that is not streamed."""
@@ -237,7 +239,26 @@ class Telemetry:
         state = mavlink.MISSION_STATE_NO_MISSION
         return mavlink.MAVLink_mission_current_message(0, 0, state, 1 if self._ap.mode is Mode.MISSION else 2)
 
+    def _current_mode(self) -> Any:
+        mode = self._ap.mode
+        return mavlink.MAVLink_current_mode_message(_STANDARD_MODES.get(mode, 0), mode.custom_mode, mode.custom_mode)
 
+    def _available_modes(self) -> Any:
+        """One of the modes, another one each time."""
+        index, mode = next(self._modes)
+        return mavlink.MAVLink_available_modes_message(
+            *(len(Mode), index, _STANDARD_MODES.get(mode, 0), mode.custom_mode, 0, mode.name.title().encode())
+        )
+
+
+_STANDARD_MODES = {
+    Mode.POSITION: mavlink.MAV_STANDARD_MODE_POSITION_HOLD,
+    Mode.ALTITUDE: mavlink.MAV_STANDARD_MODE_ALTITUDE_HOLD,
+    Mode.RETURN: mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY,
+    Mode.MISSION: mavlink.MAV_STANDARD_MODE_MISSION,
+    Mode.LAND: mavlink.MAV_STANDARD_MODE_LAND,
+    Mode.TAKEOFF: mavlink.MAV_STANDARD_MODE_TAKEOFF,
+}
 _MAKERS: dict[str, Callable[[Telemetry], Any]] = {
     "HEARTBEAT": lambda telemetry: telemetry._ap.heartbeat(),
     "HOME_POSITION": lambda telemetry: telemetry._ap.home_position(),
@@ -268,4 +289,6 @@ _MAKERS: dict[str, Callable[[Telemetry], Any]] = {
     "SYSTEM_TIME": Telemetry._system_time,
     "PING": Telemetry._ping,
     "MISSION_CURRENT": Telemetry._mission,
+    "CURRENT_MODE": Telemetry._current_mode,
+    "AVAILABLE_MODES": Telemetry._available_modes,
 }

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import development as mavlink
 
 from . import commands, control
 from .autopilot import STEP_S, Autopilot
