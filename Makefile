@@ -1,23 +1,35 @@
 ATTEMPTS ?= 1
 ARM ?= thesis
 PROFILE ?= ideal
-PROTOCOLS ?= mqttxt
+PROTOCOLS ?= mqttxt,mavlink
 ENCODING ?= cbor
+# Factors, each by itself; empty: the arm's.
+STREAMS ?=
+COMMANDING ?=
+QOS ?=
+CHAIN ?=
+STATES ?=
+FACTORS = --streams '$(STREAMS)' --commanding '$(COMMANDING)' --qos '$(QOS)' --chain '$(CHAIN)' --states '$(STATES)'
+# One fleet can be up at a time: where nobody chose a protocol it is MQTT-XT's.
+ONE_PROTOCOL = $(if $(filter file,$(origin PROTOCOLS)),mqttxt,$(PROTOCOLS))
 BOOTSTRAP := python3 -m testbed.bootstrap
 PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help scenario-1 up down report test check bench docs sitl doctor lock clean venv containers
+.PHONY: help scenario-1 arms up down report test check bench docs sitl doctor lock clean venv containers
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
-scenario-1: containers ## Fly scenario 1: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
-	@$(PYTHON) -m testbed run scenario-1 --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --protocols '$(PROTOCOLS)'
+scenario-1: containers ## Fly scenario 1 over both: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
+	@$(PYTHON) -m testbed run scenario-1 --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --protocols '$(PROTOCOLS)' $(FACTORS)
 
-up: containers ## Start the six drones and leave them running, to explore by hand (ENCODING=json to read along)
-	@$(PYTHON) -m testbed up --encoding '$(ENCODING)'
+arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES=)
+	@$(PYTHON) -m testbed arms
+
+up: containers ## Start the six drones and leave them running, to explore by hand (PROTOCOLS=mavlink, ENCODING=json)
+	@$(PYTHON) -m testbed up --protocol '$(ONE_PROTOCOL)' --arm '$(ARM)' $(FACTORS) --encoding '$(ENCODING)'
 
 down: containers ## End what `make up` started
 	@$(PYTHON) -m testbed down

@@ -10,20 +10,27 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
 from .containers import Containers, only_run
-from .errors import TestbedError
-from .experiments import make_plan
+from .errors import DockerError, TestbedError
+from .experiments import ARMS, FACTORS, PROTOCOLS, make_plan, one_protocol
+from .flights import by_hand, settings_of
 from .metrics import measure_series
 from .progress import ConsoleProgress
 from .report.html import write_report
 from .report.terminal import print_summary
-from .results import open_series
-from .runner import CLOUD_URL, run_series, settings_of
+from .results import new_series, open_series
+from .runner import run_series
 from .topology import ROOT
 
 RESULTS = ROOT / "results"
 LIVE = RESULTS / ".live"
+
+
+def _factor_help(name: str) -> str:
+    return f"{', '.join(FACTORS[name])}; empty: the arm's."
+
 
 app = typer.Typer(
     name="testbed",
@@ -38,17 +45,29 @@ app = typer.Typer(
 def run(
     experiment: Annotated[str, typer.Argument(help="What to fly: scenario-1.")],
     attempts: Annotated[str, typer.Option(help="How often.")] = "1",
-    arm: Annotated[str, typer.Option(help="How the fleet talks: thesis.")] = "thesis",
+    arm: Annotated[str, typer.Option(help=f"How the fleet talks: {', '.join(ARMS)}.")] = "thesis",
     profile: Annotated[str, typer.Option(help="How the links are: ideal.")] = "ideal",
-    protocols: Annotated[str, typer.Option(help="Over what, a list: mqttxt.")] = "mqttxt",
+    protocols: Annotated[str, typer.Option(help="Over what, a list; empty: mqttxt,mavlink.")] = "",
+    streams: Annotated[str, typer.Option(help=_factor_help("streams"))] = "",
+    commanding: Annotated[str, typer.Option(help=_factor_help("commanding"))] = "",
+    qos: Annotated[str, typer.Option(help=_factor_help("qos"))] = "",
+    chain: Annotated[str, typer.Option(help=_factor_help("chain"))] = "",
+    states: Annotated[str, typer.Option(help=_factor_help("states"))] = "",
     results: Annotated[Path, typer.Option(help="Folder for the results.")] = RESULTS,
 ) -> None:
     """Fly an experiment, measure it, and write its report. Exit code 0 only if every attempt was completed."""
     with _errors_as_lines():
-        plan = make_plan(experiment, attempts, arm, profile, protocols)
+        factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
+        plan = make_plan(experiment, attempts, arm, profile, protocols, factors)
         console = _console()
         only_run()
-        series, endings = run_series(plan, results.absolute(), ConsoleProgress(console))
+        series = new_series(results.absolute(), plan.experiment, plan.label, plan.profile)
+        try:
+            endings = run_series(plan, series, ConsoleProgress(console))
+        except DockerError:
+            if any(attempt.was_flown for attempt in series.attempts()):
+                _report(series.path, console)
+            raise
         metrics = _report(series.path, console)
         counted = [attempt["status"] for side in metrics["protocols"].values() for attempt in side["attempts"]]
         if counted != ["completed"] * len(endings):
@@ -66,32 +85,46 @@ def report(
 
 
 @app.command()
+def arms() -> None:
+    """Say which arms there are, what each sets the factors to, and what else they can be."""
+    table = Table("", *ARMS, "can be", box=None, pad_edge=False, header_style="bold")
+    for name, values in FACTORS.items():
+        own = [str(getattr(arm.factors, name)) for arm in ARMS.values()]
+        table.add_row(name.upper(), *own, ", ".join(values))
+    _console().print(table)
+
+
+@app.command()
 def up(
+    protocol: Annotated[str, typer.Option(help=f"Over what: {' or '.join(PROTOCOLS)}.")] = PROTOCOLS[0],
+    arm: Annotated[str, typer.Option(help=f"How the fleet talks: {', '.join(ARMS)}.")] = "thesis",
+    streams: Annotated[str, typer.Option(help=_factor_help("streams"))] = "",
+    qos: Annotated[str, typer.Option(help=_factor_help("qos"))] = "",
+    chain: Annotated[str, typer.Option(help=_factor_help("chain"))] = "",
+    states: Annotated[str, typer.Option(help=_factor_help("states"))] = "",
+    commanding: Annotated[str, typer.Option(help=_factor_help("commanding"))] = "",
     encoding: Annotated[str, typer.Option(help="Payloads of fogs and drones: cbor, or json for people.")] = "cbor",
 ) -> None:
     """Start the fleet and leave it running, to explore by hand."""
     with _errors_as_lines():
+        factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
+        plan = make_plan("scenario-1", "1", arm, "ideal", one_protocol(protocol), factors)
+        settings = settings_of(plan, encoding)
         for folder in (LIVE, LIVE / "pcap", LIVE / "sitl"):
             folder.mkdir(parents=True, exist_ok=True)
             folder.chmod(0o777)
-        settings = settings_of(make_plan("scenario-1", "1", "thesis", "ideal", "mqttxt"), encoding)
         only_run()
-        with ConsoleProgress(_console()).phase("starting 17 containers"):
-            Containers("mqttxt", LIVE, settings).up()
-        typer.echo(f"""\
-Six drones are up. To look and to fly:
-  docker exec -it mqttxt-testbed_gs_1 mqttxt gs watch --fog 1 --fog 2
-  docker exec -it mqttxt-testbed_gs_1 mqttxt gs send arm --fog 1 --drone 2
-  docker exec -it mqttxt-testbed_gs_1 mqttxt gs send takeoff 10 --fog 1 --drone 2
-  docker exec -it mqttxt-testbed_gs_1 mosquitto_sub -h {CLOUD_URL.split("//")[1].split(":")[0]} -v -t 'fog1/#'
-  make down""")
+        containers = Containers(protocol, LIVE, settings)
+        with ConsoleProgress(_console()).phase(f"starting {containers.count} containers"):
+            containers.up()
+        typer.echo(by_hand(plan, protocol, containers.name_of))
 
 
 @app.command()
 def down() -> None:
-    """End what `up` started."""
+    """End what `up` started, over whatever protocol."""
     with _errors_as_lines(), ConsoleProgress(_console()).phase("ending the containers"):
-        Containers("mqttxt", LIVE, {}).down()
+        Containers(PROTOCOLS[0], LIVE, {}).down()
 
 
 def _console() -> Console:

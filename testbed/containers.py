@@ -17,11 +17,13 @@ from typing import Any
 
 import docker
 from docker.errors import APIError, DockerException
+from requests.exceptions import RequestException
 
-from .errors import ContainerDied, DockerError
-from .topology import COMPOSE_FILE, ROOT
+from .errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError
+from .topology import COMPOSE_FILE, ROOT, read_services
 
 PROJECT = "mqttxt-testbed"
+PROFILES = ("mqttxt", "mavlink")
 HEALTHY_TIMEOUT_S = 90.0
 POLL_S = 0.5
 LOG_LINES = 12
@@ -44,15 +46,20 @@ class Containers:
             raise DockerError(f"Docker does not answer: {error}; type: make doctor") from error
 
     def up(self, timeout_s: float = HEALTHY_TIMEOUT_S) -> None:
-        """Start everything and wait until all are healthy; raises DockerError naming what is not, and why."""
+        """Start everything and wait until all are healthy; raises FleetError naming what is not, and why."""
         self.down()
         self._compose("up", "--detach", "--no-build")
         deadline = time.monotonic() + timeout_s
         while waiting := self._unhealthy():
             self.check_alive()
             if time.monotonic() > deadline:
-                raise DockerError(self._describe(waiting[0], f"not healthy within {timeout_s:.0f} s"))
+                raise ContainerUnhealthy(self._describe(waiting[0], f"not healthy within {timeout_s:.0f} s"))
             time.sleep(POLL_S)
+
+    @property
+    def count(self) -> int:
+        """How many containers the profile has."""
+        return len(services_of(self._profile))
 
     def check_alive(self) -> None:
         """Raises ContainerDied for a container that has ended."""
@@ -94,6 +101,10 @@ class Containers:
         result = self._service(service).exec_run(command, user=NODE_USER)
         return str(result.output.decode(errors="replace"))
 
+    def name_of(self, service: str) -> str:
+        """The name of a service's container, as one types it."""
+        return str(self._service(service).name)
+
     def save_logs(self, folder: Path) -> None:
         """Every container's log into `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
@@ -107,7 +118,7 @@ class Containers:
                 container.stop(timeout=timeout_s)
 
     def down(self) -> None:
-        """End and remove everything of this project."""
+        """End and remove everything of this project, whatever its profile."""
         self._compose("down", "--timeout", "3", "--volumes", "--remove-orphans")
 
     def images(self) -> dict[str, str]:
@@ -131,7 +142,7 @@ class Containers:
     def _all(self) -> list[Any]:
         try:
             return list(self._client.containers.list(all=True, filters={"label": f"{PROJECT_LABEL}={PROJECT}"}))
-        except APIError as error:
+        except (APIError, RequestException) as error:
             raise DockerError(f"Docker does not answer: {error}") from error
 
     def _service(self, service: str) -> Any:
@@ -152,7 +163,9 @@ class Containers:
         return f"{container.labels[SERVICE_LABEL]} {what}; its last log lines:\n    {said}"
 
     def _compose(self, *words: str) -> None:
-        options = ["--project-name", PROJECT, "--file", str(COMPOSE_FILE), "--profile", self._profile]
+        profiles = PROFILES if words[0] == "down" else (self._profile,)  # another profile's fleet may have been left
+        options = ["--project-name", PROJECT, "--file", str(COMPOSE_FILE)]
+        options += [word for profile in profiles for word in ("--profile", profile)]
         command = [*compose_command(), *options, *words]
         done = subprocess.run(
             command,
@@ -169,8 +182,14 @@ class Containers:
                     "a network within 198.18.0.0/15 is in use by another Docker network; `make down` ends a fleet that "
                     "was left, `docker network ls` shows the others"
                 )
-            reasons = [line for line in done.stderr.splitlines() if "rror" in line] or done.stderr.splitlines()
-            raise DockerError(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
+            reasons = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()
+            failure = FleetError if words[0] == "up" else DockerError
+            raise failure(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
+
+
+def services_of(profile: str, path: Path = COMPOSE_FILE) -> list[str]:
+    """The services that a profile starts. Raises UserError for a file that is no compose file."""
+    return [name for name, service in read_services(path).items() if profile in service.get("profiles", [profile])]
 
 
 def only_run() -> None:

@@ -3,7 +3,9 @@
 TestbedError            something that ends a command with one line and exit code 1
 ├── UserError           a wrong option or file: the line names it and what was expected (exit code 2)
 ├── DockerError         Docker is missing, refuses, or a container is not well
-│   └── ContainerDied   a container ended that should run; names it, with its last log lines
+│   └── FleetError      Docker works, the fleet does not: the attempt fails, the next one may not
+│       ├── ContainerDied       a container ended that should run; names it, with its last log lines
+│       └── ContainerUnhealthy  a container did not become healthy in time; likewise
 └── ResultsError        a results folder that cannot be read
 """
 
@@ -27,8 +29,16 @@ class DockerError(TestbedError):
     """Docker is missing, refuses, or a container is not well."""
 
 
-class ContainerDied(DockerError):
+class FleetError(DockerError):
+    """Docker works and the fleet does not: this fails an attempt, and the run goes on."""
+
+
+class ContainerDied(FleetError):
     """A container ended that should run; the message has its name and its last log lines."""
+
+
+class ContainerUnhealthy(FleetError):
+    """A container did not become healthy in time; the message has its name and its last log lines."""
 
 
 class ResultsError(TestbedError):

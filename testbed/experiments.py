@@ -1,52 +1,128 @@
-"""What can be flown: experiments, arms, profiles, protocols, and the check of what a person typed."""
+"""What can be flown: experiments, factors, arms, profiles, protocols, and the check of what a person typed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 
 from .errors import UserError
 
 EXPERIMENTS = ("scenario-1",)
-PROTOCOLS = ("mqttxt",)
+PROTOCOLS = ("mqttxt", "mavlink")
 PROFILES = ("ideal",)
 MOST_ATTEMPTS = 99
+
+FACTORS: dict[str, tuple[str, ...]] = {
+    "streams": ("px4-onboard", "px4-gcs", "five-states"),
+    "commanding": ("one-by-one", "concurrent"),
+    "qos": ("0", "1"),
+    "chain": ("per-uav", "shared", "direct"),
+    "states": ("on-change", "fixed", "bundle"),
+}
+"""Every factor with its values; in capitals it is the variable that sets it."""
+
+
+@dataclass(frozen=True)
+class Factors:
+    """How a fleet talks.
+
+    streams     what an autopilot sends by itself: a set of PX4's, or a heartbeat and, on request, five states at 1 Hz
+    commanding  MAVLink: the next call when the last one has returned, or all vehicles at once
+    qos         MQTT-XT: that of commands and results, 0 or 1
+    chain       MAVLink: a chain of routers for each UAV, one that all share, or none
+    states      MQTT-XT: published on change, at a fixed 1 Hz, or that in bundles
+    """
+
+    streams: str
+    commanding: str
+    qos: int
+    chain: str
+    states: str
 
 
 @dataclass(frozen=True)
 class Arm:
-    """A named preset: how the fleet talks. `qos` is that of MQTT-XT's commands, results and states."""
+    """A named preset of all factors."""
 
     name: str
-    qos: int
-    states: str
-    streams: str
+    factors: Factors
 
 
-ARMS = {"thesis": Arm("thesis", qos=0, states="on-change", streams="px4-onboard")}
+_THESIS = Factors("px4-onboard", "one-by-one", 0, "per-uav", "on-change")
+_FIVE_STATES = Factors("five-states", "concurrent", 1, "shared", "fixed")
+
+ARMS = {
+    arm.name: arm
+    for arm in (
+        Arm("thesis", _THESIS),
+        Arm("thesis-concurrent", replace(_THESIS, commanding="concurrent")),
+        Arm("five-states", _FIVE_STATES),
+        Arm("five-states-bundled", replace(_FIVE_STATES, states="bundle")),
+        Arm("direct", Factors("px4-onboard", "concurrent", 1, "direct", "on-change")),
+    )
+}
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a person asked for, checked."""
+    """What a person asked for, checked; `factors` are the arm's, but for those that were set by themselves."""
 
     experiment: str
     attempts: int
     arm: Arm
+    factors: Factors
     profile: str
     protocols: tuple[str, ...]
 
+    @property
+    def label(self) -> str:
+        """The arm with every factor in which the plan deviates from it, as the results' path has it."""
+        own, flown = asdict(self.arm.factors), asdict(self.factors)
+        return "+".join([self.arm.name, *(f"{name}-{flown[name]}" for name in FACTORS if flown[name] != own[name])])
 
-def make_plan(experiment: str, attempts: str, arm: str, profile: str, protocols: str) -> Plan:
-    """Raises UserError naming the option, its value and what was expected."""
+    def order(self, attempt: int) -> tuple[str, ...]:
+        """Who flies first: as listed in odd attempts, the other way round in even ones."""
+        return self.protocols if attempt % 2 else self.protocols[::-1]
+
+
+def make_plan(
+    experiment: str,
+    attempts: str = "1",
+    arm: str = "thesis",
+    profile: str = "ideal",
+    protocols: str = "",
+    overrides: Mapping[str, str] | None = None,
+) -> Plan:
+    """A plan from what a person typed.
+
+    `protocols` is a list with commas, all of them when empty; `overrides` are factors by their names, the arm's where
+    they are empty. Raises UserError naming the option, its value and what was expected.
+    """
     _one_of("scenario", experiment, EXPERIMENTS)
     _one_of("ARM", arm, tuple(ARMS))
     _one_of("PROFILE", profile, PROFILES)
-    chosen = tuple(part.strip() for part in protocols.split(","))
+    chosen = tuple(part.strip() for part in protocols.split(",")) if protocols.strip() else PROTOCOLS
     for protocol in chosen:
         _one_of("PROTOCOLS", protocol, PROTOCOLS)
     if not attempts.isascii() or not attempts.isdecimal() or not 1 <= int(attempts) <= MOST_ATTEMPTS:
         raise UserError(f"ATTEMPTS={attempts}: expected a whole number from 1 to {MOST_ATTEMPTS}")
-    return Plan(experiment, int(attempts), ARMS[arm], profile, tuple(dict.fromkeys(chosen)))
+    factors = _factors(ARMS[arm], overrides or {})
+    return Plan(experiment, int(attempts), ARMS[arm], factors, profile, tuple(dict.fromkeys(chosen)))
+
+
+def one_protocol(text: str) -> str:
+    """The protocol of a fleet that is only looked at. Raises UserError for another, or for a list."""
+    if text not in PROTOCOLS:
+        raise UserError(f"PROTOCOLS={text}: expected {' or '.join(PROTOCOLS)}, one of them")
+    return text
+
+
+def _factors(arm: Arm, overrides: Mapping[str, str]) -> Factors:
+    changed = {name: value for name, value in overrides.items() if value}
+    for name, value in changed.items():
+        _one_of(name.upper(), value, FACTORS[name])
+    values = {name: str(value) for name, value in asdict(arm.factors).items()} | changed
+    return Factors(values["streams"], values["commanding"], int(values["qos"]), values["chain"], values["states"])
 
 
 def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:

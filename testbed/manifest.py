@@ -15,7 +15,11 @@ from .experiments import Plan
 from .results import MANIFEST_VERSION
 from .topology import ROOT, Topology
 
-NODE_PACKAGES = ("paho-mqtt", "pymavlink", "cbor2", "fastcrc")
+NODE_PACKAGES = {
+    "mqttxt": ("paho-mqtt", "pymavlink", "cbor2", "fastcrc"),
+    "mavlink": ("mavsdk", "pymavlink", "fastcrc"),
+}
+ROUTER_MODULE = ROOT / "services" / "router" / "go.mod"
 SITL_SEED = 1
 
 
@@ -28,10 +32,11 @@ def describe(plan: Plan, protocol: str, number: int, topology: Topology, setting
         "profile": plan.profile,
         "protocol": protocol,
         "attempt": number,
+        "order": list(plan.order(number)),
         "status": "running",
         "reason": None,
         "revision": revision(),
-        "configuration": {**asdict(plan.arm), **settings},
+        "configuration": {**asdict(plan.factors), **settings},
         "seeds": {"sitl": SITL_SEED},
         "shaper": "none",
         "host": {
@@ -41,7 +46,7 @@ def describe(plan: Plan, protocol: str, number: int, topology: Topology, setting
             "python": platform.python_version(),
             "load_before": os.getloadavg()[0],
         },
-        "versions": {name: _pinned(name) for name in NODE_PACKAGES} | {"scapy": version("scapy")},
+        "versions": _versions(plan, protocol),
         "topology": {
             "nodes": [asdict(node) for node in topology.nodes],
             "links": [asdict(link) for link in topology.links],
@@ -59,10 +64,27 @@ def revision() -> dict[str, Any]:
     return {"commit": found.stdout.strip(), "dirty": bool(changed.stdout.strip())}
 
 
+def mavp2p_version(module: Path = ROUTER_MODULE) -> str | None:
+    """The version that the router's go.mod requires: a built mavp2p does not know its own."""
+    try:
+        text = module.read_text(encoding="utf-8")
+    except OSError:
+        return None
+    found = re.search(r"^(?:require)?\s*github\.com/bluenviron/mavp2p v(\S+)", text, re.MULTILINE)
+    return found[1] if found else None
+
+
 def mosquitto_version(help_text: str) -> str | None:
     """The version in `mosquitto -h`'s first line."""
     found = re.search(r"mosquitto version (\S+)", help_text)
     return found[1] if found else None
+
+
+def _versions(plan: Plan, protocol: str) -> dict[str, str | None]:
+    """What is pinned of what carries a protocol; the broker is asked when it runs."""
+    found = {name: _pinned(name) for name in NODE_PACKAGES[protocol]} | {"scapy": version("scapy")}
+    routed = protocol == "mavlink" and plan.factors.chain != "direct"
+    return found | {"mavp2p": mavp2p_version()} if routed else found
 
 
 def _pinned(package: str) -> str | None:

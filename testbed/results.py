@@ -53,6 +53,11 @@ class Attempt:
         links = tuple(Link(link["name"], link["lower"], link["upper"]) for link in described["links"])
         return Topology(nodes, links)
 
+    @property
+    def was_flown(self) -> bool:
+        """Whether the mission began to write down what happened."""
+        return (self.path / "events.jsonl").exists()
+
     def events(self) -> list[dict[str, Any]]:
         return read_json_lines(self.path / "events.jsonl")
 
@@ -84,7 +89,7 @@ class Series:
 
 
 def new_series(root: Path, experiment: str, arm: str, profile: str) -> Series:
-    """A folder of its own for a series, never one that is there."""
+    """A folder of its own for a series, never one that is there; `arm` with what deviates from it."""
     name = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     folder = root / experiment / f"{arm}-{profile}"
     try:
@@ -108,7 +113,7 @@ def new_attempt(series: Series, protocol: str, number: int) -> Attempt:
     return Attempt(path, protocol, number)
 
 
-def point_latest(root: Path, series: Series) -> None:
+def point_latest(series: Series) -> None:
     """Make `results/<experiment>/latest` point to a series, at no time to nothing."""
     experiment = series.path.parent.parent
     fresh = experiment / ".latest.new"

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from .containers import Containers
-from .errors import DockerError, TestbedError, UserError
+from .errors import DockerError, FleetError, TestbedError, UserError
 from .experiments import Plan
+from .flights import mission_command, settings_of
 from .manifest import describe, mosquitto_version
-from .results import Attempt, Series, new_attempt, new_series, point_latest, write_json
-from .topology import FLEET, read_topology
+from .results import Attempt, Series, new_attempt, point_latest, write_json
+from .topology import read_topology
 from .validity import void_reason
 
-CLOUD_URL = "mqtt://198.18.1.3:1883"
 MISSION_OVER = {0: "completed", 1: "failed"}
 BAD_INPUT = 2
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
@@ -49,14 +49,16 @@ class Interrupted(TestbedError):
 
 
 def run_series(
-    plan: Plan, root: Path, progress: Progress, make_containers: Callable[..., Containers] = Containers
-) -> tuple[Series, list[Ended]]:
-    """Fly every attempt of a plan. A failed attempt does not end the series; a lost Docker does."""
-    series = new_series(root, plan.experiment, plan.arm.name, plan.profile)
+    plan: Plan, series: Series, progress: Progress, make_containers: Callable[..., Containers] = Containers
+) -> list[Ended]:
+    """Fly every attempt of a plan, over one protocol after the other; who is first alternates.
+
+    A failed attempt does not end the series; a lost Docker does, with DockerError.
+    """
     endings = []
     with _signals_interrupt(series.path):
         for number in range(1, plan.attempts + 1):
-            for protocol in plan.protocols:
+            for protocol in plan.order(number):
                 progress.attempt(protocol, number, plan.attempts)
                 attempt = new_attempt(series, protocol, number)
                 try:
@@ -67,16 +69,8 @@ def run_series(
                     ) from error
                 progress.ended(ended.status, ended.reason)
                 endings.append(ended)
-                point_latest(root, series)
-    return series, endings
-
-
-def settings_of(plan: Plan, encoding: str = "cbor") -> dict[str, str]:
-    """The environment that compose.yaml's variables take. Raises UserError for an unknown encoding."""
-    flags = {"cbor": "", "json": "--json"}
-    if encoding not in flags:
-        raise UserError(f"ENCODING={encoding}: expected one of {', '.join(flags)}")
-    return {"QOS": str(plan.arm.qos), "STREAMS": plan.arm.streams, "ENCODING_FLAG": flags[encoding]}
+                point_latest(series)
+    return endings
 
 
 def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
@@ -87,13 +81,13 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     try:
         containers = make_containers(attempt.protocol, attempt.path, settings)
         with _fleet_up(containers, attempt, manifest, progress):
-            ended = _mission(plan, containers, progress)
+            ended = _mission(mission_command(plan, attempt.protocol), containers, progress)
     except Interrupted:
         raise
     except (TestbedError, OSError) as error:
         ended = Ended("failed", str(error))
-        flown = (attempt.path / "events.jsonl").exists()
-        if not (isinstance(error, DockerError) and flown):
+        fleets_own = isinstance(error, FleetError)
+        if not (fleets_own or (isinstance(error, DockerError) and attempt.was_flown)):
             raise
     finally:
         manifest["captures"] = attempt.captures()
@@ -110,11 +104,12 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
 def _fleet_up(containers: Containers, attempt: Attempt, manifest: dict[str, Any], progress: Progress) -> Iterator[None]:
     """The fleet for as long as this lasts; it is taken down whatever happens."""
     try:
-        with progress.phase("starting 17 containers"):
+        with progress.phase(f"starting {containers.count} containers"):
             containers.up()
         manifest["images"] = containers.images()
         manifest["versions"] |= containers.versions()
-        manifest["versions"]["mosquitto"] = mosquitto_version(containers.output("broker", ["mosquitto", "-h"]))
+        if attempt.protocol == "mqttxt":
+            manifest["versions"]["mosquitto"] = mosquitto_version(containers.output("broker", ["mosquitto", "-h"]))
         manifest["versions"]["tc"] = containers.output("net", ["tc", "-V"]).strip()
         yield
     finally:
@@ -122,10 +117,8 @@ def _fleet_up(containers: Containers, attempt: Attempt, manifest: dict[str, Any]
             manifest["cpu_s"] = _take_down(containers, attempt)
 
 
-def _mission(plan: Plan, containers: Containers, progress: Progress) -> Ended:
-    fleet = ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in FLEET.items())
-    options = ["--fleet", fleet, "--cloud", CLOUD_URL, "--qos", str(plan.arm.qos), "--events", "/run-dir/events.jsonl"]
-    lines = containers.execute("gs", ["mission", "fly", plan.experiment, *options])
+def _mission(command: list[str], containers: Containers, progress: Progress) -> Ended:
+    lines = containers.execute("gs", command)
     said = ""
     while True:
         try:

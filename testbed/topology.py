@@ -64,12 +64,8 @@ def links_of(names: list[str], fleet: dict[int, tuple[int, ...]] | None = None) 
 
 def read_topology(path: Path = COMPOSE_FILE) -> Topology:
     """The topology of a compose file; raises UserError where a node's address cannot be told."""
-    try:
-        services: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))["services"]
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise UserError(f"{path}: expected a compose file with services: {' '.join(str(error).split())}") from error
     nodes = []
-    for name, service in services.items():
+    for name, service in read_services(path).items():
         networks = service.get("networks")
         if name == "net" or not isinstance(networks, dict):
             continue
@@ -78,3 +74,12 @@ def read_topology(path: Path = COMPOSE_FILE) -> Topology:
             raise UserError(f"{path}: services.{name}.networks: expected one network with an ipv4_address")
         nodes.append(Node(name, addresses[0]))
     return Topology(tuple(nodes), links_of([node.name for node in nodes]))
+
+
+def read_services(path: Path = COMPOSE_FILE) -> dict[str, Any]:
+    """The services of a compose file by name; raises UserError where there are none."""
+    try:
+        services: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))["services"]
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise UserError(f"{path}: expected a compose file with services: {' '.join(str(error).split())}") from error
+    return services

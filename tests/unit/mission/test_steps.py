@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from mission import scenarios
-from mission.__main__ import parse_fleet
 from mission.events import EventLog
 from mission.fleet import MissionError, Result, Status
 from mission.steps import Steps
@@ -132,12 +131,6 @@ def test_progress_is_a_line_for_programs() -> None:
     shown = StringIO()
     EventLog(Path("/dev/null"), shown).show("land", {1: "armed, 3.0 m"})
     assert json.loads(shown.getvalue()) == {"step": "land", "drones": {"1": "armed, 3.0 m"}}
-
-
-def test_a_fleet_is_typed_as_fogs_and_drones() -> None:
-    assert parse_fleet("1:1,2,3;2:4") == {1: (1, 2, 3), 2: (4,)}
-    with pytest.raises(ValueError, match="--fleet '1;2': expected FOG:DRONE,DRONE;FOG:DRONE"):
-        parse_fleet("1;2")
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from testbed import containers
-from testbed.containers import Containers
-from testbed.errors import DockerError
+from testbed.containers import Containers, services_of
+from testbed.errors import DockerError, FleetError
 
 
 class _Exec:
@@ -56,6 +57,53 @@ def test_a_command_that_Docker_lost_sight_of_is_an_error(monkeypatch: pytest.Mon
     fleet, _ = _containers(monkeypatch, [b"a\n"], None)
     with pytest.raises(DockerError, match="gs: lost touch with mission, which still runs"):
         list(fleet.execute("gs", ["mission"]))
+
+
+def test_what_a_profile_starts_is_read_from_the_compose_file(tmp_path: Path) -> None:
+    compose = tmp_path / "compose.yaml"
+    compose.write_text(
+        "x-node: &node {profiles: [mqttxt, mavlink]}\n"
+        "services:\n"
+        "  net: {image: node}\n"
+        "  gs: {<<: *node}\n"
+        "  broker: {profiles: [mqttxt]}\n"
+        "  router-gs: {profiles: [mavlink]}\n"
+    )
+    assert services_of("mqttxt", compose) == ["net", "gs", "broker"]
+    assert services_of("mavlink", compose) == ["net", "gs", "router-gs"]
+
+
+@pytest.fixture
+def composed(monkeypatch: pytest.MonkeyPatch) -> tuple[Containers, list[list[str]]]:
+    """MAVLink's containers, whose compose only writes down what it is asked, and cannot start anything."""
+    fleet = Containers.__new__(Containers)
+    monkeypatch.setattr(fleet, "_profile", "mavlink", raising=False)
+    monkeypatch.setattr(fleet, "_environment", {}, raising=False)
+    monkeypatch.setattr(containers, "compose_command", lambda: ["compose"])
+    ran: list[list[str]] = []
+
+    def run(command: list[str], **_: object) -> SimpleNamespace:
+        ran.append(command)
+        said = "Creating router-gs\nERROR: for sitl1  Container 0a1b is unhealthy.\n"
+        return SimpleNamespace(returncode=int("up" in command), stderr=said)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    return fleet, ran
+
+
+def test_a_fleet_is_taken_down_whatever_protocol_it_was_for(composed: tuple[Containers, list[list[str]]]) -> None:
+    fleet, ran = composed
+    fleet.down()
+    assert [after for word, after in pairwise(ran[0]) if word == "--profile"] == ["mqttxt", "mavlink"]
+
+
+def test_a_start_that_compose_gives_up_is_the_fleets_own_failure(
+    composed: tuple[Containers, list[list[str]]],
+) -> None:
+    fleet, ran = composed
+    with pytest.raises(FleetError, match="compose up: ERROR: for sitl1  Container 0a1b is unhealthy"):
+        fleet.up()
+    assert [after for word, after in pairwise(ran[-1]) if word == "--profile"] == ["mavlink"]
 
 
 def test_a_second_run_is_told_who_flies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,17 +7,104 @@ from typing import Any
 import pytest
 
 from testbed.errors import UserError
-from testbed.experiments import make_plan
-from testbed.runner import settings_of
+from testbed.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
+from testbed.flights import by_hand, mission_command, settings_of
 
 GOOD = {"experiment": "scenario-1", "attempts": "2", "arm": "thesis", "profile": "ideal", "protocols": "mqttxt"}
 
 
+def _plan(arm: str = "thesis", **factors: str) -> Plan:
+    return make_plan("scenario-1", arm=arm, overrides=factors)
+
+
 def test_a_good_plan() -> None:
     plan = make_plan(**GOOD)
-    assert (plan.attempts, plan.arm.qos, plan.protocols) == (2, 0, ("mqttxt",))
-    assert settings_of(plan) == {"QOS": "0", "STREAMS": "px4-onboard", "ENCODING_FLAG": ""}
-    assert settings_of(plan, "json")["ENCODING_FLAG"] == "--json"
+    assert (plan.attempts, plan.factors.qos, plan.protocols) == (2, 0, ("mqttxt",))
+
+
+def test_without_a_word_both_protocols_fly_the_thesis_once() -> None:
+    plan = make_plan("scenario-1")
+    assert (plan.attempts, plan.protocols, plan.label) == (1, ("mqttxt", "mavlink"), "thesis")
+    assert plan.factors == Factors("px4-onboard", "one-by-one", 0, "per-uav", "on-change")
+
+
+@pytest.mark.parametrize(
+    ("arm", "factors"),
+    [
+        ("thesis-concurrent", Factors("px4-onboard", "concurrent", 0, "per-uav", "on-change")),
+        ("five-states", Factors("five-states", "concurrent", 1, "shared", "fixed")),
+        ("five-states-bundled", Factors("five-states", "concurrent", 1, "shared", "bundle")),
+        ("direct", Factors("px4-onboard", "concurrent", 1, "direct", "on-change")),
+    ],
+)
+def test_an_arm_sets_every_factor(arm: str, factors: Factors) -> None:
+    assert _plan(arm).factors == factors
+
+
+def test_every_arm_uses_values_that_one_could_type() -> None:
+    for arm in ARMS.values():
+        assert all(str(getattr(arm.factors, name)) in values for name, values in FACTORS.items())
+
+
+@pytest.mark.parametrize(
+    ("arm", "factors", "label"),
+    [
+        ("thesis", {"streams": "px4-gcs"}, "thesis+streams-px4-gcs"),
+        ("thesis", {"qos": "1", "states": "", "chain": "shared"}, "thesis+qos-1+chain-shared"),
+        ("thesis", {"qos": "0", "streams": "px4-onboard"}, "thesis"),
+        ("direct", {"qos": "0"}, "direct+qos-0"),
+    ],
+)
+def test_a_factor_by_itself_is_named_where_it_deviates_from_the_arm(
+    arm: str, factors: dict[str, str], label: str
+) -> None:
+    assert _plan(arm, **factors).label == label
+
+
+def test_a_factor_by_itself_leaves_the_others_as_the_arm_has_them() -> None:
+    assert _plan("five-states", chain="direct").factors == Factors("five-states", "concurrent", 1, "direct", "fixed")
+
+
+def test_who_flies_first_alternates() -> None:
+    plan = make_plan("scenario-1", "3")
+    assert [plan.order(number)[0] for number in (1, 2, 3)] == ["mqttxt", "mavlink", "mqttxt"]
+
+
+def test_compose_gets_every_factor_that_a_container_needs() -> None:
+    assert settings_of(_plan()) == {
+        **{"QOS": "0", "STREAMS": "px4-onboard", "CHAIN": "per-uav", "ENCODING_FLAG": "", "BUNDLES_FLAG": ""},
+    }
+    assert settings_of(_plan(), "json")["ENCODING_FLAG"] == "--json"
+    assert settings_of(_plan("five-states-bundled"))["BUNDLES_FLAG"] == "--bundles"
+
+
+def test_the_mission_is_told_how_mqttxt_talks() -> None:
+    assert " ".join(mission_command(_plan("five-states"), "mqttxt")) == (
+        "mission fly scenario-1 --protocol mqttxt --fleet 1:1,2,3;2:4,5,6 --events /run-dir/events.jsonl "
+        "--cloud mqtt://198.18.1.3:1883 --qos 1 --states fixed"
+    )
+
+
+def test_the_mission_is_told_how_mavlink_talks() -> None:
+    assert " ".join(mission_command(_plan("five-states"), "mavlink")) == (
+        "mission fly scenario-1 --protocol mavlink --fleet 1:1,2,3;2:4,5,6 --events /run-dir/events.jsonl "
+        "--mavlink udpin://127.0.0.1:14540 --streams five-states --commanding concurrent"
+    )
+
+
+@pytest.mark.parametrize(("chain", "host"), [("per-uav", "127.0.0.1"), ("direct", "0.0.0.0")])
+def test_mavsdk_listens_on_a_port_for_each_drone_unless_they_share_a_chain(chain: str, host: str) -> None:
+    command = mission_command(_plan(chain=chain), "mavlink")
+    urls = command[command.index("--mavlink") + 1].split(",")
+    assert urls == [f"udpin://{host}:{port}" for port in range(14541, 14547)]
+
+
+def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
+    name_of = "testbed_{}_1".format
+    assert "docker exec -it testbed_gs_1 mqttxt gs watch --fog 1 --fog 2" in by_hand(_plan(), "mqttxt", name_of)
+    mavlink = by_hand(_plan(chain="shared"), "mavlink", name_of)
+    assert "--fleet '1:1,2,3;2:4,5,6' --events /tmp/events.jsonl --mavlink udpin://127.0.0.1:14540" in mavlink
+    assert "mqttxt" not in mavlink
 
 
 @pytest.mark.parametrize(
@@ -28,9 +115,19 @@ def test_a_good_plan() -> None:
         ({"attempts": "x"}, "ATTEMPTS=x: expected a whole number from 1 to 99"),
         ({"attempts": "٣"}, "ATTEMPTS=٣: expected a whole number from 1 to 99"),
         ({"attempts": ""}, "ATTEMPTS=: expected a whole number from 1 to 99"),
-        ({"arm": "fast"}, "ARM=fast: expected thesis"),
+        (
+            {"arm": "fast"},
+            "ARM=fast: expected one of thesis, thesis-concurrent, five-states, five-states-bundled, direct",
+        ),
         ({"profile": "lte"}, "PROFILE=lte: expected ideal"),
-        ({"protocols": "mqttxt,carrier-pigeon"}, "PROTOCOLS=carrier-pigeon: expected mqttxt"),
+        ({"protocols": "mqttxt,carrier-pigeon"}, "PROTOCOLS=carrier-pigeon: expected one of mqttxt, mavlink"),
+        ({"protocols": "mavlink,"}, "PROTOCOLS=: expected one of mqttxt, mavlink"),
+        ({"overrides": {"streams": "all"}}, "STREAMS=all: expected one of px4-onboard, px4-gcs, five-states"),
+        ({"overrides": {"commanding": "both"}}, "COMMANDING=both: expected one of one-by-one, concurrent"),
+        ({"overrides": {"qos": "2"}}, "QOS=2: expected one of 0, 1"),
+        ({"overrides": {"qos": "٠"}}, "QOS=٠: expected one of 0, 1"),
+        ({"overrides": {"chain": "long"}}, "CHAIN=long: expected one of per-uav, shared, direct"),
+        ({"overrides": {"states": "often"}}, "STATES=often: expected one of on-change, fixed, bundle"),
     ],
 )
 def test_a_mistake_is_named(changed: dict[str, Any], said: str) -> None:
@@ -38,6 +135,12 @@ def test_a_mistake_is_named(changed: dict[str, Any], said: str) -> None:
         make_plan(**{**GOOD, **changed})
     assert str(mistake.value) == said
     assert mistake.value.exit_code == 2
+
+
+def test_one_fleet_can_be_up_at_a_time() -> None:
+    assert one_protocol("mavlink") == "mavlink"
+    with pytest.raises(UserError, match=r"PROTOCOLS=mqttxt,mavlink: expected mqttxt or mavlink, one of them"):
+        one_protocol("mqttxt,mavlink")
 
 
 def test_an_unknown_encoding_is_named() -> None:

@@ -20,7 +20,7 @@ def test_latest_moves_on(tmp_path: Path) -> None:
     for _ in range(2):
         series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
         new_attempt(series, "mqttxt", 1)
-        point_latest(tmp_path, series)
+        point_latest(series)
         latest = tmp_path / "scenario-1" / "latest"
         assert latest.is_symlink()
         assert open_series(latest).path == series.path.resolve()

@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 
-from testbed.errors import ContainerDied, DockerError, TestbedError, UserError
+from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, TestbedError, UserError
 from testbed.experiments import make_plan
+from testbed.results import new_series
 from testbed.runner import Ended, Interrupted, run_series
 from testbed.topology import read_topology
 
@@ -47,9 +48,15 @@ class Fleet:
         self.did: list[str] = []
         self._lines, self._code, self._raises, self._dropped = lines, code, raises, dropped
         self._run_dir = Path()
+        self.profiles: list[str] = []
+        self.commands: list[list[str]] = []
+        self.settings: dict[str, str] = {}
+        self.count = 23
 
     def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
         self._run_dir = run_dir
+        self.profiles.append(profile)
+        self.settings = settings
         return self
 
     def up(self) -> None:
@@ -66,6 +73,7 @@ class Fleet:
 
     def execute(self, service: str, command: list[str]) -> Generator[str, None, int]:
         self.did.append(f"mission in {service}")
+        self.commands.append(command)
         (self._run_dir / "events.jsonl").touch()
         yield from self._lines
         if self._raises is not None:
@@ -91,15 +99,18 @@ class Fleet:
 TAKEOFF = json.dumps({"step": "takeoff", "drones": {"1": "armed, 3.0 m"}})
 
 
-def _fly(root: Path, fleet: Fleet, attempts: str = "1") -> tuple[Path, list[Ended], Quiet]:
+def _fly(
+    root: Path, fleet: Fleet, attempts: str = "1", protocols: str = "mqttxt", **factors: str
+) -> tuple[Path, list[Ended], Quiet]:
     progress = Quiet()
-    plan = make_plan("scenario-1", attempts, "thesis", "ideal", "mqttxt")
-    series, endings = run_series(plan, root, progress, fleet)
+    plan = make_plan("scenario-1", attempts, "thesis", "ideal", protocols, factors)
+    series = new_series(root, plan.experiment, plan.label, plan.profile)
+    endings = run_series(plan, series, progress, fleet)
     return series.path, endings, progress
 
 
-def _manifest(root: Path) -> dict[str, Any]:
-    (path,) = root.glob("scenario-1/thesis-ideal/*/mqttxt/attempt-01/manifest.json")
+def _manifest(root: Path, protocol: str = "mqttxt", number: int = 1) -> dict[str, Any]:
+    (path,) = root.glob(f"scenario-1/*-ideal/*/{protocol}/attempt-{number:02d}/manifest.json")
     found: dict[str, Any] = json.loads(path.read_text())
     return found
 
@@ -194,16 +205,75 @@ def test_a_daemon_that_does_not_answer_is_in_the_manifest(tmp_path: Path) -> Non
     assert (_manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]) == ("failed", "Docker does not answer")
 
 
-def test_containers_that_never_come_up_end_the_run_and_are_taken_down(tmp_path: Path) -> None:
+def test_a_fleet_that_never_comes_up_fails_its_attempt_and_the_run_goes_on(tmp_path: Path) -> None:
     class Broken(Fleet):
         def up(self) -> None:
-            raise DockerError("fog1 not healthy within 90 s")
+            if self.profiles[-1] == "mavlink":
+                raise ContainerUnhealthy("router-uav3 not healthy within 90 s")
 
-    fleet = Broken([])
-    with pytest.raises(DockerError, match="fog1 not healthy"):
-        _fly(tmp_path, fleet)
-    assert fleet.did == ["stop net", "logs", "down"]
-    assert _manifest(tmp_path)["status"] == "failed"
+    fleet = Broken([TAKEOFF])
+    _, endings, _ = _fly(tmp_path, fleet, protocols="mavlink,mqttxt")
+    assert endings == [Ended("failed", "router-uav3 not healthy within 90 s"), Ended("completed")]
+    assert fleet.did == ["stop net", "logs", "down", "mission in gs", "stop net", "logs", "down"]
+    assert _manifest(tmp_path, "mavlink")["reason"] == "router-uav3 not healthy within 90 s"
+
+
+def test_a_router_that_dies_fails_its_attempt_by_its_name(tmp_path: Path) -> None:
+    class Dying(Fleet):
+        def up(self) -> None:
+            self._raises = ContainerDied("router-fog1 ended with exit code 1") if "mavlink" in self.profiles else None
+
+    _, endings, _ = _fly(tmp_path, Dying([TAKEOFF]), protocols="mqttxt,mavlink")
+    assert endings == [Ended("completed"), Ended("failed", "router-fog1 ended with exit code 1")]
+
+
+def test_a_lost_docker_ends_the_run_and_what_was_flown_is_kept(tmp_path: Path) -> None:
+    class Lost(Fleet):
+        def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
+            if profile == "mavlink":
+                raise DockerError("Docker does not answer")
+            return super().__call__(profile, run_dir, settings)
+
+    with pytest.raises(DockerError, match="Docker does not answer"):
+        _fly(tmp_path, Lost([TAKEOFF]), "2", "mqttxt,mavlink")
+    assert _manifest(tmp_path)["status"] == "completed"
+    assert _manifest(tmp_path, "mavlink")["reason"] == "Docker does not answer"
+    assert not list(tmp_path.glob("scenario-1/thesis-ideal/*/*/attempt-02"))
+    assert (tmp_path / "scenario-1" / "latest" / "mqttxt" / "attempt-01").exists()
+
+
+def test_both_protocols_fly_in_each_attempt_and_who_is_first_alternates(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF])
+    _, endings, progress = _fly(tmp_path, fleet, "2", "mqttxt,mavlink")
+    assert fleet.profiles == ["mqttxt", "mavlink", "mavlink", "mqttxt"]
+    assert endings == [Ended("completed")] * 4
+    assert [entry for entry in progress.said if entry[1:] == (2, 2)] == [("mavlink", 2, 2), ("mqttxt", 2, 2)]
+    assert _manifest(tmp_path, "mqttxt", 1)["order"] == ["mqttxt", "mavlink"]
+    assert _manifest(tmp_path, "mqttxt", 2)["order"] == ["mavlink", "mqttxt"]
+
+
+def test_a_factor_reaches_containers_mission_manifest_and_path(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF])
+    path, _, progress = _fly(tmp_path, fleet, protocols="mavlink", streams="px4-gcs", chain="shared", qos="1")
+    assert path.parent.name == "thesis+streams-px4-gcs+qos-1+chain-shared-ideal"
+    assert (fleet.settings["STREAMS"], fleet.settings["CHAIN"], fleet.settings["QOS"]) == ("px4-gcs", "shared", "1")
+    assert fleet.commands[0][-4:] == ["--streams", "px4-gcs", "--commanding", "one-by-one"]
+    assert "starting 23 containers" in progress.said
+    configuration = _manifest(tmp_path, "mavlink")["configuration"]
+    assert configuration == {
+        **{"streams": "px4-gcs", "commanding": "one-by-one", "qos": 1, "chain": "shared", "states": "on-change"},
+        **fleet.settings,
+    }
+
+
+def test_the_manifest_has_the_versions_of_what_carried_the_protocol(tmp_path: Path) -> None:
+    _fly(tmp_path, Fleet([TAKEOFF]), protocols="mqttxt,mavlink")
+    mqttxt, mavlink = (_manifest(tmp_path, protocol)["versions"] for protocol in ("mqttxt", "mavlink"))
+    assert mqttxt["mosquitto"] == "2.0.21"
+    assert mqttxt.keys() & {"mavsdk", "mavp2p"} == set()
+    assert mavlink["mavsdk"] == "4.1.0"
+    assert "mavp2p" in mavlink
+    assert mavlink.keys() & {"mosquitto", "paho-mqtt"} == set()
 
 
 def test_a_full_disk_leaves_no_container_behind(tmp_path: Path) -> None:

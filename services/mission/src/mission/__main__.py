@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from mqttxt import ConfigurationError
+
 from .events import EventLog
 from .fleet import Fleet, MissionError
 from .mqttxt_fleet import MqttxtFleet
+from .options import COMMANDINGS, PROTOCOLS, STATES, STREAMS, Options, parse_fleet, parse_urls
 from .scenarios import SCENARIOS
 from .steps import Steps
 
@@ -29,34 +34,54 @@ def about() -> None:
 def fly(
     scenario: Annotated[str, typer.Argument(help=f"One of {', '.join(SCENARIOS)}.")],
     fleet: Annotated[str, typer.Option(help="Fogs and their drones, as 1:1,2,3;2:4,5,6.")],
-    cloud: Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].", envvar="MQTTXT_CLOUD")],
     events: Annotated[Path, typer.Option(help="File for what happens, JSON lines.")],
-    qos: Annotated[int, typer.Option(help="QoS of commands: 0 or 1.")] = 1,
+    protocol: Annotated[str, typer.Option(help=f"One of {', '.join(PROTOCOLS)}.")] = "mqttxt",
+    cloud: Annotated[
+        str, typer.Option(help="mqttxt: the cloud broker, mqtt://HOST[:PORT].", envvar="MQTTXT_CLOUD")
+    ] = "",
+    qos: Annotated[str, typer.Option(help="mqttxt: QoS of commands, 0 or 1.")] = "1",
+    states: Annotated[str, typer.Option(help=f"mqttxt: {', '.join(STATES)}.")] = "on-change",
+    mavlink: Annotated[
+        str, typer.Option(help="mavlink: where MAVSDK connects, a list; udpin://HOST:PORT for each drone or for all.")
+    ] = "",
+    streams: Annotated[str, typer.Option(help=f"mavlink: {', '.join(STREAMS)}.")] = "px4-onboard",
+    commanding: Annotated[str, typer.Option(help=f"mavlink: {', '.join(COMMANDINGS)}.")] = "one-by-one",
 ) -> None:
     """Fly a scenario; exit code 0 when it was completed, 1 when it failed."""
-    if scenario not in SCENARIOS:
-        typer.echo(f"mission: scenario {scenario!r}: expected one of {', '.join(SCENARIOS)}", err=True)
-        raise typer.Exit(2)
     try:
-        parsed = parse_fleet(fleet)
+        options = Options(
+            scenario=scenario,
+            protocol=protocol,
+            fleet=parse_fleet(fleet),
+            cloud=cloud,
+            qos=qos,
+            states=states,
+            urls=parse_urls(mavlink) if protocol == "mavlink" else (),
+            streams=streams,
+            commanding=commanding,
+        )
+        options.check(tuple(SCENARIOS))
         log = EventLog(events)
+        flying = make_fleet(options, log)
     except (ValueError, OSError) as error:
         typer.echo(f"mission: {error}", err=True)
         raise typer.Exit(2) from None
-    reason = asyncio.run(_fly(scenario, MqttxtFleet(cloud, parsed, qos, log), log))
+    reason = asyncio.run(_fly(scenario, flying, log))
     log.close()
     if reason is not None:
         typer.echo(f"mission: {scenario} failed: {reason}", err=True)
         raise typer.Exit(1)
 
 
-def parse_fleet(text: str) -> dict[int, tuple[int, ...]]:
-    """`1:1,2,3;2:4,5,6` as fogs and their drones; raises ValueError."""
+def make_fleet(options: Options, log: EventLog) -> Fleet:
+    """The fleet of a protocol. Raises ValueError for options that it cannot work with."""
+    if options.protocol == "mavlink":
+        fleet: Callable[..., Fleet] = import_module("mission.mavsdk_fleet").MavsdkFleet  # MAVSDK loads only for it
+        return fleet(options.urls, options.fleet, options.commanding, options.streams, log)
     try:
-        pairs = [part.split(":") for part in text.split(";")]
-        return {int(fog): tuple(int(drone) for drone in drones.split(",")) for fog, drones in pairs}
-    except ValueError:
-        raise ValueError(f"--fleet {text!r}: expected FOG:DRONE,DRONE;FOG:DRONE, as 1:1,2,3;2:4,5,6") from None
+        return MqttxtFleet(options.cloud, options.fleet, int(options.qos), log, options.states)
+    except ConfigurationError as error:
+        raise ValueError(str(error)) from error
 
 
 async def _fly(scenario: str, fleet: Fleet, log: EventLog) -> str | None:

@@ -1,4 +1,8 @@
-"""The fleet over MQTT-XT: a broadcast for each fog where all its drones get the same command."""
+"""The fleet over MQTT-XT: a broadcast for each fog where all its drones get the same command.
+
+How the states come: `on-change` as the protocol's policies have it; `fixed`, the five states at 1 Hz, topic by topic;
+`bundle`, the same in one message a fog. What a mission needs beyond those comes on change in each.
+"""
 
 from __future__ import annotations
 
@@ -18,20 +22,30 @@ from mqttxt import (
     MqttxtError,
     Outcome,
     StateUpdate,
+    Stream,
     Takeoff,
+    Word,
 )
 
 from .events import EventLog
 from .fleet import MissionError, Result, Status
 
+FIVE_STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
+FIVE_STATES_HZ = 1.0
 NEEDED_STATES = frozenset({"armed", "flight_mode", "landed_state", "location"})
 
 
 class MqttxtFleet:
-    """Drones of one or more fogs behind a cloud broker. `fogs` maps each fog to its drones."""
+    """Drones of one or more fogs behind a cloud broker. `fogs` maps each fog to its drones.
 
-    def __init__(self, cloud: str, fogs: dict[int, tuple[int, ...]], qos: int, log: EventLog) -> None:
-        self._station = GroundStation(cloud, qos=qos)
+    `states` is `on-change`, `fixed` or `bundle`. Raises mqttxt.ConfigurationError for a setting that cannot work.
+    """
+
+    def __init__(
+        self, cloud: str, fogs: dict[int, tuple[int, ...]], qos: int, log: EventLog, states: str = "on-change"
+    ) -> None:
+        self._station = GroundStation(cloud, qos=qos, bundles=states == "bundle")
+        self._at_fixed_rate = states in ("fixed", "bundle")
         self._wanted = fogs
         self._log = log
         self._fogs: dict[int, Fog] = {}
@@ -51,6 +65,9 @@ class MqttxtFleet:
             connected = await self._station.connect(self._wanted, limit_s)
             self._fogs = {fog.number: fog for fog in connected}
             await self._station.wait_until(lambda: not self._missing(), limit_s)
+            if self._at_fixed_rate:
+                asked = [self._stream(fog, name) for fog in connected for name in FIVE_STATES]
+                await asyncio.gather(*asked)
         except MqttxtError as error:
             raise MissionError(f"connect: {error}") from error
         except TimeoutError:
@@ -91,6 +108,18 @@ class MqttxtFleet:
         except MqttxtError as error:
             raise MissionError(f"{command.name}: {error}") from error
         return [result for part in parts for result in part]
+
+    async def _stream(self, fog: Fog, name: str) -> None:
+        """Have a state told at its fixed rate; part of setting up, so no call of the mission."""
+        completed = set()
+        async for outcome in fog.broadcast(Stream(name, FIVE_STATES_HZ)):
+            if outcome.is_last and outcome.drone in self._wanted[fog.number]:
+                if outcome.word is not Word.COMPLETED:
+                    refused = Result(outcome.drone, outcome.word.label, outcome.reason)
+                    raise MissionError(f"connect: stream {name}: {refused}")
+                completed.add(outcome.drone)
+        if silent := set(self._wanted[fog.number]) - completed:
+            raise MissionError(f"connect: stream {name}: drone {min(silent)}: no answer")
 
     async def _to_fog(self, fog: Fog, command: Command) -> list[Result]:
         call = self._log.next_call()

@@ -1,0 +1,69 @@
+"""What a mission is told at its start, checked: one line names the option, its value and what was expected."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+PROTOCOLS = ("mqttxt", "mavlink")
+QOS = ("0", "1")
+STATES = ("on-change", "fixed", "bundle")
+STREAMS = ("px4-onboard", "px4-normal", "px4-gcs", "five-states")
+COMMANDINGS = ("one-by-one", "concurrent")
+_URL = re.compile(r"(udpin|udpout|tcpin|tcpout)://[^/\s:]+:\d{1,5}|serial:///\S+:\d+")
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to fly: `fleet` has each fog's drones, `urls` are MAVSDK's connections, in the order of the drones."""
+
+    scenario: str
+    protocol: str
+    fleet: dict[int, tuple[int, ...]]
+    cloud: str
+    qos: str
+    states: str
+    urls: tuple[str, ...]
+    streams: str
+    commanding: str
+
+    def check(self, scenarios: tuple[str, ...]) -> None:
+        """Raises ValueError naming what cannot be flown."""
+        _one_of("scenario", self.scenario, scenarios)
+        _one_of("--protocol", self.protocol, PROTOCOLS)
+        _one_of("--qos", self.qos, QOS)
+        _one_of("--states", self.states, STATES)
+        _one_of("--streams", self.streams, STREAMS)
+        _one_of("--commanding", self.commanding, COMMANDINGS)
+        if self.protocol == "mqttxt" and not self.cloud:
+            raise ValueError("--cloud '': expected the cloud broker, mqtt://HOST[:PORT]")
+        drones = sum(len(drones) for drones in self.fleet.values())
+        if self.protocol == "mavlink" and len(self.urls) not in (1, drones):
+            raise ValueError(f"--mavlink: {len(self.urls)} connections for {drones} drones: expected 1 or {drones}")
+
+
+def parse_fleet(text: str) -> dict[int, tuple[int, ...]]:
+    """`1:1,2,3;2:4,5,6` as fogs and their drones, each named once; raises ValueError."""
+    try:
+        pairs = [part.split(":") for part in text.split(";")]
+        found = [(int(fog), tuple(int(drone) for drone in drones.split(","))) for fog, drones in pairs]
+    except ValueError:
+        raise ValueError(f"--fleet {text!r}: expected FOG:DRONE,DRONE;FOG:DRONE, as 1:1,2,3;2:4,5,6") from None
+    drones = [drone for _, drones in found for drone in drones]
+    if len(set(drones)) < len(drones) or len(dict(found)) < len(found):
+        raise ValueError(f"--fleet {text!r}: expected each fog and each drone once")
+    return dict(found)
+
+
+def parse_urls(text: str) -> tuple[str, ...]:
+    """MAVSDK's connections from a list with commas; raises ValueError naming the one that is none."""
+    urls = tuple(part.strip() for part in text.split(","))
+    for url in urls:
+        if not _URL.fullmatch(url):
+            raise ValueError(f"--mavlink {url!r}: expected udpin://HOST:PORT, as udpin://0.0.0.0:14540")
+    return urls
+
+
+def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise ValueError(f"{what} {value!r}: expected one of {', '.join(known)}")

@@ -1,0 +1,71 @@
+"""What an attempt is flown with: compose.yaml's variables, the mission's command line, what to type by hand."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+
+from .errors import UserError
+from .experiments import Plan
+from .topology import FLEET
+
+CLOUD_URL = "mqtt://198.18.1.3:1883"
+CLOUD_HOST = CLOUD_URL.removeprefix("mqtt://").partition(":")[0]
+FIRST_PORT = 14540
+"""MAVSDK's port of a shared chain; that of drone N alone is N more."""
+EVENTS = "/run-dir/events.jsonl"
+ENCODINGS = {"cbor": "", "json": "--json"}
+
+
+def settings_of(plan: Plan, encoding: str = "cbor") -> dict[str, str]:
+    """The environment that compose.yaml's variables take. Raises UserError for an unknown encoding."""
+    if encoding not in ENCODINGS:
+        raise UserError(f"ENCODING={encoding}: expected one of {', '.join(ENCODINGS)}")
+    return {
+        "QOS": str(plan.factors.qos),
+        "STREAMS": plan.factors.streams,
+        "CHAIN": plan.factors.chain,
+        "ENCODING_FLAG": ENCODINGS[encoding],
+        "BUNDLES_FLAG": "--bundles" if plan.factors.states == "bundle" else "",
+    }
+
+
+def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str]:
+    """What flies the plan's experiment over a protocol, run in the ground station's node."""
+    fleet = ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in FLEET.items())
+    command = ["mission", "fly", plan.experiment, "--protocol", protocol, "--fleet", fleet, "--events", events]
+    factors = plan.factors
+    if protocol == "mavlink":
+        urls = ",".join(mavlink_urls(factors.chain))
+        return [*command, "--mavlink", urls, "--streams", factors.streams, "--commanding", factors.commanding]
+    return [*command, "--cloud", CLOUD_URL, "--qos", str(factors.qos), "--states", factors.states]
+
+
+def mavlink_urls(chain: str) -> tuple[str, ...]:
+    """Where MAVSDK listens in the ground station's node: one port for all, or one for each drone in their order.
+
+    The node's own routers reach it on loopback; without routers the autopilots send to the node's address.
+    """
+    drones = [drone for drones in FLEET.values() for drone in drones]
+    ports = [FIRST_PORT] if chain == "shared" else [FIRST_PORT + drone for drone in drones]
+    host = "0.0.0.0" if chain == "direct" else "127.0.0.1"
+    return tuple(f"udpin://{host}:{port}" for port in ports)
+
+
+def by_hand(plan: Plan, protocol: str, name_of: Callable[[str], str]) -> str:
+    """What to type to look at a fleet and to fly it; `name_of` tells the name of a service's container."""
+    here = f"docker exec -it {name_of('gs')}"
+    if protocol == "mavlink":
+        return f"""\
+Six drones are up, over MAVLink. To fly, and to look:
+  {here} {shlex.join(mission_command(plan, protocol, "/tmp/events.jsonl"))}
+  docker logs {name_of("router-fog1")}
+  docker exec -it {name_of("net")} tcpdump -c 20 -nr /run-dir/pcap/uav1.pcap
+  make down"""
+    return f"""\
+Six drones are up. To look and to fly:
+  {here} mqttxt gs watch --fog 1 --fog 2
+  {here} mqttxt gs send arm --fog 1 --drone 2
+  {here} mqttxt gs send takeoff 10 --fog 1 --drone 2
+  {here} mosquitto_sub -h {CLOUD_HOST} -v -t 'fog1/#'
+  make down"""

@@ -1,0 +1,68 @@
+"""What a mission is told: each mistake is one line with the option, its value and what was expected; exit code 2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from mission.__main__ import app
+from mission.options import parse_fleet, parse_urls
+
+GOOD = {"--fleet": "1:1,2;2:4", "--cloud": "mqtt://127.0.0.1:1", "--events": "events.jsonl"}
+
+
+def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple[int, str]:
+    options = {**GOOD, "--events": str(tmp_path / "events.jsonl")}
+    options |= {f"--{name}": value for name, value in changed.items()}
+    words = [word for pair in options.items() for word in pair]
+    done = CliRunner().invoke(app, ["fly", scenario, *words], env={"MQTTXT_CLOUD": ""})
+    return done.exit_code, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"scenario": "scenario-9"}, "scenario 'scenario-9': expected one of scenario-1"),
+        ({"protocol": "pigeon"}, "--protocol 'pigeon': expected one of mqttxt, mavlink"),
+        ({"qos": "2"}, "--qos '2': expected one of 0, 1"),
+        ({"states": "often"}, "--states 'often': expected one of on-change, fixed, bundle"),
+        ({"streams": "all"}, "--streams 'all': expected one of px4-onboard, px4-normal, px4-gcs, five-states"),
+        ({"commanding": "both"}, "--commanding 'both': expected one of one-by-one, concurrent"),
+        ({"cloud": ""}, "--cloud '': expected the cloud broker, mqtt://HOST[:PORT]"),
+        ({"cloud": "http://a"}, "broker 'http://a': expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]"),
+        ({"protocol": "mavlink"}, "--mavlink '': expected udpin://HOST:PORT, as udpin://0.0.0.0:14540"),
+        (
+            {"protocol": "mavlink", "mavlink": "udpin://0.0.0.0:14540,14541"},
+            "--mavlink '14541': expected udpin://HOST:PORT, as udpin://0.0.0.0:14540",
+        ),
+        (
+            {"protocol": "mavlink", "mavlink": "udpin://0.0.0.0:14541,udpin://0.0.0.0:14542"},
+            "--mavlink: 2 connections for 3 drones: expected 1 or 3",
+        ),
+        ({"fleet": "1;2"}, "--fleet '1;2': expected FOG:DRONE,DRONE;FOG:DRONE, as 1:1,2,3;2:4,5,6"),
+        ({"fleet": "1:1,2;2:2"}, "--fleet '1:1,2;2:2': expected each fog and each drone once"),
+        ({"fleet": "1:1;1:2"}, "--fleet '1:1;1:2': expected each fog and each drone once"),
+    ],
+)
+def test_a_mistake_is_named(changed: dict[str, str], said: str, tmp_path: Path) -> None:
+    assert _said(tmp_path, **changed) == (2, f"mission: {said}\n")
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    code, said = _said(tmp_path, events=str(tmp_path / "none" / "events.jsonl"))
+    assert code == 2
+    assert "none/events.jsonl" in said
+    assert said.count("\n") == 1
+
+
+def test_a_fleet_is_fogs_and_their_drones() -> None:
+    assert parse_fleet("1:1,2,3;2:4") == {1: (1, 2, 3), 2: (4,)}
+
+
+def test_connections_are_a_list() -> None:
+    assert parse_urls("udpin://0.0.0.0:14541, udpout://uav.example:14540") == (
+        "udpin://0.0.0.0:14541",
+        "udpout://uav.example:14540",
+    )
