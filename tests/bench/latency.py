@@ -1,7 +1,8 @@
-"""From a call of the API to the autopilot's receipt, by two brokers, an activator and a UAV client on loopback.
+"""From a call of the API to the autopilot's receipt: MQTT-XT beside MAVSDK through three mavp2p routers, on loopback.
 
-Beside it, in the same run and in turns with it: a message of the same length at QoS 1 through two Mosquittos that
-Mosquitto's bridge joins, to a bare subscriber.
+Both go station, cloud, fog, UAV, autopilot. MQTT-XT has a broker at the cloud, an activator and a broker at the fog and
+a UAV client; MAVLink has a router at each. In turns with them, in the same run: a QoS 1 message of a command's length
+through the same two Mosquittos, joined by Mosquitto's bridge, to a bare subscriber.
 """
 
 from __future__ import annotations
@@ -10,21 +11,29 @@ import asyncio
 import socket
 import tempfile
 import time
-from contextlib import ExitStack
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
+from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
+from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.logging import LogLevel, log_subscribe
 
 from mqttxt import Arm, GroundStation, Word
+from tests.bench.always_armed import AlwaysArmed
 from tests.bench.brokers import BenchBroker
 from tests.bench.raw_mqtt import RawClient
-from tests.integration.processes import Process, eventually, free_port
+from tests.integration.processes import NODE_IMAGE, Process, eventually, free_port
+from tests.integration.routers import chain
 
 COMMANDS, COMMANDS_ON_DISK = 2000, 500
+WARM_UP = 20
+"""Turns before those that count."""
+ROUTERS = 3
 MEMORY = Path("/dev/shm")
 """Where a journal costs no wait for a disk, as in the testbed's containers."""
-_ARMED = mavlink.MAVLink_heartbeat_message(2, 12, mavlink.MAV_MODE_FLAG_SAFETY_ARMED, 4 << 16, 4, 3)
 _BARE_BYTES = 24
 """About a command's payload."""
 _BRIDGE = """
@@ -35,38 +44,29 @@ notifications false
 topic bare out 1
 """
 
+Turn = Callable[[], Awaitable[float]]
+"""One command, to its acknowledgement; gives the milliseconds from the call to the receipt."""
 
-class Autopilot(asyncio.DatagramProtocol):
-    """One that is always armed, acknowledges each arming, and notes when it heard of it."""
 
-    def __init__(self) -> None:
-        self.heard_s: list[float] = []
-        self._codec = mavlink.MAVLink(None, 1, 1)
-        self._transport: Any = None
+@dataclass(frozen=True)
+class Percentiles:
+    """Of many turns, in milliseconds."""
 
-    def connection_made(self, transport: Any) -> None:
-        self._transport = transport
+    p50: float
+    p99: float
 
-    def datagram_received(self, data: bytes, addr: Any) -> None:
-        now_s = time.perf_counter()
-        for message in mavlink.MAVLink(None).parse_buffer(data) or ():
-            if message.get_type() == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-                self.heard_s.append(now_s)
-                self.send(mavlink.MAVLink_command_ack_message(message.command, 0, 0, 0, 1, 191))
-                self.send(_ARMED)
+    @classmethod
+    def of(cls, values: list[float]) -> Percentiles:
+        ranked = sorted(values)
+        return cls(ranked[len(ranked) // 2], ranked[len(ranked) * 99 // 100])
 
-    def send(self, message: Any) -> None:
-        self._transport.sendto(message.pack(self._codec))
-        self._codec.seq = (self._codec.seq + 1) % 256
-
-    async def live(self) -> None:
-        while True:
-            self.send(_ARMED)
-            await asyncio.sleep(0.5)
+    def __str__(self) -> str:
+        return f"{self.p50:.2f} ms (p50), {self.p99:.2f} ms (p99)"
 
 
 def measure() -> list[str]:
     """Lines of figures; takes about half a minute."""
+    log_subscribe(lambda level, *_: bool(level < LogLevel.WARN))  # True: not on the terminal, where figures are
     return [
         asyncio.run(_measure(COMMANDS, "journal in memory", MEMORY)),
         asyncio.run(_measure(COMMANDS_ON_DISK, "journal on this machine's disk", None)),
@@ -74,14 +74,38 @@ def measure() -> list[str]:
 
 
 async def _measure(commands: int, how: str, where: Path | None) -> str:
-    with tempfile.TemporaryDirectory() as name, tempfile.TemporaryDirectory(dir=where) as journal, ExitStack() as stack:
+    async with AsyncExitStack() as stack:
+        over_mqttxt, bare = await stack.enter_async_context(_mqttxt(where))
+        over_mavlink, autopilot = await stack.enter_async_context(_mavlink())
+        sides = (over_mqttxt, bare, over_mavlink)
+        found: tuple[list[float], ...] = ([], [], [])
+        for turn in range(WARM_UP + commands):
+            for side, times_ms in zip(sides, found, strict=True):
+                times_ms.append(await side())
+            if turn + 1 == WARM_UP:
+                for times_ms in found:
+                    times_ms.clear()
+                autopilot.kinds.clear()
+        asked = sum(count for kind, count in autopilot.kinds.items() if kind.startswith("COMMAND_"))
+    ours, plain, theirs = (Percentiles.of(times_ms) for times_ms in found)
+    return (
+        f"latency: {commands} calls, {how}: from a call of the API to the autopilot's receipt {ours}; MAVSDK through "
+        f"{ROUTERS} routers {theirs}, {asked / commands:g} COMMAND_LONG a call: MQTT-XT takes "
+        f"{ours.p50 / theirs.p50:.1f} and {ours.p99 / theirs.p99:.1f} times as long; a bare QoS 1 message through the "
+        f"same two brokers, bridged, {plain}: {ours.p50 / plain.p50:.1f} and {ours.p99 / plain.p99:.1f} times"
+    )
+
+
+@asynccontextmanager
+async def _mqttxt(journals: Path | None) -> AsyncIterator[tuple[Turn, Turn]]:
+    """An arming over MQTT-XT, and the bare message through its brokers."""
+    with tempfile.TemporaryDirectory() as name, tempfile.TemporaryDirectory(dir=journals) as journal, ExitStack() as on:
         folder = Path(name)
-        fog = _started(stack, BenchBroker(folder, "fog"))
-        cloud = _started(stack, BenchBroker(folder, "cloud", _BRIDGE.format(port=fog.port)))
+        fog = _started(on, BenchBroker(folder, "fog"))
+        cloud = _started(on, BenchBroker(folder, "cloud", _BRIDGE.format(port=fog.port)))
         port = free_port(socket.SOCK_DGRAM)
-        loop = asyncio.get_running_loop()
-        transport, autopilot = await loop.create_datagram_endpoint(Autopilot, remote_addr=("127.0.0.1", port))
-        living = asyncio.create_task(autopilot.live())
+        autopilot = AlwaysArmed(port)
+        on.callback(autopilot.close)
         brokers = ["--cloud", cloud.url, "--fog-broker", fog.url]
         ready = str(folder / "activator.ready")
         activator = Process(folder, "activator", "mqttxt", "activator", "--fog", "1", *brokers, "--ready-file", ready)
@@ -89,54 +113,67 @@ async def _measure(commands: int, how: str, where: Path | None) -> str:
         link = ["--broker", fog.url, "--autopilot", f"udp:127.0.0.1:{port}"]
         uav = Process(folder, "uav", "mqttxt", "uav", "--drone", "1", *link, *files)
         for process in (activator, uav):
-            stack.callback(process.start().kill)
+            on.callback(process.start().kill)
         for process in (activator, uav):
             await asyncio.to_thread(process.wait_ready)
         async with GroundStation(cloud.url) as station:
             (there,) = await station.connect([1])
             drone = there.drone(1)
             await eventually(lambda: drone.is_reachable, "the drone is reachable")
-            ours_ms, bare_ms = await _in_turns(commands, drone, autopilot, cloud, fog)
-        living.cancel()
-        transport.close()
-    ours, bare = _percentiles(ours_ms), _percentiles(bare_ms)
-    return (
-        f"latency: from a call of the API to the autopilot's receipt {ours[0]:.2f} ms (p50), {ours[1]:.2f} ms (p99), "
-        f"{commands} commands, {how}; a bare QoS 1 message through the same two brokers, bridged, {bare[0]:.2f} and "
-        f"{bare[1]:.2f} ms: {ours[0] / bare[0]:.1f} and {ours[1] / bare[1]:.1f} times"
-    )
+
+            async def arm() -> None:
+                outcome = await drone.send(Arm())
+                assert outcome.word is Word.COMPLETED, outcome
+
+            bare = await _bare(on, cloud.port, fog.port)
+            yield lambda: _until_heard(arm, autopilot), bare
 
 
-async def _in_turns(
-    commands: int, drone: Any, autopilot: Autopilot, cloud: BenchBroker, fog: BenchBroker
-) -> tuple[list[float], list[float]]:
+async def _bare(on: ExitStack, cloud_port: int, fog_port: int) -> Turn:
     arrived = asyncio.Event()
-    receiver = await RawClient.connect(fog.port, "bare-receiver", lambda _topic, _payload: arrived.set())
+    receiver = await RawClient.connect(fog_port, "bare-receiver", lambda _topic, _payload: arrived.set())
+    on.callback(receiver.close)
     await receiver.subscribe("bare", qos=1)
-    sender = await RawClient.connect(cloud.port, "bare-sender")
-    ours_ms, bare_ms = [], []
-    for _ in range(commands):
-        called_s = time.perf_counter()
-        outcome = await drone.send(Arm())
-        assert outcome.word is Word.COMPLETED, outcome
-        ours_ms.append(1000 * (autopilot.heard_s[-1] - called_s))
+    sender = await RawClient.connect(cloud_port, "bare-sender")
+    on.callback(sender.close)
+
+    async def turn() -> float:
         arrived.clear()
-        called_s = time.perf_counter()
+        called_ns = time.time_ns()
         sender.publish("bare", bytes(_BARE_BYTES), qos=1)
         await arrived.wait()
-        bare_ms.append(1000 * (time.perf_counter() - called_s))
-    assert len(autopilot.heard_s) == commands
-    sender.close()
-    receiver.close()
-    return ours_ms, bare_ms
+        return (time.time_ns() - called_ns) / 1e6
+
+    return turn
+
+
+@asynccontextmanager
+async def _mavlink() -> AsyncIterator[tuple[Turn, AlwaysArmed]]:
+    """An arming by MAVSDK through a chain of routers."""
+    ports = [free_port(socket.SOCK_DGRAM) for _ in range(ROUTERS + 1)]
+    with ExitStack() as on:
+        for router in chain(NODE_IMAGE, ports):
+            on.callback(router.start().kill)
+        autopilot = AlwaysArmed(ports[0])
+        on.callback(autopilot.close)
+        mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+        on.callback(mavsdk.destroy)
+        await mavsdk.add_any_connection(f"udpin://127.0.0.1:{ports[-1]}")
+        system = await mavsdk.first_autopilot(timeout_s=10)
+        assert system is not None, "MAVSDK saw no autopilot through the routers"
+        action = ActionAsync(system)
+        yield lambda: _until_heard(action.arm, autopilot), autopilot
+
+
+async def _until_heard(arm: Callable[[], Awaitable[Any]], autopilot: AlwaysArmed) -> float:
+    before = len(autopilot.heard_ns)
+    called_ns = time.time_ns()
+    await arm()
+    assert len(autopilot.heard_ns) == before + 1, "one call, one arming: a repetition would falsify the figure"
+    return (autopilot.heard_ns[-1] - called_ns) / 1e6
 
 
 def _started(stack: ExitStack, broker: BenchBroker) -> BenchBroker:
     broker.start()
     stack.callback(broker.kill)
     return broker
-
-
-def _percentiles(values: list[float]) -> tuple[float, float]:
-    ranked = sorted(values)
-    return ranked[len(ranked) // 2], ranked[len(ranked) * 99 // 100]
