@@ -3,14 +3,42 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from processes import Broker, System
+from processes import Broker, Container, System
+
+MOST_SHOWN = 4000
+"""Characters of the end of each log that a failed test shows."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """A failed test shows what each of its processes and containers said, for it may not fail a second time."""
+    report = yield
+    if report.failed and isinstance(item, pytest.Function):
+        report.sections += [(log, text[-MOST_SHOWN:]) for log, text in _logs(item.funcargs.values()).items()]
+    return report
+
+
+def _logs(arguments: Iterable[Any]) -> dict[str, str]:
+    """By name, what is in the folders that a test has used; of containers that still run, what they said so far."""
+    folders: dict[Path, None] = {}
+    for argument in arguments:
+        for container in (argument, *vars(argument).values()) if hasattr(argument, "__dict__") else ():
+            if isinstance(container, Container):
+                container.save_log()
+                folders[container.log.parent] = None
+        if isinstance(argument, Path) and argument.is_dir():
+            folders[argument] = None
+    return {log.name: log.read_text(errors="replace") for folder in folders for log in sorted(folder.glob("*.log"))}
 
 
 @pytest.fixture

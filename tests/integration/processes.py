@@ -46,41 +46,28 @@ async def eventually(condition: Callable[[], bool], what: str, limit_s: float = 
         await asyncio.sleep(0.02)
 
 
-class Broker:
-    """A real Mosquitto on a loopback port, from the testbed's own image."""
+class Container:
+    """A container of the testbed's image on the host's network; `log` is where what it said is kept."""
 
-    def __init__(self, folder: Path, name: str) -> None:
-        self.port = free_port()
-        self._configuration = folder / f"{name}.conf"
-        self._configuration.write_text(
-            f"persistence false\nlistener {self.port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
-        )
-        self._configuration.chmod(0o644)
-        folder.chmod(0o755)
+    def __init__(self, log: Path) -> None:
+        self.log = log
+        self._said_before = b""
         self._docker = docker.from_env()
         self._container: Any = None
 
-    @property
-    def url(self) -> str:
-        return f"mqtt://127.0.0.1:{self.port}"
+    def run(self, command: list[str], **options: Any) -> None:
+        self._container = self._docker.containers.run(NODE_IMAGE, command, network_mode="host", detach=True, **options)
 
-    def start(self) -> Self:
-        self._container = self._docker.containers.run(
-            NODE_IMAGE,
-            ["-c", "/etc/broker.conf"],
-            entrypoint="mosquitto",
-            network_mode="host",
-            user="1000:1000",
-            volumes={str(self._configuration): {"bind": "/etc/broker.conf", "mode": "ro"}},
-            detach=True,
-        )
-        wait_until(self._listens, f"broker on port {self.port}")
-        return self
+    def execute(self, command: list[str], user: str) -> tuple[int, bytes]:
+        code, output = self._container.exec_run(command, user=user)
+        return code, output
 
     def kill(self) -> None:
         """End it at once, as a power loss would."""
+        self.save_log()
         container, self._container = self._container, None
         if container is not None:
+            self._said_before = self.log.read_bytes()
             container.remove(force=True)
 
     def stall(self) -> None:
@@ -88,6 +75,43 @@ class Broker:
 
     def go_on(self) -> None:
         self._container.kill(signal="SIGCONT")
+
+    def ended(self) -> int | None:
+        """Its exit code, None while it runs."""
+        self._container.reload()
+        return int(self._container.attrs["State"]["ExitCode"]) if self._container.status == "exited" else None
+
+    def save_log(self) -> None:
+        if self._container is not None:
+            self.log.write_bytes(self._said_before + self._container.logs())
+
+    def said(self) -> str:
+        self.save_log()
+        return self.log.read_text(errors="replace")
+
+
+class Broker(Container):
+    """A real Mosquitto on a loopback port, from the testbed's own image."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        super().__init__(folder / f"{name}.log")
+        self.port = free_port()
+        self._configuration = folder / f"{name}.conf"
+        self._configuration.write_text(
+            f"persistence false\nlistener {self.port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
+        )
+        self._configuration.chmod(0o644)
+        folder.chmod(0o755)
+
+    @property
+    def url(self) -> str:
+        return f"mqtt://127.0.0.1:{self.port}"
+
+    def start(self) -> Self:
+        volumes = {str(self._configuration): {"bind": "/etc/broker.conf", "mode": "ro"}}
+        self.run(["-c", "/etc/broker.conf"], entrypoint="mosquitto", user="1000:1000", volumes=volumes)
+        wait_until(self._listens, f"broker on port {self.port}")
+        return self
 
     def _listens(self) -> bool:
         with socket.socket() as sock:

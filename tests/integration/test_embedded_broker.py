@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import shlex
 from pathlib import Path
 from typing import Any
 
-import docker
 import pytest
-from processes import NODE_IMAGE, System, eventually, free_port, wait_until
+from processes import Container, System, eventually, free_port, wait_until
 
 from mqttxt import Arm, GroundStation, Outcome, Takeoff, Word
 
 pytestmark = pytest.mark.integration
 
 KILL_MOSQUITTO = """
-import os, pathlib, signal
+import os, pathlib, signal, socket, sys
+while socket.socket().connect_ex(('127.0.0.1', int(sys.argv[1]))):
+    pass
 for found in pathlib.Path('/proc').glob('[0-9]*/comm'):
     if found.read_text().strip() == 'mosquitto':
         os.kill(int(found.parent.name), signal.SIGKILL)
@@ -23,39 +25,31 @@ for found in pathlib.Path('/proc').glob('[0-9]*/comm'):
 """
 
 
-class ContainedActivator:
+class ContainedActivator(Container):
     """`mqttxt activator` with its embedded broker, from the testbed's image, on loopback."""
 
-    def __init__(self, cloud: str, port: int) -> None:
+    def __init__(self, folder: Path, cloud: str, port: int) -> None:
+        super().__init__(folder / "activator.log")
         self.port = port
-        self._cloud = cloud
-        self._container: Any = None
+        options = ["--fog", "1", "--cloud", cloud, "--listen", f"127.0.0.1:{port}", "--drones", "1,2"]
+        self._command = ["mqttxt", "activator", *options]
+        self._killer = ["python3", "-c", KILL_MOSQUITTO, str(port)]
 
     def start(self) -> None:
-        options = ["--fog", "1", "--cloud", self._cloud, "--listen", f"127.0.0.1:{self.port}", "--drones", "1,2"]
-        self._container = docker.from_env().containers.run(
-            NODE_IMAGE, ["mqttxt", "activator", *options], network_mode="host", init=True, detach=True
-        )
+        self.run(self._command, init=True)
+
+    def start_and_lose_the_first_broker(self) -> None:
+        """The first Mosquitto is killed as soon as it listens."""
+        both = f"{shlex.join(self._killer)} & exec {shlex.join(self._command)}"
+        self.run(["sh", "-c", both], init=True)
 
     def kill_broker(self) -> None:
-        code, output = self._container.exec_run(["python3", "-c", KILL_MOSQUITTO], user="1000:1000")
-        assert (code, output) == (0, b"killed\n")
-
-    def log(self) -> str:
-        return str(self._container.logs().decode())
-
-    def ended(self) -> int | None:
-        self._container.reload()
-        return int(self._container.attrs["State"]["ExitCode"]) if self._container.status == "exited" else None
-
-    def kill(self) -> None:
-        if self._container is not None:
-            self._container.remove(force=True)
+        assert self.execute(self._killer, user="1000:1000") == (0, b"killed\n")
 
 
 async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path) -> None:
     system = System(tmp_path)
-    contained = ContainedActivator(system.cloud.url, free_port())
+    contained = ContainedActivator(tmp_path, system.cloud.url, free_port())
     system.uavs = {n: system.make_uav(n, f"mqtt://127.0.0.1:{contained.port}") for n in system.autopilots}
     try:
         system.cloud.start()
@@ -73,9 +67,29 @@ async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path)
             await asyncio.to_thread(contained.kill_broker)
             await asyncio.wait_for(listening, 60)
             assert fog._view.broker == f"mqtt://127.0.0.1:{contained.port}"
-        assert "embedded broker ended with code" in contained.log()
+        assert "embedded broker ended with code" in contained.said()
         assert sorted((o.drone, o.word) for o in heard if o.is_last) == [(1, Word.COMPLETED), (2, Word.COMPLETED)]
         assert [len(system.commanded(n, 22)) for n in (1, 2)] == [1, 1]
+    finally:
+        contained.kill()
+        system.close()
+
+
+async def test_an_embedded_broker_that_dies_as_soon_as_it_listens_comes_back(tmp_path: Path) -> None:
+    system = System(tmp_path)
+    contained = ContainedActivator(tmp_path, system.cloud.url, free_port())
+    system.uavs = {n: system.make_uav(n, f"mqtt://127.0.0.1:{contained.port}") for n in system.autopilots}
+    try:
+        system.cloud.start()
+        contained.start_and_lose_the_first_broker()
+        for process in (*system.sitls.values(), *system.uavs.values()):
+            process.start()
+        async with GroundStation(system.cloud.url) as station:
+            (fog,) = await station.connect([1], timeout_s=30)
+            await eventually(lambda: all(fog.drone(n).is_reachable for n in (1, 2)), "both drones reachable")
+            words = [outcome.word async for outcome in fog.broadcast(Arm()) if outcome.is_last]
+        assert words == [Word.COMPLETED, Word.COMPLETED]
+        assert contained.said().count("embedded broker ended with code -9") == 1
     finally:
         contained.kill()
         system.close()
@@ -84,15 +98,15 @@ async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path)
 def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:
     system = System(tmp_path)
     system.cloud.start()
-    contained = ContainedActivator(system.cloud.url, system.cloud.port)
+    contained = ContainedActivator(tmp_path, system.cloud.url, system.cloud.port)
     try:
         contained.start()
         wait_until(lambda: contained.ended() is not None, "the activator gives up")
         assert contained.ended() == 2
-        (said,) = [line for line in contained.log().splitlines() if line.startswith("mqttxt: ")]
+        (said,) = [line for line in contained.said().splitlines() if line.startswith("mqttxt: ")]
         assert f"embedded broker 127.0.0.1:{system.cloud.port}: Mosquitto ended with code" in said
         assert "Address already in use" in said
-        assert "Traceback" not in contained.log()
+        assert "Traceback" not in contained.said()
     finally:
         contained.kill()
         system.close()

@@ -37,8 +37,12 @@ log_dest stderr
 log_type error
 log_type warning
 log_type notice
+# Among these is the line by which it is known to run.
+log_type information
 connection_messages true
 """
+RUNNING = " running"
+"""How the line ends that Mosquitto 2 says once its listener is open."""
 
 
 _PR_SET_PDEATHSIG = 1
@@ -61,6 +65,7 @@ class EmbeddedBroker:
         self.port = port
         self._program = program
         self._instead = instead
+        self._has_run = False
 
     @property
     def url(self) -> str:
@@ -84,7 +89,11 @@ class EmbeddedBroker:
         return f"mqtt://{name}:{self.port}"
 
     async def run(self) -> None:
-        """Start Mosquitto and start it again when it ends; raises ConfigurationError when it cannot start."""
+        """Start Mosquitto and start it again when it ends; raises ConfigurationError when it cannot start.
+
+        What ends by itself without ever having run cannot start. One that ran, or was killed, has to come back,
+        however young it was: its age says more about the machine than about it.
+        """
         program = shutil.which(self._program)
         if program is None:
             raise ConfigurationError(
@@ -101,16 +110,14 @@ class EmbeddedBroker:
     async def _keep_running(self, program: str, configuration: Path) -> None:
         loop = asyncio.get_running_loop()
         pause_s = FIRST_PAUSE_S
-        first = True
         while True:
             started = loop.time()
             code, last_line = await self._run_once(program, configuration)
             lasted_s = loop.time() - started
-            if first and lasted_s < 1.0:
+            if code >= 0 and not self._has_run:
                 raise ConfigurationError(
                     f"embedded broker {self.host}:{self.port}: Mosquitto ended with code {code}: {last_line}"
                 )
-            first = False
             pause_s = FIRST_PAUSE_S if lasted_s >= STEADY_S else min(2 * pause_s, LONGEST_PAUSE_S)
             logger.warning("embedded broker ended with code %d (%s); starting it again", code, last_line)
             await asyncio.sleep(pause_s)
@@ -131,6 +138,7 @@ class EmbeddedBroker:
             assert process.stderr is not None
             async for line in process.stderr:
                 last_line = line.decode(errors="replace").strip()
+                self._has_run = self._has_run or last_line.endswith(RUNNING)
                 logger.debug("mosquitto: %s", last_line)
             return await process.wait(), last_line
         finally:
