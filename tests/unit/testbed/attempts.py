@@ -33,11 +33,18 @@ def publish(topic: str, payload: bytes, qos: int = 0) -> bytes:
     return bytes([0x30 | qos << 1, len(body)]) + body
 
 
-def frame(source: str, destination: str, body: bytes, identity: int, ports: tuple[int, int] = (40_000, 1883)) -> bytes:
+def frame(
+    source: str,
+    destination: str,
+    body: bytes,
+    identity: int,
+    ports: tuple[int, int] = (40_000, 1883),
+    sequence: int = 0,
+) -> bytes:
     """14 + 20 + 20 bytes of headers, then the body."""
     packet = Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
     packet /= IP(src=NODES[source], dst=NODES[destination], id=identity) / TCP(
-        sport=ports[0], dport=ports[1], flags="PA"
+        sport=ports[0], dport=ports[1], seq=sequence, flags="PA"
     )
     return bytes(packet / Raw(body) if body else packet)
 

@@ -1,0 +1,5 @@
+"""The packets table: every frame that entered a link and every message in it, out of an attempt's captures."""
+
+from .table import Packets, load
+
+__all__ = ["Packets", "load"]

@@ -1,0 +1,159 @@
+"""Captures to the packets table: all files' frames put on their links, matched at both ends, their messages read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+
+from ..results import Attempt
+from .headers import MAVLINK, MQTT, MQTT_PORT, UDP, Headers, read_headers
+from .links import NOWHERE, Tree, match
+from .mavlink import Messages, find_messages
+from .mqtt import SYN, VERSION_5, Direction, Segment, read_direction
+from .pcap import Capture, Ints, empty_capture, read_capture
+from .rows import MESSAGE_SCHEMA, Columns, frame_rows, mavlink_rows, mqtt_rows, stray_rows
+
+_FROM_HEADERS = ("protocol", "source_port", "destination_port", "ethernet", "ip", "transport", "sequence", "flags")
+
+
+@dataclass(frozen=True)
+class Built:
+    """`rows` are the frames on links in the order of time, and behind them those on none; see `table`."""
+
+    rows: pl.DataFrame
+    messages: pl.DataFrame
+    truncated: tuple[str, ...]
+    unmatched: int
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What one capture gives: frames that entered a link there, with what is in them; frames that left one; strays.
+
+    `mavlink.datagram` and the keys of `bodies` (what TCP to or from a broker carries) are places among the entered.
+    """
+
+    entered: Columns
+    mavlink: Messages
+    bodies: dict[int, bytes]
+    left: Columns
+    strays: Columns
+
+
+def build(attempt: Attempt) -> Built:
+    """The table out of the captures; raises ResultsError for a file that is no capture."""
+    tree = Tree(attempt.topology())
+    macs = {str(capture["node"]): capture.get("mac") for capture in attempt.captures()}
+    parts: list[_Part] = []
+    nodes: list[str] = []
+    truncated: list[str] = []
+    for path in sorted((attempt.path / "pcap").glob("*.pcap")):
+        capture = read_capture(path)
+        parts.append(_read_part(tree, path.stem, len(nodes), capture, macs.get(path.stem)))
+        nodes.append(path.stem)
+        truncated += [path.name] if capture.truncated else []
+    parts = parts or [_read_part(tree, "", 0, empty_capture(), None)]
+
+    entered = _joined([part.entered for part in parts])
+    order = np.argsort(entered["t_ns"], kind="stable")
+    entered = {name: values[order] for name, values in entered.items()}
+    left = _joined([part.left for part in parts])
+    left = {name: values[np.argsort(left["t_ns"], kind="stable")] for name, values in left.items()}
+    place = match(entered["key"], entered["t_ns"], left["key"], left["t_ns"])
+    entered["left_ns"] = np.append(left["t_ns"], NOWHERE)[place]
+
+    row_of = np.empty_like(order)
+    row_of[order] = np.arange(len(order))
+    firsts = np.cumsum([0, *(len(part.entered["t_ns"]) for part in parts)])
+    bodies = {
+        int(row_of[first + local]): body
+        for first, part in zip(firsts, parts, strict=False)
+        for local, body in part.bodies.items()
+    }
+    found = [part.mavlink for part in parts]
+    rows = np.concatenate([row_of[first + each.datagram] for first, each in zip(firsts, found, strict=False)])
+    directions = _mqtt_directions(entered, bodies)
+    tables = [mavlink_rows(found, rows, entered["left_ns"]), mqtt_rows(directions)]
+    messages = pl.concat(tables).sort("frame", maintain_order=True)
+    payload_bytes = np.zeros(len(order), dtype=np.int64)
+    np.add.at(payload_bytes, rows, np.concatenate([each.payload_size for each in found]))
+    for direction in directions:
+        payload_bytes[list(direction.payload_bytes)] = list(direction.payload_bytes.values())
+    frames = frame_rows(tree, nodes, entered, messages, payload_bytes)
+    told = frames.select(pl.col("t_ns", "link").gather(messages["frame"]))
+    strays = stray_rows(nodes, _joined([part.strays for part in parts]))
+    return Built(
+        pl.concat([frames, strays]),
+        messages.with_columns(told).select(MESSAGE_SCHEMA.names()),
+        tuple(truncated),
+        len(left["t_ns"]) - int((place != NOWHERE).sum()),
+    )
+
+
+def _read_part(tree: Tree, node: str, number: int, capture: Capture, mac: str | None) -> _Part:
+    headers = read_headers(capture)
+    link, departs = tree.place(node, headers, mac)
+    went_in, came_out = np.flatnonzero((link != NOWHERE) & departs), np.flatnonzero((link != NOWHERE) & ~departs)
+    off = np.flatnonzero(link == NOWHERE)
+    key = headers.key ^ link.astype(np.uint64) << np.uint64(56)
+    udp = np.flatnonzero(headers.protocol[went_in] == UDP)
+    mavlink = find_messages(capture.data, headers.body[went_in[udp]], headers.body_end[went_in[udp]])
+    mavlink = replace(mavlink, datagram=udp[mavlink.datagram])
+    protocol = headers.protocol[went_in]
+    protocol[mavlink.datagram] = MAVLINK
+    entered = {name: getattr(headers, name)[went_in] for name in _FROM_HEADERS} | {
+        **{"protocol": protocol, "body": (headers.body_end - headers.body)[went_in]},
+        **{"t_ns": capture.t_ns[went_in], "size": capture.sizes[went_in], "offset": capture.starts[went_in]},
+        **{"link": link[went_in], "key": key[went_in], "node": np.full(len(went_in), number)},
+        "source": tree.node_of(headers.source[went_in]),
+        "destination": tree.node_of(headers.destination[went_in]),
+    }
+    stray = {"t_ns": capture.t_ns[off], "protocol": headers.protocol[off], "size": capture.sizes[off]}
+    return _Part(
+        entered,
+        mavlink,
+        _mqtt_bodies(capture, headers, went_in),
+        {"t_ns": capture.t_ns[came_out], "key": key[came_out]},
+        stray | {"node": np.full(len(off), number)},
+    )
+
+
+def _mqtt_bodies(capture: Capture, headers: Headers, chosen: Ints) -> dict[int, bytes]:
+    carried = (headers.protocol[chosen] == MQTT) & (headers.body_end > headers.body)[chosen]
+    return {
+        int(place): capture.data[headers.body[at] : headers.body_end[at]].tobytes()
+        for place, at in zip(np.flatnonzero(carried), chosen[carried], strict=True)
+    }
+
+
+def _mqtt_directions(entered: Columns, bodies: dict[int, bytes]) -> list[Direction]:
+    """Each direction of each connection; what a client asked for in its CONNECT tells how its broker's is read."""
+    segments: dict[tuple[int, ...], list[Segment]] = {}
+    names = ("link", "source", "source_port", "destination", "destination_port", "sequence", "flags", "left_ns")
+    rows = np.flatnonzero(entered["protocol"] == MQTT)
+    for row, *place, sequence, flags, left_ns in zip(rows, *(entered[name][rows] for name in names), strict=True):
+        segment = Segment(
+            int(row),
+            int(left_ns) if left_ns != NOWHERE else None,
+            int(sequence),
+            bool(flags & SYN),
+            bodies.get(row, b""),
+        )
+        segments.setdefault(tuple(int(number) for number in place), []).append(segment)
+    found = []
+    versions: dict[tuple[int, ...], int] = {}
+    for flow in sorted(segments, key=lambda flow: flow[4] != MQTT_PORT):  # those towards a broker first
+        _, source, source_port, destination, destination_port = flow
+        back = (destination, destination_port, source, source_port)
+        direction = read_direction(segments[flow], versions.get(back, VERSION_5))
+        if direction.version is not None:
+            versions[(source, source_port, destination, destination_port)] = direction.version
+        found.append(direction)
+    return found
+
+
+def _joined(parts: list[Columns]) -> Columns:
+    """The same columns of all parts, one behind the other."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
