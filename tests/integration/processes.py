@@ -21,13 +21,25 @@ import docker
 ROOT = Path(__file__).resolve().parents[2]
 NODE_IMAGE = "mqttxt-testbed/node:latest"
 PATIENCE_S = 30.0
+_PORTS = (20_000, 32_000)
+_RANDOM = random.SystemRandom()
+_given: set[int] = set()
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """A port of loopback that nobody uses now."""
-    with socket.socket(socket.AF_INET, kind) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
+    """A port of loopback that nobody uses now, and that nobody was given before.
+
+    Not one of those that the system gives to clients: a connection could take it before its owner does, or while
+    that is restarted.
+    """
+    while True:
+        port = _RANDOM.randrange(*_PORTS)
+        if port in _given:
+            continue
+        with socket.socket(socket.AF_INET, kind) as sock, contextlib.suppress(OSError):
+            sock.bind(("127.0.0.1", port))
+            _given.add(port)
+            return port
 
 
 def wait_until(condition: Callable[[], bool], what: str, limit_s: float = PATIENCE_S) -> None:
