@@ -252,8 +252,9 @@ class Proxy:
 class System:
     """A cloud broker, a fog broker, an activator and two drones with their autopilots, as real processes."""
 
-    def __init__(self, folder: Path, qos: int = 1) -> None:
+    def __init__(self, folder: Path, qos: int = 1, streams: str = "px4-normal") -> None:
         self.folder = folder
+        self.streams = streams
         self.cloud = Broker(folder, "cloud")
         self.fog = Broker(folder, "fog")
         self.autopilots = {drone: free_port(socket.SOCK_DGRAM) for drone in (1, 2)}
@@ -285,7 +286,7 @@ class System:
     def make_sitl(self, drone: int) -> Process:
         base = str(self.folder / f"sitl{drone}")
         files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready"]
-        control = ["--control", f"{base}.sock", "--streams", "px4-normal"]
+        control = ["--control", f"{base}.sock", "--streams", self.streams]
         ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self.autopilots[drone]}"]
         fleet = ["--fleet", str(ROOT / "services" / "sitl" / "fleet.yaml"), "--system", str(drone)]
         return Process(self.folder, f"sitl{drone}", "sitl", "fly", *fleet, *ports, *files, *control)
