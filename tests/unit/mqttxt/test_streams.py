@@ -15,7 +15,8 @@ from mqttxt.roles.effects import Inbound, Publish, Transmit
 from mqttxt.roles.settings import Settings
 from mqttxt.roles.uav_client import UavClient
 from mqttxt.states import Location, MavlinkState
-from mqttxt.wire.codec import encode
+from mqttxt.wire.bundles import DroneBundle
+from mqttxt.wire.codec import decode, encode
 from mqttxt.wire.states import decode_state
 
 INTERVAL = 511
@@ -151,8 +152,8 @@ def test_questions_of_our_own_do_not_take_a_commands_acknowledgement() -> None:
 class Client:
     """A UAV client whose autopilot streams."""
 
-    def __init__(self) -> None:
-        self.uav = UavClient(1, UAV_SESSION, Settings())
+    def __init__(self, bundles: bool = False) -> None:
+        self.uav = UavClient(1, UAV_SESSION, Settings(bundles=bundles))
         self.now_ms = 0
         ready(self.uav)
         self.uav.tick(0)
@@ -166,6 +167,10 @@ class Client:
 
     def run(self, message: Any, period_ms: int, seconds: float, state: str) -> list[Publish]:
         """What is published of a state while messages come."""
+        out = self.hear(message, period_ms, seconds)
+        return [e for e in out if isinstance(e, Publish) and e.topic == f"drone1/state/{state}"]
+
+    def hear(self, message: Any, period_ms: int, seconds: float) -> list[Any]:
         out: list[Any] = []
         for _ in range(round(seconds * 1000 / period_ms)):
             self.now_ms += period_ms
@@ -173,7 +178,7 @@ class Client:
             out += self.uav.on_mavlink(message, self.now_ms)
             if self.now_ms % 50 < period_ms:
                 out += self.uav.tick(self.now_ms)
-        return [e for e in out if isinstance(e, Publish) and e.topic == f"drone1/state/{state}"]
+        return out
 
 
 @pytest.mark.parametrize(("period_ms", "rate_hz"), [(20, 20.0), (20, 50.0), (100, 10.0), (10, 7.0)])
@@ -198,6 +203,39 @@ def test_a_state_comes_at_its_rate_whether_or_not_it_changes_and_on_change_again
     )
     client.command("location", 0.0, seq=2)
     assert len(client.run(position(), 100, 4, "location")) <= 1
+
+
+def _bundled(outputs: list[Any]) -> list[set[str]]:
+    published = [e for e in outputs if isinstance(e, Publish) and e.topic == "drone1/states"]
+    return [{one.state.name for one in decode(DroneBundle, e.payload).states} for e in published]
+
+
+def test_states_at_once_a_second_travel_in_the_bundle_of_each_second() -> None:
+    client = Client(bundles=True)
+    client.hear(position(), 100, 3)
+    for seq, state in enumerate(("location", "heading", "flight_mode"), start=1):
+        client.command(state, 1.0, seq=seq)
+    out = client.hear(position(), 100, 10)
+    assert not [e for e in out if isinstance(e, Publish) and e.topic.startswith("drone1/state/")]
+    full = [names for names in _bundled(out) if {"location", "heading", "flight_mode"} <= names]
+    assert len(full) == pytest.approx(10, abs=1)
+
+
+def test_bundles_keep_their_second_though_ticks_are_late() -> None:
+    client = Client(bundles=True)
+    client.command("location", 1.0)
+    client.now_ms = 7
+    bundles = _bundled(client.hear(position(), 130, 39))
+    assert len([names for names in bundles if "location" in names]) == pytest.approx(39, abs=1)
+
+
+def test_a_state_faster_than_bundles_and_a_message_as_it_is_leave_alone() -> None:
+    client = Client(bundles=True)
+    client.hear(position(), 100, 3)
+    client.command("location", 5.0, seq=1)
+    assert len(client.run(position(), 100, 4, "location")) == pytest.approx(20, abs=1)
+    client.command("mavlink/ATTITUDE", 1.0, seq=2)
+    assert len(client.run(attitude(), 100, 4, "mavlink/ATTITUDE")) == pytest.approx(4, abs=1)
 
 
 def test_a_state_of_a_parameter_is_repeated() -> None:

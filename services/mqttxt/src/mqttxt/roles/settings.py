@@ -37,6 +37,12 @@ class Settings:
     state_limit_ms: int = 45_000
 
 
+def next_turn_ms(due_ms: int, now_ms: int, interval_ms: int) -> int:
+    """When what was due at `due_ms` is due again: on the same schedule, unless it came early or missed a turn."""
+    on_schedule = due_ms <= now_ms < due_ms + interval_ms
+    return (due_ms if on_schedule else now_ms) + interval_ms
+
+
 class Retry:
     """When to send an unanswered message again: pauses double from two to sixteen seconds."""
 

@@ -15,7 +15,7 @@ from . import qods
 from .activator_drones import CLOUD, DroneLink, Drones
 from .effects import Effect, Publish
 from .leases import Leases
-from .settings import Settings
+from .settings import Settings, next_turn_ms
 
 
 class StateRelay:
@@ -57,7 +57,7 @@ class StateRelay:
         out: list[Effect] = []
         if self._bundled and (now_ms >= self._next_bundle_ms or self._is_urgent):
             self._is_urgent = False
-            self._next_bundle_ms = now_ms + self._settings.bundle_ms
+            self._next_bundle_ms = next_turn_ms(self._next_bundle_ms, now_ms, self._settings.bundle_ms)
             out += self._bundles()
         ranking = self.qods.due(self._drones.links.values(), self._settings.state_limit_ms, now_ms)
         if ranking is not None:

@@ -57,6 +57,10 @@ class Streams:
         """The states that are published at a rate of their own."""
         return frozenset(self._turns)
 
+    def waits(self, name: str, bundle_ms: int) -> bool:
+        """Whether a state's rate lets it wait for a bundle that leaves once in `bundle_ms`; a message never does."""
+        return not name.startswith(MAVLINK_STATE) and self._turns[name].interval_ms >= bundle_ms
+
     def plan(self, command: Stream, now_ms: int) -> Plan:
         """How to bring a rate about; raises CannotExecute for a state or a message that does not exist."""
         kind = source_of(command.state)

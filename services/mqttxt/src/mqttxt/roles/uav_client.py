@@ -19,7 +19,7 @@ from .carrier import Carrier, is_carried
 from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Transmit, Will
 from .endurance import EnduranceMeter
 from .enquiries import Enquiries
-from .settings import REBIRTH_MS, Settings
+from .settings import REBIRTH_MS, Settings, next_turn_ms
 from .uav_commands import LINK, CommandDesk, Unfinished
 from .uav_options import UavOptions
 
@@ -59,6 +59,7 @@ class UavClient:
         self._next_beacon_ms = 0
         self._next_mav_heartbeat_ms = 0
         self._next_bundle_ms = 0
+        self._for_bundle: dict[str, State] = {}
         self._rebirth_at_ms: int | None = None
         self._lease: DroneLease | None = None
 
@@ -127,7 +128,7 @@ class UavClient:
         if endurance is not None:
             self._throttle.update(endurance)
         out = self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
-        streamed = self._streams.on_message(message, now_ms)
+        streamed = self._without_bundled(self._streams.on_message(message, now_ms))
         return out + [effect for state in streamed for effect in self._publish_state(state, now_ms)]
 
     def on_transmitted(self, ref: Any, now_ms: int) -> list[Effect]:
@@ -205,26 +206,39 @@ class UavClient:
         self.desk.executor.offboard_until_ms = lease.offboard_until_ms
         self.desk.executor.holder_session = lease.holder_session
 
-    def _publish_states(self, now_ms: int) -> list[Effect]:
-        """What is due by policy, bundled if so set; streamed states have their own times."""
-        self._throttle.apart = self._streams.names
-        out: list[Effect] = []
-        for name in self._streams.due(now_ms):
-            state = self._throttle.current(name)
-            out += self._publish_state(state, now_ms) if state is not None else []
-        if self.settings.bundles:
-            if now_ms < self._next_bundle_ms and not self._throttle.is_due(URGENT, now_ms):
-                return out
-            self._next_bundle_ms = now_ms + self.settings.bundle_ms
-        due = [(state, self._publish_state(state, now_ms)) for state in self._throttle.due(now_ms)]
+    def _without_bundled(self, streamed: list[State]) -> list[State]:
+        """Keep for the next bundle what is streamed no faster than bundles leave; the rest leaves alone."""
         if not self.settings.bundles:
-            return out + [effect for _, effects in due for effect in effects]
-        refused = [effect for _, effects in due for effect in effects if isinstance(effect, Log)]
-        together = [state for state, effects in due if not any(isinstance(effect, Log) for effect in effects)]
-        if together:
-            payload = encode(drone_bundle(together, stamp(now_ms)), self.settings.encoding)
-            out.append(Publish(LINK, self.topics.states(self.drone), payload, qos=0))
-        return out + refused
+            return streamed
+        waiting = [state for state in streamed if self._streams.waits(state.name, self.settings.bundle_ms)]
+        self._for_bundle |= {state.name: state for state in waiting}
+        return [state for state in streamed if state not in waiting]
+
+    def _publish_states(self, now_ms: int) -> list[Effect]:
+        """What is due by policy or by a rate of its own, bundled if so set."""
+        self._throttle.apart = self._streams.names
+        current = (self._throttle.current(name) for name in self._streams.due(now_ms))
+        alone = self._without_bundled([state for state in current if state is not None])
+        out = [effect for state in alone for effect in self._publish_state(state, now_ms)]
+        if self.settings.bundles:
+            return out + self._publish_bundle(now_ms)
+        return out + [effect for state in self._throttle.due(now_ms) for effect in self._publish_state(state, now_ms)]
+
+    def _publish_bundle(self, now_ms: int) -> list[Effect]:
+        """Once in a bundle's time, or when something urgent is due: everything that is due, in one message."""
+        if now_ms < self._next_bundle_ms and not self._throttle.is_due(URGENT, now_ms):
+            return []
+        self._next_bundle_ms = next_turn_ms(self._next_bundle_ms, now_ms, self.settings.bundle_ms)
+        due = {state.name: state for state in self._throttle.due(now_ms)}
+        due |= {name: self._throttle.current(name) or state for name, state in self._for_bundle.items()}
+        self._for_bundle.clear()
+        told = [(state, self._publish_state(state, now_ms)) for state in due.values()]
+        refused = [effect for _, effects in told for effect in effects if isinstance(effect, Log)]
+        together = [state for state, effects in told if not any(isinstance(effect, Log) for effect in effects)]
+        if not together:
+            return refused
+        payload = encode(drone_bundle(together, stamp(now_ms)), self.settings.encoding)
+        return [Publish(LINK, self.topics.states(self.drone), payload, qos=0), *refused]
 
     def _publish_state(self, state: State, now_ms: int) -> list[Effect]:
         if not self.born:
