@@ -109,7 +109,7 @@ def up(
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
         plan = make_plan("scenario-1", "1", arm, "ideal", one_protocol(protocol), factors)
-        settings = settings_of(plan, encoding)
+        settings = settings_of(plan, protocol, encoding)
         for folder in (LIVE, LIVE / "pcap", LIVE / "sitl"):
             folder.mkdir(parents=True, exist_ok=True)
             folder.chmod(0o777)

@@ -11,23 +11,28 @@ from .topology import FLEET
 
 CLOUD_URL = "mqtt://198.18.1.3:1883"
 CLOUD_HOST = CLOUD_URL.removeprefix("mqtt://").partition(":")[0]
+STATION_HOST = "198.18.0.3"
 FIRST_PORT = 14540
 """MAVSDK's port of a shared chain; that of drone N alone is N more."""
 EVENTS = "/run-dir/events.jsonl"
 ENCODINGS = {"cbor": "", "json": "--json"}
 
 
-def settings_of(plan: Plan, encoding: str = "cbor") -> dict[str, str]:
-    """The environment that compose.yaml's variables take. Raises UserError for an unknown encoding."""
+def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, str]:
+    """The environment that compose.yaml's variables take. Raises UserError for an unknown encoding.
+
+    Without routers the autopilots talk to the ground station themselves; MQTT-XT's clients are beside them always.
+    """
     if encoding not in ENCODINGS:
         raise UserError(f"ENCODING={encoding}: expected one of {', '.join(ENCODINGS)}")
+    alone = {"AUTOPILOT_ON": "0.0.0.0", "AUTOPILOT_TO": STATION_HOST}
     return {
         "QOS": str(plan.factors.qos),
         "STREAMS": plan.factors.streams,
         "CHAIN": plan.factors.chain,
         "ENCODING_FLAG": ENCODINGS[encoding],
         "BUNDLES_FLAG": "--bundles" if plan.factors.states == "bundle" else "",
-    }
+    } | (alone if protocol == "mavlink" and plan.factors.chain == "direct" else {})
 
 
 def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str]:

@@ -74,7 +74,7 @@ def run_series(
 
 
 def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
-    settings = settings_of(plan)
+    settings = settings_of(plan, attempt.protocol)
     manifest = describe(plan, attempt.protocol, attempt.number, read_topology(), settings)
     write_json(attempt.path / "manifest.json", manifest)
     ended = Ended("failed", "interrupted")

@@ -28,7 +28,7 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
         ({"protocol": "pigeon"}, "--protocol 'pigeon': expected one of mqttxt, mavlink"),
         ({"qos": "2"}, "--qos '2': expected one of 0, 1"),
         ({"states": "often"}, "--states 'often': expected one of on-change, fixed, bundle"),
-        ({"streams": "all"}, "--streams 'all': expected one of px4-onboard, px4-normal, px4-gcs, five-states"),
+        ({"streams": "all"}, "--streams 'all': expected one of px4-onboard, px4-gcs, five-states"),
         ({"commanding": "both"}, "--commanding 'both': expected one of one-by-one, concurrent"),
         ({"cloud": ""}, "--cloud '': expected the cloud broker, mqtt://HOST[:PORT]"),
         ({"cloud": "http://a"}, "broker 'http://a': expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]"),

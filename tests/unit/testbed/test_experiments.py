@@ -9,6 +9,7 @@ import pytest
 from testbed.errors import UserError
 from testbed.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
 from testbed.flights import by_hand, mission_command, settings_of
+from testbed.topology import COMPOSE_FILE
 
 GOOD = {"experiment": "scenario-1", "attempts": "2", "arm": "thesis", "profile": "ideal", "protocols": "mqttxt"}
 
@@ -71,11 +72,23 @@ def test_who_flies_first_alternates() -> None:
 
 
 def test_compose_gets_every_factor_that_a_container_needs() -> None:
-    assert settings_of(_plan()) == {
+    assert settings_of(_plan(), "mqttxt") == {
         **{"QOS": "0", "STREAMS": "px4-onboard", "CHAIN": "per-uav", "ENCODING_FLAG": "", "BUNDLES_FLAG": ""},
     }
-    assert settings_of(_plan(), "json")["ENCODING_FLAG"] == "--json"
-    assert settings_of(_plan("five-states-bundled"))["BUNDLES_FLAG"] == "--bundles"
+    assert settings_of(_plan(), "mqttxt", "json")["ENCODING_FLAG"] == "--json"
+    assert settings_of(_plan("five-states-bundled"), "mqttxt")["BUNDLES_FLAG"] == "--bundles"
+
+
+def test_autopilots_talk_to_the_ground_station_themselves_where_no_router_runs() -> None:
+    direct = settings_of(_plan("direct"), "mavlink")
+    assert (direct["AUTOPILOT_ON"], direct["AUTOPILOT_TO"]) == ("0.0.0.0", "198.18.0.3")
+    assert "AUTOPILOT_TO" not in settings_of(_plan("direct"), "mqttxt")
+    assert "AUTOPILOT_TO" not in settings_of(_plan("thesis"), "mavlink")
+
+
+def test_compose_takes_every_setting() -> None:
+    text = COMPOSE_FILE.read_text()
+    assert [name for name in settings_of(_plan("direct"), "mavlink") if f"${{{name}:-" not in text] == []
 
 
 def test_the_mission_is_told_how_mqttxt_talks() -> None:
@@ -145,4 +158,4 @@ def test_one_fleet_can_be_up_at_a_time() -> None:
 
 def test_an_unknown_encoding_is_named() -> None:
     with pytest.raises(UserError, match="ENCODING=xml: expected one of cbor, json"):
-        settings_of(make_plan(**GOOD), "xml")
+        settings_of(make_plan(**GOOD), "mqttxt", "xml")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -76,8 +74,9 @@ def fly(
 def make_fleet(options: Options, log: EventLog) -> Fleet:
     """The fleet of a protocol. Raises ValueError for options that it cannot work with."""
     if options.protocol == "mavlink":
-        fleet: Callable[..., Fleet] = import_module("mission.mavsdk_fleet").MavsdkFleet  # MAVSDK loads only for it
-        return fleet(options.urls, options.fleet, options.commanding, options.streams, log)
+        from .mavsdk_fleet import MavsdkFleet  # only now: MAVSDK is a large library, and nothing of it is MQTT-XT's
+
+        return MavsdkFleet(options.urls, options.fleet, options.commanding, options.streams, log)
     try:
         return MqttxtFleet(options.cloud, options.fleet, int(options.qos), log, options.states)
     except ConfigurationError as error:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 PROTOCOLS = ("mqttxt", "mavlink")
 QOS = ("0", "1")
 STATES = ("on-change", "fixed", "bundle")
-STREAMS = ("px4-onboard", "px4-normal", "px4-gcs", "five-states")
+STREAMS = ("px4-onboard", "px4-gcs", "five-states")
 COMMANDINGS = ("one-by-one", "concurrent")
 _URL = re.compile(r"(udpin|udpout|tcpin|tcpout)://[^/\s:]+:\d{1,5}|serial:///\S+:\d+")
 

@@ -233,7 +233,7 @@ class UavClient:
         due |= {name: self._throttle.current(name) or state for name, state in self._for_bundle.items()}
         self._for_bundle.clear()
         told = [(state, self._publish_state(state, now_ms)) for state in due.values()]
-        refused = [effect for _, effects in told for effect in effects if isinstance(effect, Log)]
+        refused: list[Effect] = [effect for _, effects in told for effect in effects if isinstance(effect, Log)]
         together = [state for state, effects in told if not any(isinstance(effect, Log) for effect in effects)]
         if not together:
             return refused

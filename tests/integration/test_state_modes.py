@@ -1,0 +1,133 @@
+"""How MQTT-XT's states come in a mission: on change, five of them at a fixed rate, or those in bundles."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections import Counter
+from collections.abc import AsyncIterator
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from processes import System, eventually
+
+from mission.events import EventLog
+from mission.mqttxt_fleet import FIVE_STATES, MqttxtFleet
+
+pytestmark = pytest.mark.integration
+
+DRONES = (1, 2)
+TURNS = 4
+SET_MESSAGE_INTERVAL = 511
+
+
+class Listener:
+    """How often each topic was published at a broker."""
+
+    def __init__(self, port: int) -> None:
+        self.heard: Counter[str] = Counter()
+        self._client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5)
+        self._client.on_connect = lambda client, *_: client.subscribe("#")
+        self._client.on_message = lambda _client, _data, message: self.heard.update([message.topic])
+        self._client.connect("127.0.0.1", port)
+        self._client.loop_start()
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+class Flown:
+    """A fleet that has set up, what its ground station wrote down since, and what crossed the two brokers since."""
+
+    def __init__(self, system: System, fleet: MqttxtFleet, events: Path) -> None:
+        self.system = system
+        self.fleet = fleet
+        self._path = events
+        self._before = len(self.events())
+        self.cloud = Listener(system.cloud.port)
+        self.fog = Listener(system.fog.port)
+
+    def close(self) -> None:
+        self.cloud.close()
+        self.fog.close()
+
+    def events(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in self._path.read_text().splitlines()]
+
+    def states(self) -> Counter[tuple[int, str]]:
+        """How often each state of each drone was told since."""
+        told = [event for event in self.events()[self._before :] if event["event"] == "state"]
+        return Counter((event["drone"], event["name"]) for event in told)
+
+    async def turns(self) -> Counter[tuple[int, str]]:
+        """Wait until every one of the five states of each drone was told some times."""
+        wanted = [(drone, name) for drone in DRONES for name in FIVE_STATES]
+        await eventually(lambda: all(self.states()[key] >= TURNS for key in wanted), f"five states, {TURNS} times each")
+        return self.states()
+
+
+@contextlib.asynccontextmanager
+async def set_up(
+    folder: Path, states: str, *, bundles: bool = False, streams: str = "px4-normal"
+) -> AsyncIterator[Flown]:
+    system = System(folder, streams=streams)
+    if bundles:
+        system.uavs = {drone: system.make_uav(drone, system.fog.url, None, None, "--bundles") for drone in DRONES}
+    async with contextlib.AsyncExitStack() as stack:
+        stack.push_async_callback(asyncio.to_thread, system.close)
+        await asyncio.to_thread(system.start)
+        log = EventLog(folder / "events.jsonl", StringIO())
+        stack.callback(log.close)
+        fleet = MqttxtFleet(system.cloud.url, {1: DRONES}, 1, log, states)
+        stack.push_async_callback(fleet.close)
+        await fleet.connect(30)
+        flown = Flown(system, fleet, folder / "events.jsonl")
+        stack.callback(flown.close)
+        yield flown
+
+
+@pytest.mark.parametrize("streams", ["px4-normal", "five-states"])
+async def test_fixed_tells_five_states_in_step_though_nothing_changes(tmp_path: Path, streams: str) -> None:
+    async with set_up(tmp_path, "fixed", streams) as flown:
+        told = await flown.turns()
+        counts = [told[drone, name] for drone in DRONES for name in FIVE_STATES]
+        assert max(counts) <= TURNS + 3
+        assert {name for _, name in told if name in ("armed", "landed_state")} == set()
+        assert not [topic for topic in flown.cloud.heard if topic.endswith("/states")]
+        assert flown.cloud.heard["fog1/drone2/state/heading"] >= TURNS - 1
+
+
+async def test_bundle_tells_the_same_in_one_message_a_second_on_both_hops(tmp_path: Path) -> None:
+    async with set_up(tmp_path, "bundle") as flown:
+        await flown.turns()
+        alone = [topic for listener in (flown.fog, flown.cloud) for topic in listener.heard if "/state/" in topic]
+        assert alone == []
+        assert min(flown.fog.heard[f"drone{drone}/states"] for drone in DRONES) >= TURNS - 1
+        assert flown.cloud.heard["fog1/states"] <= 3 * flown.fog.heard["drone1/states"]
+
+
+async def test_on_change_asks_for_no_rate_and_repeats_nothing(tmp_path: Path) -> None:
+    async with set_up(tmp_path, "on-change") as flown:
+        assert [result.word for result in await flown.fleet.arm()] == ["completed", "completed"]
+        await eventually(lambda: all(flown.states()[drone, "armed"] for drone in DRONES), "armed")
+        assert not [drone for drone in DRONES if _asked_by(flown, drone)]
+        assert flown.states()[1, "battery"] <= 1
+
+
+async def test_setting_up_is_no_call_of_the_mission(tmp_path: Path) -> None:
+    async with set_up(tmp_path, "fixed") as flown:
+        assert {event["event"] for event in flown.events()} == {"state"}
+        assert all(_asked_by(flown, drone) for drone in DRONES)
+        await flown.fleet.arm()
+        commands = [event["command"] for event in flown.events() if event["event"] == "command"]
+        assert commands == ["arm"]
+
+
+def _asked_by(flown: Flown, drone: int) -> list[dict[str, Any]]:
+    return flown.system.commanded(drone, SET_MESSAGE_INTERVAL)
