@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import development as dialect
 
 from .pcap import Bytes, Ints, windows
 
@@ -43,8 +43,8 @@ class Messages:
 
 
 def name_of(identity: int) -> str:
-    """A message's name in the common dialect, MAVLINK_12345 for one that it does not have."""
-    known = common.mavlink_map.get(identity)
+    """A message's name in common.xml and what is to come into it, MAVLINK_12345 for one that it does not have."""
+    known = dialect.mavlink_map.get(identity)
     return str(known.msgname) if known is not None else f"MAVLINK_{identity}"
 
 
@@ -107,7 +107,7 @@ def _target_offset(identity: int) -> int | None:
     """Where `target_system` is in a message's payload; None for a message without one."""
     if identity in COMMANDS:
         return COMMANDS[identity][1]
-    known = common.mavlink_map.get(identity)
+    known = dialect.mavlink_map.get(identity)
     if known is None or "target_system" not in known.fieldnames:
         return None
     offset = 0

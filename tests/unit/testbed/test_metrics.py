@@ -6,10 +6,15 @@ import json
 from pathlib import Path
 
 import pytest
-from attempts import make_attempt, manifest
+from attempts import SECOND, T0, arm_command, frame, make_attempt, manifest, publish, write_pcap
 
+from mqttxt.states import Battery, Groundspeed, Heading
+from mqttxt.wire.bundles import drone_bundle, fog_bundles
+from mqttxt.wire.codec import encode
+from mqttxt.wire.states import StampedState
 from testbed.errors import ResultsError
-from testbed.metrics import lost_share, measure_series
+from testbed.metrics import measure_series
+from testbed.metrics.traffic import lost_share
 from testbed.results import new_series
 
 
@@ -45,6 +50,8 @@ def test_every_number_of_a_tiny_attempt(tmp_path: Path) -> None:
     assert measured["before_mission"] == {"packets": 1, "bytes": 54}
     assert measured["foreign"] == {"arp": 1}
     assert measured["truncated"] == []
+    assert measured["frames_per_call"] == {"arm": 1.0}
+    assert (measured["mavlink"], measured["cpu_s"]) == (None, {})
     assert json.loads((series.path / "metrics.json").read_text()) == metrics
 
 
@@ -120,6 +127,33 @@ def test_a_capture_that_was_cut_off_is_counted_up_to_the_cut(tmp_path: Path) -> 
     (attempt.path / "pcap" / "uav1.pcap").write_bytes(b"")
     (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
     assert (measured["packets"], measured["truncated"]) == (5, ["uav1.pcap"])
+
+
+def test_a_command_sent_again_by_whichever_layer_is_one_command_in_several_frames(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    body = publish("fog1/commands", arm_command())
+    first, again = frame("gs", "cloud", body, 1), frame("gs", "cloud", body, 9, sequence=len(body))
+    by_tcp = frame("gs", "cloud", body, 10)
+    sent = [(T0, first), (T0 + SECOND, by_tcp), (T0 + 2 * SECOND, again)]
+    write_pcap(attempt.path / "pcap" / "gs.pcap", sent)
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["commands_sent"], measured["frames_per_call"]) == (1, {"arm": 3.0})
+    assert measured["mqtt"]["publish"] == 5 + 2  # those of the other hops, and the station's two
+
+
+def test_states_in_bundles_are_found_one_by_one(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    states = [Battery(90), Groundspeed(1.5), Heading(90.0)]
+    carried = fog_bundles((1, StampedState(state, 77, relay_stamp=5)) for state in states[:2])
+    up = frame("uav1", "fog1", publish("drone1/states", encode(drone_bundle(states, 77))), 20)
+    down = frame("cloud", "gs", publish("fog1/states", encode(carried[0])), 21, (1883, 7))
+    write_pcap(attempt.path / "pcap" / "uav1.pcap", [(T0 + SECOND, up)])
+    write_pcap(attempt.path / "pcap" / "cloud.pcap", [(T0 + 2 * SECOND, down)])
+    write_pcap(attempt.path / "pcap" / "gs.pcap", [(T0 + 2 * SECOND + 1, down)])
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["states_sent"], measured["message_loss"]["states"]) == (3, pytest.approx(1 / 3))
 
 
 def test_attempts_of_several_revisions_have_no_common_one(tmp_path: Path) -> None:

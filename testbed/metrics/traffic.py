@@ -1,0 +1,75 @@
+"""What entered the links in the window: frames, bytes by layer, and frames that did not leave."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from typing import Any
+
+import polars as pl
+
+from ..packets import Packets
+from .window import Window
+
+_TRANSPORT = {"mqtt": "tcp", "tcp": "tcp", "mavlink": "udp", "udp": "udp"}
+_MESSAGING = ("mqtt", "mavlink")
+
+
+@dataclass
+class LinkCount:
+    """What entered a directed link: frames, their bytes by layer, and frames that did not leave it."""
+
+    packets: int = 0
+    bytes: int = 0
+    lost: int = 0
+    layers: Counter[str] = field(default_factory=Counter)
+
+
+def count_links(packets: Packets, window: Window) -> dict[str, LinkCount]:
+    """The count of each link that anything entered in the window, by its name."""
+    sums = (
+        packets.frames.filter(window.entered)
+        .group_by("link", "protocol")
+        .agg(
+            pl.len(),
+            pl.col("left_ns").is_null().sum().alias("lost"),
+            pl.col("size", "ethernet", "ip", "transport", "protocol_bytes", "payload").sum(),
+        )
+    )
+    found: dict[str, LinkCount] = {}
+    for row in sums.cast({"link": pl.String, "protocol": pl.String}).sort("link", "protocol").iter_rows(named=True):
+        count = found.setdefault(row["link"], LinkCount())
+        count.packets += row["len"]
+        count.bytes += row["size"]
+        count.lost += row["lost"]
+        layers = {"ethernet": row["ethernet"], "ip": row["ip"], "payload": row["payload"]}
+        if row["protocol"] in _TRANSPORT:
+            layers[_TRANSPORT[row["protocol"]]] = row["transport"]
+        if row["protocol"] in _MESSAGING:
+            layers[row["protocol"]] = row["protocol_bytes"]
+        count.layers.update(layers)
+    return found
+
+
+def count_before(packets: Packets, window: Window) -> dict[str, int]:
+    """Frames and bytes on all links before the window."""
+    early = packets.frames.filter(pl.col("t_ns") < window.start_ns)
+    return {"packets": len(early), "bytes": int(early["size"].sum())}
+
+
+def count_foreign(packets: Packets, window: Window) -> dict[str, int]:
+    """Frames on no link in the window, by protocol."""
+    strays = packets.strays.filter(window.entered)
+    return dict(sorted(Counter(strays["protocol"].cast(pl.String).to_list()).items()))
+
+
+def count_mqtt(packets: Packets, window: Window) -> dict[str, int]:
+    """MQTT packets that began in the window, by type."""
+    sent = packets.messages.filter(window.entered, pl.col("protocol").cast(pl.String) == "mqtt")
+    return dict(sorted(Counter(sent["kind"].cast(pl.String).to_list()).items()))
+
+
+def lost_share(sent: Collection[Any], received: Collection[Any]) -> float | None:
+    """Which part of what was sent in the window never arrived; what arrived besides does not count."""
+    return sum(key not in received for key in sent) / len(sent) if sent else None

@@ -1,0 +1,57 @@
+"""Which links are at a node, and which of them lead towards the ground station."""
+
+from __future__ import annotations
+
+from ..topology import Topology
+
+STATION = "gs"
+_DRONE = "uav"
+
+
+class Ways:
+    """The directed links of a topology by their ends. Its nodes are a tree."""
+
+    def __init__(self, topology: Topology) -> None:
+        self._ends: dict[str, tuple[str, str]] = {}
+        for link in topology.links:
+            self._ends[f"{link.name}:up"] = (link.lower, link.upper)
+            self._ends[f"{link.name}:down"] = (link.upper, link.lower)
+        self._nodes = [node.name for node in topology.nodes]
+
+    @property
+    def drones(self) -> dict[int, str]:
+        """Each drone's node."""
+        found = {name.removeprefix(_DRONE): name for name in self._nodes if name.startswith(_DRONE)}
+        return {int(number): name for number, name in found.items() if number.isdecimal()}
+
+    @property
+    def between(self) -> list[str]:
+        """The nodes at neither end: the cloud and the fogs."""
+        return [name for name in self._nodes if name != STATION and name not in self.drones.values()]
+
+    def leaving(self, node: str) -> list[str]:
+        return [name for name, (sender, _) in self._ends.items() if sender == node]
+
+    def entering(self, node: str) -> list[str]:
+        return [name for name, (_, receiver) in self._ends.items() if receiver == node]
+
+    def through(self, node: str, up: bool) -> tuple[list[str], list[str]]:
+        """The links on which messages come to a node and go on, from the drones to the station (up) or back."""
+        stationward = self._stationward(node)
+        out_up = [name for name in self.leaving(node) if self._ends[name][1] == stationward]
+        in_down = [name for name in self.entering(node) if self._ends[name][0] == stationward]
+        if up:
+            return [name for name in self.entering(node) if name not in in_down], out_up
+        return in_down, [name for name in self.leaving(node) if name not in out_up]
+
+    def _stationward(self, node: str) -> str | None:
+        """The next node on the way to the station."""
+        parents: dict[str, str] = {}
+        waiting = [STATION]
+        while waiting:
+            here = waiting.pop()
+            for sender, receiver in self._ends.values():
+                if sender == here and receiver != STATION and receiver not in parents:
+                    parents[receiver] = here
+                    waiting.append(receiver)
+        return parents.get(node)
