@@ -1,121 +1,135 @@
-"""Figures as inline SVG; their colours are the page's CSS variables, so that they follow light and dark."""
+"""The flights as a figure: where each drone was, on a time axis that all panels share.
+
+Everything is given in percent of the axis, so that the page draws it at any width with text of one size.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
-from xml.sax.saxutils import escape
 
-WIDTH = 860
-LAYERS = ("payload", "mqtt", "tcp", "udp", "ip", "ethernet")
-_LEFT, _RIGHT = 64, 16
+SECOND_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
 class Flight:
-    """One drone's flight for the timeline; times in seconds since the mission began."""
+    """One drone's flight; times in seconds since the mission began."""
 
     drone: str
     altitude: tuple[tuple[float, float], ...]
-    marks: tuple[tuple[float, str], ...]
+    marks: tuple[tuple[float, str, bool], ...]
+    """When a command had its last word, what it was, and whether the command was completed."""
 
 
-def flights_of(sitl: dict[str, list[dict[str, Any]]], events: list[dict[str, Any]], start_ns: int) -> list[Flight]:
+@dataclass(frozen=True)
+class Step:
+    """A step of the mission, by the ground station; seconds since the mission began."""
+
+    name: str
+    start_s: float
+    end_s: float
+    ok: bool
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One attempt's flights and steps."""
+
+    protocol: str
+    end_s: float
+    flights: tuple[Flight, ...]
+    steps: tuple[Step, ...]
+    completed: bool
+
+
+def flights_of(
+    sitl: dict[str, list[dict[str, Any]]], events: list[dict[str, Any]], start_ns: int
+) -> tuple[Flight, ...]:
     """Each drone's heights by its autopilot, and the last words that the ground station heard."""
     found = []
     for node, log in sorted(sitl.items()):
         drone = node.removeprefix("uav")
         heights = [
-            ((event["t_ns"] - start_ns) / 1e9, float(event["altitude_m"]))
+            ((event["t_ns"] - start_ns) / SECOND_NS, float(event["altitude_m"]))
             for event in log
             if event["event"] == "position"
         ]
-        words = [
-            ((event["t_ns"] - start_ns) / 1e9, f"{event['command']} {event['word']}")
+        said = [
+            (
+                (event["t_ns"] - start_ns) / SECOND_NS,
+                f"{event['command']} {event['word']}",
+                event["word"] == "completed",
+            )
             for event in events
             if event["event"] == "outcome" and event["final"] and str(event["drone"]) == drone
         ]
-        found.append(Flight(drone, tuple(point for point in heights if point[0] >= -2), tuple(words)))
-    return found
+        found.append(Flight(drone, tuple(point for point in heights if point[0] >= -2), tuple(said)))
+    return tuple(found)
 
 
-def timeline(flights: list[Flight], end_s: float) -> str:
-    """A row for each drone: its height, and a tick where a command had its last word."""
-    row, top = 54, 26
-    height = top + row * len(flights) + 30
-    most_m = max([alt for flight in flights for _, alt in flight.altitude] or [1.0]) or 1.0
-    parts = []
-    for index, flight in enumerate(flights):
-        base = top + row * (index + 1) - 8
-        points = " ".join(
-            f"{_x(t, end_s):.1f},{base - alt / most_m * (row - 18):.1f}" for t, alt in flight.altitude if t <= end_s
-        )
-        parts.append(
-            f'<text class="label" x="{_LEFT - 10}" y="{base - 4}" text-anchor="end">drone {flight.drone}</text>'
-        )
-        parts.append(f'<line class="grid" x1="{_LEFT}" y1="{base}" x2="{WIDTH - _RIGHT}" y2="{base}"/>')
-        parts.append(f'<polyline class="line" points="{points}"/>')
-        for at_s, what in flight.marks:
-            x = _x(at_s, end_s)
-            parts.append(
-                f'<g class="mark"><line x1="{x:.1f}" y1="{base - row + 16}" x2="{x:.1f}" y2="{base + 4}"/>'
-                f"<title>{escape(what)} after {at_s:.2f} s</title></g>"
-            )
-    if flights:
-        parts += _first_row_labels(flights[0], end_s, most_m, top, row)
-    parts.append(_time_axis(end_s, top + row * len(flights)))
-    label = f"Height of each drone over time, up to {most_m:.1f} m; ticks are last words of commands"
-    return _svg(height, label, parts)
+def steps_of(events: list[dict[str, Any]], start_ns: int, end_s: float) -> tuple[Step, ...]:
+    """The mission's steps; one that never ended lasts until the end."""
+    done = {event["name"]: event for event in events if event["event"] == "step_done"}
+    found = []
+    for event in events:
+        if event["event"] != "step":
+            continue
+        ended = done.get(event["name"])
+        until = (ended["t_ns"] - start_ns) / SECOND_NS if ended is not None else end_s
+        found.append(Step(event["name"], (event["t_ns"] - start_ns) / SECOND_NS, until, bool(ended and ended["ok"])))
+    return tuple(found)
 
 
-def _first_row_labels(flight: Flight, end_s: float, most_m: float, top: float, row: float) -> list[str]:
-    """What all rows share, said once: the height of the scale, and which command each tick belongs to."""
-    scale = f'<text class="tick" x="{_LEFT - 10}" y="{top + 14}" text-anchor="end">{most_m:.0f} m</text>'
-    labels = [scale]
-    free_from = 0.0
-    for at_s, what in flight.marks:
-        command = what.split(" ")[0]
-        x, half = _x(at_s, end_s), 4.0 * len(command)
-        x = min(max(x, half, free_from + half), WIDTH - half)
-        free_from = x + half
-        labels.append(f'<text class="tick" x="{x:.1f}" y="{top - 8}" text-anchor="middle">{escape(command)}</text>')
-    return labels
+def timeline(panels: list[Panel]) -> dict[str, Any] | None:
+    """What the page draws: ticks of the shared axis, and for each panel its rows; None when there is no flight."""
+    drawn = [panel for panel in panels if panel.flights]
+    if not drawn:
+        return None
+    longest_s = max([panel.end_s for panel in drawn] + [1.0])
+    heights = [m for panel in drawn for flight in panel.flights for t, m in flight.altitude if t <= panel.end_s]
+    most_m = max([*heights, 1.0])
+    return {
+        "most_m": most_m,
+        "ticks": [(t, _at(t, longest_s)) for t in _ticks(longest_s)],
+        "panels": [_panel(panel, longest_s, most_m) for panel in drawn],
+    }
 
 
-def layer_bar(layers: dict[str, int]) -> str:
-    """One bar: the bytes of all links by layer, with a legend below."""
-    total = sum(layers.values()) or 1
-    parts, legend = [], []
-    x = 0.0
-    known = [name for name in LAYERS if layers.get(name)]
-    for index, name in enumerate(known):
-        width = layers[name] / total * WIDTH
-        share = 100 * layers[name] / total
-        title = f"<title>{name}: {layers[name]:,} bytes, {share:.1f} %</title>"
-        parts.append(f'<rect class="s{index}" x="{x:.1f}" y="4" width="{width:.1f}" height="34">{title}</rect>')
-        legend_x = index * WIDTH / len(known)
-        legend.append(
-            f'<rect class="s{index}" x="{legend_x:.0f}" y="52" width="12" height="12"/>'
-            f'<text class="label" x="{legend_x + 18:.0f}" y="62">{name} {share:.1f} %</text>'
-        )
-        x += width
-    return _svg(72, "Bytes by layer", parts + legend)
+def _panel(panel: Panel, longest_s: float, most_m: float) -> dict[str, Any]:
+    rows = []
+    for flight in panel.flights:
+        points = [
+            f"{10 * _at(t, longest_s):.1f},{100 - 86 * max(m, 0.0) / most_m:.1f}"
+            for t, m in flight.altitude
+            if t <= panel.end_s
+        ]
+        marks = [{"at": _at(t, longest_s), "what": f"{what} after {t:.2f} s", "ok": ok} for t, what, ok in flight.marks]
+        rows.append({"drone": flight.drone, "points": " ".join(points), "marks": marks})
+    steps = [
+        {
+            "name": step.name,
+            "left": _at(step.start_s, longest_s),
+            "width": _at(min(step.end_s, panel.end_s), longest_s) - _at(step.start_s, longest_s),
+            "seconds": max(step.end_s - max(step.start_s, 0.0), 0.0),
+            "ok": step.ok,
+        }
+        for step in panel.steps
+        if step.start_s <= panel.end_s
+    ]
+    return {
+        "protocol": panel.protocol,
+        "end_s": panel.end_s,
+        "end": _at(panel.end_s, longest_s),
+        "completed": panel.completed,
+        "rows": rows,
+        "steps": steps,
+    }
 
 
-def _x(at_s: float, end_s: float) -> float:
-    return _LEFT + max(0.0, at_s) / max(end_s, 1e-9) * (WIDTH - _LEFT - _RIGHT)
+def _at(t_s: float, longest_s: float) -> float:
+    return 100 * min(max(0.0, t_s), longest_s) / longest_s
 
 
-def _time_axis(end_s: float, y: float) -> str:
-    step = 5 if end_s <= 60 else 10 if end_s <= 150 else 30
-    ticks = range(0, int(end_s) + 1, step)
-    return "".join(
-        f'<text class="tick" x="{_x(t, end_s):.1f}" y="{y + 18}" text-anchor="middle">{t} s</text>' for t in ticks
-    )
-
-
-def _svg(height: float, label: str, parts: list[str]) -> str:
-    return (
-        f'<svg viewBox="0 0 {WIDTH} {height:.0f}" role="img" aria-label="{escape(label)}">'
-        f"<title>{escape(label)}</title>{''.join(parts)}</svg>"
-    )
+def _ticks(longest_s: float) -> list[int]:
+    step = next((step for step in (1, 2, 5, 10, 20, 30, 60, 120, 300) if longest_s / step <= 8), 600)
+    return list(range(0, int(longest_s) + 1, step))

@@ -6,76 +6,142 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from ..results import Series
-from .words import PROTOCOL_NAMES, finding, notes, seconds, short_loss, size
+from . import comparison, details, factors, sentences, words
+
+MOST_STREAMS = 8
 
 
 def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> None:
-    """A sentence, a row an attempt, what there is to say of them, and the traffic of the links."""
+    """What is wrong, the finding, how it was flown; then both sides beside each other, every attempt, every link."""
     console.print()
-    console.print(finding(metrics), soft_wrap=True, markup=False)
-    console.print(attempts_table(metrics))
-    for note in notes(metrics):
+    for note in sentences.notes(metrics):
         console.print(note, soft_wrap=True, markup=False)
-    console.print(links_table(metrics))
+    said = [sentences.finding(metrics), sentences.basis(metrics)]
+    console.print(" ".join(line for line in said if line), soft_wrap=True, markup=False)
+    for line in _flown(series, metrics):
+        console.print(line, soft_wrap=True, markup=False)
+    console.print(comparison_table(metrics))
+    if any(len(side["attempts"]) + len(side["void"]) > 1 for side in metrics["protocols"].values()):
+        console.print(attempts_table(metrics))
+    shown = comparison.shown(metrics)
+    console.print(links_table(shown))
+    if "mavlink" in shown:
+        _print_mavlink(shown["mavlink"], console)
+
+
+def comparison_table(metrics: dict[str, Any]) -> Table:
+    """A row a metric, a column a protocol, and the ratio of the two."""
+    sides = [protocol for protocol, _ in words.sides(metrics)]
+    table = Table(title=f"arm {metrics['arm']}, profile {metrics['profile']}", title_justify="left")
+    table.add_column("")
+    for protocol in sides:
+        table.add_column(words.name_of(protocol), justify="right")
+    if len(sides) > 1:
+        table.add_column("ratio", justify="right")
+    for row in comparison.rows(metrics):
+        cells = [row.cells[protocol].text for protocol in sides]
+        ratio = f"{words.ratio(row.ratio)}×" if row.ratio is not None else words.NOTHING
+        table.add_row(row.name, *cells, *([ratio] if len(sides) > 1 else []))
+    return table
 
 
 def attempts_table(metrics: dict[str, Any]) -> Table:
     """Every attempt; failed ones stay in it, void ones are named and not counted."""
-    table = Table(title=f"attempts (arm {metrics['arm']}, profile {metrics['profile']})", title_justify="left")
+    table = Table(title="attempts", title_justify="left")
     for heading in ("protocol", "attempt", "status"):
         table.add_column(heading)
     for heading in ("mission", "packets", "bytes", "commands lost", "states lost", "frames lost"):
         table.add_column(heading, justify="right")
-    for protocol, side in metrics["protocols"].items():
-        name = PROTOCOL_NAMES.get(protocol, protocol)
+    for protocol, side in words.sides(metrics):
+        name = words.name_of(protocol)
         for attempt in side["attempts"]:
             table.add_row(
                 name,
                 str(attempt["attempt"]),
                 attempt["status"],
-                seconds(attempt["mission_s"]),
-                f"{attempt['packets']:,}",
-                size(attempt["size_bytes"]),
-                short_loss(attempt["message_loss"]["commands"], attempt["commands_sent"]),
-                short_loss(attempt["message_loss"]["states"], attempt["states_sent"]),
-                short_loss(attempt["wire_loss"], attempt["packets"]),
+                words.seconds(attempt["mission_s"]),
+                words.thousands(attempt["packets"]),
+                words.size(attempt["size_bytes"]),
+                words.short_loss(attempt["message_loss"]["commands"], attempt.get("commands_sent", 0)),
+                words.short_loss(attempt["message_loss"]["states"], attempt.get("states_sent", 0)),
+                words.short_loss(attempt["wire_loss"], attempt["packets"]),
             )
         for void in side["void"]:
-            table.add_row(name, str(void["attempt"]), "void", *["–"] * 6)
+            table.add_row(name, str(void["attempt"]), "void", *[words.NOTHING] * 6)
     return table
 
 
-def links_table(metrics: dict[str, Any]) -> Table:
-    """Packets and bytes up and down each link, of each protocol's first attempt."""
-    table = Table(title="links, first attempt (up is towards the cloud)", title_justify="left")
-    table.add_column("protocol")
+def links_table(shown: details.Shown) -> Table:
+    """Packets and bytes up and down each link, both sides beside each other."""
+    numbers = ", ".join(f"{words.name_of(protocol)} attempt {one['attempt']}" for protocol, one in shown.items())
+    table = Table(title=f"links, up (towards the cloud) / down: {numbers}", title_justify="left")
     table.add_column("link")
-    for heading in ("packets up", "down", "bytes up", "down", "lost"):
-        table.add_column(heading, justify="right")
-    for protocol, side in metrics["protocols"].items():
-        for attempt in side["attempts"][:1]:
-            for name, up, down in link_pairs(attempt):
-                table.add_row(
-                    PROTOCOL_NAMES.get(protocol, protocol),
-                    name,
-                    f"{up['packets']:,}",
-                    f"{down['packets']:,}",
-                    size(up["bytes"]),
-                    size(down["bytes"]),
-                    str(up["lost"] + down["lost"]),
-                )
+    for protocol in shown:
+        for heading in ("packets", "bytes", "lost"):
+            table.add_column(f"{words.name_of(protocol)}\n{heading}", justify="right")
+    for name, by in details.links_of(shown):
+        cells = []
+        for up, down in by.values():
+            cells.append(f"{words.thousands(up['packets'])} / {words.thousands(down['packets'])}")
+            cells.append(f"{words.size(up['bytes'])} / {words.size(down['bytes'])}")
+            cells.append(words.thousands(up["lost"] + down["lost"]))
+        table.add_row(name, *cells)
     return table
 
 
-def link_pairs(attempt: dict[str, Any]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:
-    """Each link with its two directions, wan first, then backhaul, then air."""
-    nothing = {"packets": 0, "bytes": 0, "lost": 0, "layers": {}}
-    names = sorted({name.rsplit(":", 1)[0] for name in attempt["links"]}, key=_order)
-    return [(n, attempt["links"].get(f"{n}:up", nothing), attempt["links"].get(f"{n}:down", nothing)) for n in names]
+def mix_table(mix: dict[str, Any]) -> Table:
+    """What the drones stream over MAVLink, largest first."""
+    table = Table(title="what the drones send over MAVLink", title_justify="left")
+    table.add_column("message")
+    for heading in ("count", "per second and drone", "bytes", "mean size", "share"):
+        table.add_column(heading, justify="right")
+    for stream in mix["streams"][:MOST_STREAMS]:
+        table.add_row(
+            stream["name"],
+            words.thousands(stream["count"]),
+            words.digits(stream["rate_hz"]),
+            words.size(stream["bytes"]),
+            f"{words.digits(stream['mean_size'])} B",
+            words.percent(stream["percent"]),
+        )
+    rest = mix["streams"][MOST_STREAMS:]
+    if rest:
+        table.add_row(
+            f"{len(rest)} other kinds",
+            words.thousands(sum(stream["count"] for stream in rest)),
+            words.digits(sum(stream["rate_hz"] for stream in rest)),
+            words.size(sum(stream["bytes"] for stream in rest)),
+            "",
+            words.percent(sum(stream["percent"] for stream in rest)),
+        )
+    return table
 
 
-def _order(name: str) -> tuple[int, str]:
-    classes = ("wan", "backhaul", "air", "sense")
-    return classes.index(name.split(":")[0]), name
+def _print_mavlink(attempt: dict[str, Any], console: Console) -> None:
+    mix = details.mix_of(attempt)
+    if mix is not None and mix["streams"]:
+        console.print(mix_table(mix))
+    routers = details.routers_of(attempt)
+    if routers:
+        ways = [entry for _, by_way in routers for entry in by_way.values()]
+        dropped = [f"{entry['node']} {entry['way']} {entry['dropped']:,}" for entry in ways if entry["dropped"]]
+        said = f"dropped {', '.join(dropped)}" if dropped else "dropped none"
+        console.print(f"routers {said} of {sum(entry['in'] for entry in ways):,} messages", soft_wrap=True)
+
+
+def _flown(series: Series, metrics: dict[str, Any]) -> list[Text]:
+    """A line a side: how it was flown; then what that means for comparing."""
+    configuration: dict[str, Any] = {}
+    for attempt in series.attempts():
+        configuration = {**attempt.manifest()["configuration"], **configuration}
+    lines = []
+    for protocol, _ in words.sides(metrics):
+        flown = factors.factors_of(configuration, protocol)
+        if flown:
+            lines.append(Text(f"{words.name_of(protocol)}: {'; '.join(factor.words for factor in flown)}."))
+    return lines + (
+        [Text(said) for said in factors.fairness(configuration)[:2]] if len(metrics["protocols"]) > 1 else []
+    )

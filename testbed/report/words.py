@@ -1,48 +1,87 @@
-"""Numbers and findings in words, the same on the terminal and on the page."""
+"""Numbers in words, the same on the terminal and on the page."""
 
 from __future__ import annotations
 
-from statistics import median
 from typing import Any
 
-_IN_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 PROTOCOL_NAMES = {"mqttxt": "MQTT-XT", "mavlink": "MAVLink"}
 EXPERIMENT_NAMES = {"scenario-1": "Scenario 1"}
 EXPERIMENT_WHAT = {"scenario-1": "arm, take off to 10 m, hold for 15 s, land, all disarmed"}
+NOTHING = "–"
+_IN_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+
+
+def name_of(protocol: str) -> str:
+    """As people write it: MQTT-XT, MAVLink."""
+    return PROTOCOL_NAMES.get(protocol, protocol)
+
+
+def sides(metrics: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """The protocols of a series with what was measured of each; always MQTT-XT first."""
+    known = list(PROTOCOL_NAMES)
+    order = sorted(metrics["protocols"], key=lambda name: (known.index(name) if name in known else len(known), name))
+    return [(name, metrics["protocols"][name]) for name in order]
+
+
+def thousands(value: float | None) -> str:
+    return NOTHING if value is None else f"{value:,.0f}"
+
+
+def digits(value: float | None) -> str:
+    """Three significant digits: 8,013, 445, 46.6, 1.25."""
+    if value is None:
+        return NOTHING
+    if value == 0:
+        return "0"
+    return f"{value:,.{0 if value >= 99.95 else 1 if value >= 9.995 else 2}f}"
 
 
 def size(count: float | None) -> str:
     """Bytes with three significant digits: 812 B, 40.2 kB, 1.53 MB."""
     if count is None:
-        return "–"
-    if count < 1000:
+        return NOTHING
+    if count < 999.5:
         return f"{count:.0f} B"
     value, unit = (count / 1e3, "kB") if count < 999_500 else (count / 1e6, "MB")
-    decimals = 2 if value < 9.995 else 1 if value < 99.95 else 0
-    return f"{value:,.{decimals}f} {unit}"
+    return f"{digits(value)} {unit}"
 
 
 def seconds(value: float | None) -> str:
-    return "–" if value is None else f"{value:.1f} s"
+    return NOTHING if value is None else f"{value:.1f} s"
 
 
 def milliseconds(value: float | None) -> str:
     if value is None:
-        return "–"
+        return NOTHING
     if value >= 1000:
         return f"{value / 1000:.2f} s"
     return f"{value:.2f} ms" if value < 10 else f"{value:.0f} ms"
 
 
+def ratio(value: float | None) -> str:
+    """A ratio with the digits that it deserves: 265, 12, 1.6, 1.02, 0.62."""
+    if value is None:
+        return NOTHING
+    decimals = 0 if value >= 9.95 else 1 if value >= 1.095 else 2
+    return f"{value:,.{decimals}f}" if value >= 0.095 or value == 0 else f"{value:.2g}"
+
+
+def times(value: float, what: str) -> str:
+    """A ratio in a sentence: '265 times the packets', and below one '62 % of the packets'."""
+    if value >= 0.995:
+        return f"{ratio(value)} times {what}"
+    return f"{min(100 * value, 99):.{0 if value >= 0.1 else 1}f} % of {what}"
+
+
 def short_loss(share: float | None, of: int) -> str:
     """A loss where there is little room: how many of how many."""
-    return "–" if share is None or of == 0 else f"{round(share * of):,} of {of:,}"
+    return NOTHING if share is None or of == 0 else f"{round(share * of):,} of {of:,}"
 
 
 def loss(share: float | None, of: int) -> str:
     """A loss as percent; none of n is shown with its 95 % bound, below 3/n."""
     if share is None or of == 0:
-        return "–"
+        return NOTHING
     if share == 0:
         return f"0 of {of:,} (< {300 / of:.2g} %)" if of > 3 else f"0 of {of}"
     return f"{percent(100 * share)} of {of:,}"
@@ -53,48 +92,20 @@ def percent(value: float) -> str:
     return f"{value:.0f} %" if value >= 10 else f"{value:.2g} %"
 
 
-def notes(metrics: dict[str, Any]) -> list[str]:
-    """What one must know before believing the numbers: why attempts failed or are void, and what was cut off."""
-    said = []
-    for protocol, side in metrics["protocols"].items():
-        name = PROTOCOL_NAMES.get(protocol, protocol)
-        for attempt in side["attempts"]:
-            which = f"{name}, attempt {attempt['attempt']}"
-            if attempt["status"] != "completed":
-                said.append(f"{which} {attempt['status']}: {attempt['reason']}")
-            if attempt["truncated"]:
-                files = ", ".join(attempt["truncated"])
-                said.append(f"{which}: cut off, and counted up to the cut: {files}; its counts are too low")
-        said += [f"{name}, attempt {void['attempt']} is void, not counted: {void['reason']}" for void in side["void"]]
-    return said
-
-
-def finding(metrics: dict[str, Any]) -> str:
-    """One plain sentence: what was flown, over what, and how it went."""
-    experiment = EXPERIMENT_NAMES.get(metrics["experiment"], metrics["experiment"]).lower()
-    parts = []
-    for protocol, side in metrics["protocols"].items():
-        name = PROTOCOL_NAMES.get(protocol, protocol)
-        flown, completed = side["attempts"], [a for a in side["attempts"] if a["status"] == "completed"]
-        if not completed:
-            which = "the only attempt was not" if len(flown) == 1 else f"none of {len(flown)} attempts was"
-            parts.append(f"over {name} {which if flown else 'no attempt that counts was'} completed")
-            continue
-        mission = median(attempt["mission_s"] for attempt in completed)
-        packets = median(attempt["packets"] for attempt in completed)
-        bytes_ = median(attempt["size_bytes"] for attempt in completed)
-        drones = _plural(len(completed[0]["outcomes"]), "drone")
-        fogs = len({link.split(":")[1] for link in completed[0]["links"] if link.startswith("backhaul:")})
-        on = _plural(_IN_WORDS[fogs] if fogs < len(_IN_WORDS) else fogs, "fog")
-        much = "" if len(completed) == 1 else " (medians)"
-        how = "" if len(completed) == len(flown) else f", in {len(completed)} of {len(flown)} attempts"
-        parts.append(
-            f"over {name} {drones} on {on} flew {experiment} in {mission:.1f} s, "
-            f"with {packets:,.0f} packets and {size(bytes_)} on all links{much}{how}"
-        )
-    said = "; ".join(parts)
-    return f"{said[0].upper()}{said[1:]}."
-
-
-def _plural(count: int | str, what: str) -> str:
+def plural(count: int | str, what: str) -> str:
     return f"{count} {what}" if count in (1, "one") else f"{count} {what}s"
+
+
+def in_words(count: int) -> str:
+    return _IN_WORDS[count] if count < len(_IN_WORDS) else str(count)
+
+
+def listed(parts: list[str]) -> str:
+    """'a', 'a and b', 'a, b and c'."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def first_line(reason: str | None, most: int = 120) -> str:
+    """The first line of a reason, for a sentence; where to cut it, it ends in an ellipsis."""
+    line = (reason or "no reason given").strip().splitlines()[0].rstrip(" :;.")
+    return line if len(line) <= most else line[: most - 1].rstrip() + "…"

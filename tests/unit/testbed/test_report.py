@@ -1,4 +1,4 @@
-"""The page and the terminal: what they say, and that they say it the same way twice."""
+"""The page and the terminal of one protocol's series: what they say, and that they say it the same way twice."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from testbed.metrics import measure_series
 from testbed.progress import ConsoleProgress
 from testbed.report import words
 from testbed.report.html import write_report
+from testbed.report.sentences import finding
 from testbed.report.terminal import print_summary
 from testbed.results import Series, new_series, open_series
 
@@ -29,10 +30,11 @@ def series(tmp_path: Path) -> Series:
 
 def test_the_page_says_what_happened_and_is_self_contained(series: Series) -> None:
     page = write_report(series, measure_series(series)).read_text()
-    assert "Over MQTT-XT 1 drone on one fog flew scenario 1 in 9.0 s, with 7 packets" in page
+    assert "Over MQTT-XT one drone on one fog flew scenario 1 in 9.0 s, with 7 packets" in page
     assert "takeoff: drone 1: &lt;denied&gt;" in page
-    assert "void, not counted: captures dropped packets: gs 1" in page
-    assert "MQTT-XT, attempt 2 failed: takeoff" in page
+    assert "captures dropped packets: gs 1" in page
+    assert "MQTT-XT, attempt 2 failed." in page
+    assert "MQTT-XT, attempt 3 is void, not counted." in page
     assert not re.search(r"""(src|href)=["'](https?:)?//""", page)
     links = re.findall(r'href="([^"#]+)"', page)
     assert "mqttxt/attempt-01/pcap/gs.pcap" in links
@@ -59,16 +61,17 @@ def test_the_terminal_shows_every_attempt_and_link(series: Series) -> None:
     assert ["MQTT-XT", "3", "void"] in [row[:3] for row in rows]
     assert "MQTT-XT, attempt 2 failed: takeoff: drone 1: <denied>" in shown
     assert "MQTT-XT, attempt 3 is void, not counted: captures dropped packets: gs 1" in shown
-    assert ["MQTT-XT", "air:uav1", "2", "1", "139 B", "86 B", "1"] in rows
+    assert ["air:uav1", "2 / 1", "139 B / 86 B", "1"] in rows
 
 
 _MB = [(999_499, "999 kB"), (999_500, "1.00 MB"), (1_534_000, "1.53 MB")]
 
 
 @pytest.mark.parametrize(
-    ("value", "shown"), [(0, "0 B"), (999, "999 B"), (6000, "6.00 kB"), (9996, "10.0 kB"), (167_340, "167 kB"), *_MB]
+    ("value", "shown"),
+    [(0, "0 B"), (999, "999 B"), (999.6, "1.00 kB"), (6000, "6.00 kB"), (9996, "10.0 kB"), (167_340, "167 kB"), *_MB],
 )
-def test_sizes_have_three_digits(value: int, shown: str) -> None:
+def test_sizes_have_three_digits(value: float, shown: str) -> None:
     assert words.size(value) == shown
 
 
@@ -86,6 +89,27 @@ def test_no_loss_is_given_with_its_bound(share: float | None, of: int, shown: st
     assert words.loss(share, of) == shown
 
 
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(264.7, "265"), (1234.5, "1,234"), (9.96, "10"), (1.64, "1.6"), (1.02, "1.02"), (0.62, "0.62"), (0.0123, "0.012")],
+)
+def test_ratios_have_the_digits_that_they_deserve(value: float, shown: str) -> None:
+    assert words.ratio(value) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (265, "265 times the bytes"),
+        (0.996, "1.00 times the bytes"),
+        (0.99, "99 % of the bytes"),
+        (0.04, "4.0 % of the bytes"),
+    ],
+)
+def test_a_ratio_below_one_is_said_as_a_part(value: float, shown: str) -> None:
+    assert words.times(value, "the bytes") == shown
+
+
 def test_a_log_in_a_reason_is_shown_as_it_is(tmp_path: Path) -> None:
     made = new_series(tmp_path, "scenario-1", "thesis", "ideal")
     reason = "uav3 ended with exit code 1; its last log lines:\n    [/run/mqttxt/ready] [red]gone"
@@ -99,9 +123,12 @@ def test_a_log_in_a_reason_is_shown_as_it_is(tmp_path: Path) -> None:
 def test_none_that_counts_is_said(tmp_path: Path) -> None:
     made = new_series(tmp_path, "scenario-1", "thesis", "ideal")
     make_attempt(made, dropped=1)
-    assert words.finding(measure_series(made)) == "Over MQTT-XT no attempt that counts was completed."
+    assert (
+        finding(measure_series(made))
+        == "Over MQTT-XT no attempt counts (captures dropped packets: gs 1, cloud 1, fog1 1, uav1 1)."
+    )
     make_attempt(made, number=2, status="failed", reason="denied")
-    assert words.finding(measure_series(made)) == "Over MQTT-XT the only attempt was not completed."
+    assert finding(measure_series(made)) == "Over MQTT-XT the only attempt failed (denied)."
 
 
 @pytest.mark.parametrize(("value", "shown"), [(None, "–"), (1.234, "1.23 ms"), (123.4, "123 ms"), (7104.0, "7.10 s")])

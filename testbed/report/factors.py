@@ -1,0 +1,104 @@
+"""How each side was flown, in words, and what that means for setting them side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+_SAID = {
+    "mqttxt": {
+        "states": {
+            "on-change": "a drone tells a state when it changes",
+            "fixed": "a drone tells each state once a second, each in a message of its own",
+            "bundle": "a drone tells its states once a second, all in one message",
+        },
+        "qos": {
+            "0": "commands, results and states go at QoS 0, without MQTT's acknowledgements",
+            "1": "commands, results and states go at QoS 1: each is acknowledged on every hop",
+        },
+    },
+    "mavlink": {
+        "streams": {
+            "px4-onboard": "every drone streams PX4's onboard set, all of it to the ground station",
+            "px4-gcs": "every drone streams PX4's ground-station set",
+            "px4-normal": "every drone streams PX4's normal set",
+            "five-states": "every drone streams the five states that were asked for, at 1 Hz",
+        },
+        "commanding": {
+            "one-by-one": "one call at a time: the next begins when the last has returned",
+            "concurrent": "all drones are called at once",
+        },
+        "chain": {
+            "per-uav": "each drone has routers of its own on every node of its way",
+            "shared": "one router a node for all drones; telemetry it sends to every other drone as well",
+            "direct": "no routers: datagrams are forwarded by IP over the same links",
+        },
+    },
+}
+_OLD_STREAMS = {name: f"px4-{name}" for name in ("onboard", "gcs", "normal")}
+_BROADCAST = "a command for all drones is one broadcast a fog"
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factor of one side: its name, its value, and what it is in words."""
+
+    name: str
+    value: str
+    words: str
+
+
+def factors_of(configuration: dict[str, Any], protocol: str) -> list[Factor]:
+    """The factors that shape a side, as far as the manifest has them; unknown values stay as they are."""
+    said = []
+    for name, values in _SAID.get(protocol, {}).items():
+        if name not in configuration:
+            continue
+        value = _value(configuration, name)
+        said.append(Factor(name, value, values.get(value, value)))
+    if protocol == "mqttxt" and said:
+        said.append(Factor("commanding", "broadcast", _BROADCAST))
+    return said
+
+
+def fairness(configuration: dict[str, Any]) -> list[str]:
+    """What the factors mean for a comparison; nothing is said of a factor that the manifest does not have."""
+    said = []
+    streams, states = _value(configuration, "streams"), _value(configuration, "states")
+    if streams == "five-states" and states in ("fixed", "bundle"):
+        said.append("Both sides carry the same five states once a second: packets and bytes compare the same content.")
+    elif streams and states:
+        said.append(
+            "The sides do not carry the same content: MAVLink brings whole streams at set rates, MQTT-XT what its "
+            "drones tell. Packets and bytes compare two ways of working; the arm five-states compares the same content."
+        )
+    commanding = _value(configuration, "commanding")
+    if commanding == "one-by-one":
+        said.append(
+            "MAVLink's drones are commanded one after the other, MQTT-XT's together: a part of the mission time is the "
+            "asking, not the protocol. COMMANDING=concurrent takes it away."
+        )
+    elif commanding == "concurrent":
+        said.append("Both sides command all drones at once, so their mission times compare directly.")
+    chain = _value(configuration, "chain")
+    if chain == "direct":
+        said.append("Nothing forwards, adds or drops messages on the way: beside a chain it shows what routers cost.")
+    elif chain:
+        said.append(
+            "The routers' own heartbeats are among MAVLink's packets and bytes, as MQTT's upkeep is among the other's."
+        )
+    if _value(configuration, "qos") == "0":
+        said.append("QoS 0 spares MQTT-XT the acknowledgements of MQTT; those of TCP are counted.")
+    return said
+
+
+def deviations(folder: str, arm: str, profile: str) -> list[tuple[str, str]]:
+    """Factors that were changed from the arm's own, by the series' folder: `thesis+qos-1-ideal` has (qos, 1)."""
+    inner = folder.removeprefix(arm).removesuffix(f"-{profile}")
+    parts = [part.partition("-") for part in inner.split("+")[1:]]
+    return [(name, value) for name, _, value in parts if value]
+
+
+def _value(configuration: dict[str, Any], name: str) -> str:
+    value = str(configuration.get(name, ""))
+    return _OLD_STREAMS.get(value, value) if name == "streams" else value

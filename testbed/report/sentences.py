@@ -1,0 +1,102 @@
+"""What a series says, in plain sentences that are computed from its numbers."""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import Any
+
+from . import words
+from .comparison import completed, rows
+
+_OF_RATIO = (("packets", "the packets"), ("bytes", "the bytes"), ("mission time", "the mission time"))
+
+
+def finding(metrics: dict[str, Any]) -> str:
+    """Which, by how much: one sentence. Without a completed attempt on each side it says so and makes no ratio."""
+    sides = words.sides(metrics)
+    if [protocol for protocol, side in sides if completed(side)] == ["mqttxt", "mavlink"]:
+        return _compared(metrics)
+    said = "; ".join(_one_side(metrics, protocol) for protocol, _ in sides)
+    none = ": there is no ratio to make" if len(sides) > 1 else ""
+    return f"{said[0].upper()}{said[1:]}{none}."
+
+
+def basis(metrics: dict[str, Any]) -> str | None:
+    """What the finding stands on: the other side's numbers, the fleet, the links, how many attempts."""
+    sides = dict(words.sides(metrics))
+    if not all(completed(sides.get(protocol, {"attempts": []})) for protocol in ("mqttxt", "mavlink")):
+        return None
+    mission, packets, bytes_ = _middles(metrics, "mqttxt")
+    flown = {protocol: (len(completed(side)), len(side["attempts"])) for protocol, side in sides.items()}
+    if set(flown.values()) == {(1, 1)}:
+        how = "one attempt each"
+    elif len(set(flown.values())) == 1 and all(done == of for done, of in flown.values()):
+        how = f"medians of {flown['mqttxt'][0]} attempts each"
+    else:
+        parts = [f"{done} of {of} over {words.name_of(protocol)}" for protocol, (done, of) in flown.items()]
+        how = f"medians of the completed attempts, {words.listed(parts)}"
+    return (
+        f"MQTT-XT took {mission}, {packets} packets and {bytes_}. {_fleet(completed(sides['mqttxt'])[0]).capitalize()} "
+        f"flew {_experiment(metrics)} on links of profile {metrics['profile']}; {how}."
+    )
+
+
+def notes(metrics: dict[str, Any]) -> list[str]:
+    """What one must know before believing the numbers: why attempts failed or are void, and what was cut off."""
+    said = []
+    for protocol, side in words.sides(metrics):
+        name = words.name_of(protocol)
+        for attempt in side["attempts"]:
+            which = f"{name}, attempt {attempt['attempt']}"
+            if attempt["status"] != "completed":
+                said.append(f"{which} {attempt['status']}: {attempt['reason']}")
+            if attempt.get("truncated"):
+                files = ", ".join(attempt["truncated"])
+                said.append(f"{which}: cut off, and counted up to the cut: {files}; its counts are too low")
+        said += [f"{name}, attempt {void['attempt']} is void, not counted: {void['reason']}" for void in side["void"]]
+    return said
+
+
+def _compared(metrics: dict[str, Any]) -> str:
+    ratios = {row.name: row.ratio for row in rows(metrics)}
+    parts = [words.times(ratio, what) for name, what in _OF_RATIO if (ratio := ratios[name]) is not None]
+    mission, packets, bytes_ = _middles(metrics, "mavlink")
+    by = f": {words.listed(parts)} of MQTT-XT" if parts else ""
+    return f"Over MAVLink the same mission took {mission}, {packets} packets and {bytes_}{by}."
+
+
+def _middles(metrics: dict[str, Any], protocol: str) -> tuple[str, str, str]:
+    """Mission time, packets and bytes of one side, as text."""
+    texts = {row.name: row.cells[protocol].text for row in rows(metrics)}
+    return texts["mission time"], texts["packets"], texts["bytes"]
+
+
+def _one_side(metrics: dict[str, Any], protocol: str) -> str:
+    side, name = metrics["protocols"][protocol], words.name_of(protocol)
+    flown, done = side["attempts"], completed(side)
+    if not flown:
+        return f"over {name} no attempt counts ({words.first_line(side['void'][0]['reason'])})" if side["void"] else ""
+    if not done:
+        which = "the only attempt failed" if len(flown) == 1 else f"none of {len(flown)} attempts was completed"
+        return f"over {name} {which} ({words.first_line(flown[0]['reason'])})"
+    mission = median(attempt["mission_s"] for attempt in done)
+    packets = median(attempt["packets"] for attempt in done)
+    bytes_ = median(attempt["size_bytes"] for attempt in done)
+    much = "" if len(done) == 1 else " (medians)"
+    how = "" if len(done) == len(flown) else f", in {len(done)} of {len(flown)} attempts"
+    return (
+        f"over {name} {_fleet(done[0])} flew {_experiment(metrics)} in {mission:.1f} s, "
+        f"with {packets:,.0f} packets and {words.size(bytes_)} on all links{much}{how}"
+    )
+
+
+def _experiment(metrics: dict[str, Any]) -> str:
+    name: str = metrics["experiment"]
+    return words.EXPERIMENT_NAMES.get(name, name).lower()
+
+
+def _fleet(attempt: dict[str, Any]) -> str:
+    """'6 drones on two fogs', by what was measured."""
+    fogs = len({link.split(":")[1] for link in attempt["links"] if link.startswith("backhaul:")})
+    drones = words.plural(words.in_words(len(attempt["outcomes"])), "drone")
+    return f"{drones} on {words.plural(words.in_words(fogs), 'fog')}"

@@ -1,0 +1,314 @@
+"""A series of both protocols: the sentence that compares them, the tables, and what is said when a side failed."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from both_sides import entry, failed, make_series
+from rich.console import Console
+
+from testbed.report import comparison, details, factors, sentences
+from testbed.report.html import write_report
+from testbed.report.terminal import print_summary
+from testbed.results import Series, new_series
+
+ROUTER_DIED = "router-fog1 ended with exit code 1; its last log lines:\n    chain of uav2: mavp2p <ended>"
+
+
+@pytest.fixture
+def series(tmp_path: Path) -> Series:
+    return new_series(tmp_path, "scenario-1", "thesis", "ideal")
+
+
+class Page(HTMLParser):
+    """Sections by their id with the text in them, every row of every table, and whether tags are closed as opened."""
+
+    VOID = frozenset({"meta", "link", "br", "path", "polyline"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.sections: dict[str, str] = {}
+        self.rows: list[list[str]] = []
+        self.links: list[str] = []
+        self._section = ""
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if tag == "section":
+            self._section = found.get("id") or ""
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th") and self.rows:
+            self.rows[-1].append("")
+        if tag == "a" and found.get("href"):
+            self.links.append(str(found["href"]))
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.sections[self._section] = self.sections.get(self._section, "") + data
+        if self.rows and self.rows[-1] and ("td" in self.open or "th" in self.open):
+            self.rows[-1][-1] += data
+
+
+def page_of(series: Series, metrics: dict[str, Any]) -> Page:
+    return Page(write_report(series, metrics).read_text())
+
+
+def terminal_of(series: Series, metrics: dict[str, Any]) -> str:
+    console = Console(file=StringIO(), width=140)
+    print_summary(series, metrics, console)
+    return console.file.getvalue()  # type: ignore[attr-defined, no-any-return]
+
+
+def test_the_finding_says_which_by_how_much_on_what(series: Series) -> None:
+    metrics = make_series(series, ("mavlink", entry("mavlink")), ("mqttxt", entry("mqttxt")))
+    assert sentences.finding(metrics) == (
+        "Over MAVLink the same mission took 60.2 s, 450,500 packets and 42.0 MB: "
+        "265 times the packets, 288 times the bytes and 1.6 times the mission time of MQTT-XT."
+    )
+    assert sentences.basis(metrics) == (
+        "MQTT-XT took 36.5 s, 1,700 packets and 146 kB. Six drones on two fogs flew scenario 1 on links of profile "
+        "ideal; one attempt each."
+    )
+
+
+def test_a_mavlink_that_needs_less_is_said_as_plainly(series: Series) -> None:
+    lean = entry("mavlink", packets=850, size_bytes=146_000, mission_s=30.0)
+    metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", lean))
+    assert sentences.finding(metrics) == (
+        "Over MAVLink the same mission took 30.0 s, 850 packets and 146 kB: "
+        "50 % of the packets, 1.00 times the bytes and 82 % of the mission time of MQTT-XT."
+    )
+
+
+def test_a_failed_side_leaves_the_other_ones_numbers_and_makes_no_ratio(series: Series) -> None:
+    metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", failed("mavlink", ROUTER_DIED)))
+    assert sentences.finding(metrics) == (
+        "Over MQTT-XT six drones on two fogs flew scenario 1 in 36.5 s, with 1,700 packets and 146 kB on all links; "
+        "over MAVLink the only attempt failed (router-fog1 ended with exit code 1; its last log lines): "
+        "there is no ratio to make."
+    )
+    assert sentences.basis(metrics) is None
+    assert all(row.ratio is None for row in comparison.rows(metrics))
+    table = {row.name: {p: cell.text for p, cell in row.cells.items()} for row in comparison.rows(metrics)}
+    assert table["completed"] == {"mqttxt": "1 of 1", "mavlink": "0 of 1"}
+    assert table["packets"] == {"mqttxt": "1,700", "mavlink": "–"}
+
+
+def test_both_sides_failed_or_void_is_said(series: Series) -> None:
+    void = {**entry("mqttxt"), "status": "void", "reason": "captures dropped packets: gs 1"}
+    late = [("mavlink", failed("mavlink", "vehicle 3 never appeared", n)) for n in (1, 2)]
+    metrics = make_series(series, ("mqttxt", void), *late)
+    assert sentences.finding(metrics) == (
+        "Over MQTT-XT no attempt counts (captures dropped packets: gs 1); "
+        "over MAVLink none of 2 attempts was completed (vehicle 3 never appeared): there is no ratio to make."
+    )
+    page_of(series, metrics)
+    assert "MAVLink, attempt 2 failed: vehicle 3 never appeared" in terminal_of(series, metrics)
+
+
+def test_medians_are_of_the_completed_attempts_only(series: Series) -> None:
+    several = [("mqttxt", entry("mqttxt", n, packets=1000 + 100 * n)) for n in (1, 2, 3)]
+    several += [("mavlink", entry("mavlink", n, packets=120_000 * n)) for n in (1, 3)]
+    metrics = make_series(series, *several, ("mavlink", failed("mavlink", "arm: drone 1: denied", 2)))
+    row = next(row for row in comparison.rows(metrics) if row.name == "packets")
+    assert (row.cells["mqttxt"].middle, row.cells["mavlink"].middle, row.ratio) == (1200, 240_000, 200)
+    assert row.cells["mavlink"].points == (120_000, 360_000)
+    assert str(sentences.basis(metrics)).endswith(
+        "medians of the completed attempts, 3 of 3 over MQTT-XT and 2 of 3 over MAVLink."
+    )
+
+
+def test_the_attempt_shown_is_the_first_that_all_sides_completed(series: Series) -> None:
+    metrics = make_series(
+        series,
+        *(("mqttxt", entry("mqttxt", n)) for n in (1, 2)),
+        ("mavlink", failed("mavlink", "denied", 1)),
+        ("mavlink", entry("mavlink", 2)),
+    )
+    assert {protocol: one["attempt"] for protocol, one in comparison.shown(metrics).items()} == {
+        "mqttxt": 2,
+        "mavlink": 2,
+    }
+
+
+def test_the_page_sets_both_sides_beside_each_other(series: Series) -> None:
+    metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")))
+    page = page_of(series, metrics)
+    assert ["packets", "1,700", "450,500", "265×", ""] in page.rows
+    assert ["frames per call", "1.00", "1.00 to 2.50", "", ""] in page.rows
+    assert [
+        "takeoff",
+        "2",
+        "1.00",
+        "3.00 ms",
+        "2.00 ms",
+        "4.00 ms",
+        "6",
+        "2.50",
+        "3.00 ms",
+        "2.00 ms",
+        "4.00 ms",
+    ] in page.rows
+    assert [
+        "air:uav6",
+        "94",
+        "94",
+        "8.11 kB",
+        "8.11 kB",
+        "0",
+        "25,027",
+        "25,027",
+        "2.34 MB",
+        "2.34 MB",
+        "0",
+    ] in page.rows
+    assert ["drone 6", *["✓ 14 ms", "✓ 7.10 s", "✓ 14.30 s"] * 2] in page.rows
+    assert {"comparison", "flights", "layers", "links", "commands", "mix", "routers", "cpu", "conditions"} <= set(
+        page.sections
+    )
+    assert all((series.path / link).exists() for link in page.links if not link.startswith("#"))
+    assert {link[1:] for link in page.links if link.startswith("#")} <= set(page.sections)
+
+
+def test_the_message_mix_is_ordered_by_bytes_and_summed(series: Series) -> None:
+    metrics = make_series(series, ("mavlink", entry("mavlink")))
+    page = page_of(series, metrics)
+    names = [row[0] for row in page.rows if row[0] in ("ATTITUDE", "HIGHRES_IMU", "ODOMETRY", "HEARTBEAT")]
+    assert names[:4] == ["ATTITUDE", "ODOMETRY", "HIGHRES_IMU", "HEARTBEAT"]
+    assert ["ODOMETRY", "10,836", "30.0", "2.94 MB", "271 B", "37 %", ""] in page.rows
+    assert "65,377 messages of 4 kinds, 181 a second from each drone" in page.sections["mix"]
+    assert ["COMMAND_LONG 400", "6", "498 B"] in page.rows
+    assert ["ODOMETRY", "10,836", "30.0", "2.94 MB", "271 B", "37 %"] in _cells(terminal_of(series, metrics))
+
+
+def test_what_a_router_drops_is_named(series: Series) -> None:
+    metrics = make_series(series, ("mavlink", entry("mavlink")))
+    page = page_of(series, metrics)
+    assert ["fog1", "1,000", "997", "3 (0.3 %)", "1,000", "1,000", "0"] in page.rows
+    assert [row[0] for row in page.rows if row[0] in ("gs", "cloud", "fog1", "uav1")][:4] == [
+        "gs",
+        "cloud",
+        "fog1",
+        "uav1",
+    ]
+    assert "routers dropped fog1 up 3 of 8,000 messages" in terminal_of(series, metrics)
+    assert "1,234 in all" in page.sections["routers"]
+
+
+def test_cpu_seconds_are_summed_by_role(series: Series) -> None:
+    metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")))
+    roles = details.roles_of({p: a["cpu_s"] for p, a in comparison.shown(metrics).items()})
+    sums = {role.name: role.sums for role in roles}
+    assert sums["routers"] == {"mavlink": 21.0}
+    assert sums["autopilots"] == {"mqttxt": 2.0, "mavlink": 6.0}
+    assert sums["nodes that only hold an address"] == {"mqttxt": 0.01}
+    own = details.protocols_own(roles)
+    assert own == {"mqttxt": pytest.approx(4.81), "mavlink": pytest.approx(42.0)}
+
+
+def test_older_manifests_have_roles_in_the_nodes() -> None:
+    roles = details.roles_of({"mqttxt": {"cloud": 0.4, "fog1": 1.0, "uav1": 2.0, "gs": 1.0}})
+    assert [(role.name, role.sums["mqttxt"]) for role in roles] == [
+        ("ground station", 1.0),
+        ("broker", 0.4),
+        ("activators", 1.0),
+        ("UAV clients", 2.0),
+    ]
+
+
+def test_a_failure_comes_first_with_its_reason_and_where_to_look(series: Series) -> None:
+    metrics = make_series(
+        series, ("mqttxt", entry("mqttxt")), ("mavlink", failed("mavlink", ROUTER_DIED, truncated=["uav3.pcap"]))
+    )
+    text = write_report(series, metrics).read_text()
+    assert text.index("MAVLink, attempt 1 failed.") < text.index("Comparison")
+    assert "mavp2p &lt;ended&gt;" in text
+    assert "It ended in the step takeoff." in text
+    assert "Done before: arm." in text
+    assert "counted up to the cut: uav3.pcap" in text
+    assert "until it gave up" in text
+    assert re.search(r'href="mavlink/attempt-01/logs"', text)
+    shown = terminal_of(series, metrics)
+    assert shown.index("MAVLink, attempt 1 failed: router-fog1 ended") < shown.index("Over MQTT-XT")
+
+
+def test_a_mission_that_never_began_is_said(series: Series) -> None:
+    metrics = make_series(series, ("mavlink", failed("mavlink", "vehicle 3 never appeared", outcomes={}, links={})))
+    (series.path / "mavlink" / "attempt-01" / "events.jsonl").unlink()
+    text = write_report(series, metrics).read_text()
+    assert "The mission never began." in text
+    assert 'id="flights"' not in text
+
+
+def test_older_metrics_without_the_newer_fields_are_shown(series: Series) -> None:
+    newer = ("mavlink", "frames_per_call", "cpu_s", "truncated", "commands_sent", "states_sent", "layers", "foreign")
+    old = {name: value for name, value in entry("mqttxt").items() if name not in (*newer, "before_mission")}
+    metrics = make_series(series, ("mqttxt", old))
+    page = page_of(series, metrics)
+    assert ["packets", "1,700", ""] in page.rows
+    assert "36.5 s" in terminal_of(series, metrics)
+
+
+def test_several_attempts_are_points_and_rows(series: Series) -> None:
+    several = [(p, entry(p, n)) for p in ("mqttxt", "mavlink") for n in (1, 2)]
+    void = {**entry("mqttxt", 3), "status": "void", "reason": "captures dropped packets: gs 1"}
+    metrics = make_series(series, *several, ("mqttxt", void))
+    text = write_report(series, metrics).read_text()
+    assert text.count("<u style=") == 6 * 4  # six quantities, four completed attempts
+    assert "void, not counted" in text
+    assert "attempt 1 over MQTT-XT and attempt 1 over MAVLink are shown in detail" in text
+
+
+def test_factors_are_said_in_words_and_what_they_mean() -> None:
+    base = {"streams": "px4-onboard", "commanding": "one-by-one", "qos": 0, "chain": "per-uav", "states": "on-change"}
+    assert [factor.value for factor in factors.factors_of(base, "mavlink")] == ["px4-onboard", "one-by-one", "per-uav"]
+    assert "do not carry the same content" in factors.fairness(base)[0]
+    assert "COMMANDING=concurrent" in factors.fairness(base)[1]
+    same = base | {
+        "streams": "five-states",
+        "states": "bundle",
+        "commanding": "concurrent",
+        "qos": 1,
+        "chain": "direct",
+    }
+    assert "compare the same content" in factors.fairness(same)[0]
+    assert "mission times compare directly" in factors.fairness(same)[1]
+    assert not any("QoS 0" in said for said in factors.fairness(same))
+    assert factors.fairness({}) == factors.factors_of({}, "mqttxt") == []
+
+
+def test_an_older_name_of_a_stream_set_is_the_same_set() -> None:
+    assert factors.factors_of({"streams": "onboard"}, "mavlink")[0].value == "px4-onboard"
+
+
+def test_changed_factors_are_read_from_the_folder() -> None:
+    folder = "five-states-bundled+streams-px4-gcs+qos-0-ideal"
+    assert factors.deviations(folder, "five-states-bundled", "ideal") == [("streams", "px4-gcs"), ("qos", "0")]
+    assert factors.deviations("thesis-ideal", "thesis", "ideal") == []
+
+
+def test_the_smaller_side_is_enlarged_only_where_it_would_not_be_seen() -> None:
+    shown = {"mqttxt": {"layers": {"payload": 10, "tcp": 30}}, "mavlink": {"layers": {"payload": 200, "udp": 200}}}
+    small, large = details.bars_of(shown)
+    assert (small.width, small.enlarged, large.enlarged) == (10.0, 10.0, None)
+    assert [(share.name, share.percent) for share in small.shares] == [("payload", 25.0), ("TCP or UDP", 75.0)]
+    assert all(bar.enlarged is None for bar in details.bars_of({**shown, "mqttxt": shown["mavlink"]}))
+
+
+def _cells(shown: str) -> list[list[str]]:
+    return [[cell.strip() for cell in line.split("│")[1:-1]] for line in shown.splitlines() if line.startswith("│")]
