@@ -20,6 +20,7 @@ from docker.errors import APIError, DockerException
 from requests.exceptions import RequestException
 
 from .errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError
+from .overrides import compose_files
 from .topology import COMPOSE_FILE, ROOT, read_services
 
 PROJECT = "mqttxt-testbed"
@@ -38,6 +39,7 @@ class Containers:
 
     def __init__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> None:
         self._profile = profile
+        self._files = compose_files(settings)
         self._environment = {**os.environ, **settings, "RUN_DIR": str(run_dir)}
         try:
             self._client = docker.from_env()
@@ -59,7 +61,7 @@ class Containers:
     @property
     def count(self) -> int:
         """How many containers the profile has."""
-        return len(services_of(self._profile))
+        return len({name for path in self._files for name in services_of(self._profile, path)})
 
     def check_alive(self) -> None:
         """Raises ContainerDied for a container that has ended."""
@@ -164,7 +166,8 @@ class Containers:
 
     def _compose(self, *words: str) -> None:
         profiles = PROFILES if words[0] == "down" else (self._profile,)  # another profile's fleet may have been left
-        options = ["--project-name", PROJECT, "--file", str(COMPOSE_FILE)]
+        options = ["--project-name", PROJECT]
+        options += [word for path in self._files for word in ("--file", str(path))]
         options += [word for profile in profiles for word in ("--profile", profile)]
         command = [*compose_command(), *options, *words]
         done = subprocess.run(

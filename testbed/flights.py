@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Callable
 
 from .errors import UserError
 from .experiments import Plan
+from .overrides import chosen
 from .topology import FLEET
 
 CLOUD_URL = "mqtt://198.18.1.3:1883"
@@ -19,7 +21,7 @@ ENCODINGS = {"cbor": "", "json": "--json"}
 
 
 def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, str]:
-    """The environment that compose.yaml's variables take. Raises UserError for an unknown encoding.
+    """The environment that compose.yaml's variables take. Raises UserError for an unknown encoding or override.
 
     Without routers the autopilots talk to the ground station themselves; MQTT-XT's clients are beside them always.
     """
@@ -32,6 +34,7 @@ def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, 
         "CHAIN": plan.factors.chain,
         "ENCODING_FLAG": ENCODINGS[encoding],
         "BUNDLES_FLAG": "--bundles" if plan.factors.states == "bundle" else "",
+        **chosen(os.environ, plan.protocols),
     } | (alone if protocol == "mavlink" and plan.factors.chain == "direct" else {})
 
 

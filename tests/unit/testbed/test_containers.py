@@ -79,6 +79,7 @@ def composed(monkeypatch: pytest.MonkeyPatch) -> tuple[Containers, list[list[str
     fleet = Containers.__new__(Containers)
     monkeypatch.setattr(fleet, "_profile", "mavlink", raising=False)
     monkeypatch.setattr(fleet, "_environment", {}, raising=False)
+    monkeypatch.setattr(fleet, "_files", [containers.COMPOSE_FILE], raising=False)
     monkeypatch.setattr(containers, "compose_command", lambda: ["compose"])
     ran: list[list[str]] = []
 

@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from . import watch as witness
 from .errors import SitlError
 from .fleet import DroneConfig, load
 from .process import LinkConfig, Process
@@ -62,6 +63,17 @@ def fly(
         vehicle = Vehicle(config, [link.streams for link in links], seed)
         process = Process(vehicle, links, events=events, control=control, ready_file=ready_file)
         asyncio.run(_until_signal(process))
+
+
+@app.command()
+def watch(
+    system: Annotated[int, typer.Option(help="MAVLink system id, 1 to 250.")],
+    events: Annotated[Path, typer.Option(help="File for what happens, JSON lines.")],
+    listen: Annotated[str, typer.Option(help="HOST:PORT to receive on.")] = "127.0.0.1:14550",
+) -> None:
+    """Write down when an autopilot that is not the stand-in arms and disarms, by its heartbeats, until it is ended."""
+    with _errors_as_lines():
+        witness.watch(system, _address("--listen", listen), events)
 
 
 @contextlib.contextmanager

@@ -1,0 +1,41 @@
+"""Compose files that a user lays over compose.yaml: another autopilot (AUTOPILOT), another build of mavp2p (ROUTER)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from .errors import UserError
+from .topology import COMPOSE_FILE, ROOT
+
+OVERRIDES = {
+    "AUTOPILOT": {name: ROOT / "services" / "sitl" / "overrides" / f"{name}.yaml" for name in ("px4", "ardupilot")},
+    "ROUTER": {"official": ROOT / "services" / "router" / "overrides" / "official.yaml"},
+}
+"""Variables, their names and what each name stands for; a compose file of one's own is named by its path."""
+
+
+def chosen(environment: Mapping[str, str], protocols: tuple[str, ...] = ()) -> dict[str, str]:
+    """What the environment asks for, checked. Raises UserError for a name or file that is not there.
+
+    `protocols` are those that are to be flown: MQTT-XT's UAV client speaks PX4's modes, so it cannot fly ArduPilot.
+    """
+    found = {name: environment[name] for name in OVERRIDES if environment.get(name)}
+    for name, value in found.items():
+        _file(name, value)
+    if found.get("AUTOPILOT") == "ardupilot" and "mqttxt" in protocols:
+        raise UserError("AUTOPILOT=ardupilot: expected PROTOCOLS=mavlink; MQTT-XT's UAV client speaks PX4's modes")
+    return found
+
+
+def compose_files(settings: Mapping[str, str]) -> list[Path]:
+    """compose.yaml and what is laid over it, in the order in which compose takes them."""
+    return [COMPOSE_FILE, *(_file(name, settings[name]) for name in OVERRIDES if settings.get(name))]
+
+
+def _file(name: str, value: str) -> Path:
+    known = OVERRIDES[name]
+    path = known.get(value) or Path(value).expanduser().absolute()
+    if not path.is_file():
+        raise UserError(f"{name}={value}: expected {', '.join(known)}, or a compose file of your own")
+    return path

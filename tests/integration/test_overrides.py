@@ -1,0 +1,91 @@
+"""What compose makes of compose.yaml with another autopilot or router laid over it; nothing is started."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from processes import ROOT
+
+from testbed.containers import compose_command
+from testbed.overrides import compose_files
+from testbed.topology import FLEET
+
+pytestmark = pytest.mark.integration
+DRONES = [drone for drones in FLEET.values() for drone in drones]
+
+
+def resolved(profile: str, settings: dict[str, str], **environment: str) -> dict[str, Any]:
+    """The services of a profile as compose would start them."""
+    files = [word for path in compose_files(settings) for word in ("--file", str(path))]
+    command = [*compose_command(), *files, "--profile", profile, "config"]
+    done = subprocess.run(
+        command, cwd=ROOT, env={**os.environ, **environment}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = yaml.safe_load(done.stdout)["services"]
+    for service in found.values():
+        for name in ("cap_add", "profiles"):  # compose puts them in another order where it joins two files
+            service[name] = sorted(service.get(name, []))
+    return {name: service for name, service in found.items() if profile in service["profiles"]}
+
+
+def said(service: dict[str, Any], what: str = "command") -> str:
+    value = service[what]
+    return value if isinstance(value, str) else " ".join(value)
+
+
+@pytest.mark.parametrize("profile", ["mqttxt", "mavlink"])
+def test_px4_takes_the_place_of_each_stand_in(profile: str) -> None:
+    plain, services = resolved(profile, {}), resolved(profile, {"AUTOPILOT": "px4"})
+    assert services.keys() - plain.keys() == {f"witness{drone}" for drone in DRONES}
+    assert plain.keys() <= services.keys()
+    for drone in DRONES:
+        sitl = services[f"sitl{drone}"]
+        assert sitl["image"] == "px4io/px4-sitl:v1.17.0"
+        assert sitl["network_mode"] == plain[f"sitl{drone}"]["network_mode"] == f"service:uav{drone}"
+        assert str(sitl["environment"]["DRONE"]) == str(drone)
+        assert sitl["environment"]["TO"] == "127.0.0.1"
+        assert 'px4 -d -i "$$DRONE"' in said(sitl)
+        assert f"--listen 127.0.0.1:{14580 + drone}" in said(plain[f"sitl{drone}"]), "PX4's instance is at this port"
+        assert f"--send 127.0.0.1:{14540 + drone}" in said(plain[f"sitl{drone}"]), "PX4's instance sends there"
+        witness = services[f"witness{drone}"]
+        assert witness["network_mode"] == f"service:uav{drone}"
+        assert witness["image"] == "mqttxt-testbed/node:latest"
+    others = [name for name in plain if not name.startswith("sitl")]
+    assert {name: services[name] for name in others} == {name: plain[name] for name in others}
+
+
+def test_an_image_of_ones_own_and_the_way_of_a_direct_chain_reach_px4() -> None:
+    services = resolved("mavlink", {"AUTOPILOT": "px4"}, PX4_IMAGE="px4:mine", AUTOPILOT_TO="198.18.0.3")
+    assert services["sitl4"]["image"] == "px4:mine"
+    assert services["sitl4"]["environment"]["TO"] == "198.18.0.3"
+
+
+def test_ardupilot_sends_to_its_router_and_to_its_witness() -> None:
+    services = resolved("mavlink", {"AUTOPILOT": "ardupilot"}, ARDUPILOT_IMAGE="copter:mine")
+    for drone in DRONES:
+        sitl = services[f"sitl{drone}"]
+        assert sitl["image"] == "copter:mine"
+        assert sitl["network_mode"] == f"service:uav{drone}"
+        assert said(sitl, "entrypoint") == "arducopter"
+        assert f"--sysid {drone} " in said(sitl)
+        assert f"--serial0 udpclient:127.0.0.1:{14540 + drone} --serial1 udpclient:127.0.0.1:14550" in said(sitl)
+        assert f"udps:127.0.0.1:{14540 + drone} " in services[f"router-uav{drone}"]["environment"]["PER_UAV"]
+
+
+def test_the_official_mavp2p_changes_the_routers_image_and_nothing_else() -> None:
+    plain, services = resolved("mavlink", {}), resolved("mavlink", {"ROUTER": "official"})
+    changed = {name for name in services if services[name] != plain.get(name)}
+    assert changed == {name for name in plain if name.startswith("router-")}
+    for name in changed:
+        assert services[name] == {**plain[name], "image": "mqttxt-testbed/node:official"}
+
+
+def test_the_official_image_s_dockerfile_puts_it_where_the_routers_run_it() -> None:
+    text = Path(ROOT / "services" / "router" / "overrides" / "official.Dockerfile").read_text()
+    assert "COPY --from=official /mavp2p /usr/local/bin/mavp2p" in text
