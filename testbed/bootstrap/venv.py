@@ -73,8 +73,8 @@ def lock() -> None:
     with step("pinning the requirements"):
         run([sys.executable, "-m", "venv", str(tools)])
         run([str(tools / "bin" / "pip"), "install", "--quiet", "uv"])
-        for name in ("testbed", "node"):
-            options = ["--universal", "--python-version", "3.11", "--generate-hashes", "--upgrade"]
+        for name, more in (("testbed", []), ("node", []), ("mavproxy", ["--no-deps"])):
+            options = [*more, "--universal", "--python-version", "3.11", "--generate-hashes", "--upgrade"]
             hidden = ["--no-emit-index-url", "--no-emit-find-links", "--custom-compile-command", "make lock"]
             files = [f"requirements/{name}.in", "--output-file", f"requirements/{name}.txt"]
             run([str(tools / "bin" / "uv"), "pip", "compile", "--quiet", *options, *hidden, *files])

@@ -1,0 +1,120 @@
+"""A second ground station: MAVProxy beside a shared chain sees and arms six drones, as docs/mavlink.md tells."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from processes import NODE_IMAGE, ROOT, Process, free_port, wait_until
+from routers import Router
+
+pytestmark = pytest.mark.integration
+REQUIREMENTS = ROOT / "requirements" / "mavproxy.txt"
+FOGS = {1: (1, 2, 3), 2: (4, 5, 6)}
+SEEN = re.compile(r"Detected vehicle (\d+):1 on link 0")
+
+
+@pytest.fixture(scope="session")
+def mavproxy() -> Path:
+    """MAVProxy's wheel, which runs as it is; downloaded once, as pinned."""
+    folder = ROOT / ".cache" / "mavproxy"
+    version = re.search(r"mavproxy==(\S+)", REQUIREMENTS.read_text())
+    assert version is not None
+    wheel = folder / f"mavproxy-{version[1]}-py3-none-any.whl"
+    if not wheel.exists():
+        options = ["--quiet", "--require-hashes", "--no-deps", "--only-binary", ":all:", "--dest", str(folder)]
+        pip = [sys.executable, "-m", "pip", "download", *options, "--requirement", str(REQUIREMENTS)]
+        subprocess.run(pip, check=True)
+    return wheel
+
+
+class Station:
+    """A MAVProxy that listens on a port; what it says is kept, and it can be typed to."""
+
+    def __init__(self, wheel: Path, folder: Path, port: int) -> None:
+        master = ["--master", f"udpin:127.0.0.1:{port}", "--nowait", "--state-basedir", str(folder)]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "MAVProxy.mavproxy", *master],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(wheel), "PYTHONUNBUFFERED": "1", "HOME": str(folder)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.said = ""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def type(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+
+    def vehicles(self) -> set[int]:
+        return {int(found) for found in SEEN.findall(self.said)}
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        self._reader.join()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self.said += line
+
+
+@pytest.fixture
+def station(mavproxy: Path, tmp_path: Path) -> Iterator[Station]:
+    """MAVProxy behind one router a node, as in a shared chain: six UAVs, two fogs, cloud, ground station."""
+    with ExitStack() as stack:
+        here, gs, cloud = (free_port(socket.SOCK_DGRAM) for _ in range(3))
+        routers = [
+            Router(NODE_IMAGE, 201, f"udps:127.0.0.1:{gs}", f"udpc:127.0.0.1:{here}"),
+            Router(NODE_IMAGE, 211, f"udps:127.0.0.1:{cloud}", f"udpc:127.0.0.1:{gs}"),
+        ]
+        sitls = []
+        for fog, drones in FOGS.items():
+            fog_port = free_port(socket.SOCK_DGRAM)
+            routers.append(Router(NODE_IMAGE, 220 + fog, f"udps:127.0.0.1:{fog_port}", f"udpc:127.0.0.1:{cloud}"))
+            for drone in drones:
+                port = free_port(socket.SOCK_DGRAM)
+                routers.append(Router(NODE_IMAGE, 230 + drone, f"udps:127.0.0.1:{port}", f"udpc:127.0.0.1:{fog_port}"))
+                sitls.append(_sitl(tmp_path, drone, port))
+        for router in routers:
+            stack.callback(router.start().kill)
+        for sitl in sitls:
+            stack.callback(sitl.start().kill)
+        made = Station(mavproxy, tmp_path, here)
+        stack.callback(made.close)
+        yield made
+
+
+def test_mavproxy_sees_six_vehicles_and_arms_the_one_it_is_told_to(station: Station, tmp_path: Path) -> None:
+    wait_until(lambda: station.vehicles() == set(range(1, 7)), "six vehicles")
+    station.type("vehicle 3")
+    wait_until(lambda: "Set vehicle 3" in station.said, "vehicle 3 is chosen")
+    station.type("arm throttle")
+    wait_until(lambda: "COMPONENT_ARM_DISARM: ACCEPTED" in station.said, "the arming is acknowledged")
+    armed = [drone for drone in range(1, 7) if "armed" in _events(tmp_path, drone)]
+    assert armed == [3]
+
+
+def _sitl(folder: Path, drone: int, port: int) -> Process:
+    fleet = ["--fleet", str(ROOT / "services" / "sitl" / "fleet.yaml"), "--system", str(drone)]
+    where = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--streams", "px4-normal"]
+    return Process(folder, f"sitl{drone}", "sitl", "fly", *fleet, *where, "--events", str(folder / f"{drone}.jsonl"))
+
+
+def _events(folder: Path, drone: int) -> list[str]:
+    return [json.loads(line)["event"] for line in (folder / f"{drone}.jsonl").read_text().splitlines()]
