@@ -59,7 +59,8 @@ def run(
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
         plan = make_plan(experiment, attempts, arm, profile, protocols, factors)
-        settings_of(plan)  # what is wrong with it is said before anything is written
+        for protocol in plan.protocols:
+            settings_of(plan, protocol)  # what is wrong with it is said before anything is written
         console = _console()
         only_run()
         series = new_series(results.absolute(), plan.experiment, plan.label, plan.profile)

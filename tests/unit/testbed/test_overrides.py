@@ -46,7 +46,10 @@ def test_ardupilot_is_for_mavlink_alone(monkeypatch: pytest.MonkeyPatch) -> None
     with pytest.raises(UserError, match="AUTOPILOT=ardupilot: expected PROTOCOLS=mavlink"):
         chosen({"AUTOPILOT": "ardupilot"}, ("mqttxt", "mavlink"))
     monkeypatch.setenv("AUTOPILOT", "ardupilot")
-    assert settings_of(make_plan("scenario-1", "1", "thesis", "ideal", "mavlink", {}))["AUTOPILOT"] == "ardupilot"
+    assert (
+        settings_of(make_plan("scenario-1", "1", "thesis", "ideal", "mavlink", {}), "mavlink")["AUTOPILOT"]
+        == "ardupilot"
+    )
 
 
 @pytest.mark.parametrize("name", ["px4", "ardupilot"])
