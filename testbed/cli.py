@@ -17,6 +17,7 @@ from .errors import DockerError, TestbedError
 from .experiments import ARMS, FACTORS, PROTOCOLS, make_plan, one_protocol
 from .flights import by_hand, settings_of
 from .metrics import measure_series
+from .packets_view.cli import packets
 from .progress import ConsoleProgress
 from .report.html import write_report
 from .report.terminal import print_summary
@@ -164,6 +165,9 @@ def _errors_as_lines() -> Iterator[None]:
         name = f"{error.filename}: " if error.filename else ""
         typer.echo(f"testbed: {name}{error.strerror or error}", err=True)
         raise typer.Exit(1) from None
+
+
+app.command()(_errors_as_lines()(packets))
 
 
 def main() -> None:
