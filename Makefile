@@ -17,7 +17,7 @@ PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help scenario-1 arms up down report test check bench docs sitl doctor lock clean venv containers
+.PHONY: help scenario-1 arms up down report test check bench docs sitl doctor lock clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -37,7 +37,7 @@ down: containers ## End what `make up` started
 report: venv ## Make metrics and report of the newest results again, without Docker
 	@$(PYTHON) -m testbed report results/*/latest
 
-test: containers ## Run every check and every test (about 20 minutes)
+test: containers tools ## Run every check and every test (about 20 minutes)
 	@$(MAKE) --no-print-directory lint
 	@$(PYTHON) -m pytest
 
@@ -73,6 +73,9 @@ clean: ## Remove the virtual environment and caches; results stay
 
 venv:
 	@$(BOOTSTRAP) venv
+
+tools:
+	@$(BOOTSTRAP) tools
 
 containers: venv
 	@$(BOOTSTRAP) containers

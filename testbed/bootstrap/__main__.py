@@ -1,4 +1,4 @@
-"""`python3 -m testbed.bootstrap venv | containers | doctor | lock`: what `make` calls before anything else."""
+"""`python3 -m testbed.bootstrap venv | containers | tools | doctor | lock`: what `make` calls before anything else."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import sys
 from .docker import compose_command, daemon_answers, ensure_docker, version
 from .images import BASE, IMAGES_NEED_MIB, NODE, ensure_images, has_image, node_is_current
 from .steps import ROOT, BootstrapError, check_python
+from .tools import ensure_tshark, has_tshark, tshark_version
 from .venv import ensure_venv, lock, venv_is_current
 
 
@@ -30,6 +31,7 @@ def doctor() -> None:
         ("compose", compose is not None, " ".join(compose or ()), "apt-get install docker-compose"),
         ("base image", daemon and has_image(BASE), BASE, "make containers"),
         ("node image", daemon and node_is_current(), NODE, "make containers"),
+        ("tshark, for tests", has_tshark(), tshark_version() if has_tshark() else "", "apt-get install tshark"),
     ]
     for name, there, found, hint in rows:
         print(f"  {name:<20} {'ok      ' if there else 'missing '} {found if there else 'type: ' + hint}")
@@ -48,7 +50,7 @@ def _docker_hint() -> str:
 
 
 def main() -> int:
-    actions = {"venv": ensure_venv, "containers": containers, "doctor": doctor, "lock": lock}
+    actions = {"venv": ensure_venv, "containers": containers, "tools": ensure_tshark, "doctor": doctor, "lock": lock}
     if len(sys.argv) != 2 or sys.argv[1] not in actions:
         print(f"usage: python3 -m testbed.bootstrap {' | '.join(actions)}", file=sys.stderr)
         return 2

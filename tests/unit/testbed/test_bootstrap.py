@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from testbed.bootstrap import docker as bootstrap_docker
-from testbed.bootstrap import steps, venv
+from testbed.bootstrap import steps, tools, venv
 from testbed.bootstrap.images import node_inputs
 from testbed.bootstrap.steps import BootstrapError, check_disk, check_python, known_cause, run, succeeds
 
@@ -124,3 +124,20 @@ def test_an_environment_stays_when_a_new_one_cannot_be_made(tmp_path: Path, monk
     with pytest.raises(BootstrapError, match="no network"):
         venv.ensure_venv()
     assert (tmp_path / ".venv" / "kept").exists()
+
+
+def test_tshark_is_installed_only_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[list[str]] = []
+    monkeypatch.setattr(tools, "apt_install", lambda packages, why: asked.append(packages))
+    monkeypatch.setattr(tools.shutil, "which", lambda _: "/usr/bin/tshark")
+    tools.ensure_tshark()
+    assert asked == []
+    monkeypatch.setattr(tools.shutil, "which", lambda _: None)
+    tools.ensure_tshark()
+    assert asked == [["tshark"]]
+
+
+def test_tsharks_version_is_found_behind_what_it_tells_root(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = 'Running as user "root" and group "root". This could be dangerous.\nTShark (Wireshark) 4.4.7 (Git v4).\n'
+    monkeypatch.setattr(tools, "run", lambda _: said)
+    assert tools.tshark_version() == "4.4.7"

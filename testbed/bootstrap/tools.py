@@ -1,0 +1,24 @@
+"""Programs that only the tests need: tshark, which counts the same captures as the packets table."""
+
+from __future__ import annotations
+
+import shutil
+
+from .steps import apt_install, run
+
+
+def ensure_tshark() -> None:
+    """Make sure that tshark is installed."""
+    if not has_tshark():
+        apt_install(["tshark"], "the tests compare the packets table with tshark, which is not installed")
+
+
+def has_tshark() -> bool:
+    return shutil.which("tshark") is not None
+
+
+def tshark_version() -> str:
+    """As `4.4.7`; empty where it says none."""
+    lines = run(["tshark", "--version"]).splitlines()  # as root it says something about that first
+    found = next((line for line in lines if line.startswith("TShark")), "")
+    return found.removeprefix("TShark (Wireshark) ").split(" ")[0].rstrip(".")
