@@ -7,9 +7,11 @@
     bytes(mavlink.MAVLink2(sysid=1, compid=1, message=mavlink.HEARTBEAT(type="MAV_TYPE_QUADROTOR")))
 
 A frame's `len`, `msgid` and `checksum` follow from its message unless they are given. Frames behind each other in one
-datagram are layers behind each other. A message that common.xml does not have, and bytes that are no whole frame, are
-Raw. The tables are pymavlink's. Where a field has the name of something that every scapy packet has (`name`, `payload`,
-`time`, `direction`), `message.getfieldval("name")` reads it. The format: https://mavlink.io/en/guide/serialization.html
+datagram are layers behind each other. A message that the tables do not have, and bytes that are no whole frame, are
+Raw. The tables are pymavlink's of development.xml: all of common.xml, unchanged, and what is to join it, such as
+CURRENT_MODE, which PX4 sends already. Where a field has the name of something that every scapy packet has (`name`,
+`payload`, `time`, `direction`), `message.getfieldval("name")` reads it. The format:
+https://mavlink.io/en/guide/serialization.html
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from functools import cache
 from typing import Any, cast
 
 from pymavlink.dialects.v10 import common as version1
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import development as dialect
 from scapy.config import conf
 from scapy.error import Scapy_Exception
 from scapy.fields import (
@@ -46,7 +48,7 @@ _IDS: dict[str, int] = {cls.msgname: number for number, cls in dialect.mavlink_m
 
 
 class Message(Packet):
-    """A message of common.xml: base of the classes that `message_class` makes."""
+    """A message: base of the classes that `message_class` makes."""
 
     msgid = -1
 
@@ -66,7 +68,7 @@ class _HasPayload(Message):
 
 @cache
 def message_class(msgid: int) -> type[Message] | None:
-    """The class of a message by its number, None where common.xml has none of that number."""
+    """The class of a message by its number, None where the tables have none of that number."""
     table = dialect.mavlink_map.get(msgid)
     if table is None:
         return None
@@ -79,9 +81,9 @@ def message_class(msgid: int) -> type[Message] | None:
 
 
 def message_of(name: str) -> type[Message]:
-    """The class of a message by its name; raises AttributeError where common.xml has none of that name."""
+    """The class of a message by its name; raises AttributeError where the tables have none of that name."""
     if name not in _IDS:
-        raise AttributeError(f"{name}: no message of common.xml")
+        raise AttributeError(f"{name}: no message of pymavlink's tables")
     made = message_class(_IDS[name])
     assert made is not None
     return made
@@ -118,7 +120,7 @@ class _MessageId(Field[Any, Any]):
         if x is None:
             message = pkt.getfieldval("message") if pkt is not None else None
             if not isinstance(message, Message):
-                raise Scapy_Exception("a MAVLink frame needs a message of common.xml, or msgid, len and checksum")
+                raise Scapy_Exception("a MAVLink frame needs a message, or msgid, len and checksum")
             return message.msgid
         return x
 
@@ -201,7 +203,7 @@ class MAVLink(Packet):
 
     @property
     def checksum_is_right(self) -> bool | None:
-        """Whether the checksum that a frame came with fits its bytes; None for a message that is not in common.xml."""
+        """Whether the checksum that a frame came with fits its bytes; None for a message that is not in the tables."""
         whole = bytes(self)
         end = self.header + whole[1]
         if message_class(self.getfieldval("msgid")) is None:
@@ -214,7 +216,7 @@ class MAVLink(Packet):
             msgid = covered[HEADER_1 - 2]
         table = dialect.mavlink_map.get(msgid)
         if table is None:
-            raise Scapy_Exception(f"MAVLink message {msgid} is not in common.xml: give its checksum")
+            raise Scapy_Exception(f"MAVLink message {msgid} is not in pymavlink's tables: give its checksum")
         crc = dialect.x25crc(covered)
         crc.accumulate(bytes([table.crc_extra]))
         return int(crc.crc)

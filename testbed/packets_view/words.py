@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import development as dialect
 
 from mqttxt.errors import PayloadError
 from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, TopicRow

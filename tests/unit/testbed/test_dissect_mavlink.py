@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v10 import common as version1
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import common as dialect_of_common
+from pymavlink.dialects.v20 import development as dialect
 from scapy.error import Scapy_Exception
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
@@ -93,7 +94,15 @@ def _text(value: Any) -> Any:
     return value.split(b"\0")[0] if isinstance(value, bytes) else value
 
 
-def test_every_message_of_common_xml_has_a_class_with_its_fields() -> None:
+def test_every_message_of_common_xml_is_the_same_in_the_tables_used() -> None:
+    for number, common in dialect_of_common.mavlink_map.items():
+        table = dialect.mavlink_map[number]
+        assert (table.msgname, table.ordered_fieldnames, table.fieldtypes, table.crc_extra, table.unpacker.format) == (
+            *(common.msgname, common.ordered_fieldnames, common.fieldtypes, common.crc_extra, common.unpacker.format),
+        )
+
+
+def test_every_message_has_a_class_with_its_fields() -> None:
     for number, table in dialect.mavlink_map.items():
         made = mavlink.message_class(number)
         assert made is not None
@@ -119,12 +128,12 @@ def test_a_frame_that_is_cut_off_is_raw() -> None:
     assert bytes(both) == data + data[:-1]
 
 
-def test_a_message_that_common_xml_does_not_have_is_raw_and_kept() -> None:
+def test_a_message_that_the_tables_do_not_have_is_raw_and_kept() -> None:
     data = bytes(mavlink.MAVLink2(msgid=9_999_999, message=Raw(b"abc"), checksum=0x1234))
     frame = mavlink.MAVLink(data)
     assert (frame.msgid, frame.message.load, frame.checksum) == (9_999_999, b"abc", 0x1234)
     assert frame.checksum_is_right is None
-    with pytest.raises(Scapy_Exception, match=r"message 9999999 is not in common\.xml: give its checksum"):
+    with pytest.raises(Scapy_Exception, match=r"message 9999999 is not in pymavlink's tables: give its checksum"):
         bytes(mavlink.MAVLink2(msgid=9_999_999, message=Raw(b"abc")))
 
 
@@ -221,5 +230,5 @@ def test_texts_and_arrays_are_filled_up_and_limited() -> None:
     assert mavlink.BATTERY_STATUS(voltages=[1]).voltages == [1] + [0] * 9
     with pytest.raises(ValueError, match="voltages: expected at most 10 values, got 11"):
         mavlink.BATTERY_STATUS(voltages=[1] * 11)
-    with pytest.raises(AttributeError, match=r"HEARTBEET: no message of common\.xml"):
+    with pytest.raises(AttributeError, match=r"HEARTBEET: no message of pymavlink's tables"):
         mavlink.message_of("HEARTBEET")
