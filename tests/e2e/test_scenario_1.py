@@ -8,17 +8,29 @@ import signal
 import subprocess
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import docker
 import pytest
+from agreement import assert_pymavlink_agrees, assert_tshark_agrees
 
+from sitl.streams import RATES_HZ
 from testbed.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
-from testbed.results import open_series
+from testbed.results import Attempt, open_series
 from testbed.topology import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
+
+KILL_ROUTER = """
+import os, pathlib, signal
+for found in pathlib.Path('/proc').glob('[0-9]*/cmdline'):
+    if found.read_bytes().startswith(b'mavp2p\\0udps:198.18.11.3:14541'):
+        os.kill(int(found.parent.name), signal.SIGKILL)
+        print('killed')
+"""
 
 
 def containers() -> dict[str, object]:
@@ -80,23 +92,33 @@ def heard_topics(limit_s: int) -> dict[str, bytes]:
     gs = containers()["gs"]
     command = ["mosquitto_sub", "-h", "198.18.1.3", "-t", "fog1/#", "-W", str(limit_s), "-F", "%t %x"]
     output = gs.exec_run(command).output.decode()  # type: ignore[attr-defined]
-    return {line.split(" ")[0]: bytes.fromhex(line.split(" ")[1]) for line in output.splitlines() if " " in line}
+    heard = [line.split(" ") for line in output.splitlines() if line.startswith("fog1/")]  # the flight may end before
+    return {topic: bytes.fromhex(payload) for topic, payload in heard}
 
 
-def test_scenario_1_is_flown_measured_and_reported(tmp_path: Path) -> None:
-    run = Run(tmp_path / "results")
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, dict[str, bytes], dict[str, Any]]:
+    """One run over both protocols: the run, what was heard beside the first flight, and the metrics."""
+    run = Run(tmp_path_factory.mktemp("flown") / "results")
     run.says("  arm ")
     topics = heard_topics(limit_s=40)
     assert run.wait() == 0, run.output
+    metrics = json.loads((run.results / "scenario-1" / "latest" / "metrics.json").read_text())
+    return run, topics, metrics
 
-    assert {"fog1/commands", "fog1/commands_result/land", "fog1/clock", "fog1/reachable"} <= set(topics)
-    assert b"mqtt://198.18.11.3:1883" in topics["fog1/reachable"]
-    for drone in (1, 2, 3):
-        assert {f"fog1/drone{drone}/state/location", f"fog1/drone{drone}/commands_result/land"} <= set(topics)
 
-    series = open_series(run.results / "scenario-1" / "latest")
-    metrics = json.loads((series.path / "metrics.json").read_text())
-    (attempt,) = metrics["protocols"]["mqttxt"]["attempts"]
+def attempt_over(run: Run, protocol: str) -> Attempt:
+    (found,) = [a for a in open_series(run.results / "scenario-1" / "latest").attempts() if a.protocol == protocol]
+    return found
+
+
+Flown = tuple[Run, dict[str, bytes], dict[str, Any]]
+
+
+@pytest.mark.parametrize("protocol", ["mqttxt", "mavlink"])
+def test_scenario_1_is_flown_measured_and_reported_over(flown: Flown, protocol: str) -> None:
+    run, _, metrics = flown
+    (attempt,) = metrics["protocols"][protocol]["attempts"]
     assert attempt["status"] == "completed"
     assert 30 < attempt["mission_s"] < 120
     assert {drone: [o["word"] for o in said] for drone, said in attempt["outcomes"].items()} == {
@@ -110,19 +132,64 @@ def test_scenario_1_is_flown_measured_and_reported(tmp_path: Path) -> None:
     assert all(link["packets"] > 0 and link["lost"] == 0 for link in attempt["links"].values())
     assert sum(attempt["layers"].values()) == attempt["size_bytes"]
     assert attempt["message_loss"] == {"commands": 0.0, "states": 0.0}
+    assert attempt["truncated"] == []
 
-    (flown,) = series.attempts()
-    manifest = flown.manifest()
+    flight = attempt_over(run, protocol)
+    manifest = flight.manifest()
     assert all(capture["dropped"] == 0 and capture["captured"] > 0 for capture in manifest["captures"])
     assert len(manifest["captures"]) == 10
-    assert all(json.loads(line)["event"] for line in (flown.path / "events.jsonl").read_text().splitlines())
-    for drone, log in flown.autopilot_events().items():
+    assert all(seconds > 0 for service, seconds in manifest["cpu_s"].items() if service.startswith(("sitl", "net")))
+    for drone, log in flight.autopilot_events().items():
         happened = [event["event"] for event in log if event["event"] not in ("position", "command", "mode")]
         assert happened == ["armed", "took_off", "landed", "disarmed"], drone
-    page = (series.path / "report.html").read_text()
-    assert "Over MQTT-XT 6 drones on two fogs flew scenario 1" in page
+
+
+def test_one_report_has_both_sides(flown: Flown) -> None:
+    run, _, metrics = flown
+    page = (run.results / "scenario-1" / "latest" / "report.html").read_text()
+    assert "MQTT-XT" in page
+    assert "MAVLink" in page
+    assert metrics["ratios"]["packets"] > 50
+    assert metrics["ratios"]["size"] > 50
     assert "results" in run.lines[-1]
     assert run.lines[-1].endswith("report.html")
+
+
+def test_any_mqtt_tool_reads_along(flown: Flown) -> None:
+    _, topics, _ = flown
+    assert {"fog1/commands", "fog1/commands_result/land", "fog1/clock", "fog1/reachable"} <= set(topics)
+    assert b"mqtt://198.18.11.3:1883" in topics["fog1/reachable"]
+    for drone in (1, 2, 3):
+        assert {f"fog1/drone{drone}/state/location", f"fog1/drone{drone}/commands_result/land"} <= set(topics)
+
+
+def test_the_autopilots_stream_what_px4_does(flown: Flown) -> None:
+    """Within 10 % of each stream's rate, or one message a drone for the slow ones."""
+    run, _, metrics = flown
+    (attempt,) = metrics["protocols"]["mavlink"]["attempts"]
+    counts = {stream["name"]: stream["count"] for stream in attempt["mavlink"]["streams"]}
+    logs = attempt_over(run, "mavlink").autopilot_events()
+    at_once = Counter(
+        "HEARTBEAT" for log in logs.values() for event in log if event["event"] in ("armed", "disarmed", "mode")
+    )
+    for name, (onboard_hz, _, _) in RATES_HZ.items():
+        expected = onboard_hz * attempt["mission_s"] * len(logs) + at_once[name]
+        assert counts.get(name, 0) == pytest.approx(expected, rel=0.1, abs=len(logs)), name
+
+
+def test_routers_drop_nothing_on_ideal_links(flown: Flown) -> None:
+    _, _, metrics = flown
+    (attempt,) = metrics["protocols"]["mavlink"]["attempts"]
+    routers = {(router["node"], router["way"]): router for router in attempt["mavlink"]["routers"]}
+    assert {("fog1", "up"), ("fog1", "down"), ("cloud", "up"), ("cloud", "down")} <= set(routers)
+    assert all(router["in"] > 0 and router["dropped"] == 0 for router in routers.values())
+
+
+@pytest.mark.parametrize("protocol", ["mqttxt", "mavlink"])
+def test_other_programs_count_the_same_in_the_captures_of(flown: Flown, protocol: str) -> None:
+    attempt = attempt_over(flown[0], protocol)
+    assert_tshark_agrees(attempt)
+    assert_pymavlink_agrees(attempt)
 
 
 def test_ctrl_c_ends_all_containers_and_keeps_what_was_captured(tmp_path: Path) -> None:
@@ -137,14 +204,24 @@ def test_ctrl_c_ends_all_containers_and_keeps_what_was_captured(tmp_path: Path) 
     assert (manifest["status"], manifest["reason"]) == ("failed", "interrupted")
 
 
-def test_a_container_that_dies_in_mid_mission_is_named_with_its_last_words(tmp_path: Path) -> None:
+def test_what_dies_in_mid_mission_is_named_with_its_last_words_and_the_rest_of_the_run_is_kept(tmp_path: Path) -> None:
     run = Run(tmp_path / "results")
     run.says("  arm ")
     containers()["client3"].kill()  # type: ignore[attr-defined]
+    run.says("over mavlink")
+    run.wait_for(lambda: sum("  arm " in line for line in run.lines) == 2)
+    killed = containers()["router-fog1"].exec_run(["python3", "-c", KILL_ROUTER], user="1000:1000")  # type: ignore[attr-defined]
+    assert killed.output == b"killed\n"
     assert run.wait() == 1
     assert "client3 ended with exit code 137; its last log lines:" in run.output
     assert "drone 3: heard its autopilot" in run.output
-    metrics = json.loads((tmp_path / "results" / "scenario-1" / "latest" / "metrics.json").read_text())
-    (attempt,) = metrics["protocols"]["mqttxt"]["attempts"]
-    assert attempt["status"] == "failed"
-    assert attempt["reason"].startswith("client3 ended")
+    assert "router-fog1 ended with exit code 1; its last log lines:" in run.output
+    assert "mavp2p udps:198.18.11.3:14541 udpc:198.18.1.3:14541 --hb-systemid=221 ended with code" in run.output
+    series = run.results / "scenario-1" / "latest"
+    protocols = json.loads((series / "metrics.json").read_text())["protocols"]
+    for protocol, dead in (("mqttxt", "client3"), ("mavlink", "router-fog1")):
+        (attempt,) = protocols[protocol]["attempts"]
+        assert attempt["status"] == "failed"
+        assert attempt["reason"].startswith(f"{dead} ended")
+        assert attempt["packets"] > 0
+        assert f"{dead} ended" in (series / "report.html").read_text()
