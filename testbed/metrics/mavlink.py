@@ -82,8 +82,11 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
     )
 
 
-def describe(packets: Packets, ways: Ways, window: Window) -> dict[str, Any]:
-    """The `mavlink` part of an attempt: the message mix, what was commanded, what each router passed on."""
+def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> dict[str, Any]:
+    """The `mavlink` part of an attempt: the message mix, what was commanded, what each router passed on.
+
+    In a shared chain a router passes what names no target on to all its neighbours.
+    """
     own = (pl.col("kind").cast(pl.String) == "HEARTBEAT") & ~pl.col("system").is_in([*ways.drones, _STATION_SYSTEM])
     messages = packets.messages.filter(pl.col("protocol").cast(pl.String) == "mavlink").with_columns(
         own.alias("own"), _key()
@@ -97,7 +100,7 @@ def describe(packets: Packets, ways: Ways, window: Window) -> dict[str, Any]:
             {
                 "node": node,
                 "way": "up" if up else "down",
-                **_passed_on(messages.filter(~pl.col("own")), ways, window, node, up),
+                **_passed_on(messages.filter(~pl.col("own")), ways.through(node, up), window, shared),
             }
             for node in ways.between
             for up in (True, False)
@@ -146,12 +149,18 @@ def _from_station(shares: pl.DataFrame, ways: Ways) -> list[dict[str, Any]]:
     return counts.sort("count", "name", descending=[True, False]).to_dicts()
 
 
-def _passed_on(messages: pl.DataFrame, ways: Ways, window: Window, node: str, up: bool) -> dict[str, int]:
-    """Messages that came to a node in the window, and went on from it; dropped is what came and never went on."""
-    into, out = ways.through(node, up)
-    came = messages.filter(pl.col("link").cast(pl.String).is_in(into), window.left)
-    went = messages.filter(pl.col("link").cast(pl.String).is_in(out))
-    return {"in": len(came), "out": len(went.filter(window.entered)), "dropped": _missing(came, went)}
+def _passed_on(
+    messages: pl.DataFrame, through: tuple[list[str], list[str]], window: Window, shared: bool
+) -> dict[str, int]:
+    """Messages that came to a node in the window, went on from it, and never did though they should have."""
+    into, out = through
+    link = pl.col("link").cast(pl.String)
+    came = messages.filter(link.is_in(into), window.left)
+    went = messages.filter(link.is_in(out))
+    for_all = shared & (pl.col("target_system").fill_null(0) == 0)
+    dropped = _missing(came.filter(~for_all), went)
+    dropped += sum(_missing(came.filter(for_all), went.filter(link == each)) for each in out) if shared else 0
+    return {"in": len(came), "out": len(went.filter(window.entered)), "dropped": dropped}
 
 
 def _missing(first: pl.DataFrame, then: pl.DataFrame) -> int:

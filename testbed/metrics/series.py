@@ -83,6 +83,7 @@ def _measured(attempt: Attempt, window: Window, events: list[dict[str, Any]]) ->
     """What the packets of a mission's window say."""
     packets, ways = load(attempt), Ways(attempt.topology())
     is_mavlink = attempt.protocol == "mavlink"
+    shared = attempt.manifest()["configuration"].get("chain") == "shared"
     exchange = (mavlink if is_mavlink else mqttxt).measure(packets, ways, window, events)
     links = count_links(packets, window)
     entered = sum(link.packets for link in links.values())
@@ -98,7 +99,7 @@ def _measured(attempt: Attempt, window: Window, events: list[dict[str, Any]]) ->
         "frames_per_call": exchange.frames_per_call,
         "layers": dict(sorted(sum((link.layers for link in links.values()), Counter[str]()).items())),
         "mqtt": count_mqtt(packets, window),
-        "mavlink": mavlink.describe(packets, ways, window) if is_mavlink else None,
+        "mavlink": mavlink.describe(packets, ways, window, shared) if is_mavlink else None,
         "links": {
             name: {"packets": link.packets, "bytes": link.bytes, "lost": link.lost, "layers": dict(link.layers)}
             for name, link in sorted(links.items())

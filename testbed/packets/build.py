@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 
+from ..errors import ResultsError
 from ..results import Attempt
 from .headers import MAVLINK, MQTT, MQTT_PORT, UDP, Headers, read_headers
 from .links import NOWHERE, Tree, match
@@ -45,7 +47,7 @@ class _Part:
 def build(attempt: Attempt) -> Built:
     """The table out of the captures; raises ResultsError for a file that is no capture."""
     tree = Tree(attempt.topology())
-    macs = {str(capture["node"]): capture.get("mac") for capture in attempt.captures()}
+    macs = _macs(attempt)
     parts: list[_Part] = []
     nodes: list[str] = []
     truncated: list[str] = []
@@ -92,7 +94,16 @@ def build(attempt: Attempt) -> Built:
     )
 
 
-def _read_part(tree: Tree, node: str, number: int, capture: Capture, mac: str | None) -> _Part:
+def _macs(attempt: Attempt) -> dict[str, int]:
+    """`net`'s own address on each port, where `captures.json` tells it."""
+    told = {str(capture["node"]): str(capture["mac"]) for capture in attempt.captures() if capture.get("mac")}
+    for node, mac in told.items():
+        if re.fullmatch(r"(?:[0-9a-fA-F]{2}:){5}[0-9a-fA-F]{2}", mac) is None:
+            raise ResultsError(f"{attempt.path / 'pcap' / 'captures.json'}: mac of {node} is {mac}, expected six bytes")
+    return {node: int(mac.replace(":", ""), 16) for node, mac in told.items()}
+
+
+def _read_part(tree: Tree, node: str, number: int, capture: Capture, mac: int | None) -> _Part:
     headers = read_headers(capture)
     link, departs = tree.place(node, headers, mac)
     went_in, came_out = np.flatnonzero((link != NOWHERE) & departs), np.flatnonzero((link != NOWHERE) & ~departs)

@@ -35,7 +35,7 @@ class Tree:
         place = np.minimum(np.searchsorted(self._addresses, addresses), len(self.nodes) - 1)
         return np.where(self._addresses[place] == addresses, self._order[place], NOWHERE)
 
-    def place(self, node: str, headers: Headers, mac: str | None) -> tuple[Ints, Flags]:
+    def place(self, node: str, headers: Headers, mac: int | None) -> tuple[Ints, Flags]:
         """The link of each frame that the capture at a node has, and whether it entered it there (or left it).
 
         `mac` is net's own on that port: what it sent goes to the node. A frame that leaves a node enters the link to
@@ -52,7 +52,7 @@ class Tree:
             departs, arrives = source == here, destination == here
             out, into = self._neighbours(node, out), self._neighbours(node, into)
         else:
-            departs = headers.source_mac != int(mac.replace(":", ""), 16)
+            departs = headers.source_mac != mac
             arrives = ~departs
         known = (source != NOWHERE) & (destination != NOWHERE)
         links = np.where(departs & known, out[destination], np.where(arrives & known, into[source], NOWHERE))

@@ -73,10 +73,19 @@ class Chain:
         return nodes if up else nodes[::-1]
 
     def send(
-        self, t_ns: int, body: bytes, drone: int, up: bool, until: str | None = None, lost_on: str | None = None
+        self,
+        t_ns: int,
+        body: bytes,
+        drone: int,
+        up: bool,
+        since: str | None = None,
+        until: str | None = None,
+        lost_on: str | None = None,
     ) -> None:
-        """A datagram along the chain. The router at `until` drops it; the link into `lost_on` loses it."""
+        """A datagram along the chain, from the router `since` on; that at `until` drops it, the link into `lost_on`
+        loses it."""
         way = self.way(drone, up)
+        way = way[way.index(since) :] if since is not None else way
         port = 14540 + drone
         for number, (here, there) in enumerate(itertools.pairwise(way)):
             self.identity = self.identity % 65535 + 1
@@ -179,7 +188,13 @@ def fill_streams(chain: Chain, seconds: float, rates_hz: dict[str, float]) -> in
 
 
 def make_mavlink_attempt(
-    series: Series, number: int, chain: Chain, events: list[dict[str, Any]], disarmed_s: float, mac: bool = True
+    series: Series,
+    number: int,
+    chain: Chain,
+    events: list[dict[str, Any]],
+    disarmed_s: float,
+    mac: bool = True,
+    routers: str = "per-uav",
 ) -> Attempt:
     """The attempt's folder with what the chain's captures have; every drone disarms `disarmed_s` after T0."""
     attempt = new_attempt(series, "mavlink", number)
@@ -188,7 +203,10 @@ def make_mavlink_attempt(
         "links": [{"name": name, "lower": lower, "upper": upper} for name, lower, upper in chain.links],
     }
     cpu_s = {"gs": 1.5, "router-gs": 0.25}
-    write_json(attempt.path / "manifest.json", manifest(protocol="mavlink", topology=topology, cpu_s=cpu_s))
+    write_json(
+        attempt.path / "manifest.json",
+        manifest(protocol="mavlink", topology=topology, cpu_s=cpu_s, configuration={"chain": routers}),
+    )
     for node, frames in chain.captures.items():
         write_capture(attempt.path / "pcap" / f"{node}.pcap", frames)
     counts = [{"node": node, "interface": "eth0", "captured": 3, "dropped": 0} for node in chain.nodes]

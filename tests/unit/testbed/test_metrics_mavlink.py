@@ -27,10 +27,12 @@ def call(number: int, name: str, drone: int, t_ns: int) -> dict[str, Any]:
     return {"t_ns": t_ns, "event": "command", "call": number, "command": name, "fog": 1, "drone": drone}
 
 
-def measured(series: Series, chain: Chain, calls: list[dict[str, Any]], disarmed_s: float = 9.0) -> dict[str, Any]:
+def measured(
+    series: Series, chain: Chain, calls: list[dict[str, Any]], disarmed_s: float = 9.0, routers: str = "per-uav"
+) -> dict[str, Any]:
     start = {"t_ns": T0 - SECOND, "event": "mission_start", "scenario": "scenario-1", "drones": list(chain.drones)}
     end = {"t_ns": T0 + 10 * SECOND, "event": "mission_end", "status": "completed", "reason": None}
-    make_mavlink_attempt(series, 1, chain, [start, *calls, end], disarmed_s)
+    make_mavlink_attempt(series, 1, chain, [start, *calls, end], disarmed_s, routers=routers)
     (found,) = measure_series(series)["protocols"]["mavlink"]["attempts"]
     assert isinstance(found, dict)
     return found
@@ -104,6 +106,22 @@ def test_a_drop_shows_although_the_same_bytes_come_again_after_256_messages(seri
     found = measured(series, chain, [call(1, "arm", 1, T0 - 500)])
     assert found["mavlink"]["routers"][0]["dropped"] == 1
     assert (found["states_sent"], found["message_loss"]["states"]) == (3, pytest.approx(1 / 3))
+
+
+@pytest.mark.parametrize(("routers", "dropped"), [("shared", 2), ("per-uav", 0)])
+def test_a_shared_router_owes_what_names_no_target_to_every_neighbour(
+    series: Series, routers: str, dropped: int
+) -> None:
+    chain, station = Chain((1, 2, 3)), sender(245, 190)
+    for number, body in enumerate((packed(station, long_command(400, 1, 1.0)), packed(station, HEARTBEAT))):
+        at = T0 + number * SECOND
+        chain.send(at, body, 1, up=False)
+    again = packed(station, HEARTBEAT)
+    chain.send(T0 + 2 * SECOND, again, 1, up=False)
+    chain.send(T0 + 2 * SECOND + 2 * HOP, again, 2, up=False, since="fog1")
+    chain.send(T0 + 2 * SECOND + 2 * HOP, again, 3, up=False, since="fog1")
+    found = measured(series, chain, [call(1, "arm", 1, T0 - 500)], routers=routers)
+    assert found["mavlink"]["routers"][3] == {"node": "fog1", "way": "down", "in": 3, "out": 5, "dropped": dropped}
 
 
 def test_the_routers_own_heartbeats_are_told_apart(series: Series) -> None:

@@ -234,6 +234,13 @@ def test_a_capture_is_read_up_to_its_cut_and_named(series: Series) -> None:
     assert load(attempt).truncated == ("uav1.pcap",)
 
 
+def test_an_address_that_is_none_is_said(series: Series) -> None:
+    attempt = make_attempt(series)
+    (attempt.path / "pcap" / "captures.json").write_text('[{"node": "gs", "dropped": 0, "mac": "02:42:c6"}]')
+    with pytest.raises(ResultsError, match=r"captures\.json: mac of gs is 02:42:c6, expected six bytes"):
+        load(attempt)
+
+
 @pytest.mark.parametrize(
     ("data", "said"),
     [
