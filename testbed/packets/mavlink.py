@@ -49,7 +49,10 @@ def name_of(identity: int) -> str:
 
 
 def find_messages(data: Bytes, starts: Ints, ends: Ints) -> Messages:
-    """The messages that follow each other from a datagram's first byte, up to what is none or is cut."""
+    """The messages that follow each other from a datagram's first byte, up to what is none or is cut.
+
+    Their CRCs are not checked: links lose frames and change none.
+    """
     found: list[Ints] = []
     datagrams, at, end = np.arange(len(starts)), starts, ends
     while datagrams.size:
