@@ -70,10 +70,13 @@ class Containers:
                 code = container.attrs["State"].get("ExitCode")
                 raise ContainerDied(self._describe(container, f"ended with exit code {code}"))
 
-    def execute(self, service: str, command: list[str], alive_every_s: float = 1.0) -> Generator[str, None, int]:
+    def execute(
+        self, service: str, command: list[str], *, limit_s: float, alive_every_s: float = 1.0
+    ) -> Generator[str, None, int]:
         """Run a command in a service; yields its lines, returns its exit code.
 
-        Raises ContainerDied when any container of the fleet ends meanwhile.
+        Raises ContainerDied when any container of the fleet ends meanwhile, FleetError when the command does not end
+        within `limit_s`; it goes on then, until its container ends.
         """
         container = self._service(service)
         api = self._client.api
@@ -81,8 +84,10 @@ class Containers:
         lines: Queue[str | None] = Queue()
         reader = threading.Thread(target=_read_lines, args=(api.exec_start(run_id, stream=True), lines), daemon=True)
         reader.start()
-        looked_s = time.monotonic()
+        looked_s = started_s = time.monotonic()
         while True:
+            if time.monotonic() - started_s >= limit_s:
+                raise FleetError(f"{service}: {command[0]} did not end within {limit_s:g} s")
             if time.monotonic() - looked_s >= alive_every_s:  # however often the command speaks
                 self.check_alive()
                 looked_s = time.monotonic()

@@ -22,6 +22,8 @@ from .validity import void_reason
 
 MISSION_OVER = {0: "completed", 1: "failed"}
 BAD_INPUT = 2
+MISSION_LIMIT_S = 1200.0
+"""More than the limits of all steps of a mission together: what takes longer hangs."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
@@ -81,7 +83,7 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     try:
         containers = make_containers(attempt.protocol, attempt.path, settings)
         with _fleet_up(containers, attempt, manifest, progress):
-            ended = _mission(mission_command(plan, attempt.protocol), containers, progress)
+            ended = _mission(mission_command(plan, attempt.protocol), containers, attempt, progress)
     except Interrupted:
         raise
     except (TestbedError, OSError) as error:
@@ -117,25 +119,30 @@ def _fleet_up(containers: Containers, attempt: Attempt, manifest: dict[str, Any]
             manifest["cpu_s"] = _take_down(containers, attempt)
 
 
-def _mission(command: list[str], containers: Containers, progress: Progress) -> Ended:
-    lines = containers.execute("gs", command)
-    said = ""
-    while True:
-        try:
-            line = next(lines)
-        except StopIteration as stop:
-            code = stop.value
-            break
-        shown = _progress_line(line)
-        if shown is not None:
-            progress.step(shown["step"], shown["drones"])
-        elif line.startswith("mission: "):
-            said = line.removeprefix("mission: ")
+def _mission(command: list[str], containers: Containers, attempt: Attempt, progress: Progress) -> Ended:
+    """Fly it; what it prints beside its progress is in logs/mission.log."""
+    lines = containers.execute("gs", command, limit_s=MISSION_LIMIT_S)
+    said = last = ""
+    with (attempt.path / "logs" / "mission.log").open("w", encoding="utf-8") as log:
+        while True:
+            try:
+                line = next(lines)
+            except StopIteration as stop:
+                code = stop.value
+                break
+            shown = _progress_line(line)
+            if shown is not None:
+                progress.step(shown["step"], shown["drones"])
+                continue
+            log.write(f"{line}\n")
+            last = line.strip() or last
+            if line.startswith("mission: "):
+                said = line.removeprefix("mission: ")
     if code == BAD_INPUT:
-        raise UserError(f"the mission could not be flown: {said}")
-    if code not in MISSION_OVER:
-        return Ended("failed", f"the mission's process ended with exit code {code}" + (f": {said}" if said else ""))
-    return Ended(MISSION_OVER[code], said or None)
+        raise UserError(f"the mission could not be flown: {said or last}")
+    if code in MISSION_OVER and (said or code == 0):
+        return Ended(MISSION_OVER[code], said or None)
+    return Ended("failed", f"the mission's process ended with exit code {code}" + (f": {said or last}" if last else ""))
 
 
 def _progress_line(line: str) -> dict[str, Any] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -55,6 +57,11 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     assert code == 2
     assert "none/events.jsonl" in said
     assert said.count("\n") == 1
+
+
+def test_mavsdk_is_loaded_only_for_the_fleet_that_flies_with_it() -> None:
+    program = "import sys, mission.__main__; print('mavsdk' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "False\n"
 
 
 def test_a_fleet_is_fogs_and_their_drones() -> None:

@@ -48,7 +48,7 @@ def _containers(
 
 def test_a_command_that_speaks_often_does_not_hide_a_container_that_died(monkeypatch: pytest.MonkeyPatch) -> None:
     fleet, looked = _containers(monkeypatch, [b"a\nb", b"c\n"] * 50, 0)
-    said = list(fleet.execute("gs", ["mission"], alive_every_s=0.01))
+    said = list(fleet.execute("gs", ["mission"], limit_s=60, alive_every_s=0.01))
     assert said == ["a", "bc"] * 50
     assert len(looked) > 3
 
@@ -56,7 +56,13 @@ def test_a_command_that_speaks_often_does_not_hide_a_container_that_died(monkeyp
 def test_a_command_that_Docker_lost_sight_of_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     fleet, _ = _containers(monkeypatch, [b"a\n"], None)
     with pytest.raises(DockerError, match="gs: lost touch with mission, which still runs"):
-        list(fleet.execute("gs", ["mission"]))
+        list(fleet.execute("gs", ["mission"], limit_s=60))
+
+
+def test_a_command_that_hangs_fails_the_attempt(monkeypatch: pytest.MonkeyPatch) -> None:
+    fleet, _ = _containers(monkeypatch, [b"a\n"] * 1000, 0)
+    with pytest.raises(FleetError, match=r"gs: mission did not end within 0\.05 s"):
+        list(fleet.execute("gs", ["mission"], limit_s=0.05))
 
 
 def test_what_a_profile_starts_is_read_from_the_compose_file(tmp_path: Path) -> None:

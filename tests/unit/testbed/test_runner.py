@@ -71,7 +71,7 @@ class Fleet:
     def output(self, service: str, command: list[str]) -> str:
         return "mosquitto version 2.0.21\n"
 
-    def execute(self, service: str, command: list[str]) -> Generator[str, None, int]:
+    def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
         self.did.append(f"mission in {service}")
         self.commands.append(command)
         (self._run_dir / "events.jsonl").touch()
@@ -189,6 +189,13 @@ def test_a_mission_that_is_killed_fails_its_attempt_only(tmp_path: Path) -> None
     assert endings == [Ended("failed", "the mission's process ended with exit code 137")] * 2
 
 
+def test_a_mission_that_breaks_says_with_what(tmp_path: Path) -> None:
+    path, endings, _ = _fly(tmp_path, Fleet(["Traceback (most recent call last):", "KeyError: 7", ""], code=1))
+    assert endings == [Ended("failed", "the mission's process ended with exit code 1: KeyError: 7")]
+    log = path / "mqttxt" / "attempt-01" / "logs" / "mission.log"
+    assert log.read_text().splitlines()[:2] == ["Traceback (most recent call last):", "KeyError: 7"]
+
+
 def test_a_mission_that_does_not_take_its_input_ends_the_run(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="the mission could not be flown: fleet=1:0: expected drones"):
         _fly(tmp_path, Fleet(["mission: fleet=1:0: expected drones"], code=2))
@@ -291,8 +298,8 @@ def test_a_full_disk_leaves_no_container_behind(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_everything_and_keeps_what_there_is(tmp_path: Path, number: int) -> None:
     class Interrupting(Fleet):
-        def execute(self, service: str, command: list[str]) -> Generator[str, None, int]:
-            yield from super().execute(service, command)
+        def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+            yield from super().execute(service, command, limit_s=limit_s)
             os.kill(os.getpid(), number)
             return 0
 

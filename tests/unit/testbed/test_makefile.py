@@ -1,0 +1,41 @@
+"""What `make` types: every variable reaches the testbed as it was given."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+from itertools import pairwise
+
+import pytest
+
+from testbed.experiments import FACTORS
+from testbed.topology import ROOT
+
+
+def _typed(*words: str, **environment: str) -> dict[str, str]:
+    """The options of the last command that make would run, by their names."""
+    kept = {"PATH": os.environ["PATH"], **environment}
+    done = subprocess.run(["make", "--dry-run", *words], cwd=ROOT, env=kept, capture_output=True, text=True, check=True)
+    return {word: after for word, after in pairwise(shlex.split(done.stdout.splitlines()[-1])) if word.startswith("--")}
+
+
+def test_an_experiment_flies_both_and_leaves_the_factors_to_the_arm() -> None:
+    options = _typed("scenario-1")
+    assert options["--protocols"] == "mqttxt,mavlink"
+    assert {options[f"--{name}"] for name in FACTORS} == {""}
+
+
+@pytest.mark.parametrize("name", FACTORS)
+@pytest.mark.parametrize("target", ["scenario-1", "up"])
+def test_each_factor_is_a_variable(target: str, name: str) -> None:
+    value = FACTORS[name][-1]
+    assert _typed(target, f"{name.upper()}={value}")[f"--{name}"] == value
+    assert _typed(target, **{name.upper(): value})[f"--{name}"] == value
+
+
+def test_one_fleet_is_up_at_a_time_and_it_is_mqttxt_unless_somebody_says_otherwise() -> None:
+    assert _typed("up")["--protocol"] == "mqttxt"
+    assert _typed("up", "PROTOCOLS=mavlink")["--protocol"] == "mavlink"
+    assert _typed("up", PROTOCOLS="mavlink")["--protocol"] == "mavlink"
+    assert _typed("up", "PROTOCOLS=mqttxt,mavlink")["--protocol"] == "mqttxt,mavlink"
