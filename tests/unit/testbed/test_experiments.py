@@ -9,7 +9,7 @@ import pytest
 from testbed.errors import UserError
 from testbed.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
 from testbed.flights import by_hand, mission_command, settings_of
-from testbed.topology import COMPOSE_FILE
+from testbed.topology import COMPOSE_FILE, ROOT
 
 GOOD = {"experiment": "scenario-1", "attempts": "2", "arm": "thesis", "profile": "ideal", "protocols": "mqttxt"}
 
@@ -64,6 +64,13 @@ def test_a_factor_by_itself_is_named_where_it_deviates_from_the_arm(
 
 def test_a_factor_by_itself_leaves_the_others_as_the_arm_has_them() -> None:
     assert _plan("five-states", chain="direct").factors == Factors("five-states", "concurrent", 1, "direct", "fixed")
+
+
+def test_the_page_about_experiments_has_every_arm_as_it_is() -> None:
+    rows = [line for line in (ROOT / "docs" / "experiments.md").read_text().splitlines() if line.startswith("| `")]
+    cells = [[cell.strip(" `") for cell in row.split("|")[1:-1]] for row in rows]
+    told = {row[0]: row[1:6] for row in cells if row[0] in ARMS}
+    assert told == {arm.name: [str(getattr(arm.factors, name)) for name in FACTORS] for arm in ARMS.values()}
 
 
 def test_who_flies_first_alternates() -> None:
