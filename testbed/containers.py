@@ -20,11 +20,11 @@ from docker.errors import APIError, DockerException
 from requests.exceptions import RequestException
 
 from .errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError
+from .experiments import PROTOCOLS
 from .overrides import compose_files
 from .topology import COMPOSE_FILE, ROOT, read_services
 
 PROJECT = "mqttxt-testbed"
-PROFILES = ("mqttxt", "mavlink")
 HEALTHY_TIMEOUT_S = 90.0
 POLL_S = 0.5
 LOG_LINES = 12
@@ -170,7 +170,7 @@ class Containers:
         return f"{container.labels[SERVICE_LABEL]} {what}; its last log lines:\n    {said}"
 
     def _compose(self, *words: str) -> None:
-        profiles = PROFILES if words[0] == "down" else (self._profile,)  # another profile's fleet may have been left
+        profiles = PROTOCOLS if words[0] == "down" else (self._profile,)  # another profile's fleet may have been left
         options = ["--project-name", PROJECT]
         options += [word for path in self._files for word in ("--file", str(path))]
         options += [word for profile in profiles for word in ("--profile", profile)]

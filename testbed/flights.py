@@ -68,7 +68,7 @@ def by_hand(plan: Plan, protocol: str, name_of: Callable[[str], str]) -> str:
 Six drones are up, over MAVLink. To fly, and to look:
   {here} {shlex.join(mission_command(plan, protocol, "/tmp/events.jsonl"))}
   docker logs {name_of("router-fog1")}
-  docker exec -it {name_of("net")} tcpdump -c 20 -nr /run-dir/pcap/uav1.pcap
+  docker exec -it {name_of("net")} tcpdump -Z root -c 20 -nr /run-dir/pcap/uav1.pcap
   make down"""
     return f"""\
 Six drones are up. To look and to fly:
