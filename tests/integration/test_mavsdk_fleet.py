@@ -125,10 +125,13 @@ def _completed(*drones: int) -> list[Result]:
 
 
 @pytest.mark.parametrize(
-    ("commanding", "streams"),
-    [("one-by-one", "px4-onboard"), ("concurrent", "five-states"), ("concurrent", "px4-gcs")],
+    ("commanding", "streams", "altitude_m"),
+    [("one-by-one", "px4-onboard", 10.0), ("concurrent", "five-states", LOW_M), ("concurrent", "px4-gcs", LOW_M)],
 )
-async def test_scenario_1_directly(sky: Sky, commanding: str, streams: str) -> None:
+async def test_scenario_1_directly(
+    sky: Sky, commanding: str, streams: str, altitude_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scenarios, "ALTITUDE_M", altitude_m)
     ports = _ports(1, 2, 3)
     for drone, port in ports.items():
         sky.fly(drone, port, streams)
@@ -161,7 +164,8 @@ def _assert_streams_asked_for(sky: Sky, drone: int, streams: str) -> None:
     assert asked == {**states, EXTENDED_SYS_STATE: 0.0}
 
 
-async def test_scenario_1_through_a_chain_of_routers_for_each_drone(sky: Sky) -> None:
+async def test_scenario_1_through_a_chain_of_routers_for_each_drone(sky: Sky, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scenarios, "ALTITUDE_M", LOW_M)
     ports = _ports(1, 2)
     for drone, port in ports.items():
         sky.fly(drone, sky.chain(drone, port))
