@@ -16,9 +16,10 @@ def finding(metrics: dict[str, Any]) -> str:
     sides = words.sides(metrics)
     if [protocol for protocol, side in sides if completed(side)] == ["mqttxt", "mavlink"]:
         return _compared(metrics)
-    said = "; ".join(_one_side(metrics, protocol) for protocol, _ in sides)
-    none = ": there is no ratio to make" if len(sides) > 1 else ""
-    return f"{said[0].upper()}{said[1:]}{none}."
+    failed_first = sorted(sides, key=lambda one: bool(completed(one[1])))
+    parts = [_one_side(metrics, protocol) for protocol, _ in failed_first]
+    said = [f"{part[0].upper()}{part[1:]}." for part in parts]
+    return " ".join([*said, "There is no ratio to make."] if len(sides) > 1 else said)
 
 
 def basis(metrics: dict[str, Any]) -> str | None:
@@ -75,7 +76,7 @@ def _one_side(metrics: dict[str, Any], protocol: str) -> str:
     side, name = metrics["protocols"][protocol], words.name_of(protocol)
     flown, done = side["attempts"], completed(side)
     if not flown:
-        return f"over {name} no attempt counts ({words.first_line(side['void'][0]['reason'])})" if side["void"] else ""
+        return f"over {name} no attempt counts ({words.first_line(side['void'][0]['reason'])})"
     if not done:
         which = "the only attempt failed" if len(flown) == 1 else f"none of {len(flown)} attempts was completed"
         return f"over {name} {which} ({words.first_line(flown[0]['reason'])})"

@@ -96,7 +96,7 @@ def mix_table(mix: dict[str, Any]) -> Table:
     """What the drones stream over MAVLink, largest first."""
     table = Table(title="what the drones send over MAVLink", title_justify="left")
     table.add_column("message")
-    for heading in ("count", "per second and drone", "bytes", "mean size", "share"):
+    for heading in ("count", "Hz per drone", "bytes", "mean size", "share"):
         table.add_column(heading, justify="right")
     for stream in mix["streams"][:MOST_STREAMS]:
         table.add_row(

@@ -106,6 +106,9 @@ def listed(parts: list[str]) -> str:
 
 
 def first_line(reason: str | None, most: int = 120) -> str:
-    """The first line of a reason, for a sentence; where to cut it, it ends in an ellipsis."""
-    line = (reason or "no reason given").strip().splitlines()[0].rstrip(" :;.")
+    """What a reason's first line says, for a sentence; where it is cut it ends in an ellipsis."""
+    line = (reason or "no reason given").strip().splitlines()[0].rstrip()
+    if line.endswith(":"):  # what follows it, as 'its last log lines', is not shown
+        line = line[: line.rfind(";")] if ";" in line else line
+    line = line.rstrip(" :;.")
     return line if len(line) <= most else line[: most - 1].rstrip() + "…"

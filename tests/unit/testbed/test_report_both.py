@@ -98,9 +98,8 @@ def test_a_mavlink_that_needs_less_is_said_as_plainly(series: Series) -> None:
 def test_a_failed_side_leaves_the_other_ones_numbers_and_makes_no_ratio(series: Series) -> None:
     metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", failed("mavlink", ROUTER_DIED)))
     assert sentences.finding(metrics) == (
-        "Over MQTT-XT six drones on two fogs flew scenario 1 in 36.5 s, with 1,700 packets and 146 kB on all links; "
-        "over MAVLink the only attempt failed (router-fog1 ended with exit code 1; its last log lines): "
-        "there is no ratio to make."
+        "Over MAVLink the only attempt failed (router-fog1 ended with exit code 1). Over MQTT-XT six drones on two "
+        "fogs flew scenario 1 in 36.5 s, with 1,700 packets and 146 kB on all links. There is no ratio to make."
     )
     assert sentences.basis(metrics) is None
     assert all(row.ratio is None for row in comparison.rows(metrics))
@@ -114,8 +113,8 @@ def test_both_sides_failed_or_void_is_said(series: Series) -> None:
     late = [("mavlink", failed("mavlink", "vehicle 3 never appeared", n)) for n in (1, 2)]
     metrics = make_series(series, ("mqttxt", void), *late)
     assert sentences.finding(metrics) == (
-        "Over MQTT-XT no attempt counts (captures dropped packets: gs 1); "
-        "over MAVLink none of 2 attempts was completed (vehicle 3 never appeared): there is no ratio to make."
+        "Over MQTT-XT no attempt counts (captures dropped packets: gs 1). "
+        "Over MAVLink none of 2 attempts was completed (vehicle 3 never appeared). There is no ratio to make."
     )
     page_of(series, metrics)
     assert "MAVLink, attempt 2 failed: vehicle 3 never appeared" in terminal_of(series, metrics)
@@ -207,7 +206,7 @@ def test_what_a_router_drops_is_named(series: Series) -> None:
         "uav1",
     ]
     assert "routers dropped fog1 up 3 of 8,000 messages" in terminal_of(series, metrics)
-    assert "1,234 in all" in page.sections["routers"]
+    assert "1,234 on all links" in page.sections["routers"]
 
 
 def test_cpu_seconds_are_summed_by_role(series: Series) -> None:
@@ -244,7 +243,7 @@ def test_a_failure_comes_first_with_its_reason_and_where_to_look(series: Series)
     assert "until it gave up" in text
     assert re.search(r'href="mavlink/attempt-01/logs"', text)
     shown = terminal_of(series, metrics)
-    assert shown.index("MAVLink, attempt 1 failed: router-fog1 ended") < shown.index("Over MQTT-XT")
+    assert shown.index("MAVLink, attempt 1 failed: router-fog1 ended") < shown.index("Over MAVLink")
 
 
 def test_a_mission_that_never_began_is_said(series: Series) -> None:
