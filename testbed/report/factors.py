@@ -75,8 +75,8 @@ def fairness(configuration: dict[str, Any]) -> list[str]:
     commanding = _value(configuration, "commanding")
     if commanding == "one-by-one":
         said.append(
-            "MAVLink's drones are commanded one after the other, MQTT-XT's together: a part of the mission time is the "
-            "asking, not the protocol. COMMANDING=concurrent takes it away."
+            "MAVLink's drones are commanded one after the other, MQTT-XT's together: what asking one by one takes is "
+            "in the mission time, and is not the protocol's. COMMANDING=concurrent takes it away."
         )
     elif commanding == "concurrent":
         said.append("Both sides command all drones at once, so their mission times compare directly.")

@@ -69,6 +69,7 @@ def _in_detail(metrics: dict[str, Any], attempts: list[dict[str, Any]]) -> dict[
     grids = {p: details.outcomes_of(shown[p], commands) for p in shown}
     drones = sorted({drone for grid in grids.values() for drone in grid}, key=lambda drone: (len(drone), drone))
     roles = details.roles_of({p: cpu for p in shown if (cpu := _cpu(shown[p], of[p]["manifest"]))})
+    routers = details.routers_of(shown["mavlink"]) if "mavlink" in shown else []
     return {
         "shown": of,
         "timeline": timeline([attempt["panel"] for attempt in of.values() if attempt["panel"] is not None]),
@@ -81,7 +82,8 @@ def _in_detail(metrics: dict[str, Any], attempts: list[dict[str, Any]]) -> dict[
         },
         "grid": [(drone, {p: grids[p].get(drone, [None] * len(commands)) for p in shown}) for drone in drones],
         "mix": details.mix_of(shown["mavlink"]) if "mavlink" in shown else None,
-        "routers": details.routers_of(shown["mavlink"]) if "mavlink" in shown else [],
+        "routers": routers,
+        "copies": any(r["out"] > r["in"] for _, ways in routers for r in ways.values()),
         "roles": roles,
         "own_cpu": details.protocols_own(roles),
         "most_cpu": max((seconds for role in roles for seconds in role.sums.values()), default=0.0),

@@ -9,6 +9,8 @@ from . import words
 from .comparison import completed, rows
 
 _OF_RATIO = (("packets", "the packets"), ("bytes", "the bytes"), ("mission time", "the mission time"))
+_SAME_TIME = 0.02
+_LOSSES = ("commands lost", "states lost", "frames lost")
 
 
 def finding(metrics: dict[str, Any]) -> str:
@@ -36,9 +38,10 @@ def basis(metrics: dict[str, Any]) -> str | None:
     else:
         parts = [f"{done} of {of} over {words.name_of(protocol)}" for protocol, (done, of) in flown.items()]
         how = f"medians of the completed attempts, {words.listed(parts)}"
+    fleet = _fleet(completed(sides["mqttxt"])[0]).capitalize()
     return (
-        f"MQTT-XT took {mission}, {packets} packets and {bytes_}. {_fleet(completed(sides['mqttxt'])[0]).capitalize()} "
-        f"flew {_experiment(metrics)} on links of profile {metrics['profile']}; {how}."
+        f"MQTT-XT took {mission}, {packets} packets and {bytes_}.{_delays(metrics)}{_losses(metrics)} "
+        f"{fleet} flew {_experiment(metrics)} on links of profile {metrics['profile']}; {how}."
     )
 
 
@@ -60,10 +63,34 @@ def notes(metrics: dict[str, Any]) -> list[str]:
 
 def _compared(metrics: dict[str, Any]) -> str:
     ratios = {row.name: row.ratio for row in rows(metrics)}
-    parts = [words.times(ratio, what) for name, what in _OF_RATIO if (ratio := ratios[name]) is not None]
-    mission, packets, bytes_ = _middles(metrics, "mavlink")
+    mission = ratios["mission time"]
+    as_long = mission is not None and abs(mission - 1) <= _SAME_TIME
+    names = [(name, what) for name, what in _OF_RATIO if not (as_long and name == "mission time")]
+    parts = [words.times(ratio, what) for name, what in names if (ratio := ratios[name]) is not None]
     by = f": {words.listed(parts)} of MQTT-XT" if parts else ""
-    return f"Over MAVLink the same mission took {mission}, {packets} packets and {bytes_}{by}."
+    in_time = ", in about the same mission time" if as_long and parts else ""
+    took, packets, bytes_ = _middles(metrics, "mavlink")
+    return f"Over MAVLink the same mission took {took}, {packets} packets and {bytes_}{by}{in_time}."
+
+
+def _delays(metrics: dict[str, Any]) -> str:
+    """How long commands took to reach a drone on each side, where both are known."""
+    row = next(row for row in rows(metrics) if row.name == "delay of commands")
+    if row.ratio is None:
+        return ""
+    mavlink, mqttxt = (row.cells[protocol].text for protocol in ("mavlink", "mqttxt"))
+    return f" A command reached its drone in {mavlink} over MAVLink, in {mqttxt} over MQTT-XT (medians)."
+
+
+def _losses(metrics: dict[str, Any]) -> str:
+    """What was lost, where anything was."""
+    said = []
+    for row in rows(metrics):
+        some = any(cell.text[0] not in f"0{words.NOTHING}" for cell in row.cells.values())
+        if row.name in _LOSSES and some:
+            each = [f"{row.cells[p].text} over {words.name_of(p)}" for p in ("mavlink", "mqttxt")]
+            said.append(f" {row.name.capitalize()}: {', '.join(each)}.")
+    return "".join(said)
 
 
 def _middles(metrics: dict[str, Any], protocol: str) -> tuple[str, str, str]:

@@ -62,7 +62,7 @@ def mavlink(dropped: int = 3) -> dict[str, Any]:
     for name, (rate_hz, size) in STREAMS.items():
         count = round(rate_hz * MISSION_S["mavlink"] * len(DRONES))
         streams.append({"name": name, "count": count, "rate_hz": rate_hz, "bytes": count * size, "mean_size": size})
-    nodes = ["uav1", "fog1", "cloud", "gs"]
+    nodes = ["fog2", "fog1", "cloud"]
     routers = [{"node": n, "way": way, "in": 1000, "out": 1000, "dropped": 0} for n in nodes for way in ("up", "down")]
     routers[2] |= {"out": 1000 - dropped, "dropped": dropped}  # fog1 up
     return {
