@@ -38,12 +38,12 @@ def mavproxy() -> Path:
 
 
 class Station:
-    """A MAVProxy that listens on a port; what it says is kept, and it can be typed to."""
+    """A MAVProxy; what it says is kept, and it can be typed to."""
 
-    def __init__(self, wheel: Path, folder: Path, port: int) -> None:
-        master = ["--master", f"udpin:127.0.0.1:{port}", "--nowait", "--state-basedir", str(folder)]
+    def __init__(self, wheel: Path, folder: Path, master: str) -> None:
+        options = ["--master", master, "--nowait", "--state-basedir", str(folder)]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "MAVProxy.mavproxy", *master],
+            [sys.executable, "-m", "MAVProxy.mavproxy", *options],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": str(wheel), "PYTHONUNBUFFERED": "1", "HOME": str(folder)},
             stdin=subprocess.PIPE,
@@ -74,9 +74,12 @@ class Station:
             self.said += line
 
 
-@pytest.fixture
-def station(mavproxy: Path, tmp_path: Path) -> Iterator[Station]:
-    """MAVProxy behind one router a node, as in a shared chain: six UAVs, two fogs, cloud, ground station."""
+@pytest.fixture(params=["beside MAVSDK", "instead of MAVSDK"])
+def station(request: pytest.FixtureRequest, mavproxy: Path, tmp_path: Path) -> Iterator[Station]:
+    """MAVProxy behind one router a node, as in a shared chain: six UAVs, two fogs, cloud, ground station.
+
+    Beside MAVSDK it connects to the ground station's router; instead of it, it listens where MAVSDK would.
+    """
     with ExitStack() as stack:
         here, gs, cloud = (free_port(socket.SOCK_DGRAM) for _ in range(3))
         routers = [
@@ -95,15 +98,16 @@ def station(mavproxy: Path, tmp_path: Path) -> Iterator[Station]:
             stack.callback(router.start().kill)
         for sitl in sitls:
             stack.callback(sitl.start().kill)
-        made = Station(mavproxy, tmp_path, here)
+        beside = request.param == "beside MAVSDK"
+        made = Station(mavproxy, tmp_path, f"udpout:127.0.0.1:{gs}" if beside else f"udpin:127.0.0.1:{here}")
         stack.callback(made.close)
         yield made
 
 
 def test_mavproxy_sees_six_vehicles_and_arms_the_one_it_is_told_to(station: Station, tmp_path: Path) -> None:
     wait_until(lambda: station.vehicles() == set(range(1, 7)), "six vehicles")
-    station.type("vehicle 3")
-    wait_until(lambda: "Set vehicle 3" in station.said, "vehicle 3 is chosen")
+    station.type("vehicle 3:1")  # its autopilot: alone, the component stays that of whoever was heard first
+    wait_until(lambda: "Set vehicle 3:1" in station.said, "vehicle 3 is chosen")
     station.type("arm throttle")
     wait_until(lambda: "COMPONENT_ARM_DISARM: ACCEPTED" in station.said, "the arming is acknowledged")
     armed = [drone for drone in range(1, 7) if "armed" in _events(tmp_path, drone)]
