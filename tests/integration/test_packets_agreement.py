@@ -15,7 +15,7 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from processes import NODE_IMAGE, ROOT, Process, wait_until
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import development as dialect
 
 from testbed.packets.table import load
 from testbed.results import Attempt, write_json
@@ -141,8 +141,8 @@ def test_tshark_counts_the_frames_bytes_and_publishes_of_mqtt(attempt: Attempt, 
 
 
 def test_pymavlink_counts_the_messages_of_a_real_autopilot(attempt: Attempt, tmp_path: Path) -> None:
-    station = common.MAVLink(None, srcSystem=245, srcComponent=190)
-    heard = common.MAVLink(None)
+    station = dialect.MAVLink(None, srcSystem=245, srcComponent=190)
+    heard = dialect.MAVLink(None)
     names: list[str] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock, capturing(attempt):
         sock.bind((ADDRESSES["fog1"], 14541))
@@ -155,7 +155,7 @@ def test_pymavlink_counts_the_messages_of_a_real_autopilot(attempt: Attempt, tmp
             sitl.wait_ready()
             while names.count("ATTITUDE") < 200 or "COMMAND_ACK" not in names:
                 if names.count("ATTITUDE") == 50:
-                    arm = common.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+                    arm = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
                     first, second = (arm.pack(station, force_mavlink1=old) for old in (False, True))
                     sock.sendto(first + second, (ADDRESSES["uav1"], 14580))
                 for message in heard.parse_buffer(sock.recv(65_536)) or ():
