@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 
 from ..errors import ResultsError, UserError
+from ..metrics import mission_window
 from ..packets.table import Packets, load
 from ..results import Attempt, Series
 
@@ -70,35 +70,24 @@ def choose(attempts: list[Attempt], choice: Choice) -> list[Chosen]:
     """
     _check_times(choice)
     try:
-        whole = [(attempt, load(attempt), attempt.events()) for attempt in attempts]
+        tables = [load(attempt) for attempt in attempts]
+        starts_ns = [_start_ns(attempt, packets) for attempt, packets in zip(attempts, tables, strict=True)]
         links = [name for attempt in attempts for link in attempt.topology().links for name in _both_ways(link.name)]
     except ResultsError as error:
         raise UserError(str(error)) from error
-    tables = [packets for _, packets, _ in whole]
     if choice.link is not None and not any(_is_below(link, choice.link) for link in links):
         raise UserError(f"--link {choice.link}: expected one of {', '.join(dict.fromkeys(links))}, or how some begin")
     _check_name("--protocol", choice.protocol, [table.frames["protocol"] for table in tables])
     _check_name("--kind", choice.kind, [table.messages["kind"] for table in tables])
-    return [_choose(attempt, packets, mission_start_ns(packets, events), choice) for attempt, packets, events in whole]
+    return [_choose(*each, choice) for each in zip(attempts, tables, starts_ns, strict=True)]
 
 
-def mission_start_ns(packets: Packets, events: list[dict[str, Any]]) -> int:
+def _start_ns(attempt: Attempt, packets: Packets) -> int:
     """When the first arm command's frame left the ground station; the first frame's time where nobody commanded."""
-    asked_ns = next((e["t_ns"] for e in events if e["event"] == "command" and e["command"] == "arm"), None)
-    if asked_ns is None:
-        first = packets.frames["t_ns"].min()
-        return first if isinstance(first, int) else 0
-    commanded = packets.messages.filter(
-        (pl.col("t_ns") >= asked_ns)
-        & (pl.col("link").cast(pl.String) == "wan:gs:up")
-        & (pl.col("topic").str.ends_with("commands") | (pl.col("command") == _ARM))
-    )
-    start_ns = commanded["t_ns"].min()
-    return start_ns if isinstance(start_ns, int) else int(asked_ns)
-
-
-_ARM = 400
-"""MAV_CMD_COMPONENT_ARM_DISARM."""
+    window = mission_window(attempt, attempt.events(), packets)
+    if window is not None:
+        return window.start_ns
+    return int(packets.frames["t_ns"][0]) if len(packets.frames) else 0
 
 
 def _choose(attempt: Attempt, packets: Packets, start_ns: int, choice: Choice) -> Chosen:
