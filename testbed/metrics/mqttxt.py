@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -20,14 +20,16 @@ from .traffic import lost_share
 from .ways import STATION, Ways
 from .window import Window, is_command
 
-CommandKey = tuple[int, int, str]
+CommandKey = tuple[int, int, str, int]
+"""GS session, seq, name, and the drone: a broadcast is a command to each drone of its fog."""
 StateKey = tuple[str, str, int]
 
 
 def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str, Any]]) -> Exchange:
     """What the mission's PUBLISHes say."""
     publishes = packets.messages.filter(pl.col("body").is_not_null()).with_columns(pl.col("link").cast(pl.String))
-    sent, frames = _commands_sent(publishes.filter(window.entered, pl.col("link").is_in(ways.leaving(STATION))))
+    leaving = publishes.filter(window.entered, pl.col("link").is_in(ways.leaving(STATION)))
+    sent, frames = _commands_sent(leaving, ways)
     received = _commands_received(publishes, ways)
     leaving_drones = [link for node in ways.drones.values() for link in ways.leaving(node)]
     states_sent = _states(publishes.filter(window.entered, pl.col("link").is_in(leaving_drones)), relayed=False)
@@ -37,39 +39,43 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
         commands_lost=lost_share(sent, received),
         states_sent=len(states_sent),
         states_lost=lost_share(states_sent, _states(arrived, relayed=True)),
-        delay_ms=delays_ms(
-            [
-                (key[2], sent_ns, received_ns)
-                for key, sent_ns in sent.items()
-                for _, received_ns in sorted(received.get(key, {}).items())
-            ]
-        ),
+        delay_ms=delays_ms([(key[2], sent[key], received[key]) for key in sorted(sent) if key in received]),
         frames_per_call=mean_frames(calls_in(events, window), frames),
     )
 
 
-def _commands_sent(publishes: pl.DataFrame) -> tuple[dict[CommandKey, int], Counter[str]]:
+def _commands_sent(publishes: pl.DataFrame, ways: Ways) -> tuple[dict[CommandKey, int], Counter[str]]:
     """When each command first left, and how many frames carried each kind of command."""
     sent: dict[CommandKey, int] = {}
     frames: Counter[str] = Counter()
-    for t_ns, body, copies in publishes.filter(is_command()).select("t_ns", "body", "copies").iter_rows():
-        key = _command_key(body)
-        if key is not None:
-            sent.setdefault(key, t_ns)
-            frames[key[2]] += copies
+    columns = ("t_ns", "topic", "body", "copies")
+    for t_ns, topic, body, copies in publishes.filter(is_command()).select(columns).iter_rows():
+        command = _command(body)
+        if command is not None:
+            frames[command[2]] += copies
+            for drone in _addressed(topic, ways):
+                sent.setdefault((*command, drone), t_ns)
     return sent, frames
 
 
-def _commands_received(publishes: pl.DataFrame, ways: Ways) -> dict[CommandKey, dict[int, int]]:
-    """When the first copy of each command reached each drone."""
-    found: dict[CommandKey, dict[int, int]] = defaultdict(dict)
+def _commands_received(publishes: pl.DataFrame, ways: Ways) -> dict[CommandKey, int]:
+    """When the first copy of each command reached its drone."""
+    found: dict[CommandKey, int] = {}
     drone_of = {link: drone for drone, node in ways.drones.items() for link in ways.entering(node)}
     arrived = publishes.filter(is_command(), pl.col("left_ns").is_not_null(), pl.col("link").is_in(list(drone_of)))
     for left_ns, link, body in arrived.sort("left_ns").select("left_ns", "link", "body").iter_rows():
-        key = _command_key(body)
-        if key is not None:
-            found[key].setdefault(drone_of[link], left_ns)
+        command = _command(body)
+        if command is not None:
+            found.setdefault((*command, drone_of[link]), left_ns)
     return found
+
+
+def _addressed(topic: str, ways: Ways) -> list[int]:
+    """The drones that a command's topic means: `fogX/droneY/commands` one, `fogX/commands` all of the fog."""
+    fog, *rest = topic.split("/")
+    if len(rest) == 2:
+        return [drone for drone in ways.drones if rest[0] == f"drone{drone}"]
+    return ways.drones_of(fog)
 
 
 def _states(publishes: pl.DataFrame, relayed: bool) -> set[StateKey]:
@@ -77,7 +83,7 @@ def _states(publishes: pl.DataFrame, relayed: bool) -> set[StateKey]:
     return {key for topic, body in rows for key in _state_keys(topic, body, relayed)}
 
 
-def _command_key(payload: bytes) -> CommandKey | None:
+def _command(payload: bytes) -> tuple[int, int, str] | None:
     """(GS session, seq) and the command's name: what names a command from end to end."""
     try:
         message = decode(CommandMessage, payload)

@@ -24,6 +24,11 @@ class Ways:
         found = {name.removeprefix(_DRONE): name for name in self._nodes if name.startswith(_DRONE)}
         return {int(number): name for number, name in found.items() if number.isdecimal()}
 
+    def drones_of(self, fog: str) -> list[int]:
+        """The drones with a link to a fog."""
+        near = {sender for sender, receiver in self._ends.values() if receiver == fog}
+        return [drone for drone, node in self.drones.items() if node in near]
+
     @property
     def between(self) -> list[str]:
         """The nodes at neither end: the cloud and the fogs."""
