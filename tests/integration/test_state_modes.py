@@ -73,11 +73,10 @@ class Flown:
 
 
 @contextlib.asynccontextmanager
-async def set_up(
-    folder: Path, states: str, *, bundles: bool = False, streams: str = "px4-normal"
-) -> AsyncIterator[Flown]:
+async def set_up(folder: Path, states: str, streams: str = "px4-normal") -> AsyncIterator[Flown]:
+    """A fog with two drones and its fleet, whose clients bundle where the mission asks for bundles."""
     system = System(folder, streams=streams)
-    if bundles:
+    if states == "bundle":
         system.uavs = {drone: system.make_uav(drone, system.fog.url, None, None, "--bundles") for drone in DRONES}
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(asyncio.to_thread, system.close)
