@@ -19,6 +19,7 @@ LAYERS = (
 _NO_COUNT = {"packets": 0, "bytes": 0, "lost": 0}
 _CLASSES = ("wan", "backhaul", "air", "sense")
 _NODES = ("gs", "cloud", "fog", "uav")
+_IDLE = "nodes that only hold an address"
 _ROLES = (
     ("ground station", ("gs",)),
     ("broker", ("broker",)),
@@ -27,7 +28,7 @@ _ROLES = (
     ("routers", ("router-",)),
     ("autopilots", ("sitl",)),
     ("network and captures", ("net",)),
-    ("nodes that only hold an address", ("cloud", "fog", "uav")),
+    (_IDLE, ("cloud", "fog", "uav")),
 )
 _NODES_WERE_ROLES = (("broker", ("cloud",)), ("activators", ("fog",)), ("UAV clients", ("uav",)))
 _NOT_THE_PROTOCOLS = ("autopilots", "network and captures")
@@ -61,6 +62,10 @@ class Role:
     name: str
     sums: dict[str, float]
     containers: dict[str, list[tuple[str, float]]]
+
+    @property
+    def idle(self) -> bool:
+        return self.name == _IDLE
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ _SAID = {
         },
         "chain": {
             "per-uav": "each drone has routers of its own on every node of its way",
-            "shared": "one router a node for all drones; telemetry it sends to every other drone as well",
+            "shared": "one router a node, for all drones together",
             "direct": "no routers: datagrams are forwarded by IP over the same links",
         },
     },
@@ -83,6 +83,11 @@ def fairness(configuration: dict[str, Any]) -> list[str]:
     chain = _value(configuration, "chain")
     if chain == "direct":
         said.append("Nothing forwards, adds or drops messages on the way: beside a chain it shows what routers cost.")
+    elif chain == "shared":
+        said.append(
+            "A shared router sends telemetry down to every other drone as well; that, and the routers' own heartbeats, "
+            "are among MAVLink's packets and bytes."
+        )
     elif chain:
         said.append(
             "The routers' own heartbeats are among MAVLink's packets and bytes, as MQTT's upkeep is among the other's."

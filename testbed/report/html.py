@@ -24,6 +24,7 @@ def write_report(series: Series, metrics: dict[str, Any]) -> Path:
         name: getattr(words, name)
         for name in ("size", "seconds", "milliseconds", "thousands", "digits", "ratio", "percent", "name_of")
     }
+    environment.filters["tied"] = lambda text: text.replace("(< ", "(<\xa0").replace(" %", "\xa0%")
     environment.filters["at"] = lambda percent: f"{percent:.2f}%"
     attempts = [_attempt(series, attempt, metrics) for attempt in series.attempts()]
     attempts.sort(key=lambda one: (list(dict(words.sides(metrics))).index(one["protocol"]), one["number"]))
@@ -98,6 +99,7 @@ def _attempt(series: Series, attempt: Attempt, metrics: dict[str, Any]) -> dict[
     void = next((entry for entry in side["void"] if entry["attempt"] == attempt.number), None)
     events = attempt.events()
     captures = manifest.get("captures", [])
+    panel = _panel(attempt, events, measured) if measured is not None else None
     return {
         "number": attempt.number,
         "protocol": attempt.protocol,
@@ -107,7 +109,8 @@ def _attempt(series: Series, attempt: Attempt, metrics: dict[str, Any]) -> dict[
         "trouble": _trouble(measured, void, events),
         "folder": attempt.path.relative_to(series.path).as_posix(),
         "files": [path.relative_to(series.path).as_posix() for path in _files(attempt)],
-        "panel": _panel(attempt, events, measured) if measured is not None else None,
+        "panel": panel,
+        "timeline": timeline([panel]) if panel is not None else None,
         "events": events,
         "commands": list(dict.fromkeys(event["command"] for event in events if event["event"] == "command")),
         "dropped": sum(capture.get("dropped") or 0 for capture in captures),
@@ -135,6 +138,7 @@ def _trouble(
         "done": done,
         "step": next((name for name in begun if name not in done), None),
         "begun": any(event["event"] == "mission_start" for event in events),
+        "words": sentences.not_completed(measured["outcomes"], reason or "") if measured is not None else [],
         "truncated": truncated,
     }
 

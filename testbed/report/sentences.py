@@ -61,6 +61,16 @@ def notes(metrics: dict[str, Any]) -> list[str]:
     return said
 
 
+def not_completed(outcomes: dict[str, list[dict[str, Any]]], reason: str) -> list[str]:
+    """The last words other than `completed` that a reason leaves out: 'drone 3: takeoff denied (not healthy)'."""
+    return [
+        f"drone {drone}: {entry['command']} {entry['word']}" + (f" ({entry['reason']})" if entry["reason"] else "")
+        for drone, entries in outcomes.items()
+        for entry in entries
+        if entry["word"] != "completed" and f"drone {drone}: {entry['word']}" not in reason
+    ]
+
+
 def _compared(metrics: dict[str, Any]) -> str:
     ratios = {row.name: row.ratio for row in rows(metrics)}
     mission = ratios["mission time"]

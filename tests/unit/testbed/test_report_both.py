@@ -259,6 +259,18 @@ def test_a_failure_comes_first_with_its_reason_and_where_to_look(series: Series)
     assert shown.index("MAVLink, attempt 1 failed: router-fog1 ended") < shown.index("Over MAVLink")
 
 
+def test_what_each_drone_last_said_is_with_the_failure(series: Series) -> None:
+    said = {"1": "completed", "2": "denied", "3": "unconfirmed"}
+    reasons = {"denied": "not healthy"}
+    outcomes = {
+        drone: [{"command": "takeoff", "word": word, "reason": reasons.get(word), "after_ms": 5.0}]
+        for drone, word in said.items()
+    }
+    metrics = make_series(series, ("mavlink", failed("mavlink", "takeoff: drone 2: denied", outcomes=outcomes)))
+    text = write_report(series, metrics).read_text()
+    assert "<p>drone 3: takeoff unconfirmed.</p>" in text  # what the reason says is not said again
+
+
 def test_a_mission_that_never_began_is_said(series: Series) -> None:
     metrics = make_series(series, ("mavlink", failed("mavlink", "vehicle 3 never appeared", outcomes={}, links={})))
     (series.path / "mavlink" / "attempt-01" / "events.jsonl").unlink()
@@ -284,6 +296,8 @@ def test_several_attempts_are_points_and_rows(series: Series) -> None:
     assert text.count("<u style=") == 6 * 4  # six quantities, four completed attempts
     assert "void, not counted" in text
     assert "attempt 1 over MQTT-XT and attempt 1 over MAVLink are shown in detail" in text
+    assert text.count('class="panel of-') == 4  # the flights of every attempt that counts
+    assert write_report(series, metrics).read_text() == text
 
 
 def test_factors_are_said_in_words_and_what_they_mean() -> None:
