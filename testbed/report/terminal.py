@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -12,6 +13,8 @@ from ..results import Series
 from . import comparison, details, factors, sentences, words
 
 MOST_STREAMS = 8
+ROOM_FOR_BOTH = 105
+"""Columns of the terminal from which both sides' links go into one table."""
 
 
 def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> None:
@@ -27,15 +30,21 @@ def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> 
     if any(len(side["attempts"]) + len(side["void"]) > 1 for side in metrics["protocols"].values()):
         console.print(attempts_table(metrics))
     shown = comparison.shown(metrics)
-    console.print(links_table(shown))
+    for part in [shown] if console.width >= ROOM_FOR_BOTH else [{name: one} for name, one in shown.items()]:
+        console.print(links_table(part))
     if "mavlink" in shown:
         _print_mavlink(shown["mavlink"], console)
+
+
+def _table(title: str) -> Table:
+    """A table without a box around it, so that it fits 80 columns."""
+    return Table(title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
 
 
 def comparison_table(metrics: dict[str, Any]) -> Table:
     """A row a metric, a column a protocol, and the ratio of the two."""
     sides = [protocol for protocol, _ in words.sides(metrics)]
-    table = Table(title=f"arm {metrics['arm']}, profile {metrics['profile']}", title_justify="left")
+    table = _table(f"arm {metrics['arm']}, profile {metrics['profile']}")
     table.add_column("")
     for protocol in sides:
         table.add_column(words.name_of(protocol), justify="right")
@@ -50,7 +59,7 @@ def comparison_table(metrics: dict[str, Any]) -> Table:
 
 def attempts_table(metrics: dict[str, Any]) -> Table:
     """Every attempt; failed ones stay in it, void ones are named and not counted."""
-    table = Table(title="attempts", title_justify="left")
+    table = _table("attempts")
     for heading in ("protocol", "attempt", "status"):
         table.add_column(heading)
     for heading in ("mission", "packets", "bytes", "commands lost", "states lost", "frames lost"):
@@ -77,7 +86,7 @@ def attempts_table(metrics: dict[str, Any]) -> Table:
 def links_table(shown: details.Shown) -> Table:
     """Packets and bytes up and down each link, both sides beside each other."""
     numbers = ", ".join(f"{words.name_of(protocol)} attempt {one['attempt']}" for protocol, one in shown.items())
-    table = Table(title=f"links, up (towards the cloud) / down: {numbers}", title_justify="left")
+    table = _table(f"links, up (towards the cloud) / down: {numbers}")
     table.add_column("link")
     for protocol in shown:
         for heading in ("packets", "bytes", "lost"):
@@ -94,7 +103,7 @@ def links_table(shown: details.Shown) -> Table:
 
 def mix_table(mix: dict[str, Any]) -> Table:
     """What the drones stream over MAVLink, largest first."""
-    table = Table(title="what the drones send over MAVLink", title_justify="left")
+    table = _table("what the drones send over MAVLink")
     table.add_column("message")
     for heading in ("count", "Hz per drone", "bytes", "mean size", "share"):
         table.add_column(heading, justify="right")

@@ -68,8 +68,8 @@ def page_of(series: Series, metrics: dict[str, Any]) -> Page:
     return Page(write_report(series, metrics).read_text())
 
 
-def terminal_of(series: Series, metrics: dict[str, Any]) -> str:
-    console = Console(file=StringIO(), width=140)
+def terminal_of(series: Series, metrics: dict[str, Any], width: int = 140) -> str:
+    console = Console(file=StringIO(), width=width)
     print_summary(series, metrics, console)
     return console.file.getvalue()  # type: ignore[attr-defined, no-any-return]
 
@@ -213,6 +213,14 @@ def test_the_message_mix_is_ordered_by_bytes_and_summed(series: Series) -> None:
     assert ["ODOMETRY", "10,836", "30.0", "2.94 MB", "271 B", "37 %"] in _cells(terminal_of(series, metrics))
 
 
+def test_nothing_is_broken_over_lines_on_a_terminal_of_80_columns(series: Series) -> None:
+    metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")))
+    shown = terminal_of(series, metrics, width=80)
+    assert ["frames lost", "0 of 1,700 (< 0.18 %)", "0 of 450,500 (< 0.00067 %)", "–"] in _cells(shown)
+    assert ["air:uav6", "94 / 94", "8.11 kB / 8.11 kB", "0"] in _cells(shown)
+    assert ["air:uav6", "25,027 / 25,027", "2.34 MB / 2.34 MB", "0"] in _cells(shown)
+
+
 def test_what_a_router_drops_is_named(series: Series) -> None:
     metrics = make_series(series, ("mavlink", entry("mavlink")))
     page = page_of(series, metrics)
@@ -337,4 +345,4 @@ def test_the_smaller_side_is_enlarged_only_where_it_would_not_be_seen() -> None:
 
 
 def _cells(shown: str) -> list[list[str]]:
-    return [[cell.strip() for cell in line.split("│")[1:-1]] for line in shown.splitlines() if line.startswith("│")]
+    return [re.split(r" {2,}", line.strip()) for line in shown.splitlines()]
