@@ -127,6 +127,18 @@ async def test_a_drone_that_disarms_while_holding_fails_it(log: EventLog) -> Non
         await holding
 
 
+async def test_what_a_fleet_says_while_a_step_waits_is_that_steps_reason(log: EventLog, tmp_path: Path) -> None:
+    class Lost(Fleet):
+        async def changed(self) -> None:
+            raise MissionError("drone 2: heartbeats stopped")
+
+    fleet = Lost()
+    fleet.becomes(Status(armed=True, altitude_m=10.0))
+    with pytest.raises(MissionError, match=r"^hold: drone 2: heartbeats stopped$"):
+        await Steps(fleet, log).hold(30)
+    assert _events(tmp_path)[-1]["reason"] == "hold: drone 2: heartbeats stopped"
+
+
 def test_progress_is_a_line_for_programs() -> None:
     shown = StringIO()
     EventLog(Path("/dev/null"), shown).show("land", {1: "armed, 3.0 m"})

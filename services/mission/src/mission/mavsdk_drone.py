@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from dataclasses import asdict
 from typing import Any, TypeVar
@@ -20,6 +21,7 @@ from .events import EventLog
 from .fleet import MissionError
 from .mavsdk_outcomes import Goal, HeartbeatCount, Place, Told, View, landed_of, mode_of
 
+logger = logging.getLogger("mavsdk")
 Value = TypeVar("Value")
 Answer = TypeVar("Answer")
 
@@ -87,19 +89,18 @@ class MavsdkDrone:
         self._clock = asyncio.get_running_loop().time
         self._losing: asyncio.TimerHandle | None = None
         self._logged_place_s = 0.0
-        self._listening = [asyncio.create_task(listening) for listening in self._listeners()]
+        self._tasks = [asyncio.create_task(listening) for listening in self._listeners()]
 
     async def set_up(self) -> None:
         """Ask for what has to be streamed and read the takeoff altitude; raises MissionError when it is refused.
 
-        MAVSDK's Action asks for EXTENDED_SYS_STATE at 1 Hz by itself: it is put back to what the vehicle's own stream
-        set says, so that a set is what its name says. A request that is not answered is repeated until cancelled.
+        A request that is not answered is repeated until cancelled.
         """
         if self._streams == "five-states":
             await self._ask("BATTERY_STATUS", lambda: self._telemetry.set_rate_battery(FIVE_STATES_HZ))
             await self._ask("GLOBAL_POSITION_INT", lambda: self._telemetry.set_rate_position(FIVE_STATES_HZ))
             await self._ask("VFR_HUD", lambda: self._telemetry.set_rate_fixedwing_metrics(FIVE_STATES_HZ))
-        await self._ask("EXTENDED_SYS_STATE", lambda: self._telemetry.set_rate_landed_state(0.0))
+        await self._put_back()
         self.takeoff_altitude_m = await self._ask("takeoff altitude", lambda: self.action.get_takeoff_altitude())
         self.is_set_up = True
         self._tell()
@@ -124,14 +125,27 @@ class MavsdkDrone:
         return Word.COMPLETED, None
 
     async def close(self) -> None:
-        """Stop listening."""
+        """Stop listening and asking."""
         if self._losing is not None:
             self._losing.cancel()
-        for task in self._listening:
+        for task in self._tasks:
             task.cancel()
-        for ended in await asyncio.gather(*self._listening, return_exceptions=True):
+        for ended in await asyncio.gather(*self._tasks, return_exceptions=True):
             if isinstance(ended, Exception):
                 raise ended
+
+    async def _put_back(self) -> None:
+        """EXTENDED_SYS_STATE as the vehicle's own stream set has it, so that a set is what its name says.
+
+        MAVSDK's Action asks for it at 1 Hz by itself, each time a vehicle is connected.
+        """
+        await self._ask("EXTENDED_SYS_STATE", lambda: self._telemetry.set_rate_landed_state(0.0))
+
+    async def _put_back_again(self) -> None:
+        try:
+            await self._put_back()
+        except MissionError as error:
+            logger.warning("%s", error)
 
     async def _ask(self, what: str, ask: Callable[[], Coroutine[Any, Any, Answer]]) -> Answer:
         while True:
@@ -139,7 +153,7 @@ class MavsdkDrone:
                 return await self._calls.run(ask())
             except (TelemetryError, ActionError) as error:
                 if error.result not in _AGAIN:
-                    raise MissionError(f"connect: drone {self.number}: {what}: {error.result.name.lower()}") from error
+                    raise MissionError(f"drone {self.number}: {what}: {error.result.name.lower()}") from error
 
     def _listeners(self) -> list[Coroutine[Any, Any, None]]:
         telemetry = self._telemetry
@@ -192,6 +206,7 @@ class MavsdkDrone:
             self._losing = None
         if connected:
             self.is_lost = False
+            self._tasks.append(asyncio.create_task(self._put_back_again()))
         else:
             self._losing = asyncio.get_running_loop().call_later(LOST_S, self._lose)
         self._tell()

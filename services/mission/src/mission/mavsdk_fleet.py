@@ -90,9 +90,9 @@ class MavsdkFleet:
         for task in self._setting_up:
             task.cancel()
         await asyncio.gather(*self._setting_up, return_exceptions=True)
-        await self._calls.wait()
         for drone in self._drones.values():
             await drone.close()
+        await self._calls.wait()
         mavsdk, self._mavsdk = self._mavsdk, None
         if mavsdk is not None:
             await asyncio.to_thread(mavsdk.destroy)
@@ -146,8 +146,8 @@ class MavsdkFleet:
             else:
                 self._others.add(number)
         for task in self._setting_up:
-            if task.done():
-                task.result()
+            if task.done() and (refused := task.exception()) is not None:
+                raise MissionError(f"connect: {refused}") from refused
         for number, drone in self._drones.items():
             if drone.heartbeats.is_two:
                 raise MissionError(

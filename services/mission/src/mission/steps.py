@@ -59,8 +59,9 @@ class Steps:
             self._log.write("step_done", name=name, ok=False, reason=reason)
             raise MissionError(reason) from None
         except MissionError as error:
-            self._log.write("step_done", name=name, ok=False, reason=str(error))
-            raise
+            reason = str(error) if str(error).startswith(f"{name}: ") else f"{name}: {error}"
+            self._log.write("step_done", name=name, ok=False, reason=reason)
+            raise MissionError(reason) from error
         finally:
             showing.cancel()
             self._show_once(name)
