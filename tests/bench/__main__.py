@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-FIGURES = ("activator", "uav_client", "latency", "bytes_apiece", "bytes_fleet", "deadlines", "sitl_cpu")
+FIGURES = ("activator", "uav_client", "latency", "bytes_apiece", "bytes_fleet", "deadlines", "sitl_cpu", "analysis")
 """Modules of this folder; each has `measure`, which returns lines of text."""
 
 
