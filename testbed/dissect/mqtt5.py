@@ -15,18 +15,14 @@ when it is imported, and counts the packets behind one into its length.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
-from typing import Any
 
-from scapy.config import conf
 from scapy.fields import (
     BitEnumField,
     BitField,
     ByteEnumField,
     ByteField,
     ConditionalField,
-    Field,
     FieldListField,
     PacketListField,
     ShortField,
@@ -35,94 +31,13 @@ from scapy.fields import (
 from scapy.layers.inet import TCP
 from scapy.packet import Packet, bind_layers, split_layers
 
-from .mqtt5_codes import DISCONNECT_REASONS, REASONS, RETAIN_HANDLING, SUBSCRIBE_REASONS, TYPES
-from .mqtt5_fields import Binary, MalformedError, Properties, Text, VariableByteInteger, read_variable, write_variable
+from .mqtt5_base import KINDS as KINDS
+from .mqtt5_base import MQTT as MQTT
+from .mqtt5_base import fixed_header, packet_fields, reason_and_properties
+from .mqtt5_codes import DISCONNECT_REASONS, REASONS, RETAIN_HANDLING, SUBSCRIBE_REASONS
+from .mqtt5_fields import Binary, Properties, Text
 
 PORT = 1883
-
-Fields = list[Any]
-
-
-class MQTT(Packet):
-    """An MQTT 5 control packet: `MQTT(data)` is the one that its first byte says, Raw where there is no whole one."""
-
-    name = "MQTT 5"
-
-    @classmethod
-    def dispatch_hook(cls, _pkt: bytes | None = None, *_: Any, **__: Any) -> type[Packet]:
-        return conf.raw_layer if _pkt is None else _kind_of(_pkt) or conf.raw_layer
-
-    @classmethod
-    def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """For scapy's TCPSession: the first packet once it is whole, what is behind it as padding."""
-        kind, end = _kind_of(data), whole_length(data)
-        if kind is None or end is None:
-            return None
-        packet = kind(data[:end])
-        return packet / conf.padding_layer(data[end:]) if data[end:] else packet
-
-    def do_dissect(self, s: bytes) -> bytes:
-        """The packet's own bytes, as its remaining length says; what is behind them is the next packet's."""
-        end = whole_length(s)
-        if end is None or end > len(s):
-            raise MalformedError("no whole MQTT packet")
-        left = s[:end]
-        self.raw_packet_cache_fields = {}
-        for field in self.fields_desc[:-1]:
-            try:
-                left, value = field.getfield(self, left)
-            except (MalformedError, struct.error):
-                break
-            if value is None:
-                continue
-            if field.islist or field.holds_packets or field.ismutable:
-                kept = self._raw_packet_cache_field_value(field, value, copy=True)
-                self.raw_packet_cache_fields[field.name] = kept
-            self.fields[field.name] = value
-        if left:
-            self.fields["malformed"] = left
-        self.raw_packet_cache = s[:end]
-        self.explicit = 1
-        return s[end:]
-
-    def post_build(self, pkt: bytes, pay: bytes) -> bytes:
-        if self.getfieldval("len") is None:
-            pkt = pkt[:1] + write_variable(len(pkt) - 2) + pkt[2:]
-        return pkt + pay
-
-    def default_payload_class(self, payload: bytes) -> type[Packet]:
-        return _kind_of(payload) or conf.raw_layer
-
-    def mysummary(self) -> str:
-        return f"MQTT {TYPES[self.getfieldval('type')]}"
-
-
-def _packet(kind: int, flags: int, *body: Field[Any, Any] | ConditionalField) -> Fields:
-    """The fields of a control packet: the fixed header, its own, and what they do not explain."""
-    return _fixed_header(kind, [BitField("flags", flags, 4)], *body)
-
-
-def _fixed_header(kind: int, flags: Fields, *body: Any) -> Fields:
-    malformed = ConditionalField(StrField("malformed", b""), lambda pkt: bool(pkt.fields.get("malformed")))
-    return [BitEnumField("type", kind, 4, TYPES), *flags, VariableByteInteger("len", None), *body, malformed]
-
-
-def _reason_and_properties(before: int, names: dict[int, str]) -> Fields:
-    """A reason code and properties that a sender may leave out at the end (3.4.2.1), behind `before` bytes."""
-
-    def has(least: int, names: tuple[str, ...]) -> Callable[[Packet], bool]:
-        def present(pkt: Packet) -> bool:
-            length = pkt.fields.get("len")
-            return any(pkt.fields.get(name) for name in names) if length is None else length >= least
-
-        return present
-
-    return [
-        ConditionalField(
-            ByteEnumField("reason_code", 0, names), has(before + 1, ("reason_code", "properties", "malformed"))
-        ),
-        ConditionalField(Properties(), has(before + 2, ("properties", "malformed"))),
-    ]
 
 
 def _if(flag: str) -> Callable[[Packet], bool]:
@@ -137,7 +52,7 @@ class Connect(MQTT):
     """CONNECT (3.1). The flags say which of the fields behind the client identifier there are."""
 
     name = "MQTT CONNECT"
-    fields_desc = _packet(
+    fields_desc = packet_fields(
         1,
         0,
         Text("protocol_name", "MQTT"),
@@ -164,7 +79,7 @@ class Connack(MQTT):
     """CONNACK (3.2)."""
 
     name = "MQTT CONNACK"
-    fields_desc = _packet(
+    fields_desc = packet_fields(
         2,
         0,
         BitField("reserved", 0, 7),
@@ -178,7 +93,7 @@ class Publish(MQTT):
     """PUBLISH (3.3); `message` is its payload."""
 
     name = "MQTT PUBLISH"
-    fields_desc = _fixed_header(
+    fields_desc = fixed_header(
         3,
         [BitField("dup", 0, 1), BitField("qos", 0, 2), BitField("retain", 0, 1)],
         Text("topic"),
@@ -196,28 +111,28 @@ class Puback(MQTT):
     """PUBACK (3.4)."""
 
     name = "MQTT PUBACK"
-    fields_desc = _packet(4, 0, ShortField("packet_id", 1), *_reason_and_properties(2, REASONS))
+    fields_desc = packet_fields(4, 0, ShortField("packet_id", 1), *reason_and_properties(2, REASONS))
 
 
 class Pubrec(MQTT):
     """PUBREC (3.5)."""
 
     name = "MQTT PUBREC"
-    fields_desc = _packet(5, 0, ShortField("packet_id", 1), *_reason_and_properties(2, REASONS))
+    fields_desc = packet_fields(5, 0, ShortField("packet_id", 1), *reason_and_properties(2, REASONS))
 
 
 class Pubrel(MQTT):
     """PUBREL (3.6)."""
 
     name = "MQTT PUBREL"
-    fields_desc = _packet(6, 2, ShortField("packet_id", 1), *_reason_and_properties(2, REASONS))
+    fields_desc = packet_fields(6, 2, ShortField("packet_id", 1), *reason_and_properties(2, REASONS))
 
 
 class Pubcomp(MQTT):
     """PUBCOMP (3.7)."""
 
     name = "MQTT PUBCOMP"
-    fields_desc = _packet(7, 0, ShortField("packet_id", 1), *_reason_and_properties(2, REASONS))
+    fields_desc = packet_fields(7, 0, ShortField("packet_id", 1), *reason_and_properties(2, REASONS))
 
 
 class Subscription(Packet):
@@ -241,7 +156,7 @@ class Subscribe(MQTT):
     """SUBSCRIBE (3.8)."""
 
     name = "MQTT SUBSCRIBE"
-    fields_desc = _packet(
+    fields_desc = packet_fields(
         8, 2, ShortField("packet_id", 1), Properties(), PacketListField("subscriptions", [], Subscription)
     )
 
@@ -250,7 +165,7 @@ class Suback(MQTT):
     """SUBACK (3.9): a reason code for each filter."""
 
     name = "MQTT SUBACK"
-    fields_desc = _packet(
+    fields_desc = packet_fields(
         9,
         0,
         ShortField("packet_id", 1),
@@ -263,14 +178,16 @@ class Unsubscribe(MQTT):
     """UNSUBSCRIBE (3.10)."""
 
     name = "MQTT UNSUBSCRIBE"
-    fields_desc = _packet(10, 2, ShortField("packet_id", 1), Properties(), FieldListField("filters", [], Text("")))
+    fields_desc = packet_fields(
+        10, 2, ShortField("packet_id", 1), Properties(), FieldListField("filters", [], Text(""))
+    )
 
 
 class Unsuback(MQTT):
     """UNSUBACK (3.11): a reason code for each filter."""
 
     name = "MQTT UNSUBACK"
-    fields_desc = _packet(
+    fields_desc = packet_fields(
         11,
         0,
         ShortField("packet_id", 1),
@@ -283,43 +200,36 @@ class Pingreq(MQTT):
     """PINGREQ (3.12)."""
 
     name = "MQTT PINGREQ"
-    fields_desc = _packet(12, 0)
+    fields_desc = packet_fields(12, 0)
 
 
 class Pingresp(MQTT):
     """PINGRESP (3.13)."""
 
     name = "MQTT PINGRESP"
-    fields_desc = _packet(13, 0)
+    fields_desc = packet_fields(13, 0)
 
 
 class Disconnect(MQTT):
     """DISCONNECT (3.14)."""
 
     name = "MQTT DISCONNECT"
-    fields_desc = _packet(14, 0, *_reason_and_properties(0, DISCONNECT_REASONS))
+    fields_desc = packet_fields(14, 0, *reason_and_properties(0, DISCONNECT_REASONS))
 
 
 class Auth(MQTT):
     """AUTH (3.15)."""
 
     name = "MQTT AUTH"
-    fields_desc = _packet(15, 0, *_reason_and_properties(0, REASONS))
+    fields_desc = packet_fields(15, 0, *reason_and_properties(0, REASONS))
 
 
-KINDS: dict[int, type[MQTT]] = {
-    **{1: Connect, 2: Connack, 3: Publish, 4: Puback, 5: Pubrec, 6: Pubrel, 7: Pubcomp, 8: Subscribe, 9: Suback},
-    **{10: Unsubscribe, 11: Unsuback, 12: Pingreq, 13: Pingresp, 14: Disconnect, 15: Auth},
-}
-
-
-def whole_length(data: bytes) -> int | None:
-    """How long the packet is that `data` begins with, its fixed header included; None where that cannot be told."""
-    try:
-        remaining, start = read_variable(data, 1)
-    except MalformedError:
-        return None
-    return start + remaining
+KINDS.update(
+    {
+        **{1: Connect, 2: Connack, 3: Publish, 4: Puback, 5: Pubrec, 6: Pubrel, 7: Pubcomp, 8: Subscribe, 9: Suback},
+        **{10: Unsubscribe, 11: Unsuback, 12: Pingreq, 13: Pingresp, 14: Disconnect, 15: Auth},
+    }
+)
 
 
 def topic_of(publish: Publish, aliases: dict[int, str]) -> str:
@@ -334,12 +244,6 @@ def topic_of(publish: Publish, aliases: dict[int, str]) -> str:
     if topic:
         aliases[alias] = topic
     return aliases.get(alias, "")
-
-
-def _kind_of(data: bytes) -> type[MQTT] | None:
-    """The class of the whole packet that `data` begins with, None when there is none."""
-    length = whole_length(data)
-    return KINDS.get(data[0] >> 4) if length is not None and length <= len(data) else None
 
 
 def bind(port: int = PORT) -> None:

@@ -5,18 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from attempts import SECOND, T0, make_attempt
+from attempts import SECOND, T0, frame, make_attempt, publish
 from mavlink_attempts import Chain, long_command, make_mavlink_attempt, packed, sender, stream_message
 from pymavlink.dialects.v20 import common
+from scapy.layers.l2 import Ether
 from typer.testing import CliRunner, Result
 
 from mqttxt.messages import BeaconMessage, CommandMessage, Presence
 from mqttxt.rankings import SelectMessage
 from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE
 from testbed.cli import app
+from testbed.dissect import mqtt5
 from testbed.errors import UserError
 from testbed.packets_view import cli
 from testbed.packets_view.choice import find_attempts
+from testbed.packets_view.frames import dissect
 from testbed.packets_view.words import payload_class, said_by_publish
 from testbed.results import Series, point_latest
 
@@ -181,6 +184,19 @@ def test_a_capture_that_is_cut_off_is_read_up_to_the_cut_and_it_is_said(mqtt_ser
     assert done.exit_code == 0
     assert done.output.splitlines()[1] == "cut off, read up to the cut: uav1.pcap"
     assert "5.000000" not in done.output
+
+
+def test_a_segment_that_begins_within_a_packet_is_left_as_bytes() -> None:
+    whole = publish("drone1/state/battery", b"\x30\x02ab" * 9)
+    for body, kinds, found in (
+        (whole, ["publish"], True),
+        (whole + whole[:9], ["publish", "publish"], True),
+        (whole[24:], [], False),
+        (whole[24:] + b"\xc0\x00", ["pingreq"], False),
+    ):
+        packet = dissect(Ether(frame("uav1", "fog1", body, 1)), "mqtt", kinds)
+        assert (mqtt5.Publish in packet) == found
+        assert bytes(packet)[54:] == body
 
 
 def test_every_topic_of_the_table_names_its_message() -> None:
