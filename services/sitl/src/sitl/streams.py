@@ -44,7 +44,10 @@ RATES_HZ: dict[str, tuple[float, float, float]] = {
 FASTEST_HZ = 100.0
 """As fast as the stand-in's clock ticks."""
 LATE_S = 0.1
-"""What fell due so long ago is still sent; what is older is left out, as after a standstill."""
+"""What fell due so long ago is still sent; what is older is left out, as after a standstill.
+
+So 45 messages come at once at the most, which a router's queue of 64 takes.
+"""
 PX4_SETS = ("px4-onboard", "px4-normal", "px4-gcs")
 SETS = (*PX4_SETS, "five-states")
 """`five-states` begins with heartbeats: whoever wants more asks for it by SET_MESSAGE_INTERVAL."""
