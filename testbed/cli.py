@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +18,7 @@ from .errors import DockerError, TestbedError
 from .experiments import ARMS, FACTORS, PROTOCOLS, make_plan, one_protocol
 from .flights import by_hand, settings_of
 from .metrics import measure_series
+from .overrides import suffix
 from .packets_view.cli import packets
 from .progress import ConsoleProgress
 from .report.html import write_report
@@ -64,7 +66,7 @@ def run(
             settings_of(plan, protocol)  # what is wrong with it is said before anything is written
         console = _console()
         only_run()
-        series = new_series(results.absolute(), plan.experiment, plan.label, plan.profile)
+        series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile)
         try:
             endings = run_series(plan, series, ConsoleProgress(console))
         except DockerError:

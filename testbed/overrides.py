@@ -28,6 +28,12 @@ def chosen(environment: Mapping[str, str], protocols: tuple[str, ...] = ()) -> d
     return found
 
 
+def suffix(settings: Mapping[str, str]) -> str:
+    """What the results' path says of them, as `+autopilot-px4`; a file of one's own by its name."""
+    found = [f"+{name.lower()}-{Path(settings[name]).stem}" for name in OVERRIDES if settings.get(name)]
+    return "".join(found)
+
+
 def compose_files(settings: Mapping[str, str]) -> list[Path]:
     """compose.yaml and what is laid over it, in the order in which compose takes them."""
     return [COMPOSE_FILE, *(_file(name, settings[name]) for name in OVERRIDES if settings.get(name))]

@@ -94,6 +94,9 @@ def fairness(configuration: dict[str, Any]) -> list[str]:
         )
     if _value(configuration, "qos") == "0":
         said.append("QoS 0 spares MQTT-XT the acknowledgements of MQTT; those of TCP are counted.")
+    for name, instead in (("AUTOPILOT", "the stand-in's place"), ("ROUTER", "the place of mavp2p as it is built here")):
+        if configuration.get(name):
+            said.append(f"Flown with {name}={configuration[name]} in {instead}.")
     return said
 
 

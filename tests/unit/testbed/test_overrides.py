@@ -13,7 +13,7 @@ from testbed import cli
 from testbed.errors import UserError
 from testbed.experiments import make_plan
 from testbed.flights import settings_of
-from testbed.overrides import OVERRIDES, chosen, compose_files
+from testbed.overrides import OVERRIDES, chosen, compose_files, suffix
 from testbed.topology import COMPOSE_FILE, ROOT
 
 
@@ -87,3 +87,9 @@ def _services(path: Path) -> dict[str, Any]:
 def _fleet() -> dict[str, Any]:
     found: dict[str, Any] = yaml.safe_load((ROOT / "services" / "sitl" / "fleet.yaml").read_text())
     return found
+
+
+def test_the_results_path_names_what_was_laid_over(tmp_path: Path) -> None:
+    assert suffix({}) == suffix({"AUTOPILOT": "", "ROUTER": ""}) == ""
+    assert suffix({"AUTOPILOT": "px4", "ROUTER": "official"}) == "+autopilot-px4+router-official"
+    assert suffix({"AUTOPILOT": str(tmp_path / "mine.yaml")}) == "+autopilot-mine"

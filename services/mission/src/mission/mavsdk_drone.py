@@ -27,7 +27,8 @@ Answer = TypeVar("Answer")
 
 LOST_S = 10.0
 """A drone is lost when it stays away so long after MAVSDK missed its heartbeats for three seconds."""
-LOCATION_LOG_S = 1.0
+LOCATION_LOG_S = 0.75
+"""Fifty locations a second are too many for the events; of those that come once a second none is left out."""
 FIVE_STATES_HZ = 1.0
 STREAM_SETS = ("px4-onboard", "px4-gcs", "five-states")
 _AGAIN = (TelemetryResult.TIMEOUT, TelemetryResult.BUSY, ActionResult.TIMEOUT, ActionResult.BUSY)
