@@ -259,6 +259,7 @@ async def test_a_lost_acknowledgement_is_unconfirmed(sky: Sky) -> None:
 
 
 async def test_closed_in_the_middle_of_a_call_nothing_of_mavsdk_stays(sky: Sky) -> None:
+    before = _foreign_threads()
     ports = _ports(1)
     sitl = sky.fly(1, ports[1])
     fleet = sky.fleet(ports)
@@ -267,7 +268,7 @@ async def test_closed_in_the_middle_of_a_call_nothing_of_mavsdk_stays(sky: Sky) 
     with pytest.raises(TimeoutError):
         await asyncio.wait_for(fleet.arm(), 0.3)
     await fleet.close()
-    assert _foreign_threads() == set()
+    assert _foreign_threads() <= before
 
 
 def _intervals(sky: Sky, drone: int) -> list[float]:
