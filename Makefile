@@ -37,7 +37,7 @@ down: containers ## End what `make up` started
 report: venv ## Make metrics and report of the newest results again, without Docker
 	@$(PYTHON) -m testbed report results/*/latest
 
-test: containers tools ## Run every check and every test (about 20 minutes)
+test: containers tools ## Run every check and every test (about 25 minutes)
 	@$(MAKE) --no-print-directory lint
 	@$(PYTHON) -m pytest
 
