@@ -83,6 +83,31 @@ def test_bundles_are_served_from_topics_and_states_wait_for_each_other() -> None
     assert bundles(bench.until(bench.now_ms + 1000)) == [[(1, "armed")]]
 
 
+def test_no_value_of_a_state_that_comes_once_a_second_is_overtaken_whatever_the_clocks_drift() -> None:
+    bench = ready(controlled=False)
+    bench.register(bundles=True, control=Control.NONE)
+    told: list[Any] = []
+    for value in range(28):
+        told += bench.tell(Groundspeed(value))
+        told += bench.until(bench.now_ms + 880 + 20 * (value % 3))
+    told += bench.until(bench.now_ms + 1500)
+    heard = [found for publish in of(told, "fog1/states") for found in states_of(decode(FogBundle, publish.payload))]
+    speeds = [stamped.state.groundspeed_m_s for _, stamped in heard if isinstance(stamped.state, Groundspeed)]
+    assert speeds == list(range(28))
+    assert len(of(told, "fog1/states")) <= 30
+
+
+def test_of_a_state_that_comes_faster_than_bundles_leave_the_newest_counts() -> None:
+    bench = ready(controlled=False)
+    bench.register(bundles=True, control=Control.NONE)
+    bench.until(bench.now_ms + 1000)
+    told: list[Any] = []
+    for value in range(50):
+        told += bench.tell(Groundspeed(value))
+        told += bench.until(bench.now_ms + 200)
+    assert 9 <= len(of(told, "fog1/states")) <= 11
+
+
 def test_a_station_for_each_form_gets_each_form() -> None:
     bench = ready()
     bench.register(name="beta", session=9, bundles=True)

@@ -17,6 +17,9 @@ from .effects import Effect, Publish
 from .leases import Leases
 from .settings import Settings, next_turn_ms
 
+PATIENCE = 0.75
+"""Of a bundle's interval: a state that comes no more often than that comes as often as bundles leave."""
+
 
 class StateRelay:
     """Keeps every drone's states and tells them to the registered stations, in the form that each asked for."""
@@ -29,6 +32,7 @@ class StateRelay:
         self._drones = drones
         self._leases = leases
         self._bundled: dict[tuple[int, str], StampedState] = {}
+        self._came_ms: dict[tuple[int, str], int] = {}
         self._next_bundle_ms = 0
         self._is_urgent = False
 
@@ -53,6 +57,7 @@ class StateRelay:
         """Bundles and rankings that are due."""
         if not self._leases:
             self._bundled.clear()
+            self._came_ms.clear()
             return []
         out: list[Effect] = []
         if self._bundled and (now_ms >= self._next_bundle_ms or self._is_urgent):
@@ -82,16 +87,31 @@ class StateRelay:
         if relayed is None:
             return []
         bundles = not name.startswith(MAVLINK_STATE)
-        if bundles and self._leases.want_bundles:
-            self._bundled[link.number, name] = relayed
+        out = self._bundle((link.number, name), relayed, now_ms) if bundles and self._leases.want_bundles else []
         if bundles and not self._leases.want_topics:
-            return []
+            return out
         payload = encode_state(relayed, self._settings.encoding)
-        return [Publish(CLOUD, self._cloud.drone_state(link.number, name), payload, qos=0)]
+        return [*out, Publish(CLOUD, self._cloud.drone_state(link.number, name), payload, qos=0)]
+
+    def _bundle(self, key: tuple[int, str], state: StampedState, now_ms: int) -> list[Effect]:
+        """Keep a state for the next bundle.
+
+        One that comes about as often as bundles leave must not be overtaken by its next value because the two clocks
+        drift: then the bundle leaves first, and the next one half a turn later. Of faster ones the newest counts.
+        """
+        out: list[Effect] = []
+        interval_ms = self._settings.bundle_ms
+        if key in self._bundled and now_ms - self._came_ms[key] >= PATIENCE * interval_ms:
+            self._next_bundle_ms = now_ms + interval_ms // 2
+            out = self._bundles()
+        self._bundled[key] = state
+        self._came_ms[key] = now_ms
+        return out
 
     def _bundles(self) -> list[Effect]:
         pairs = [(drone, state) for (drone, _), state in self._bundled.items()]
         self._bundled.clear()
+        self._came_ms.clear()
         return [
             Publish(CLOUD, self._cloud.states, encode(bundle, self._settings.encoding), qos=0)
             for bundle in fog_bundles(pairs)
