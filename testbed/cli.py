@@ -20,6 +20,7 @@ from .flights import by_hand, settings_of
 from .metrics import measure_series
 from .overrides import suffix
 from .packets_view.cli import packets
+from .profiles import cli as profiles
 from .progress import ConsoleProgress
 from .report.html import write_report
 from .report.terminal import print_summary
@@ -170,6 +171,9 @@ def _errors_as_lines() -> Iterator[None]:
 
 
 app.command()(_errors_as_lines()(packets))
+_profiles = typer.Typer(invoke_without_command=True, callback=_errors_as_lines()(profiles.profiles))
+_profiles.command()(_errors_as_lines()(profiles.show))
+app.add_typer(_profiles, name="profiles")
 
 
 def main() -> None:

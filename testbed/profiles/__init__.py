@@ -1,0 +1,9 @@
+"""Link profiles: from a file that a person reads to a plan of data, and from the plan to commands for the kernel.
+
+units     figures with their units
+reading   a file and what it inherits, checked against the schema -> `Profile`
+draws     seeds, and the times of outages and bursts
+resolve   profile, topology, experiment, attempt -> `Plan`, which every shaper takes
+checks    what the schema cannot say: figures that do not fit together
+kernel    plan -> `ip` and `tc` commands
+"""
