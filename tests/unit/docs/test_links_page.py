@@ -1,0 +1,44 @@
+"""The page about links says what the profiles and their schema are."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+from testbed.profiles.reading import SCHEMA_FILE, profile_names, read_profile
+from testbed.profiles.resolve import resolve
+from testbed.topology import read_topology
+
+PAGE = (Path(__file__).resolve().parents[3] / "docs" / "links.md").read_text()
+
+
+def test_every_profile_has_its_row() -> None:
+    rows = dict(re.findall(r"^\| `([a-z0-9-]+)` \| (.*) \|$", PAGE.partition("## Which link")[0], re.MULTILINE))
+    assert rows == {name: read_profile(name).description for name in profile_names()}
+
+
+def test_every_field_of_the_schema_is_told() -> None:
+    schema = json.loads(SCHEMA_FILE.read_text())
+    told = set(re.findall(r"`([a-z]+)[`:]", PAGE)) | set(re.findall(r"^ *([a-z]+):", PAGE, re.MULTILINE))
+    fields = {name for part in ("link", "figures", "change", "event") for name in schema["$defs"][part]["properties"]}
+    assert fields | set(schema["properties"]) <= told | {"up", "down"}
+
+
+def test_the_profile_of_ones_own_resolves(tmp_path: Path) -> None:
+    (block,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    path = tmp_path / "valley.yaml"
+    path.write_text(block)
+    plan = resolve(read_profile(str(path)), read_topology(), "scenario-1", 1)
+    assert (plan.links["air:uav3:up"].loss, plan.links["air:uav2:up"].loss) == (0.04, 0.005)
+    assert [event.link for event in plan.events] == ["air:uav3:up", "air:uav3:down"]
+
+
+def test_the_plan_in_the_page_is_the_one_that_is_made() -> None:
+    (block,) = re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
+    told = json.loads(block)
+    made = resolve(read_profile(told["profile"]), read_topology(), "scenario-1", 1).to_data()
+    assert told["links"].items() <= made["links"].items()
+    assert told["events"] == made["events"][:1]
+    assert {key: told[key] for key in ("version", "seed")} == {key: made[key] for key in ("version", "seed")}
+    assert set(told) == set(made)
