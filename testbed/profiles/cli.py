@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..errors import UserError
+from ..experiments import MOST_ATTEMPTS
 from ..topology import read_topology
 from .kernel import Commands, commands_of, directed_links
 from .reading import Profile, profile_names, read_profile
@@ -34,15 +35,17 @@ def profiles(context: typer.Context) -> None:
 def show(
     name: Annotated[str, typer.Argument(help="A profile's name, or the path of a file of your own.")],
     experiment: Annotated[str, typer.Option(help="What is flown; the seed depends on it.")] = "scenario-1",
-    attempt: Annotated[int, typer.Option(min=1, help="Which attempt; the seed depends on it.")] = 1,
+    attempt: Annotated[str, typer.Option(help="Which attempt; the seed depends on it.")] = "1",
     length: Annotated[str, typer.Option(help="How long the links are shaped, as 60s.")] = "60s",
     sources: Annotated[bool, typer.Option("--sources", help="Say where each figure comes from instead.")] = False,
     json_plan: Annotated[bool, typer.Option("--json", help="Only the plan that shapers take, as JSON.")] = False,
 ) -> None:
     """Show a profile's links in a table, then its events and the commands for a kernel that has netem."""
+    if not attempt.isascii() or not attempt.isdecimal() or not 1 <= int(attempt) <= MOST_ATTEMPTS:
+        raise UserError(f"--attempt {attempt}: expected a whole number from 1 to {MOST_ATTEMPTS}")
     topology = read_topology()
     profile = read_profile(name)
-    plan = resolve(profile, topology, experiment, attempt, _seconds(length))
+    plan = resolve(profile, topology, experiment, int(attempt), _seconds(length))
     if json_plan:
         typer.echo(json.dumps(plan.to_data(), indent=1))
         return

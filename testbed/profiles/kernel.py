@@ -22,15 +22,17 @@ Interfaces towards nodes are written `@uav1`: their names are only known inside 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 from ..topology import Topology
 from .draws import link_seed
 from .reading import DIRECTIONS
-from .resolve import LinkPlan, Plan
+from .resolve import EventPlan, LinkPlan, Plan
 
 RATE_DEVICE = "rate"
 IN_ORDER_BPS = 10_000_000_000
@@ -60,9 +62,22 @@ class Directed:
     states: tuple[tuple[float, LinkPlan, bool], ...]
     """(from when on in seconds, figures, whether it is closed), the first at 0."""
 
-    @property
+    @cached_property
     def has_rate(self) -> bool:
         return any(state.rate_bps is not None for _, state, _ in self.states)
+
+    @cached_property
+    def has_jitter(self) -> bool:
+        return any(state.jitter_us for _, state, _ in self.states)
+
+    @cached_property
+    def has_corruption(self) -> bool:
+        return any(state.corrupt for _, state, _ in self.states)
+
+    @cached_property
+    def limit(self) -> int:
+        """Room for all that can be on its way at any time: a frame that found none would be lost by mistake."""
+        return max(_in_flight(state) for _, state, _ in self.states)
 
     @property
     def is_shared(self) -> bool:
@@ -124,20 +139,27 @@ def directed_links(plan: Plan, topology: Topology) -> list[Directed]:
 
 def _states(plan: Plan, name: str) -> Iterator[tuple[float, LinkPlan, bool]]:
     """A link's figures over time: later events stand above earlier ones for as long as they last."""
-    link = plan.links[name]
-    events = [event for event in plan.events if event.link == name]
-    times = {0.0} | {event.at_s for event in events} | {round(event.at_s + event.for_s, 6) for event in events}
+    base = asdict(plan.links[name])
+    ahead = deque(event for event in plan.events if event.link == name)
+    times = {0.0} | {event.at_s for event in ahead} | {_end_of(event) for event in ahead}
+    lasting: list[EventPlan] = []
     last: tuple[LinkPlan, bool] | None = None
     for at_s in sorted(times):
-        figures = asdict(link)
-        for event in events:
-            if event.at_s <= at_s < round(event.at_s + event.for_s, 6):
-                figures |= event.change
+        while ahead and ahead[0].at_s <= at_s:
+            lasting.append(ahead.popleft())
+        lasting = [event for event in lasting if at_s < _end_of(event)]
+        figures: dict[str, Any] = dict(base)
+        for event in lasting:
+            figures |= event.change
         closed = bool(figures.pop("closed", False))
         state = (LinkPlan(**figures), closed)
         if state != last:
             yield at_s, *state
         last = state
+
+
+def _end_of(event: EventPlan) -> float:
+    return round(event.at_s + event.for_s, 6)
 
 
 def beyond(topology: Topology, source: str, first: str) -> list[str]:
@@ -197,7 +219,7 @@ def _netem(verb: str, link: Directed, step: int, seed: int) -> Words:
 def _impairments(link: Directed, step: int) -> str:
     """What netem is told; a change leaves corruption and rate as they are unless they are named, so they always are."""
     _, state, closed = link.states[step]
-    words = [f"limit {_limit(link)}"]
+    words = [f"limit {link.limit}"]
     if state.delay_us:
         words.append(f"delay {state.delay_us}us")
         if state.jitter_us:
@@ -208,9 +230,9 @@ def _impairments(link: Directed, step: int) -> str:
     loss = 1.0 if closed else state.loss
     words += [f"loss {_percent(loss)}"] if loss else []
     words += [f"duplicate {_percent(state.duplicate)}"] if state.duplicate else []
-    if any(each.corrupt for _, each, _ in link.states):
+    if link.has_corruption:
         words.append(f"corrupt {_percent(state.corrupt)}")
-    if not state.reordering and any(each.jitter_us for _, each, _ in link.states):
+    if link.has_jitter and not state.reordering:
         words.append(f"rate {IN_ORDER_BPS}bit")
     return " ".join(words)
 
@@ -237,11 +259,6 @@ def _changes(link: Directed, seed: int) -> Iterator[tuple[float, Words]]:
             yield from ((at_s, words) for words in _rate_stage("change", link, state))
         if _impairments(link, step) != _impairments(link, step - 1):
             yield at_s, _netem("change", link, step, seed)
-
-
-def _limit(link: Directed) -> int:
-    """Room for all that can be on its way at any time of the run: a frame that finds none would be lost by mistake."""
-    return max(_in_flight(state) for _, state, _ in link.states)
 
 
 def _in_flight(state: LinkPlan) -> int:

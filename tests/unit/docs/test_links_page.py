@@ -10,6 +10,8 @@ from testbed.profiles.reading import SCHEMA_FILE, profile_names, read_profile
 from testbed.profiles.resolve import resolve
 from testbed.topology import read_topology
 
+TOPOLOGY = read_topology()
+
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "links.md").read_text()
 
 
@@ -29,7 +31,7 @@ def test_the_profile_of_ones_own_resolves(tmp_path: Path) -> None:
     (block,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
     path = tmp_path / "valley.yaml"
     path.write_text(block)
-    plan = resolve(read_profile(str(path)), read_topology(), "scenario-1", 1)
+    plan = resolve(read_profile(str(path)), TOPOLOGY, "scenario-1", 1)
     assert (plan.links["air:uav3:up"].loss, plan.links["air:uav2:up"].loss) == (0.04, 0.005)
     assert [event.link for event in plan.events] == ["air:uav3:up", "air:uav3:down"]
 
@@ -37,7 +39,7 @@ def test_the_profile_of_ones_own_resolves(tmp_path: Path) -> None:
 def test_the_plan_in_the_page_is_the_one_that_is_made() -> None:
     (block,) = re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
     told = json.loads(block)
-    made = resolve(read_profile(told["profile"]), read_topology(), "scenario-1", 1).to_data()
+    made = resolve(read_profile(told["profile"]), TOPOLOGY, "scenario-1", 1).to_data()
     assert told["links"].items() <= made["links"].items()
     assert told["events"] == made["events"][:1]
     assert {key: told[key] for key in ("version", "seed")} == {key: made[key] for key in ("version", "seed")}

@@ -14,13 +14,15 @@ from testbed.profiles.reading import Rule, read_profile
 from testbed.profiles.resolve import EventPlan, Plan, resolve
 from testbed.topology import read_topology
 
+TOPOLOGY = read_topology()
+
 SECOND = 1_000_000
 
 
 def _plan(folder: Path, event: str, links: str = "{}", attempt: int = 1, length_s: float = 60) -> Plan:
     path = folder / "own.yaml"
     path.write_text(f"description: own\nlinks: {links}\nevents: [{{{event}, source: s}}]")
-    return resolve(read_profile(str(path)), read_topology(), "scenario-1", attempt, length_s)
+    return resolve(read_profile(str(path)), TOPOLOGY, "scenario-1", attempt, length_s)
 
 
 def _refusal(folder: Path, event: str, links: str = "{}") -> str:

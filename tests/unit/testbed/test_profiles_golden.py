@@ -18,6 +18,8 @@ from testbed.profiles.reading import profile_names, read_profile
 from testbed.profiles.resolve import resolve
 from testbed.topology import read_topology
 
+TOPOLOGY = read_topology()
+
 GOLDEN = Path(__file__).parent / "golden"
 NAMES = [*profile_names(), "everything"]
 LENGTH_S = 30
@@ -33,12 +35,11 @@ def _as_text(data: dict[str, Any]) -> str:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_profile_gives_its_plan_and_the_plan_its_commands(name: str) -> None:
-    topology = read_topology()
     given = name if name in profile_names() else str(GOLDEN / f"{name}.yaml")
-    plan = resolve(read_profile(given), topology, "scenario-1", 1, LENGTH_S)
+    plan = resolve(read_profile(given), TOPOLOGY, "scenario-1", 1, LENGTH_S)
     found = {
         f"{name}.plan.json": _as_text(plan.to_data()),
-        f"{name}.commands.txt": "".join(f"{line}\n" for line in script_of(commands_of(plan, topology))),
+        f"{name}.commands.txt": "".join(f"{line}\n" for line in script_of(commands_of(plan, TOPOLOGY))),
     }
     assert json.loads(found[f"{name}.plan.json"]) == plan.to_data()
     for file, text in found.items():

@@ -15,17 +15,19 @@ from testbed.profiles.reading import FOLDER, profile_names, read_profile
 from testbed.profiles.resolve import Plan, resolve
 from testbed.topology import read_topology
 
+TOPOLOGY = read_topology()
+
 AIR = "{air: {both: {delay: 40ms, source: s}}}"
 
 
 def _plan(folder: Path, links: str, events: str = "[]") -> Plan:
     path = folder / "own.yaml"
     path.write_text(f"description: own\nlinks: {links}\nevents: {events}")
-    return resolve(read_profile(str(path)), read_topology(), "scenario-1", 1, 60)
+    return resolve(read_profile(str(path)), TOPOLOGY, "scenario-1", 1, 60)
 
 
 def _commands(folder: Path, links: str, events: str = "[]") -> Commands:
-    return commands_of(_plan(folder, links, events), read_topology())
+    return commands_of(_plan(folder, links, events), TOPOLOGY)
 
 
 def _about(commands: Commands, *parts: str) -> list[str]:
@@ -41,23 +43,21 @@ def test_an_unshaped_link_meets_no_command(tmp_path: Path) -> None:
 
 
 def test_a_destination_tells_the_link_that_a_frame_takes_from_a_node() -> None:
-    topology = read_topology()
-    assert beyond(topology, "fog1", "cloud") == ["gs", "cloud", "fog2", "uav4", "uav5", "uav6"]
-    assert beyond(topology, "fog1", "uav2") == ["uav2"]
-    assert beyond(topology, "cloud", "fog2") == ["fog2", "uav4", "uav5", "uav6"]
-    assert len(beyond(topology, "uav1", "fog1")) == 9
+    assert beyond(TOPOLOGY, "fog1", "cloud") == ["gs", "cloud", "fog2", "uav4", "uav5", "uav6"]
+    assert beyond(TOPOLOGY, "fog1", "uav2") == ["uav2"]
+    assert beyond(TOPOLOGY, "cloud", "fog2") == ["fog2", "uav4", "uav5", "uav6"]
+    assert len(beyond(TOPOLOGY, "uav1", "fog1")) == 9
 
 
 def test_every_frame_between_nodes_meets_exactly_one_link_on_each_hop() -> None:
     """On the interface of each node every other node's address is matched once, whatever link it leads to."""
-    topology = read_topology()
-    plan = resolve(read_profile("lossy"), topology, "scenario-1", 1)
+    plan = resolve(read_profile("lossy"), TOPOLOGY, "scenario-1", 1)
     found = Counter(
         (match[1], match[2])
-        for words in commands_of(plan, topology).begin
+        for words in commands_of(plan, TOPOLOGY).begin
         if (match := re.search(r"dev @(\w+) ingress .* dst ([\d.]+)/32", " ".join(words)))
     )
-    pairs = {(one.name, other.address) for one in topology.nodes for other in topology.nodes if one != other}
+    pairs = {(one.name, other.address) for one in TOPOLOGY.nodes for other in TOPOLOGY.nodes if one != other}
     assert found == dict.fromkeys(pairs, 1)
 
 
@@ -130,9 +130,7 @@ def test_events_that_overlap_add_up_and_end_one_by_one(tmp_path: Path) -> None:
         " {link: 'air:uav3:up', at: 22s, for: 2s, change: {closed: true}, source: s},"
         " {link: 'air:uav3:up', at: 23s, for: 9s, change: {delay: 80ms}, source: s}]"
     )
-    link = next(
-        each for each in directed_links(_plan(tmp_path, AIR, events), read_topology()) if "uav3:up" in each.name
-    )
+    link = next(each for each in directed_links(_plan(tmp_path, AIR, events), TOPOLOGY) if "uav3:up" in each.name)
     assert [(at_s, state.delay_us, state.loss, closed) for at_s, state, closed in link.states] == [
         (0.0, 40_000, 0.0, False),
         (20.0, 40_000, 0.2, False),
@@ -170,8 +168,7 @@ def test_a_link_that_only_an_event_shapes_is_prepared_from_the_beginning(tmp_pat
 
 def test_devices_have_names_that_the_kernel_takes_and_everything_made_is_removed() -> None:
     for name in profile_names():
-        topology = read_topology()
-        commands = commands_of(resolve(read_profile(name), topology, "scenario-1", 1, 30), topology)
+        commands = commands_of(resolve(read_profile(name), TOPOLOGY, "scenario-1", 1, 30), TOPOLOGY)
         made = {words[3] for words in commands.begin if words[:3] == ("ip", "link", "add")}
         assert all(len(device) <= 15 and "/" not in device for device in made)
         assert made == {words[3] for words in commands.end if words[0] == "ip"}
@@ -229,6 +226,7 @@ def test_ideal_has_no_commands() -> None:
     ("words", "said"),
     [
         (["show", "5g"], "PROFILE=5g: expected one of ideal, 3g"),
+        (["show", "lte", "--attempt", "0"], "--attempt 0: expected a whole number from 1 to 99"),
         (["show", "lte", "--length", "60"], "--length 60: expected a time with its unit (us, ms, s), as 25ms"),
         (["show", "lte", "--length", "0s"], "--length 0s: expected more than 0s, at most 3600s"),
     ],

@@ -18,6 +18,8 @@ from testbed.profiles.reading import FOLDER, PARSERS, SCHEMA_FILE, profile_names
 from testbed.profiles.resolve import LinkPlan, Plan, resolve
 from testbed.topology import ROOT, read_topology
 
+TOPOLOGY = read_topology()
+
 HEADER = "# yaml-language-server: $schema=profile.schema.json"
 FACTS = {"ideal", "lan", "thesis", "lte", "3g", "edge", "leo", "geo", "sik", "lossy", "bursty"}
 
@@ -29,7 +31,7 @@ def _write(folder: Path, text: str, name: str = "own") -> str:
 
 
 def _resolve(name: str, folder: Path = FOLDER) -> Plan:
-    return resolve(read_profile(name, folder), read_topology(), "scenario-1", 1)
+    return resolve(read_profile(name, folder), TOPOLOGY, "scenario-1", 1)
 
 
 def _refusal(folder: Path, text: str) -> str:
