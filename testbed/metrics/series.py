@@ -11,13 +11,13 @@ from typing import Any
 import jsonschema
 
 from ..errors import ResultsError
-from ..packets import load
+from ..packets import Packets, load
 from ..results import METRICS, Attempt, Series, write_json
 from ..validity import common_revision, unsound_reason
 from . import mavlink, mqttxt
 from .traffic import count_before, count_foreign, count_links, count_mqtt
 from .ways import Ways
-from .window import Window, mission_window
+from .window import Window, arm_asked_ns, mission_window
 
 METRICS_VERSION = 1
 """Rises when a field goes or its meaning changes; fields that are added leave it as it is."""
@@ -67,23 +67,26 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
     unsound = unsound_reason(attempt, manifest, events) if status == "completed" else None
     if unsound is not None:
         status, reason = "void", unsound
-    window = mission_window(attempt, events)
+    packets = load(attempt) if arm_asked_ns(events) is not None else None
+    window = mission_window(attempt, events, packets)
     return {
         "attempt": attempt.number,
         "status": status,
         "reason": reason,
         "mission_s": round(window.seconds, 3) if window is not None and status == "completed" else None,
-        **(_measured(attempt, window, events) if window is not None else _NOT_FLOWN),
+        **(_NOT_FLOWN if packets is None or window is None else _measured(attempt, manifest, packets, window, events)),
         "outcomes": outcomes(events),
         "cpu_s": manifest.get("cpu_s", {}),
     }
 
 
-def _measured(attempt: Attempt, window: Window, events: list[dict[str, Any]]) -> dict[str, Any]:
+def _measured(
+    attempt: Attempt, manifest: dict[str, Any], packets: Packets, window: Window, events: list[dict[str, Any]]
+) -> dict[str, Any]:
     """What the packets of a mission's window say."""
-    packets, ways = load(attempt), Ways(attempt.topology())
+    ways = Ways(attempt.topology())
     is_mavlink = attempt.protocol == "mavlink"
-    shared = attempt.manifest()["configuration"].get("chain") == "shared"
+    shared = manifest["configuration"].get("chain") == "shared"
     exchange = (mavlink if is_mavlink else mqttxt).measure(packets, ways, window, events)
     links = count_links(packets, window)
     entered = sum(link.packets for link in links.values())

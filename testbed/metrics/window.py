@@ -45,7 +45,7 @@ def mission_window(attempt: Attempt, events: list[dict[str, Any]], packets: Pack
 
     `packets` is the attempt's packets table, loaded if it is not given.
     """
-    asked_ns = next((e["t_ns"] for e in events if e["event"] == "command" and e["command"] == "arm"), None)
+    asked_ns = arm_asked_ns(events)
     if asked_ns is None:
         return None
     start_ns = _first_command_ns(attempt, packets if packets is not None else load(attempt), asked_ns)
@@ -60,6 +60,11 @@ def mission_window(attempt: Attempt, events: list[dict[str, Any]], packets: Pack
         return Window(start_ns, max(disarmed), asked_ns)
     last_ns = max([ended[-1]["t_ns"]] if ended else [event["t_ns"] for event in events])
     return Window(start_ns, max(last_ns, start_ns), asked_ns)
+
+
+def arm_asked_ns(events: list[dict[str, Any]]) -> int | None:
+    """When the mission first asked for an arming; None when it never began."""
+    return next((int(e["t_ns"]) for e in events if e["event"] == "command" and e["command"] == "arm"), None)
 
 
 def _first_command_ns(attempt: Attempt, packets: Packets, asked_ns: int) -> int:

@@ -58,6 +58,15 @@ async def eventually(condition: Callable[[], bool], what: str, limit_s: float = 
         await asyncio.sleep(0.02)
 
 
+def ask_autopilot(control: Path, request: dict[str, Any]) -> dict[str, Any]:
+    """What a stand-in answers on its side channel."""
+    with socket.socket(socket.AF_UNIX) as sock:
+        sock.connect(str(control))
+        sock.sendall(json.dumps(request).encode() + b"\n")
+        answer: dict[str, Any] = json.loads(sock.makefile().readline())
+        return answer
+
+
 class Container:
     """A container of the testbed's image on the host's network; `log` is where what it said is kept."""
 
@@ -315,8 +324,4 @@ class System:
 
     def control(self, drone: int, request: dict[str, Any]) -> dict[str, Any]:
         """The autopilot's side channel."""
-        with socket.socket(socket.AF_UNIX) as sock:
-            sock.connect(str(self.folder / f"sitl{drone}.sock"))
-            sock.sendall(json.dumps(request).encode() + b"\n")
-            found: dict[str, Any] = json.loads(sock.makefile().readline())
-            return found
+        return ask_autopilot(self.folder / f"sitl{drone}.sock", request)

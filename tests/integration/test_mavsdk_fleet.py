@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import NODE_IMAGE, ROOT, Process, eventually, free_port
+from processes import NODE_IMAGE, ROOT, Process, ask_autopilot, eventually, free_port
 from routers import Router, chain
 
 from mission import mavsdk_drone, scenarios
@@ -88,11 +88,7 @@ class Sky:
 
     def control(self, name: str, request: dict[str, Any]) -> dict[str, Any]:
         """The side channel of a stand-in."""
-        with socket.socket(socket.AF_UNIX) as sock:
-            sock.connect(str(self.folder / f"{name}.sock"))
-            sock.sendall(json.dumps(request).encode() + b"\n")
-            answer: dict[str, Any] = json.loads(sock.makefile().readline())
-            return answer
+        return ask_autopilot(self.folder / f"{name}.sock", request)
 
 
 @pytest.fixture

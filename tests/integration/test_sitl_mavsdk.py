@@ -20,7 +20,7 @@ from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.offboard import VelocityNedYaw
 from mavsdk.plugins.telemetry import FlightMode, LandedState
-from processes import Process, free_port
+from processes import Process, ask_autopilot, free_port
 
 pytestmark = pytest.mark.integration
 HOME = (47.397742, 8.545594, 488.0)
@@ -39,11 +39,7 @@ class Flight:
 
     def control(self, request: dict[str, Any]) -> dict[str, Any]:
         """The side channel."""
-        with socket.socket(socket.AF_UNIX) as sock:
-            sock.connect(str(self.folder / "control.sock"))
-            sock.sendall(json.dumps(request).encode() + b"\n")
-            answer: dict[str, Any] = json.loads(sock.makefile().readline())
-            return answer
+        return ask_autopilot(self.folder / "control.sock", request)
 
     def events(self) -> list[str]:
         lines = (self.folder / "events.jsonl").read_text().splitlines()

@@ -30,7 +30,6 @@ LOST_S = 10.0
 LOCATION_LOG_S = 0.75
 """Fifty locations a second are too many for the events; of those that come once a second none is left out."""
 FIVE_STATES_HZ = 1.0
-STREAM_SETS = ("px4-onboard", "px4-gcs", "five-states")
 _AGAIN = (TelemetryResult.TIMEOUT, TelemetryResult.BUSY, ActionResult.TIMEOUT, ActionResult.BUSY)
 
 

@@ -19,10 +19,10 @@ from mqttxt import Word
 
 from .events import EventLog
 from .fleet import MissionError, Result, Status
-from .mavsdk_drone import STREAM_SETS, Calls, MavsdkDrone
+from .mavsdk_drone import Calls, MavsdkDrone
 from .mavsdk_outcomes import Goal, arm_goal, land_goal, refusal, takeoff_goal
+from .options import COMMANDINGS, STREAMS
 
-COMMANDING = ("one-by-one", "concurrent")
 LOOK_S = 0.1
 """Pause between two looks at MAVSDK's systems: it announces a new one, but not the autopilot that joins it."""
 THREADS_PER_DRONE = 4
@@ -51,7 +51,7 @@ class MavsdkFleet:
     def __init__(
         self, urls: tuple[str, ...], fogs: dict[int, tuple[int, ...]], commanding: str, streams: str, log: EventLog
     ) -> None:
-        for name, value, known in (("commanding", commanding, COMMANDING), ("streams", streams, STREAM_SETS)):
+        for name, value, known in (("commanding", commanding, COMMANDINGS), ("streams", streams, STREAMS)):
             if value not in known:
                 raise ValueError(f"{name} {value!r}: expected one of {', '.join(known)}")
         self._urls = urls
