@@ -1,4 +1,4 @@
-"""`net route`: check the ports, route hop by hop, capture on each, and stay until told to end."""
+"""`net route`: check the ports, route hop by hop, capture on each, until told to end; `net shape`: shape every link."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from typing import Annotated
 import typer
 
 from .captures import Capture, stop_all, write_counts
+from .emulator.plan import PlanError, read_plan
+from .emulator.process import shape as shape_links
 from .hops import parse_links, route_by_hops
 from .interfaces import NetError, parse_nodes, read_ports, turn_off_offloads
 
@@ -33,6 +35,26 @@ def route(
     """Route between all nodes, hop by hop, and capture at each, until SIGTERM or SIGINT."""
     try:
         _route(captures, ready_file)
+    except NetError as error:
+        typer.echo(f"net: {error}", err=True)
+        raise typer.Exit(1) from None
+
+
+@app.command()
+def shape(
+    plan: Annotated[Path, typer.Option(help="The links' plan, JSON.")],
+    counters: Annotated[Path, typer.Option(help="File for what each link did, written each second and at the end.")],
+    ready_file: Annotated[Path, typer.Option(help="File that is made once every link is shaped.")],
+) -> None:
+    """Shape every link as planned, on NFQUEUE, until SIGTERM or SIGINT."""
+    try:
+        planned = read_plan(plan)
+        nodes = parse_nodes(os.environ.get("NODES", ""))
+        links = parse_links(os.environ.get("LINKS", ""), list(nodes))
+        shape_links(planned, read_ports(nodes), links, counters, ready_file)
+    except PlanError as error:
+        typer.echo(f"net: {error}", err=True)
+        raise typer.Exit(2) from None
     except NetError as error:
         typer.echo(f"net: {error}", err=True)
         raise typer.Exit(1) from None

@@ -1,0 +1,158 @@
+"""One directed link: when a frame that comes now leaves, and what becomes of it. No I/O; times are passed in.
+
+Two stages, as with the kernel's: first the rate with a queue of its own, then delay, jitter, loss, duplication,
+corruption and reordering. What waits for its delay does not fill the queue.
+
+A frame leaves the rate stage when its last bit is sent: `size * 8 / rate` after it or the one before. Loss,
+duplication, corruption and reordering are drawn for each frame, with netem's meaning (sch_netem.c): a copy has a delay
+and a chance of loss of its own, a frame that is lost and duplicated at once goes on once, a frame chosen by `reorder`
+skips its delay.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from .jitter import Jitter, generator, make_jitter
+from .plan import Settings
+
+DROP, PASS, CORRUPT, DUPLICATE = 0, 1, 2, 4
+"""A frame's fate: DROP, or PASS with CORRUPT and DUPLICATE added."""
+_NS = 1_000_000_000
+
+
+@dataclass(slots=True)
+class Counters:
+    """What a link did, in frames (and bytes of Ethernet frames without FCS); frames in flight are in none of the fates.
+
+    `overload` is what the kernel dropped because the emulator did not keep up.
+    """
+
+    came: int = 0
+    came_bytes: int = 0
+    left: int = 0
+    queue: int = 0
+    random: int = 0
+    closed: int = 0
+    overload: int = 0
+    duplicated: int = 0
+    corrupted: int = 0
+    reordered: int = 0
+
+
+class Medium:
+    """What sends one frame at a time: a link's own sender, or one that two links share."""
+
+    __slots__ = ("free_ns",)
+
+    def __init__(self) -> None:
+        self.free_ns = 0
+
+
+class Link:
+    """`arrive` for each frame as it comes; times never go back."""
+
+    def __init__(self, name: str, settings: Settings, seed: int, medium: Medium | None = None) -> None:
+        self.name = name
+        self.counters = Counters()
+        self.settings = settings
+        self._seed = seed
+        self._medium = medium or Medium()
+        self._leaving: deque[int] = deque()
+        """When each frame in the rate stage leaves it."""
+        self.sent_ns = 0
+        """When the last frame that came left the rate stage, or will."""
+        self._last_ns = 0
+        self._draw = generator(seed, name, "frames").random
+        self._jitter: Jitter
+        self.change(settings)
+
+    def change(self, settings: Settings) -> None:
+        """Frames that came before keep their times."""
+        self.settings = settings
+        self._closed = settings.closed
+        self._rate_bps = settings.rate_bps
+        self._room = settings.queue_packets
+        self._delay_ns = settings.delay_us * 1000
+        self._keeps_order = not settings.reordering
+        self._loss, self._duplicate = settings.loss, settings.duplicate
+        self._corrupt, self._reorder = settings.corrupt, settings.reorder
+        self._draws = bool(settings.loss or settings.duplicate or settings.corrupt or settings.reorder)
+        self._jitter = make_jitter(
+            settings.distribution, settings.jitter_us * 1000, settings.reordering, self._seed, self.name
+        )
+
+    @property
+    def waiting(self) -> int:
+        """Frames in the rate stage when the last one came."""
+        return len(self._leaving)
+
+    def arrive(self, now_ns: int, size: int) -> tuple[int, int]:
+        """When a frame of `size` bytes leaves, and its fate.
+
+        A frame to be dropped has the time of the last before it: the kernel finds packets fastest in the order in
+        which they came.
+        """
+        counters = self.counters
+        counters.came += 1
+        counters.came_bytes += size
+        if self._closed:
+            counters.closed += 1
+            return max(now_ns, self._last_ns), DROP
+        sent_ns = now_ns
+        if self._rate_bps is not None:
+            leaving = self._leaving
+            while leaving and leaving[0] <= now_ns:
+                leaving.popleft()
+            if self._room is not None and len(leaving) >= self._room:
+                counters.queue += 1
+                return max(now_ns, self._last_ns), DROP
+            medium = self._medium
+            sent_ns = (medium.free_ns if medium.free_ns > now_ns else now_ns) + size * 8 * _NS // self._rate_bps
+            medium.free_ns = sent_ns
+            leaving.append(sent_ns)
+        self.sent_ns = sent_ns
+        return self._second_stage(sent_ns) if self._draws else (self._due_ns(sent_ns), PASS)
+
+    def copy(self) -> tuple[int, int]:
+        """When the copy of the frame that came last leaves, and its fate; it is not duplicated again."""
+        counters, sent_ns = self.counters, self.sent_ns
+        if self._draw() < self._loss:
+            counters.random += 1
+            return max(sent_ns, self._last_ns), DROP
+        fate = PASS
+        if self._draw() < self._corrupt:
+            counters.corrupted += 1
+            fate |= CORRUPT
+        return self._due_ns(sent_ns), fate
+
+    def _second_stage(self, sent_ns: int) -> tuple[int, int]:
+        counters, draw = self.counters, self._draw
+        fate = PASS
+        lost = draw() < self._loss if self._loss else False
+        if self._duplicate and draw() < self._duplicate:
+            counters.duplicated += 1
+            if not lost:
+                fate |= DUPLICATE
+            lost = False
+        if lost:
+            counters.random += 1
+            return max(sent_ns, self._last_ns), DROP
+        if self._corrupt and draw() < self._corrupt:
+            counters.corrupted += 1
+            fate |= CORRUPT
+        if self._reorder and draw() < self._reorder:
+            counters.reordered += 1
+            return sent_ns, fate
+        return self._due_ns(sent_ns), fate
+
+    def _due_ns(self, sent_ns: int) -> int:
+        due_ns = sent_ns + self._delay_ns + self._jitter(sent_ns)
+        if due_ns < sent_ns:
+            due_ns = sent_ns
+        if due_ns > self._last_ns:
+            self._last_ns = due_ns
+        elif self._keeps_order:
+            return self._last_ns
+        return due_ns

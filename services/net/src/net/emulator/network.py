@@ -1,0 +1,58 @@
+"""All links of a plan together, with the media that some share and the events that change them. No I/O."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from .jitter import make_jitter
+from .link import Link, Medium
+from .plan import Event, Plan, Settings, changed
+
+_NS = 1_000_000_000
+Change = tuple[int, str, Settings]
+"""From a time in ns on, a link has these settings."""
+
+
+class Network:
+    """The links by name; `change_until` carries out the events. Times are ns since the shaping began."""
+
+    def __init__(self, plan: Plan) -> None:
+        media: dict[str, Medium] = {}
+        for name, link in plan.links.items():
+            medium = media.setdefault(name, Medium())
+            if link.shared_with is not None:
+                media[link.shared_with] = medium
+        self.links = {name: Link(name, link.settings, plan.seed, media[name]) for name, link in plan.links.items()}
+        self._changes = list(reversed(list(changes(plan))))
+        for _, name, settings in self._changes:  # makes their tables now, not when they are due
+            make_jitter(settings.distribution, settings.jitter_us * 1000, settings.reordering, plan.seed, name)
+
+    @property
+    def next_change_ns(self) -> int | None:
+        return self._changes[-1][0] if self._changes else None
+
+    def change_until(self, now_ns: int) -> None:
+        """Carry out what is due."""
+        while self._changes and self._changes[-1][0] <= now_ns:
+            _, name, settings = self._changes.pop()
+            self.links[name].change(settings)
+
+
+def changes(plan: Plan) -> Iterator[Change]:
+    """What the events do, in the order of time: where they overlap, the one that began last decides each field."""
+    found: list[Change] = []
+    for name, link in plan.links.items():
+        own = [event for event in plan.events if event.link == name]
+        for moment_ns in sorted({ns for event in own for ns in _bounds(event)}):
+            settings = link.settings
+            for event in own:
+                begin_ns, end_ns = _bounds(event)
+                if begin_ns <= moment_ns < end_ns:
+                    settings = changed(settings, event.change)
+            found.append((moment_ns, name, settings))
+    yield from sorted(found, key=lambda change: change[0])
+
+
+def _bounds(event: Event) -> tuple[int, int]:
+    begin_ns = round(event.at_s * _NS)
+    return begin_ns, begin_ns + round(event.for_s * _NS)

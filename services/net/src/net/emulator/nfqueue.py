@@ -1,0 +1,123 @@
+"""NFQUEUE by netlink (linux/netfilter/nfnetlink_queue.h): the packets of many queues over one socket.
+
+A queue stands for a link, so a packet's queue number tells its link and nothing has to be looked up; and the kernel,
+which looks for a packet from the oldest of its queue on, finds those of a link that keeps order at once. Of a packet
+only the first four bytes are copied, which hold its length, but for queues that need all of it.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import struct
+from pathlib import Path
+
+from ..interfaces import NetError
+
+NETLINK_NETFILTER = 12
+SUBSYSTEM = 3 << 8
+PACKET, VERDICT, CONFIG = SUBSYSTEM | 0, SUBSYSTEM | 1, SUBSYSTEM | 2
+ERROR = 2
+REQUEST, ACK = 1, 4
+ATTRIBUTE_PAYLOAD = 10
+CONFIG_COMMAND, CONFIG_PARAMS, CONFIG_LENGTH = 1, 2, 3
+BIND = 1
+COPY_PACKET = 2
+VERDICT_HEADER, VERDICT_PAYLOAD = 2, 10
+NF_DROP, NF_ACCEPT = 0, 1
+HEAD_BYTES = 4
+"""Version, type of service and total length of an IPv4 header."""
+ALL_BYTES = 0xFFFF
+QUEUE_PACKETS = 100_000
+"""What the kernel holds for a link, in flight and waiting, before it drops and says so."""
+RECEIVE_BYTES = 64 << 20
+SO_RCVBUFFORCE = 33
+_ID = struct.Struct(">I")
+QUEUE_AT, ATTRIBUTES_AT = 18, 20
+ID_AT, ID_BYTES = ATTRIBUTES_AT + 4, 4
+"""A packet's id comes first of its attributes, the copied bytes last."""
+SHORT_PAYLOAD = struct.pack("=HH", 4 + HEAD_BYTES, ATTRIBUTE_PAYLOAD)
+"""What comes before the copied bytes where only HEAD_BYTES are."""
+KIND_AT = 4
+PACKET_KIND = struct.pack("=H", PACKET)
+COUNTS_FILE = Path("/proc/net/netfilter/nfnetlink_queue")
+
+
+def attribute(kind: int, payload: bytes) -> bytes:
+    """A netlink attribute, padded."""
+    return struct.pack("=HH", 4 + len(payload), kind) + payload + bytes(-len(payload) % 4)
+
+
+def message(kind: int, flags: int, queue: int, payload: bytes) -> bytes:
+    """A netfilter message about a queue."""
+    header = struct.pack("=IHHII", 20 + len(payload), kind, flags, 0, 0)
+    return header + struct.pack(">BBH", 0, 0, queue) + payload
+
+
+def verdict_prefix(queue: int, accept: bool) -> bytes:
+    """What becomes of a packet, but for its id, which is to be appended; many verdicts may be sent together."""
+    head = struct.pack("=HH", 12, VERDICT_HEADER) + _ID.pack(NF_ACCEPT if accept else NF_DROP)
+    whole = message(VERDICT, REQUEST, queue, head + bytes(ID_BYTES))
+    return whole[:-ID_BYTES]
+
+
+def verdict_with(queue: int, packet: bytes, payload: bytes) -> bytes:
+    """Accept the packet of that id with other content of the same length."""
+    head = attribute(VERDICT_HEADER, _ID.pack(NF_ACCEPT) + packet)
+    return message(VERDICT, REQUEST, queue, head + attribute(VERDICT_PAYLOAD, payload))
+
+
+def payload_of(data: bytes) -> bytes:
+    """The copied bytes, from the IPv4 header on, of a message of kind PACKET."""
+    at, end = ATTRIBUTES_AT, len(data)
+    while at + 4 <= end:
+        length, kind = struct.unpack_from("=HH", data, at)
+        if kind == ATTRIBUTE_PAYLOAD:
+            return data[at + 4 : at + length]
+        at += max(4, length + 3 & ~3)
+    return b""
+
+
+class Queues:
+    """A bound socket; `whole` are the queues of which whole packets are copied. Raises NetError."""
+
+    def __init__(self, count: int, whole: frozenset[int]) -> None:
+        try:
+            self.socket = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_CLOEXEC, NETLINK_NETFILTER)
+            self.socket.bind((0, 0))
+        except OSError as error:
+            raise NetError(f"netlink: {error.strerror}; expected a kernel with NFQUEUE") from error
+        try:
+            self.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BYTES)
+            for queue in range(count):
+                self._configure(queue, attribute(CONFIG_COMMAND, struct.pack(">BBH", BIND, 0, socket.AF_INET)))
+                copied = ALL_BYTES if queue in whole else HEAD_BYTES
+                self._configure(queue, attribute(CONFIG_PARAMS, struct.pack(">IB", copied, COPY_PACKET)))
+                self._configure(queue, attribute(CONFIG_LENGTH, _ID.pack(QUEUE_PACKETS)))
+        except OSError as error:
+            self.socket.close()
+            raise NetError(
+                f"NFQUEUE: {os.strerror(error.errno or 0)}; expected CAP_NET_ADMIN and a kernel with NFQUEUE, "
+                f"whose queues 0 to {count - 1} are free"
+            ) from error
+        self.socket.setblocking(False)
+
+    def close(self) -> None:
+        self.socket.close()
+
+    def _configure(self, queue: int, payload: bytes) -> None:
+        self.socket.send(message(CONFIG, REQUEST | ACK, queue, payload))
+        while True:
+            data = self.socket.recv(1 << 17)
+            if struct.unpack_from("=H", data, 4)[0] == ERROR:
+                (code,) = struct.unpack_from("=i", data, 16)
+                if code:
+                    raise OSError(-code, errno.errorcode.get(-code, ""))
+                return
+
+
+def read_drops(text: str) -> dict[int, int]:
+    """By queue what the kernel dropped because it was full or because its socket was, from COUNTS_FILE."""
+    rows = [line.split() for line in text.splitlines()]
+    return {int(row[0]): int(row[5]) + int(row[6]) for row in rows if len(row) >= 7}

@@ -1,0 +1,210 @@
+"""The plan of a run: what every directed link does and when that changes, read from JSON and checked field by field."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from ..interfaces import NetError
+
+VERSION = 1
+DISTRIBUTIONS = ("normal", "uniform", "pareto")
+MAX_DELAY_US = 60_000_000
+MAX_QUEUE_PACKETS = 1_000_000
+MIN_RATE_BPS, MAX_RATE_BPS = 1_000, 100_000_000_000
+MAX_TIME_S = 86_400.0
+MAX_SEED = 2**64 - 1
+_BOUNDS: dict[str, tuple[int, int]] = {
+    "rate_bps": (MIN_RATE_BPS, MAX_RATE_BPS),
+    "queue_packets": (1, MAX_QUEUE_PACKETS),
+    "delay_us": (0, MAX_DELAY_US),
+    "jitter_us": (0, MAX_DELAY_US),
+}
+_SHARES = ("loss", "duplicate", "corrupt", "reorder")
+_FLAGS = ("reordering", "closed")
+
+
+class PlanError(NetError):
+    """The plan cannot be carried out as it stands; the text names file, field, value and what was expected."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a directed link does; `closed` comes from events only.
+
+    The rate counts whole Ethernet frames without FCS. `queue_packets` is what the rate stage holds, the frame that is
+    being sent included; None is without bound. `loss`, `duplicate`, `corrupt` and `reorder` are shares of frames.
+    """
+
+    rate_bps: int | None = None
+    queue_packets: int | None = None
+    delay_us: int = 0
+    jitter_us: int = 0
+    distribution: str = "normal"
+    reordering: bool = False
+    loss: float = 0.0
+    duplicate: float = 0.0
+    corrupt: float = 0.0
+    reorder: float = 0.0
+    closed: bool = False
+
+
+@dataclass(frozen=True)
+class LinkPlan:
+    """A directed link; `shared_with` names the link with which it takes turns in sending."""
+
+    settings: Settings
+    shared_with: str | None = None
+
+
+@dataclass(frozen=True)
+class Event:
+    """From `at_s` on, for `for_s` seconds, the link has other settings; times are since the shaping began."""
+
+    at_s: float
+    link: str
+    for_s: float
+    change: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All links of a run by name, `air:uav1:up`, and the events in the order of their times."""
+
+    profile: str
+    seed: int
+    links: Mapping[str, LinkPlan]
+    events: tuple[Event, ...] = ()
+
+
+def read_plan(path: Path) -> Plan:
+    """Raises PlanError."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise PlanError(f"{path}: {error.strerror}; expected a plan in JSON") from error
+    except ValueError as error:
+        raise PlanError(f"{path}: {error}; expected a plan in JSON") from error
+    return parse_plan(data, str(path))
+
+
+def parse_plan(data: object, source: str) -> Plan:
+    """The plan in parsed JSON; `source` is named in what PlanError says."""
+    top = _mapping(data, source, ("version", "profile", "seed", "links", "events"))
+    if top.get("version") != VERSION:
+        raise _wrong(f"{source}: version", top.get("version"), f"{VERSION}")
+    profile = top.get("profile")
+    if not isinstance(profile, str):
+        raise _wrong(f"{source}: profile", profile, "a name")
+    seed = top.get("seed")
+    if not _is_integer(seed) or not 0 <= seed <= MAX_SEED:
+        raise _wrong(f"{source}: seed", seed, f"a whole number from 0 to {MAX_SEED}")
+    listed = _mapping(top.get("links"), f"{source}: links", None)
+    if not listed:
+        raise _wrong(f"{source}: links", listed, "at least one")
+    links = {name: _link(value, f"{source}: links.{name}") for name, value in listed.items()}
+    for name, link in links.items():
+        _check_partner(name, link, links, f"{source}: links.{name}.shared_with")
+    found = top.get("events", [])
+    if not isinstance(found, list):
+        raise _wrong(f"{source}: events", found, "a list")
+    events = [_event(value, links, f"{source}: events[{number}]") for number, value in enumerate(found)]
+    return Plan(profile, seed, links, tuple(sorted(events, key=lambda event: event.at_s)))
+
+
+def changed(settings: Settings, change: Mapping[str, Any]) -> Settings:
+    """The settings with checked fields of an event's `change` in place."""
+    return replace(settings, **change)
+
+
+def _link(value: object, where: str) -> LinkPlan:
+    known = [field.name for field in fields(Settings) if field.name != "closed"]
+    found = dict(_mapping(value, where, ("shared_with", *known)))
+    partner = found.pop("shared_with", None)
+    if partner is not None and not isinstance(partner, str):
+        raise _wrong(f"{where}.shared_with", partner, "the name of a link, or null")
+    for name, given in found.items():
+        _check_value(name, given, f"{where}.{name}")
+    settings = Settings(**found)
+    _check_together(settings, where)
+    return LinkPlan(settings, partner)
+
+
+def _event(value: object, links: Mapping[str, LinkPlan], where: str) -> Event:
+    found = _mapping(value, where, ("at_s", "link", "for_s", "change"))
+    for name in ("at_s", "for_s"):
+        if not _is_number(found.get(name)) or not 0 <= found[name] <= MAX_TIME_S:
+            raise _wrong(f"{where}.{name}", found.get(name), f"seconds from 0 to {MAX_TIME_S:g}")
+    if found["for_s"] == 0:
+        raise _wrong(f"{where}.for_s", found["for_s"], "more than 0")
+    link = found.get("link")
+    if not isinstance(link, str) or link not in links:
+        raise _wrong(f"{where}.link", link, f"one of {', '.join(links)}")
+    change = _mapping(found.get("change"), f"{where}.change", [field.name for field in fields(Settings)])
+    if not change:
+        raise _wrong(f"{where}.change", change, "at least one field of a link")
+    for name, given in change.items():
+        _check_value(name, given, f"{where}.change.{name}")
+    _check_together(changed(links[link].settings, change), f"{where}.change")
+    return Event(float(found["at_s"]), link, float(found["for_s"]), dict(change))
+
+
+def _check_partner(name: str, link: LinkPlan, links: Mapping[str, LinkPlan], where: str) -> None:
+    if link.shared_with is None:
+        return
+    partner = links.get(link.shared_with)
+    if partner is None or link.shared_with == name or partner.shared_with not in (None, name):
+        raise _wrong(where, link.shared_with, "another link, which shares with no third one")
+    if link.settings.rate_bps is None or partner.settings.rate_bps is None:
+        raise _wrong(where, link.shared_with, "a rate_bps on both: it is what they share")
+
+
+def _check_value(name: str, value: object, where: str) -> None:
+    if name in _BOUNDS:
+        low, high = _BOUNDS[name]
+        if value is None and name in ("rate_bps", "queue_packets"):
+            return
+        if not _is_integer(value) or not low <= value <= high:
+            raise _wrong(where, value, f"a whole number from {low} to {high}")
+    elif name in _SHARES:
+        if not _is_number(value) or not 0 <= value <= 1:
+            raise _wrong(where, value, "a share from 0 to 1")
+    elif name in _FLAGS:
+        if not isinstance(value, bool):
+            raise _wrong(where, value, "true or false")
+    elif value not in DISTRIBUTIONS:
+        raise _wrong(where, value, f"one of {', '.join(DISTRIBUTIONS)}")
+
+
+def _check_together(settings: Settings, where: str) -> None:
+    if settings.queue_packets is not None and settings.rate_bps is None:
+        raise _wrong(f"{where}.queue_packets", settings.queue_packets, "null without a rate_bps: nothing waits")
+    if settings.reorder and not settings.delay_us:
+        raise _wrong(f"{where}.reorder", settings.reorder, "0 without a delay_us, which a frame skips")
+    if settings.jitter_us > settings.delay_us:
+        raise _wrong(f"{where}.jitter_us", settings.jitter_us, f"at most delay_us, {settings.delay_us}")
+
+
+def _mapping(value: object, where: str, known: Sequence[str] | None) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise _wrong(where, value, "an object")
+    for name in value:
+        if known is not None and name not in known:
+            raise PlanError(f"{where}: unknown field {name!r}; expected {', '.join(known)}")
+    return value
+
+
+def _is_integer(value: object) -> TypeGuard[int]:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return _is_integer(value) or (isinstance(value, float) and math.isfinite(value))
+
+
+def _wrong(where: str, value: object, expected: str) -> PlanError:
+    return PlanError(f"{where} {value!r}: expected {expected}")

@@ -1,0 +1,79 @@
+"""From a plan to shaped links: checks it, binds the queues, leads the packets there, and shapes until the end."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import socket
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ..hops import Link as Pair
+from ..interfaces import NetError, Port
+from . import counts, nfqueue, rules
+from .network import Network, changes
+from .nfqueue import Queues
+from .plan import Plan
+from .shaper import Shaper
+
+
+def shape(plan: Plan, ports: Sequence[Port], pairs: Sequence[Pair], counters_file: Path, ready_file: Path) -> None:
+    """Shape every link until SIGTERM or SIGINT, with counters written each second and at the end. Raises NetError."""
+    ways = rules.ways_of(list(plan.links), ports, pairs)
+    if not counters_file.parent.is_dir():
+        raise NetError(f"--counters {counters_file}: no such folder; expected a file in one that exists")
+    network = Network(plan)
+    whole = queues_of_whole_packets(plan)
+    queues = Queues(len(ways), whole)
+    with contextlib.closing(queues), _Ending() as ending:
+        shaper = Shaper(network, ways, queues, whole)
+        rules.apply(ways)
+        write = _writer(plan, network, shaper, counters_file)
+        write()
+        ready_file.touch()
+        try:
+            shaper.run(ending.wake, ending.has_come, write)
+        finally:
+            write()
+
+
+def queues_of_whole_packets(plan: Plan) -> frozenset[int]:
+    """The places of links that corrupt or duplicate at any time, for which a packet's head is not enough."""
+    touching = {name for name, link in plan.links.items() if link.settings.corrupt or link.settings.duplicate}
+    touching |= {name for _, name, settings in changes(plan) if settings.corrupt or settings.duplicate}
+    return frozenset(queue for queue, name in enumerate(plan.links) if name in touching)
+
+
+def _writer(plan: Plan, network: Network, shaper: Shaper, path: Path) -> Callable[[], None]:
+    links = list(network.links.values())
+
+    def write() -> None:
+        drops = nfqueue.read_drops(nfqueue.COUNTS_FILE.read_text())
+        counts.write(counts.report(plan.profile, links, drops, shaper.overruns, shaper.late, shaper.held), path)
+
+    return write
+
+
+class _Ending:
+    """SIGTERM and SIGINT, as a socket that becomes readable: a signal wakes whoever waits for packets."""
+
+    def __enter__(self) -> _Ending:
+        self._come = False
+        self.wake, self._other = socket.socketpair()
+        self._other.setblocking(False)
+        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGTERM, signal.SIGINT)}
+        self._descriptor = signal.set_wakeup_fd(self._other.fileno())
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        signal.set_wakeup_fd(self._descriptor)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self.wake.close()
+        self._other.close()
+
+    def has_come(self) -> bool:
+        return self._come
+
+    def _note(self, *_: object) -> None:
+        self._come = True

@@ -1,0 +1,164 @@
+"""The emulator at work: takes packets from their links' queues, holds each until it is due, and lets it go.
+
+One thread, one socket, one heap. What is done for each packet is written out in two loops, since this is the hot path
+of all that the testbed measures: a call costs here as much as a decision.
+"""
+
+from __future__ import annotations
+
+import errno
+import gc
+import heapq
+import itertools
+import random
+import select
+import socket
+import time
+from collections.abc import Callable, Sequence
+
+from . import nfqueue
+from .injector import Injector
+from .link import CORRUPT, DUPLICATE, PASS, Counters
+from .network import Network
+from .nfqueue import Queues
+from .rules import Way
+from .timing import Lateness
+
+BATCH = 64
+"""Packets taken before those that are due are let go."""
+ETHERNET_BYTES = 14
+TICK_NS = 1_000_000_000
+BUFFER_BYTES = 1 << 17
+_NS = 1e-9
+_Held = tuple[int, int, Counters | None, bytes, tuple[Injector, bytes] | None]
+"""Due time, number, the link's counters (None: dropped), the verdict, and what is sent besides."""
+
+
+class Shaper:
+    """`run` until told to end; `tick` is called about once a second, between packets."""
+
+    def __init__(self, network: Network, ways: Sequence[Way], queues: Queues, whole: frozenset[int]) -> None:
+        self.late = Lateness()
+        self.overruns = 0
+        """How often the socket's buffer was full, as the socket says; the kernel counts the packets."""
+        self._network = network
+        self._links = [network.links[way.link] for way in ways]
+        self._socket = queues.socket
+        self._whole = whole
+        self._injectors = {
+            queue: Injector(way.destination.interface, way.destination.cable.node)
+            for queue, way in enumerate(ways)
+            if queue in whole
+        }
+        self._accept = [nfqueue.verdict_prefix(queue, True) for queue in range(len(ways))]
+        self._drop = [nfqueue.verdict_prefix(queue, False) for queue in range(len(ways))]
+        self._held: list[_Held] = []
+        self._numbers = itertools.count()
+        self._buffer = bytearray(BUFFER_BYTES)
+        self._flips = random.Random()
+
+    @property
+    def held(self) -> int:
+        """Packets that wait for their time."""
+        return len(self._held)
+
+    def run(self, wake: socket.socket, ended: Callable[[], bool], tick: Callable[[], None]) -> None:
+        """`wake` becomes readable when `ended` may have changed. Time zero is now."""
+        gc.collect()
+        gc.freeze()
+        gc.disable()  # nothing here makes cycles, and a collection would stop all links for milliseconds
+        zero_ns = time.monotonic_ns()
+        tick_ns = TICK_NS
+        sources = [self._socket, wake]
+        while not ended():
+            now_ns = time.monotonic_ns() - zero_ns
+            change_ns = self._network.next_change_ns
+            if change_ns is not None and change_ns <= now_ns:
+                self._network.change_until(now_ns)
+                continue
+            if now_ns >= tick_ns:
+                tick()
+                tick_ns = now_ns + TICK_NS
+            more = self._take(zero_ns)
+            self._let_go(zero_ns)
+            if more:
+                continue
+            next_ns = min(tick_ns, change_ns or tick_ns, self._held[0][0] if self._held else tick_ns)
+            left_ns = next_ns + zero_ns - time.monotonic_ns()
+            if left_ns > 0:
+                select.select(sources, (), (), left_ns * _NS)
+
+    def _take(self, zero_ns: int) -> bool:
+        """Take what has come; whether there may be more."""
+        clock, receive, buffer, push = time.monotonic_ns, self._socket.recv_into, self._buffer, heapq.heappush
+        links, held, accept, drop = self._links, self._held, self._accept, self._drop
+        kind, short, numbers = nfqueue.PACKET_KIND, nfqueue.SHORT_PAYLOAD, self._numbers
+        for _ in range(BATCH):
+            try:
+                end = receive(buffer)
+            except BlockingIOError:
+                return False
+            except OSError as error:
+                if error.errno != errno.ENOBUFS:
+                    raise
+                self.overruns += 1
+                continue
+            if buffer[4:6] != kind:  # an answer to a verdict on a packet that its interface took along
+                continue
+            queue = buffer[18] << 8 | buffer[19]
+            packet = bytes(buffer[24:28])
+            if buffer[end - 8 : end - 4] != short:
+                self._take_whole(queue, packet, nfqueue.payload_of(bytes(buffer[:end])), clock() - zero_ns)
+                continue
+            link = links[queue]
+            size = (buffer[end - 2] << 8 | buffer[end - 1]) + ETHERNET_BYTES
+            due_ns, fate = link.arrive(clock() - zero_ns, size)
+            if fate:
+                push(held, (due_ns, next(numbers), link.counters, accept[queue] + packet, None))
+            else:
+                push(held, (due_ns, next(numbers), None, drop[queue] + packet, None))
+        return True
+
+    def _take_whole(self, queue: int, packet: bytes, payload: bytes, now_ns: int) -> None:
+        """A packet of a link that may change or double it."""
+        link, numbers = self._links[queue], self._numbers
+        due_ns, fate = link.arrive(now_ns, len(payload) + ETHERNET_BYTES)
+        if not fate:
+            heapq.heappush(self._held, (due_ns, next(numbers), None, self._drop[queue] + packet, None))
+            return
+        verdict = self._accept[queue] + packet
+        if fate & CORRUPT:
+            verdict = nfqueue.verdict_with(queue, packet, self._corrupted(payload))
+        heapq.heappush(self._held, (due_ns, next(numbers), link.counters, verdict, None))
+        if fate & DUPLICATE:
+            due_ns, fate = link.copy()
+            if fate & PASS:
+                copy = (self._injectors[queue], self._corrupted(payload) if fate & CORRUPT else payload)
+                heapq.heappush(self._held, (due_ns, next(numbers), link.counters, b"", copy))
+
+    def _corrupted(self, payload: bytes) -> bytes:
+        """One bit turned, anywhere in the packet, as netem does."""
+        changed = bytearray(payload)
+        changed[self._flips.randrange(len(changed))] ^= 1 << self._flips.randrange(8)
+        return bytes(changed)
+
+    def _let_go(self, zero_ns: int) -> None:
+        """Let go what is due."""
+        held, pop, late = self._held, heapq.heappop, self.late.add
+        now_ns = time.monotonic_ns() - zero_ns
+        verdicts: list[bytes] = []
+        while held and held[0][0] <= now_ns:
+            due_ns, _, counters, verdict, copy = pop(held)
+            if counters is not None:
+                counters.left += 1
+                late(now_ns - due_ns)
+            if copy is not None:
+                copy[0].send(copy[1])
+            else:
+                verdicts.append(verdict)
+                if len(verdicts) == BATCH:
+                    self._socket.send(b"".join(verdicts))
+                    verdicts = []
+                    now_ns = time.monotonic_ns() - zero_ns
+        if verdicts:
+            self._socket.send(b"".join(verdicts))

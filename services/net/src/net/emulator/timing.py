@@ -1,0 +1,31 @@
+"""How late packets are let go, as a histogram: what the emulator says of its own precision."""
+
+from __future__ import annotations
+
+STEP_NS = 10_000
+STEPS = 10_000
+
+
+class Lateness:
+    """Counts in steps of 10 microseconds up to 0.1 s; the greatest exactly."""
+
+    __slots__ = ("_counts", "greatest_ns")
+
+    def __init__(self) -> None:
+        self._counts = [0] * (STEPS + 1)
+        self.greatest_ns = 0
+
+    def add(self, late_ns: int) -> None:
+        step = late_ns // STEP_NS
+        self._counts[step if step < STEPS else STEPS] += 1
+        if late_ns > self.greatest_ns:
+            self.greatest_ns = late_ns
+
+    def quantile_ms(self, share: float) -> float:
+        """What `share` of the packets were not later than, in ms; 0 without packets."""
+        wanted, seen = share * sum(self._counts), 0
+        for step, count in enumerate(self._counts):
+            seen += count
+            if count and seen >= wanted:
+                return min((step + 1) * STEP_NS, self.greatest_ns) / 1e6
+        return 0.0
