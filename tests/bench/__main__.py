@@ -5,7 +5,17 @@ from __future__ import annotations
 import importlib
 import sys
 
-FIGURES = ("activator", "uav_client", "latency", "bytes_apiece", "bytes_fleet", "deadlines", "sitl_cpu", "analysis")
+FIGURES = (
+    "activator",
+    "uav_client",
+    "latency",
+    "bytes_apiece",
+    "bytes_fleet",
+    "deadlines",
+    "sitl_cpu",
+    "analysis",
+    "emulator",
+)
 """Modules of this folder; each has `measure`, which returns lines of text."""
 
 

@@ -1,10 +1,11 @@
 """Sends numbered datagrams at a steady rate, and says what came of them; runs at both ends of a link.
 
-    link_probe.py send HOST COUNT RATE_HZ SIZE      datagrams whose IP packets have SIZE bytes
-    link_probe.py receive SILENCE_S FILE            until nothing comes for SILENCE_S; writes one row a datagram
+    link_probe.py send HOST COUNT RATE_HZ SIZE      datagrams whose IP packets have SIZE bytes; RATE_HZ 0: all at once
+    link_probe.py receive SILENCE_S                 until nothing comes for SILENCE_S; then prints one row a datagram
 
 A row is `number sent_ns received_ns sound`: the clocks are one, the host's monotonic. `sound` is 0 where a bit is
-wrong. The kernel drops datagrams with a wrong checksum, so there is none (a UDP checksum of zero, as IPv4 allows).
+wrong; number and times mean nothing then. Datagrams go without a UDP checksum, as IPv4 allows, or the kernel would
+drop those.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ HEADERS = 28
 _HEAD = struct.Struct(">IQI")
 SO_NO_CHECK = 11
 SO_RCVBUFFORCE = 33
+FIRST_TIMEOUT_S = 30.0
 
 
 def send(host: str, count: int, rate_hz: float, size: int) -> None:
@@ -31,7 +33,7 @@ def send(host: str, count: int, rate_hz: float, size: int) -> None:
     padding = bytes(size - HEADERS - _HEAD.size)
     begin_ns = time.monotonic_ns()
     for number in range(count):
-        due_ns = begin_ns + int(number / rate_hz * 1e9)
+        due_ns = begin_ns + int(number / rate_hz * 1e9) if rate_hz else begin_ns
         while (left_ns := due_ns - time.monotonic_ns()) > 0:
             time.sleep(left_ns / 1e9 if rate_hz <= 1000 else 0.001)
         sent_ns = time.monotonic_ns()
@@ -43,25 +45,24 @@ def check(number: int, sent_ns: int) -> int:
     return zlib.crc32(struct.pack(">IQ", number, sent_ns))
 
 
-def receive(silence_s: float, path: str) -> None:
-    """Writes nothing before the silence, so that a reader of the file sees all or nothing."""
+def receive(silence_s: float) -> None:
+    """Prints `listening` first."""
     come = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     come.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 64 << 20)
     come.bind(("0.0.0.0", PORT))
     print("listening", flush=True)
     rows: list[str] = []
-    while select.select([come], [], [], silence_s if rows else 60.0)[0]:
+    while select.select([come], [], [], silence_s if rows else max(silence_s, FIRST_TIMEOUT_S))[0]:
         data = come.recv(65536)
         received_ns = time.monotonic_ns()
         number, sent_ns, told = _HEAD.unpack_from(data)
         sound = told == check(number, sent_ns) and not any(data[_HEAD.size :])
         rows.append(f"{number} {sent_ns} {received_ns} {int(sound)}\n")
-    with open(path, "w", encoding="ascii") as out:
-        out.writelines(rows)
+    print("".join(rows), end="", flush=True)
 
 
 if __name__ == "__main__":
     if sys.argv[1] == "send":
         send(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5]))
     else:
-        receive(float(sys.argv[2]), sys.argv[3])
+        receive(float(sys.argv[2]))

@@ -51,7 +51,10 @@ def shape(
         planned = read_plan(plan)
         nodes = parse_nodes(os.environ.get("NODES", ""))
         links = parse_links(os.environ.get("LINKS", ""), list(nodes))
-        shape_links(planned, read_ports(nodes), links, counters, ready_file)
+        ports = read_ports(nodes)
+        for port in ports:
+            turn_off_offloads(port)
+        shape_links(planned, ports, links, counters, ready_file)
     except PlanError as error:
         typer.echo(f"net: {error}", err=True)
         raise typer.Exit(2) from None

@@ -51,7 +51,7 @@ class Medium:
 
 
 class Link:
-    """`arrive` for each frame as it comes; times never go back."""
+    """`arrive` for each frame in the order in which they come."""
 
     def __init__(self, name: str, settings: Settings, seed: int, medium: Medium | None = None) -> None:
         self.name = name

@@ -20,7 +20,7 @@ SUBSYSTEM = 3 << 8
 PACKET, VERDICT, CONFIG = SUBSYSTEM | 0, SUBSYSTEM | 1, SUBSYSTEM | 2
 ERROR = 2
 REQUEST, ACK = 1, 4
-ATTRIBUTE_PAYLOAD = 10
+ATTRIBUTE_STAMP, ATTRIBUTE_PAYLOAD = 4, 10
 CONFIG_COMMAND, CONFIG_PARAMS, CONFIG_LENGTH = 1, 2, 3
 BIND = 1
 COPY_PACKET = 2
@@ -33,13 +33,17 @@ QUEUE_PACKETS = 100_000
 """What the kernel holds for a link, in flight and waiting, before it drops and says so."""
 RECEIVE_BYTES = 64 << 20
 SO_RCVBUFFORCE = 33
+SO_TIMESTAMP = 29
 _ID = struct.Struct(">I")
 QUEUE_AT, ATTRIBUTES_AT = 18, 20
 ID_AT, ID_BYTES = ATTRIBUTES_AT + 4, 4
 """A packet's id comes first of its attributes, the copied bytes last."""
 SHORT_PAYLOAD = struct.pack("=HH", 4 + HEAD_BYTES, ATTRIBUTE_PAYLOAD)
 """What comes before the copied bytes where only HEAD_BYTES are."""
-KIND_AT = 4
+STAMP = struct.Struct(">QQ")
+STAMP_AT = 68
+STAMP_HEAD = struct.pack("=HH", 4 + STAMP.size, ATTRIBUTE_STAMP)
+"""A forwarded packet's time stamp is at STAMP_AT where STAMP_HEAD comes before it (nobody marked the packet)."""
 PACKET_KIND = struct.pack("=H", PACKET)
 COUNTS_FILE = Path("/proc/net/netfilter/nfnetlink_queue")
 
@@ -68,15 +72,29 @@ def verdict_with(queue: int, packet: bytes, payload: bytes) -> bytes:
     return message(VERDICT, REQUEST, queue, head + attribute(VERDICT_PAYLOAD, payload))
 
 
-def payload_of(data: bytes) -> bytes:
-    """The copied bytes, from the IPv4 header on, of a message of kind PACKET."""
+def value_of(data: bytes, kind: int) -> bytes:
+    """The value of an attribute of a message of kind PACKET; empty where there is none."""
     at, end = ATTRIBUTES_AT, len(data)
     while at + 4 <= end:
-        length, kind = struct.unpack_from("=HH", data, at)
-        if kind == ATTRIBUTE_PAYLOAD:
+        length, found = struct.unpack_from("=HH", data, at)
+        if found == kind:
             return data[at + 4 : at + length]
         at += max(4, length + 3 & ~3)
     return b""
+
+
+def payload_of(data: bytes) -> bytes:
+    """The copied bytes, from the IPv4 header on."""
+    return value_of(data, ATTRIBUTE_PAYLOAD)
+
+
+def stamp_of(data: bytes) -> int | None:
+    """When the packet came to this machine or container, in ns of the system's clock, to a microsecond."""
+    value = value_of(data, ATTRIBUTE_STAMP)
+    if len(value) != STAMP.size:
+        return None
+    seconds, microseconds = STAMP.unpack(value)
+    return int(seconds * 1_000_000_000 + microseconds * 1000)
 
 
 class Queues:
@@ -86,6 +104,9 @@ class Queues:
         try:
             self.socket = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_CLOEXEC, NETLINK_NETFILTER)
             self.socket.bind((0, 0))
+            # While any socket asks for time stamps, the kernel gives one to every packet as it comes.
+            self._stamping = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+            self._stamping.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMP, 1)
         except OSError as error:
             raise NetError(f"netlink: {error.strerror}; expected a kernel with NFQUEUE") from error
         try:
@@ -96,7 +117,7 @@ class Queues:
                 self._configure(queue, attribute(CONFIG_PARAMS, struct.pack(">IB", copied, COPY_PACKET)))
                 self._configure(queue, attribute(CONFIG_LENGTH, _ID.pack(QUEUE_PACKETS)))
         except OSError as error:
-            self.socket.close()
+            self.close()
             raise NetError(
                 f"NFQUEUE: {os.strerror(error.errno or 0)}; expected CAP_NET_ADMIN and a kernel with NFQUEUE, "
                 f"whose queues 0 to {count - 1} are free"
@@ -105,6 +126,7 @@ class Queues:
 
     def close(self) -> None:
         self.socket.close()
+        self._stamping.close()
 
     def _configure(self, queue: int, payload: bytes) -> None:
         self.socket.send(message(CONFIG, REQUEST | ACK, queue, payload))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from ..hops import Link as Pair
 from ..hops import next_hops
 from ..interfaces import NetError, Port
+from .plan import PlanError
 
 ROOT_NODE = "cloud"
 CHAIN = "NET-SHAPE"
@@ -29,7 +30,7 @@ class Way:
 
 
 def ways_of(names: Sequence[str], ports: Sequence[Port], pairs: Sequence[Pair]) -> tuple[Way, ...]:
-    """`CLASS:NODE:up` leads from NODE to the next towards the cloud, `down` back. Raises NetError.
+    """`CLASS:NODE:up` leads from NODE to the next towards the cloud, `down` back. Raises PlanError.
 
     The names have to be exactly the links there are: a packet on any other would not be shaped.
     """
@@ -41,15 +42,15 @@ def ways_of(names: Sequence[str], ports: Sequence[Port], pairs: Sequence[Pair]) 
         upper = hops.get((node, ROOT_NODE))
         if name.count(":") != 2 or direction not in ("up", "down") or upper is None:
             known = ", ".join(node for node in by_node if node != ROOT_NODE)
-            raise NetError(f"links {name!r}: expected CLASS:NODE:up or CLASS:NODE:down, NODE of {known}")
+            raise PlanError(f"links {name!r}: expected CLASS:NODE:up or CLASS:NODE:down, NODE of {known}")
         ends = (node, upper) if direction == "up" else (upper, node)
         if ends in seen:
-            raise NetError(f"links {name!r}: expected one link from {ends[0]} to {ends[1]}")
+            raise PlanError(f"links {name!r}: expected one link from {ends[0]} to {ends[1]}")
         seen.add(ends)
         found.append(Way(name, by_node[ends[0]], by_node[ends[1]]))
     missing = [f"{one} to {other}" for pair in pairs for one, other in (pair, pair[::-1]) if (one, other) not in seen]
     if missing:
-        raise NetError(f"links: none from {', '.join(missing)}; expected one each way for every pair of LINKS")
+        raise PlanError(f"links: none from {', '.join(missing)}; expected one each way for every pair of LINKS")
     return tuple(found)
 
 

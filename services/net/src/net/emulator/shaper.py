@@ -1,7 +1,8 @@
 """The emulator at work: takes packets from their links' queues, holds each until it is due, and lets it go.
 
-One thread, one socket, one heap. What is done for each packet is written out in two loops, since this is the hot path
-of all that the testbed measures: a call costs here as much as a decision.
+One thread, one socket, one heap. A packet's time begins when the kernel got it, not when this process gets to it: a
+busy machine does not lengthen a delay that is not over yet. What is done for each packet is written out in two loops,
+since this is the hot path of all that the testbed measures: a call costs here as much as a decision.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ BATCH = 64
 """Packets taken before those that are due are let go."""
 ETHERNET_BYTES = 14
 TICK_NS = 1_000_000_000
+STAMP_LIMIT_NS = 1_000_000_000
+"""A packet whose time stamp is further from now has none that can be used."""
 BUFFER_BYTES = 1 << 17
 _NS = 1e-9
 _Held = tuple[int, int, Counters | None, bytes, tuple[Injector, bytes] | None]
@@ -56,6 +59,7 @@ class Shaper:
         self._numbers = itertools.count()
         self._buffer = bytearray(BUFFER_BYTES)
         self._flips = random.Random()
+        self._clock_zero_ns = 0
 
     @property
     def held(self) -> int:
@@ -69,6 +73,7 @@ class Shaper:
         gc.disable()  # nothing here makes cycles, and a collection would stop all links for milliseconds
         zero_ns = time.monotonic_ns()
         tick_ns = TICK_NS
+        self._read_clocks(zero_ns)
         sources = [self._socket, wake]
         while not ended():
             now_ns = time.monotonic_ns() - zero_ns
@@ -79,6 +84,7 @@ class Shaper:
             if now_ns >= tick_ns:
                 tick()
                 tick_ns = now_ns + TICK_NS
+                self._read_clocks(zero_ns)
             more = self._take(zero_ns)
             self._let_go(zero_ns)
             if more:
@@ -88,11 +94,18 @@ class Shaper:
             if left_ns > 0:
                 select.select(sources, (), (), left_ns * _NS)
 
+    def _read_clocks(self, zero_ns: int) -> None:
+        """What the system's clock, that of the packets' time stamps, showed at time zero."""
+        self._clock_zero_ns = time.time_ns() - time.monotonic_ns() + zero_ns
+
     def _take(self, zero_ns: int) -> bool:
         """Take what has come; whether there may be more."""
-        clock, receive, buffer, push = time.monotonic_ns, self._socket.recv_into, self._buffer, heapq.heappush
+        receive, buffer, push, stamp = self._socket.recv_into, self._buffer, heapq.heappush, nfqueue.STAMP.unpack_from
         links, held, accept, drop = self._links, self._held, self._accept, self._drop
         kind, short, numbers = nfqueue.PACKET_KIND, nfqueue.SHORT_PAYLOAD, self._numbers
+        stamp_head, clock_zero_ns = nfqueue.STAMP_HEAD, self._clock_zero_ns
+        now_ns = time.monotonic_ns() - zero_ns
+        earliest_ns, latest_ns = now_ns - STAMP_LIMIT_NS, now_ns + STAMP_LIMIT_NS
         for _ in range(BATCH):
             try:
                 end = receive(buffer)
@@ -107,22 +120,29 @@ class Shaper:
                 continue
             queue = buffer[18] << 8 | buffer[19]
             packet = bytes(buffer[24:28])
+            if buffer[64:68] == stamp_head:
+                seconds, microseconds = stamp(buffer, 68)
+                came_ns = seconds * 1_000_000_000 + microseconds * 1000 - clock_zero_ns
+            else:
+                came_ns = (nfqueue.stamp_of(bytes(buffer[:end])) or 0) - clock_zero_ns
+            if not earliest_ns < came_ns < latest_ns:  # no time stamp, or the system's clock was set
+                came_ns = time.monotonic_ns() - zero_ns
             if buffer[end - 8 : end - 4] != short:
-                self._take_whole(queue, packet, nfqueue.payload_of(bytes(buffer[:end])), clock() - zero_ns)
+                self._take_whole(queue, packet, nfqueue.payload_of(bytes(buffer[:end])), came_ns)
                 continue
             link = links[queue]
             size = (buffer[end - 2] << 8 | buffer[end - 1]) + ETHERNET_BYTES
-            due_ns, fate = link.arrive(clock() - zero_ns, size)
+            due_ns, fate = link.arrive(came_ns, size)
             if fate:
                 push(held, (due_ns, next(numbers), link.counters, accept[queue] + packet, None))
             else:
                 push(held, (due_ns, next(numbers), None, drop[queue] + packet, None))
         return True
 
-    def _take_whole(self, queue: int, packet: bytes, payload: bytes, now_ns: int) -> None:
+    def _take_whole(self, queue: int, packet: bytes, payload: bytes, came_ns: int) -> None:
         """A packet of a link that may change or double it."""
         link, numbers = self._links[queue], self._numbers
-        due_ns, fate = link.arrive(now_ns, len(payload) + ETHERNET_BYTES)
+        due_ns, fate = link.arrive(came_ns, len(payload) + ETHERNET_BYTES)
         if not fate:
             heapq.heappush(self._held, (due_ns, next(numbers), None, self._drop[queue] + packet, None))
             return

@@ -1,0 +1,193 @@
+"""Two nodes and `net` between them in containers with compose.yaml's rights, to shape real packets."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import docker
+from docker.types import IPAMConfig, IPAMPool
+
+ROOT = Path(__file__).resolve().parents[2]
+IMAGE = os.environ.get("NODE_IMAGE", "mqttxt-testbed/node:latest")
+SUBNETS = {"gs": "198.19.248", "cloud": "198.19.249"}
+UP, DOWN = "wan:gs:up", "wan:gs:down"
+PYTHON = "/opt/venv/bin/python"
+PROBE = "/repository/tests/integration/link_probe.py"
+FOLDER = "/tmp/shaping"
+READY_TIMEOUT_S = 30.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """A datagram that arrived; `sound` where none of its bits was turned."""
+
+    number: int
+    sent_ns: int
+    received_ns: int
+    sound: bool
+
+    @property
+    def delay_ms(self) -> float:
+        return (self.received_ns - self.sent_ns) / 1e6
+
+
+class ShapedLink:
+    """gs and cloud with one link each way; `shaping` runs the emulator of this source tree in `net`."""
+
+    def __init__(self) -> None:
+        self._client = docker.from_env()
+        self._made: list[Any] = []
+        self.nodes: dict[str, Any] = {}
+
+    def up(self) -> ShapedLink:
+        """Start the three containers."""
+        mark = f"mqttxt-shaped-{os.getpid()}"
+        networks = {}
+        for node, subnet in SUBNETS.items():
+            pool = IPAMPool(subnet=f"{subnet}.0/24")
+            networks[node] = self._client.networks.create(f"{mark}-{node}", ipam=IPAMConfig(pool_configs=[pool]))
+            self._made.append(networks[node])
+        shared = {
+            "image": IMAGE, "entrypoint": ["sleep", "infinity"], "init": True, "read_only": True, "tmpfs": {"/tmp": ""},
+            "cap_drop": ["ALL"], "volumes": {str(ROOT): {"bind": "/repository", "mode": "ro"}},
+            "environment": {"PYTHONPATH": "/repository/services/net/src", "PYTHONDONTWRITEBYTECODE": "1"},
+        }  # fmt: skip
+        for node in SUBNETS:
+            self.nodes[node] = self._container(
+                f"{mark}-{node}-1", networks[node], node, 3, cap_add=["NET_ADMIN"], **shared
+            )
+        self.nodes["net"] = self._container(
+            f"{mark}-net-1", networks["gs"], "gs", 2, cap_add=["NET_ADMIN", "NET_RAW", "DAC_OVERRIDE"],
+            sysctls={"net.ipv4.ip_forward": "1"}, mem_limit="512m", cpu_shares=4096, **shared,
+        )  # fmt: skip
+        networks["cloud"].connect(self.nodes["net"], ipv4_address=f"{SUBNETS['cloud']}.2")
+        for container in self.nodes.values():
+            container.start()
+        for node, subnet in SUBNETS.items():
+            self.output(node, ["ethtool", "-K", "eth0", "tso", "off", "gso", "off", "gro", "off", "tx", "off"])
+            self.output(node, ["ip", "route", "replace", "default", "via", f"{subnet}.2"])
+        return self
+
+    def down(self) -> None:
+        """Remove what `up` made, in the order in which it can be."""
+        for thing in reversed(self._made):
+            if hasattr(thing, "exec_run"):
+                thing.remove(force=True)
+        for thing in self._made:
+            if not hasattr(thing, "exec_run"):
+                thing.remove()
+        self._client.close()
+
+    def output(self, node: str, command: Sequence[str], **options: Any) -> str:
+        """What a command that has to succeed prints."""
+        code, said = self.nodes[node].exec_run(list(command), **options)
+        assert code == 0, f"{node}: {' '.join(command)}: {said.decode()}"
+        return str(said.decode())
+
+    def shape(self, plan: object, **options: Any) -> tuple[int, str]:
+        """Exit code and words of an emulator that is expected to end by itself."""
+        self._write_plan(plan)
+        done = self.nodes["net"].exec_run(self._command(), environment=self._environment(), **options)
+        return done.exit_code, done.output.decode()
+
+    @contextmanager
+    def shaping(self, up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = ()) -> Iterator[Emulator]:
+        """The emulator at work on `up`; the way back is free."""
+        self._write_plan(plan_of(up, events))
+        self.output("net", ["rm", "-f", f"{FOLDER}/ready", f"{FOLDER}/log"])
+        quoted = " ".join(self._command())
+        script = f"{quoted} > {FOLDER}/log 2>&1 & echo $! > {FOLDER}/pid; wait"
+        self.nodes["net"].exec_run(["sh", "-c", script], environment=self._environment(), detach=True)
+        emulator = Emulator(self)
+        emulator.wait_until_ready()
+        try:
+            yield emulator
+        finally:
+            emulator.end()
+
+    def _write_plan(self, plan: object) -> None:
+        text = json.dumps(plan)
+        self.output("net", ["sh", "-c", f'mkdir -p {FOLDER} && printf %s "$1" > {FOLDER}/plan.json', "sh", text])
+
+    def _command(self) -> list[str]:
+        files = {"plan": "plan.json", "counters": "counters.json", "ready-file": "ready"}
+        return [PYTHON, "-m", "net", "shape", *(w for o, f in files.items() for w in (f"--{o}", f"{FOLDER}/{f}"))]
+
+    def _environment(self) -> dict[str, str]:
+        return {"NODES": " ".join(f"{n}={s}.2,{s}.3" for n, s in SUBNETS.items()), "LINKS": "gs-cloud"}
+
+    def _container(self, name: str, network: Any, node: str, last: int, **options: Any) -> Any:
+        place = {network.name: self._client.api.create_endpoint_config(ipv4_address=f"{SUBNETS[node]}.{last}")}
+        made = self._client.containers.create(name=name, network=network.name, networking_config=place, **options)
+        self._made.append(made)
+        return made
+
+
+class Emulator:
+    """A running `net shape`."""
+
+    def __init__(self, link: ShapedLink) -> None:
+        self._link = link
+        self._pid = ""
+
+    def wait_until_ready(self) -> None:
+        deadline = time.monotonic() + READY_TIMEOUT_S
+        while self._test("-e", "ready"):
+            assert time.monotonic() < deadline, self._link.output("net", ["cat", f"{FOLDER}/log"])
+            time.sleep(0.05)
+        self._pid = self._link.output("net", ["cat", f"{FOLDER}/pid"]).strip()
+
+    def flow(self, count: int, rate_hz: float, size: int, silence_s: float = 1.0) -> list[Row]:
+        """Send datagrams from gs to cloud, in packets of `size` bytes; those that arrived, as they came."""
+        command = [PYTHON, PROBE, "receive", str(silence_s)]
+        said = self._link.nodes["cloud"].exec_run(command, stream=True).output
+        first = next(said)
+        assert first.startswith(b"listening"), first.decode()
+        self.send(count, rate_hz, size)
+        lines = b"".join([first, *said]).decode().splitlines()[1:]
+        rows = [[int(word) for word in line.split()] for line in lines]
+        return [Row(number, sent, received, bool(sound)) for number, sent, received, sound in rows]
+
+    def send(self, count: int, rate_hz: float, size: int) -> None:
+        """Send, whatever becomes of it."""
+        to = f"{SUBNETS['cloud']}.3"
+        self._link.output("gs", [PYTHON, PROBE, "send", to, str(count), str(rate_hz), str(size)])
+
+    def signal(self, name: str) -> None:
+        self._link.output("net", ["sh", "-c", f"kill -{name} {self._pid}"])
+
+    def cpu_s(self) -> float:
+        """User and system time of the process so far."""
+        fields = self._link.output("net", ["cat", f"/proc/{self._pid}/stat"]).rsplit(") ", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def end(self) -> dict[str, Any]:
+        """End it, and what it counted; again is harmless."""
+        if not self._test("-e", f"../../proc/{self._pid}"):
+            self.signal("TERM")
+        deadline = time.monotonic() + READY_TIMEOUT_S
+        while not self._test("-e", f"../../proc/{self._pid}"):
+            assert time.monotonic() < deadline, "net shape does not end"
+            time.sleep(0.05)
+        return self.counters()
+
+    def counters(self) -> dict[str, Any]:
+        """The file as it is."""
+        content: dict[str, Any] = json.loads(self._link.output("net", ["cat", f"{FOLDER}/counters.json"]))
+        return content
+
+    def _test(self, operator: str, name: str) -> int:
+        code: int = self._link.nodes["net"].exec_run(["test", operator, f"{FOLDER}/{name}"]).exit_code
+        return code
+
+
+def plan_of(up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """A plan whose way up is shaped."""
+    return {"version": 1, "profile": "test", "seed": 5, "links": {UP: dict(up), DOWN: {}}, "events": list(events)}
