@@ -98,11 +98,11 @@ def test_copies_and_turned_bits_arrive_as_often_as_counted(link: ShapedLink) -> 
         found = counts(emulator)
     assert within(found["duplicated"], 3000, 0.1)
     assert within(found["corrupted"], 3000 + found["duplicated"], 0.05)
-    assert found["left"] == 3000 + found["duplicated"]
+    assert found["left"] + found["refused"] == 3000 + found["duplicated"]
     sound = [row for row in rows if row.sound]
-    assert found["left"] - found["corrupted"] == len(sound)
-    # A bit turned within the 28 bytes of headers, of 1028, mostly keeps the datagram from its receiver.
-    assert len(rows) - len(sound) == pytest.approx(found["corrupted"] * 1000 / 1028, abs=8)
+    # A bit turned within the 28 bytes of headers, of 1028, keeps the datagram from its receiver, or goes unnoticed.
+    assert 0 <= len(sound) - (3000 + found["duplicated"] - found["corrupted"]) <= 12
+    assert len(rows) - len(sound) == pytest.approx(found["corrupted"], abs=12)
     assert sum(count == 2 for count in Counter(row.number for row in sound).values()) > 0.8 * found["duplicated"]
     assert median(row.delay_ms for row in sound) == pytest.approx(20.0, abs=LATE_MS)
 

@@ -153,6 +153,23 @@ def test_whatever_comes_leaves_later_in_order_or_is_counted(settings: Settings, 
     assert settings.queue_packets is None or shaped.waiting <= settings.queue_packets
 
 
+@given(shares=st.tuples(*[st.sampled_from([0.0, 0.3, 1.0])] * 3), frames=FRAMES)
+def test_every_frame_and_every_copy_is_accounted_for(
+    shares: tuple[float, float, float], frames: list[tuple[int, int]]
+) -> None:
+    loss, duplicate, corrupt = shares
+    shaped = link(rate_bps=100_000, queue_packets=5, loss=loss, duplicate=duplicate, corrupt=corrupt)
+    now, left = 0, 0
+    for wait, size in frames:
+        now += wait
+        _, fate = shaped.arrive(now, size)
+        left += fate != DROP
+        if fate & DUPLICATE:
+            left += shaped.copy()[1] != DROP
+    found = shaped.counters
+    assert found.came + found.duplicated == left + found.queue + found.random
+
+
 @given(settings=SETTINGS, frames=FRAMES)
 def test_a_rate_is_never_exceeded(settings: Settings, frames: list[tuple[int, int]]) -> None:
     shaped = Link("wan:gs:up", replace(settings, rate_bps=1_000_000, delay_us=0, jitter_us=0, loss=0.0), seed=2)

@@ -38,6 +38,11 @@ def test_where_events_overlap_the_later_decides_each_field() -> None:
     ]
 
 
+def test_an_event_that_follows_another_at_once_leaves_no_gap() -> None:
+    plan, _ = network(Event(1.0, UP, 1.0, {"closed": True}), Event(2.0, UP, 1.0, {"closed": True}))
+    assert [settings.closed for _, _, settings in changes(plan)] == [True, True, False]
+
+
 def test_an_outage_is_the_same_however_much_is_sent() -> None:
     fates = []
     for step in (S // 4, S // 100):

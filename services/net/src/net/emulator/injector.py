@@ -6,6 +6,7 @@ the copy passes no routing and no rule for forwarded packets, and its IP header 
 
 from __future__ import annotations
 
+import errno
 import socket
 
 from ..interfaces import NetError
@@ -26,6 +27,17 @@ class Injector:
                 f"a raw socket on {interface}: {error.strerror}; expected CAP_NET_RAW, which duplication needs"
             ) from error
 
-    def send(self, packet: bytes) -> None:
-        """A whole IPv4 packet."""
-        self._socket.sendto(packet, self._to)
+    def send(self, packet: bytes) -> bool:
+        """A whole IPv4 packet; False where the kernel does not take it. Raises NetError where it takes none.
+
+        It refuses a header that a turned bit made senseless, and what waits for an address that nobody has.
+        """
+        try:
+            self._socket.sendto(packet, socket.MSG_DONTWAIT, self._to)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            if error.errno in (errno.EINVAL, errno.EMSGSIZE):
+                return False
+            raise NetError(f"a copy to {self._to[0]}: {error.strerror}; expected its link to be up") from error
+        return True

@@ -24,9 +24,11 @@ _NS = 1_000_000_000
 
 @dataclass(slots=True)
 class Counters:
-    """What a link did, in frames (and bytes of Ethernet frames without FCS); frames in flight are in none of the fates.
+    """What a link did, in frames (and bytes of Ethernet frames without FCS).
 
-    `overload` is what the kernel dropped because the emulator did not keep up.
+    came + duplicated = left + queue + random + closed + refused + what is in flight. `refused` are copies that the
+    kernel did not take (a turned bit can make a header senseless). `overload` is what the kernel dropped because the
+    emulator did not keep up: it is not in `came`.
     """
 
     came: int = 0
@@ -35,6 +37,7 @@ class Counters:
     queue: int = 0
     random: int = 0
     closed: int = 0
+    refused: int = 0
     overload: int = 0
     duplicated: int = 0
     corrupted: int = 0
@@ -130,15 +133,16 @@ class Link:
     def _second_stage(self, sent_ns: int) -> tuple[int, int]:
         counters, draw = self.counters, self._draw
         fate = PASS
-        lost = draw() < self._loss if self._loss else False
-        if self._duplicate and draw() < self._duplicate:
+        lost = self._loss > 0.0 and draw() < self._loss
+        doubled = self._duplicate > 0.0 and draw() < self._duplicate
+        if doubled:
             counters.duplicated += 1
-            if not lost:
-                fate |= DUPLICATE
-            lost = False
         if lost:
             counters.random += 1
-            return max(sent_ns, self._last_ns), DROP
+            if not doubled:
+                return max(sent_ns, self._last_ns), DROP
+        elif doubled:
+            fate |= DUPLICATE
         if self._corrupt and draw() < self._corrupt:
             counters.corrupted += 1
             fate |= CORRUPT

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import groupby
+from operator import itemgetter
 
 from .jitter import make_jitter
 from .link import Link, Medium
@@ -17,6 +19,7 @@ class Network:
     """The links by name; `change_until` carries out the events. Times are ns since the shaping began."""
 
     def __init__(self, plan: Plan) -> None:
+        self.seed = plan.seed
         media: dict[str, Medium] = {}
         for name, link in plan.links.items():
             medium = media.setdefault(name, Medium())
@@ -43,16 +46,17 @@ def changes(plan: Plan) -> Iterator[Change]:
     found: list[Change] = []
     for name, link in plan.links.items():
         own = [event for event in plan.events if event.link == name]
-        for moment_ns in sorted({ns for event in own for ns in _bounds(event)}):
+        bounds = [(ns, place) for place, event in enumerate(own) for ns in _bounds(event)]
+        active: set[int] = set()
+        for moment_ns, group in groupby(sorted(bounds), key=itemgetter(0)):
+            active ^= {place for _, place in group}  # each event's first bound begins it, its second ends it
             settings = link.settings
-            for event in own:
-                begin_ns, end_ns = _bounds(event)
-                if begin_ns <= moment_ns < end_ns:
-                    settings = changed(settings, event.change)
+            for place in sorted(active):
+                settings = changed(settings, own[place].change)
             found.append((moment_ns, name, settings))
-    yield from sorted(found, key=lambda change: change[0])
+    yield from sorted(found, key=itemgetter(0))
 
 
 def _bounds(event: Event) -> tuple[int, int]:
     begin_ns = round(event.at_s * _NS)
-    return begin_ns, begin_ns + round(event.for_s * _NS)
+    return begin_ns, begin_ns + max(1, round(event.for_s * _NS))

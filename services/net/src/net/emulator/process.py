@@ -11,7 +11,7 @@ from pathlib import Path
 from ..hops import Link as Pair
 from ..interfaces import NetError, Port
 from . import counts, nfqueue, rules
-from .network import Network, changes
+from .network import Network
 from .nfqueue import Queues
 from .plan import Plan
 from .shaper import Shaper
@@ -40,7 +40,7 @@ def shape(plan: Plan, ports: Sequence[Port], pairs: Sequence[Pair], counters_fil
 def queues_of_whole_packets(plan: Plan) -> frozenset[int]:
     """The places of links that corrupt or duplicate at any time, for which a packet's head is not enough."""
     touching = {name for name, link in plan.links.items() if link.settings.corrupt or link.settings.duplicate}
-    touching |= {name for _, name, settings in changes(plan) if settings.corrupt or settings.duplicate}
+    touching |= {event.link for event in plan.events if event.change.get("corrupt") or event.change.get("duplicate")}
     return frozenset(queue for queue, name in enumerate(plan.links) if name in touching)
 
 

@@ -17,7 +17,8 @@ from .plan import PlanError
 
 ROOT_NODE = "cloud"
 CHAIN = "NET-SHAPE"
-TOOL = "iptables-restore"
+TOOLS = ("iptables-restore", "iptables-legacy-restore")
+"""The first works by nf_tables, which a kernel may lack."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,14 @@ def rules(ways: Sequence[Way]) -> str:
 
 def apply(ways: Sequence[Way]) -> None:
     """Raises NetError with what iptables says."""
-    try:
-        done = subprocess.run([TOOL], input=rules(ways), capture_output=True, text=True, check=False)
-    except FileNotFoundError as error:
-        raise NetError(f"{TOOL}: not found; expected the package iptables") from error
-    if done.returncode != 0:
-        raise NetError(f"{TOOL}: {' '.join(done.stderr.split())}; expected CAP_NET_ADMIN and a kernel with NFQUEUE")
+    said = []
+    for tool in TOOLS:
+        try:
+            done = subprocess.run([tool], input=rules(ways), capture_output=True, text=True, check=False)
+        except FileNotFoundError:
+            said.append(f"{tool}: not found")
+            continue
+        if done.returncode == 0:
+            return
+        said.append(f"{tool}: {' '.join(done.stderr.split())}")
+    raise NetError(f"{'; '.join(said)}; expected iptables, CAP_NET_ADMIN and a kernel with NFQUEUE")

@@ -11,7 +11,6 @@ import errno
 import gc
 import heapq
 import itertools
-import random
 import select
 import socket
 import time
@@ -19,6 +18,7 @@ from collections.abc import Callable, Sequence
 
 from . import nfqueue
 from .injector import Injector
+from .jitter import generator
 from .link import CORRUPT, DUPLICATE, PASS, Counters
 from .network import Network
 from .nfqueue import Queues
@@ -58,7 +58,7 @@ class Shaper:
         self._held: list[_Held] = []
         self._numbers = itertools.count()
         self._buffer = bytearray(BUFFER_BYTES)
-        self._flips = random.Random()
+        self._flips = generator(network.seed, "all", "bits")
         self._clock_zero_ns = 0
 
     @property
@@ -173,7 +173,9 @@ class Shaper:
                 counters.left += 1
                 late(now_ns - due_ns)
             if copy is not None:
-                copy[0].send(copy[1])
+                if not copy[0].send(copy[1]) and counters is not None:
+                    counters.left -= 1
+                    counters.refused += 1
             else:
                 verdicts.append(verdict)
                 if len(verdicts) == BATCH:
