@@ -98,9 +98,11 @@ class ShapedLink:
         return done.exit_code, done.output.decode()
 
     @contextmanager
-    def shaping(self, up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = ()) -> Iterator[Emulator]:
-        """The emulator at work on `up`; the way back is free."""
-        self._write_plan(plan_of(up, events))
+    def shaping(
+        self, up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = (), down: Mapping[str, Any] | None = None
+    ) -> Iterator[Emulator]:
+        """The emulator at work on the way `up`; without `down` the way back is free."""
+        self._write_plan(plan_of(up, events, down))
         self.output("net", ["rm", "-f", f"{FOLDER}/ready", f"{FOLDER}/log"])
         quoted = " ".join(self._command())
         script = f"{quoted} > {FOLDER}/log 2>&1 & echo $! > {FOLDER}/pid; wait"
@@ -146,19 +148,28 @@ class Emulator:
 
     def flow(self, count: int, rate_hz: float, size: int, silence_s: float = 1.0) -> list[Row]:
         """Send datagrams from gs to cloud, in packets of `size` bytes; those that arrived, as they came."""
+        return self._flow("gs", "cloud", count, rate_hz, size, silence_s)
+
+    def flow_back(self, count: int, rate_hz: float, size: int, silence_s: float = 1.0) -> list[Row]:
+        """The same from cloud to gs."""
+        return self._flow("cloud", "gs", count, rate_hz, size, silence_s)
+
+    def send(self, count: int, rate_hz: float, size: int) -> None:
+        """Send from gs to cloud, whatever becomes of it."""
+        self._send("gs", "cloud", count, rate_hz, size)
+
+    def _flow(self, source: str, to: str, count: int, rate_hz: float, size: int, silence_s: float) -> list[Row]:
         command = [PYTHON, PROBE, "receive", str(silence_s)]
-        said = self._link.nodes["cloud"].exec_run(command, stream=True).output
+        said = self._link.nodes[to].exec_run(command, stream=True).output
         first = next(said)
         assert first.startswith(b"listening"), first.decode()
-        self.send(count, rate_hz, size)
+        self._send(source, to, count, rate_hz, size)
         lines = b"".join([first, *said]).decode().splitlines()[1:]
         rows = [[int(word) for word in line.split()] for line in lines]
         return [Row(number, sent, received, bool(sound)) for number, sent, received, sound in rows]
 
-    def send(self, count: int, rate_hz: float, size: int) -> None:
-        """Send, whatever becomes of it."""
-        to = f"{SUBNETS['cloud']}.3"
-        self._link.output("gs", [PYTHON, PROBE, "send", to, str(count), str(rate_hz), str(size)])
+    def _send(self, source: str, to: str, count: int, rate_hz: float, size: int) -> None:
+        self._link.output(source, [PYTHON, PROBE, "send", f"{SUBNETS[to]}.3", str(count), str(rate_hz), str(size)])
 
     def signal(self, name: str) -> None:
         self._link.output("net", ["sh", "-c", f"kill -{name} {self._pid}"])
@@ -188,6 +199,9 @@ class Emulator:
         return code
 
 
-def plan_of(up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
-    """A plan whose way up is shaped."""
-    return {"version": 1, "profile": "test", "seed": 5, "links": {UP: dict(up), DOWN: {}}, "events": list(events)}
+def plan_of(
+    up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = (), down: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """A plan of two links."""
+    links = {UP: dict(up), DOWN: dict(down or {})}
+    return {"version": 1, "profile": "test", "seed": 5, "links": links, "events": list(events)}

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from net.emulator.link import CORRUPT, DROP, DUPLICATE, PASS, Link, Medium
+from net.emulator.link import CORRUPT, DROP, DUPLICATE, PASS, Link
 from net.emulator.plan import Settings
 
 MS = 1_000_000
@@ -51,19 +51,6 @@ def test_the_queue_holds_as_many_frames_as_it_says_and_drops_the_rest() -> None:
     assert slow.arrive(1 * MS, 125) == (4 * MS, PASS)
     assert slow.arrive(1 * MS, 125)[1] == DROP
     assert (slow.counters.came, slow.counters.queue) == (7, 3)
-
-
-def test_links_that_share_a_medium_take_turns_and_have_queues_of_their_own() -> None:
-    medium = Medium()
-    settings = Settings(rate_bps=1_000_000, queue_packets=2)
-    up, down = (Link(name, settings, 1, medium) for name in ("air:uav1:up", "air:uav1:down"))
-    assert [up.arrive(0, 125), down.arrive(0, 125), up.arrive(0, 125)] == [
-        (1 * MS, PASS),
-        (2 * MS, PASS),
-        (3 * MS, PASS),
-    ]
-    assert up.arrive(0, 125)[1] == DROP
-    assert down.arrive(0, 125) == (4 * MS, PASS)
 
 
 def test_a_closed_link_drops_everything_and_says_so() -> None:
@@ -150,7 +137,6 @@ def test_whatever_comes_leaves_later_in_order_or_is_counted(settings: Settings, 
     counters = shaped.counters
     assert fates[DROP] == counters.queue + counters.random
     assert fates[PASS] + fates[DROP] == counters.came == len(frames)
-    assert settings.queue_packets is None or shaped.waiting <= settings.queue_packets
 
 
 @given(shares=st.tuples(*[st.sampled_from([0.0, 0.3, 1.0])] * 3), frames=FRAMES)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from net.emulator.link import DROP, PASS
+from net.emulator.link import DROP, PASS, WAIT
 from net.emulator.network import Network, changes
 from net.emulator.plan import Event, LinkPlan, Plan, Settings
 
@@ -56,7 +56,9 @@ def test_an_outage_is_the_same_however_much_is_sent() -> None:
     assert [now for now, fate in fates[0].items() if fate == DROP] == [S, S + S // 4]
 
 
-def test_a_shared_medium_is_one_whichever_link_names_the_other() -> None:
+def test_a_shared_rate_is_one_whichever_link_names_the_other() -> None:
     _, made = network(up=Settings(rate_bps=1_000_000), shared=True)
-    assert made.links[UP].arrive(0, 125) == (S // 1000, PASS)
-    assert made.links[DOWN].arrive(0, 125) == (2 * S // 1000, PASS)
+    (turns,) = made.turns
+    for link in made.links.values():
+        assert link.arrive(0, 125)[1] == WAIT
+    assert list(turns.advance(S)) == [(made.links[UP], S // 1000, PASS), (made.links[DOWN], 2 * S // 1000, PASS)]

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 
 from .jitter import Jitter, generator, make_jitter
 from .plan import Settings
+from .turns import Turns
 
-DROP, PASS, CORRUPT, DUPLICATE = 0, 1, 2, 4
-"""A frame's fate: DROP, or PASS with CORRUPT and DUPLICATE added."""
+DROP, PASS, CORRUPT, DUPLICATE, WAIT = 0, 1, 2, 4, -1
+"""A frame's fate: DROP, PASS with CORRUPT and DUPLICATE added, or WAIT for its turn where two links share a rate."""
 _NS = 1_000_000_000
 
 
@@ -44,28 +45,20 @@ class Counters:
     reordered: int = 0
 
 
-class Medium:
-    """What sends one frame at a time: a link's own sender, or one that two links share."""
-
-    __slots__ = ("free_ns",)
-
-    def __init__(self) -> None:
-        self.free_ns = 0
-
-
 class Link:
     """`arrive` for each frame in the order in which they come."""
 
-    def __init__(self, name: str, settings: Settings, seed: int, medium: Medium | None = None) -> None:
+    def __init__(self, name: str, settings: Settings, seed: int, turns: Turns | None = None) -> None:
         self.name = name
         self.counters = Counters()
         self.settings = settings
         self._seed = seed
-        self._medium = medium or Medium()
+        self._turns = turns
+        self._free_ns = 0
         self._leaving: deque[int] = deque()
         """When each frame in the rate stage leaves it."""
         self.sent_ns = 0
-        """When the last frame that came left the rate stage, or will."""
+        """When the frame that was last in the rate stage left it, or will."""
         self._last_ns = 0
         self._draw = generator(seed, name, "frames").random
         self._jitter: Jitter
@@ -86,16 +79,11 @@ class Link:
             settings.distribution, settings.jitter_us * 1000, settings.reordering, self._seed, self.name
         )
 
-    @property
-    def waiting(self) -> int:
-        """Frames in the rate stage when the last one came."""
-        return len(self._leaving)
-
     def arrive(self, now_ns: int, size: int) -> tuple[int, int]:
         """When a frame of `size` bytes leaves, and its fate.
 
         A frame to be dropped has the time of the last before it: the kernel finds packets fastest in the order in
-        which they came.
+        which they came. Where two links share a rate the fate is WAIT, until `Turns.advance` says another.
         """
         counters = self.counters
         counters.came += 1
@@ -103,6 +91,8 @@ class Link:
         if self._closed:
             counters.closed += 1
             return max(now_ns, self._last_ns), DROP
+        if self._turns is not None:
+            return self._await_turn(self._turns, now_ns, size)
         sent_ns = now_ns
         if self._rate_bps is not None:
             leaving = self._leaving
@@ -111,15 +101,23 @@ class Link:
             if self._room is not None and len(leaving) >= self._room:
                 counters.queue += 1
                 return max(now_ns, self._last_ns), DROP
-            medium = self._medium
-            sent_ns = (medium.free_ns if medium.free_ns > now_ns else now_ns) + size * 8 * _NS // self._rate_bps
-            medium.free_ns = sent_ns
+            sent_ns = (self._free_ns if self._free_ns > now_ns else now_ns) + size * 8 * _NS // self._rate_bps
+            self._free_ns = sent_ns
             leaving.append(sent_ns)
+        return self.finish(sent_ns)
+
+    def begin(self, start_ns: int, size: int) -> int:
+        """It is this link's turn to send; when the last bit is sent."""
+        self._free_ns = start_ns + (size * 8 * _NS // self._rate_bps if self._rate_bps is not None else 0)
+        return self._free_ns
+
+    def finish(self, sent_ns: int) -> tuple[int, int]:
+        """When a frame leaves whose last bit is sent at `sent_ns`, and its fate."""
         self.sent_ns = sent_ns
         return self._second_stage(sent_ns) if self._draws else (self._due_ns(sent_ns), PASS)
 
     def copy(self) -> tuple[int, int]:
-        """When the copy of the frame that came last leaves, and its fate; it is not duplicated again."""
+        """When the copy of the frame that finished last leaves, and its fate; it is not duplicated again."""
         counters, sent_ns = self.counters, self.sent_ns
         if self._draw() < self._loss:
             counters.random += 1
@@ -129,6 +127,13 @@ class Link:
             counters.corrupted += 1
             fate |= CORRUPT
         return self._due_ns(sent_ns), fate
+
+    def _await_turn(self, turns: Turns, now_ns: int, size: int) -> tuple[int, int]:
+        if self._room is not None and turns.waiting(self) + (self._free_ns > now_ns) >= self._room:
+            self.counters.queue += 1
+            return max(now_ns, self._last_ns), DROP
+        turns.offer(self, now_ns, size)
+        return now_ns, WAIT
 
     def _second_stage(self, sent_ns: int) -> tuple[int, int]:
         counters, draw = self.counters, self._draw

@@ -1,4 +1,4 @@
-"""All links of a plan together, with the media that some share and the events that change them. No I/O."""
+"""All links of a plan together, with the rates that some share and the events that change them. No I/O."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from itertools import groupby
 from operator import itemgetter
 
 from .jitter import make_jitter
-from .link import Link, Medium
+from .link import Link
 from .plan import Event, Plan, Settings, changed
+from .turns import Turns
 
 _NS = 1_000_000_000
 Change = tuple[int, str, Settings]
@@ -20,12 +21,12 @@ class Network:
 
     def __init__(self, plan: Plan) -> None:
         self.seed = plan.seed
-        media: dict[str, Medium] = {}
+        shared: dict[str, Turns] = {}
         for name, link in plan.links.items():
-            medium = media.setdefault(name, Medium())
-            if link.shared_with is not None:
-                media[link.shared_with] = medium
-        self.links = {name: Link(name, link.settings, plan.seed, media[name]) for name, link in plan.links.items()}
+            if link.shared_with is not None and name not in shared:
+                shared[name] = shared[link.shared_with] = Turns()
+        self.turns = list({id(turns): turns for turns in shared.values()}.values())
+        self.links = {name: Link(name, link.settings, plan.seed, shared.get(name)) for name, link in plan.links.items()}
         self._changes = list(reversed(list(changes(plan))))
         for _, name, settings in self._changes:  # makes their tables now, not when they are due
             make_jitter(settings.distribution, settings.jitter_us * 1000, settings.reordering, plan.seed, name)

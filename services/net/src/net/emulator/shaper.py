@@ -14,16 +14,18 @@ import itertools
 import select
 import socket
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from . import nfqueue
 from .injector import Injector
 from .jitter import generator
-from .link import CORRUPT, DUPLICATE, PASS, Counters
+from .link import CORRUPT, DROP, DUPLICATE, PASS, WAIT, Counters
 from .network import Network
 from .nfqueue import Queues
 from .rules import Way
 from .timing import Lateness
+from .turns import Sender
 
 BATCH = 64
 """Packets taken before those that are due are let go."""
@@ -56,6 +58,8 @@ class Shaper:
         self._accept = [nfqueue.verdict_prefix(queue, True) for queue in range(len(ways))]
         self._drop = [nfqueue.verdict_prefix(queue, False) for queue in range(len(ways))]
         self._held: list[_Held] = []
+        self._waiting: dict[Sender, deque[tuple[int, bytes, bytes]]] = {link: deque() for link in self._links}
+        """Queue, id and payload of the packets that wait for their turn."""
         self._numbers = itertools.count()
         self._buffer = bytearray(BUFFER_BYTES)
         self._flips = generator(network.seed, "all", "bits")
@@ -63,8 +67,8 @@ class Shaper:
 
     @property
     def held(self) -> int:
-        """Packets that wait for their time."""
-        return len(self._held)
+        """Packets that wait for their turn or their time."""
+        return len(self._held) + sum(map(len, self._waiting.values()))
 
     def run(self, wake: socket.socket, ended: Callable[[], bool], tick: Callable[[], None]) -> None:
         """`wake` becomes readable when `ended` may have changed. Time zero is now."""
@@ -86,10 +90,14 @@ class Shaper:
                 tick_ns = now_ns + TICK_NS
                 self._read_clocks(zero_ns)
             more = self._take(zero_ns)
+            if self._network.turns:
+                self._take_turns(time.monotonic_ns() - zero_ns)
             self._let_go(zero_ns)
             if more:
                 continue
             next_ns = min(tick_ns, change_ns or tick_ns, self._held[0][0] if self._held else tick_ns)
+            for turns in self._network.turns:
+                next_ns = min(next_ns, turns.next_ns or tick_ns)
             left_ns = next_ns + zero_ns - time.monotonic_ns()
             if left_ns > 0:
                 select.select(sources, (), (), left_ns * _NS)
@@ -133,17 +141,34 @@ class Shaper:
             link = links[queue]
             size = (buffer[end - 2] << 8 | buffer[end - 1]) + ETHERNET_BYTES
             due_ns, fate = link.arrive(came_ns, size)
-            if fate:
+            if fate > 0:
                 push(held, (due_ns, next(numbers), link.counters, accept[queue] + packet, None))
-            else:
+            elif fate == DROP:
                 push(held, (due_ns, next(numbers), None, drop[queue] + packet, None))
+            else:
+                self._waiting[link].append((queue, packet, b""))
         return True
 
     def _take_whole(self, queue: int, packet: bytes, payload: bytes, came_ns: int) -> None:
         """A packet of a link that may change or double it."""
-        link, numbers = self._links[queue], self._numbers
+        link = self._links[queue]
         due_ns, fate = link.arrive(came_ns, len(payload) + ETHERNET_BYTES)
-        if not fate:
+        if fate == WAIT:
+            self._waiting[link].append((queue, packet, payload))
+        else:
+            self._hold(queue, packet, payload, due_ns, fate)
+
+    def _take_turns(self, now_ns: int) -> None:
+        """What began to be sent on links that share a rate."""
+        for turns in self._network.turns:
+            for link, due_ns, fate in turns.advance(now_ns):
+                queue, packet, payload = self._waiting[link].popleft()
+                self._hold(queue, packet, payload, due_ns, fate)
+
+    def _hold(self, queue: int, packet: bytes, payload: bytes, due_ns: int, fate: int) -> None:
+        """Until it is due; `payload` is there where the link may change or double it."""
+        link, numbers = self._links[queue], self._numbers
+        if fate == DROP:
             heapq.heappush(self._held, (due_ns, next(numbers), None, self._drop[queue] + packet, None))
             return
         verdict = self._accept[queue] + packet
