@@ -91,10 +91,10 @@ class ShapedLink:
         assert code == 0, f"{node}: {' '.join(command)}: {said.decode()}"
         return str(said.decode())
 
-    def shape(self, plan: object, **options: Any) -> tuple[int, str]:
+    def shape(self, plan: object, counters: str = f"{FOLDER}/counters.json", **options: Any) -> tuple[int, str]:
         """Exit code and words of an emulator that is expected to end by itself."""
         self._write_plan(plan)
-        done = self.nodes["net"].exec_run(self._command(), environment=self._environment(), **options)
+        done = self.nodes["net"].exec_run(self._command(counters), environment=self._environment(), **options)
         return done.exit_code, done.output.decode()
 
     @contextmanager
@@ -118,9 +118,9 @@ class ShapedLink:
         text = json.dumps(plan)
         self.output("net", ["sh", "-c", f'mkdir -p {FOLDER} && printf %s "$1" > {FOLDER}/plan.json', "sh", text])
 
-    def _command(self) -> list[str]:
-        files = {"plan": "plan.json", "counters": "counters.json", "ready-file": "ready"}
-        return [PYTHON, "-m", "net", "shape", *(w for o, f in files.items() for w in (f"--{o}", f"{FOLDER}/{f}"))]
+    def _command(self, counters: str = f"{FOLDER}/counters.json") -> list[str]:
+        files = {"plan": f"{FOLDER}/plan.json", "counters": counters, "ready-file": f"{FOLDER}/ready"}
+        return [PYTHON, "-m", "net", "shape", *(word for name, file in files.items() for word in (f"--{name}", file))]
 
     def _environment(self) -> dict[str, str]:
         return {"NODES": " ".join(f"{n}={s}.2,{s}.3" for n, s in SUBNETS.items()), "LINKS": "gs-cloud"}

@@ -179,6 +179,14 @@ def test_a_plan_that_cannot_be_carried_out_is_refused_in_one_line(link: ShapedLi
     assert len(words.splitlines()) == 1
 
 
+def test_a_counters_file_that_cannot_be_written_is_named(link: ShapedLink) -> None:
+    code, words = link.shape(plan_of({}), counters="/nowhere/counters.json")
+    assert code == 1
+    assert words == (
+        "net: --counters /nowhere/counters.json: No such file or directory; expected a file that can be written\n"
+    )
+
+
 def test_without_the_right_to_it_says_so_in_one_line(link: ShapedLink) -> None:
     link.output("net", ["mkdir", "-p", "-m", "777", "/tmp/shaping"])
     code, words = link.shape(plan_of({}), user="1000:1000")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ..hops import Link as Pair
@@ -20,8 +20,6 @@ from .shaper import Shaper
 def shape(plan: Plan, ports: Sequence[Port], pairs: Sequence[Pair], counters_file: Path, ready_file: Path) -> None:
     """Shape every link until SIGTERM or SIGINT, with counters written each second and at the end. Raises NetError."""
     ways = rules.ways_of(list(plan.links), ports, pairs)
-    if not counters_file.parent.is_dir():
-        raise NetError(f"--counters {counters_file}: no such folder; expected a file in one that exists")
     network = Network(plan)
     whole = queues_of_whole_packets(plan)
     queues = Queues(len(ways), whole)
@@ -30,7 +28,8 @@ def shape(plan: Plan, ports: Sequence[Port], pairs: Sequence[Pair], counters_fil
         rules.apply(ways)
         write = _writer(plan, network, shaper, counters_file)
         write()
-        ready_file.touch()
+        with _written("--ready-file", ready_file):
+            ready_file.touch()
         try:
             shaper.run(ending.wake, ending.has_come, write)
         finally:
@@ -49,9 +48,18 @@ def _writer(plan: Plan, network: Network, shaper: Shaper, path: Path) -> Callabl
 
     def write() -> None:
         drops = nfqueue.read_drops(nfqueue.COUNTS_FILE.read_text())
-        counts.write(counts.report(plan.profile, links, drops, shaper.overruns, shaper.late, shaper.held), path)
+        with _written("--counters", path):
+            counts.write(counts.report(plan.profile, links, drops, shaper.overruns, shaper.late, shaper.held), path)
 
     return write
+
+
+@contextlib.contextmanager
+def _written(option: str, path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise NetError(f"{option} {path}: {error.strerror}; expected a file that can be written") from error
 
 
 class _Ending:
