@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -48,8 +49,34 @@ def report(
     }
 
 
-def write(content: Mapping[str, Any], path: Path) -> None:
-    """Whole or not at all."""
-    fresh = path.with_suffix(".new")
-    fresh.write_text(json.dumps(content, indent=1) + "\n")
-    fresh.replace(path)
+class Writer:
+    """Writes the file, whole or not at all, on a thread of its own: a slow disk must not hold up packets."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._threads = ThreadPoolExecutor(max_workers=1)
+        self._last: Future[None] | None = None
+
+    def write(self, content: Mapping[str, Any]) -> None:
+        """Begin to write, unless the disk is still busy with what came before; raises OSError where that failed."""
+        if self._last is None or self._last.done():
+            self._settle()
+            text = json.dumps(content) + "\n"  # indented it would take ten times as long, in the packets' time
+            self._last = self._threads.submit(self._replace, text)
+
+    def finish(self, content: Mapping[str, Any]) -> None:
+        """Write, and wait until it is done. Raises OSError."""
+        self._settle()
+        self._last = None
+        self.write(content)
+        self._settle()
+        self._threads.shutdown()
+
+    def _settle(self) -> None:
+        if self._last is not None:
+            self._last.result()
+
+    def _replace(self, text: str) -> None:
+        fresh = self._path.with_suffix(".new")
+        fresh.write_text(text)
+        fresh.replace(self._path)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import signal
 import socket
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..hops import Link as Pair
 from ..interfaces import NetError, Port
@@ -25,15 +26,26 @@ def shape(plan: Plan, ports: Sequence[Port], pairs: Sequence[Pair], counters_fil
     queues = Queues(len(ways), whole)
     with contextlib.closing(queues), _Ending() as ending:
         shaper = Shaper(network, ways, queues, whole)
+        writer = counts.Writer(counters_file)
+        links = list(network.links.values())
+
+        def report() -> dict[str, Any]:
+            drops = nfqueue.read_drops(nfqueue.COUNTS_FILE.read_text())
+            return counts.report(plan.profile, links, drops, shaper.overruns, shaper.late, shaper.held)
+
+        def tick() -> None:
+            with _written("--counters", counters_file):
+                writer.write(report())
+
         rules.apply(ways)
-        write = _writer(plan, network, shaper, counters_file)
-        write()
-        with _written("--ready-file", ready_file):
-            ready_file.touch()
         try:
-            shaper.run(ending.wake, ending.has_come, write)
+            tick()
+            with _written("--ready-file", ready_file):
+                ready_file.touch()
+            shaper.run(ending.wake, ending.has_come, tick)
         finally:
-            write()
+            with _written("--counters", counters_file):
+                writer.finish(report())
 
 
 def queues_of_whole_packets(plan: Plan) -> frozenset[int]:
@@ -41,17 +53,6 @@ def queues_of_whole_packets(plan: Plan) -> frozenset[int]:
     touching = {name for name, link in plan.links.items() if link.settings.corrupt or link.settings.duplicate}
     touching |= {event.link for event in plan.events if event.change.get("corrupt") or event.change.get("duplicate")}
     return frozenset(queue for queue, name in enumerate(plan.links) if name in touching)
-
-
-def _writer(plan: Plan, network: Network, shaper: Shaper, path: Path) -> Callable[[], None]:
-    links = list(network.links.values())
-
-    def write() -> None:
-        drops = nfqueue.read_drops(nfqueue.COUNTS_FILE.read_text())
-        with _written("--counters", path):
-            counts.write(counts.report(plan.profile, links, drops, shaper.overruns, shaper.late, shaper.held), path)
-
-    return write
 
 
 @contextlib.contextmanager

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 STEP_NS = 10_000
-STEPS = 10_000
+STEPS = 2_000
 
 
 class Lateness:
-    """Counts in steps of 10 microseconds up to 0.1 s; the greatest exactly."""
+    """Counts in steps of 10 microseconds up to 20 ms; the greatest exactly."""
 
     __slots__ = ("_counts", "greatest_ns")
 
@@ -22,10 +22,10 @@ class Lateness:
             self.greatest_ns = late_ns
 
     def quantile_ms(self, share: float) -> float:
-        """What `share` of the packets were not later than, in ms; 0 without packets."""
+        """What `share` of the packets were not later than, in ms; beyond the last step the greatest, 0 without any."""
         wanted, seen = share * sum(self._counts), 0
         for step, count in enumerate(self._counts):
             seen += count
             if count and seen >= wanted:
-                return min((step + 1) * STEP_NS, self.greatest_ns) / 1e6
+                return (min((step + 1) * STEP_NS, self.greatest_ns) if step < STEPS else self.greatest_ns) / 1e6
         return 0.0
