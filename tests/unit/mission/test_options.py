@@ -59,6 +59,16 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     assert said.count("\n") == 1
 
 
+def test_a_start_of_the_links_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    there = tmp_path / "start"
+    there.touch()
+    expected = f"mission: --links-start {there}: expected a file that is not there yet\n"
+    assert _said(tmp_path, **{"links-start": str(there)}) == (2, expected)
+    nowhere = tmp_path / "none" / "start"
+    expected = f"mission: --links-start {nowhere}: expected a folder that can be written to\n"
+    assert _said(tmp_path, **{"links-start": str(nowhere)}) == (2, expected)
+
+
 def test_mavsdk_is_loaded_only_for_the_fleet_that_flies_with_it() -> None:
     program = "import sys, mission.__main__; print('mavsdk' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "False\n"

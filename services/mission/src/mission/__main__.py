@@ -14,7 +14,7 @@ from mqttxt import ConfigurationError
 from .events import EventLog
 from .fleet import Fleet, MissionError
 from .mqttxt_fleet import MqttxtFleet
-from .options import COMMANDINGS, PROTOCOLS, STATES, STREAMS, Options, parse_fleet, parse_urls
+from .options import COMMANDINGS, PROTOCOLS, STATES, STREAMS, Options, check_makeable, parse_fleet, parse_urls
 from .scenarios import SCENARIOS
 from .steps import Steps
 
@@ -44,6 +44,9 @@ def fly(
     ] = "",
     streams: Annotated[str, typer.Option(help=f"mavlink: {', '.join(STREAMS)}.")] = "px4-onboard",
     commanding: Annotated[str, typer.Option(help=f"mavlink: {', '.join(COMMANDINGS)}.")] = "one-by-one",
+    links_start: Annotated[
+        Path | None, typer.Option(help="Empty file that is made at t = 0, for the clock of the links' events.")
+    ] = None,
 ) -> None:
     """Fly a scenario; exit code 0 when it was completed, 1 when it failed."""
     try:
@@ -59,12 +62,14 @@ def fly(
             commanding=commanding,
         )
         options.check(tuple(SCENARIOS))
+        if links_start is not None:
+            check_makeable("--links-start", links_start)
         log = EventLog(events)
         flying = make_fleet(options, log)
     except (ValueError, OSError) as error:
         typer.echo(f"mission: {error}", err=True)
         raise typer.Exit(2) from None
-    reason = asyncio.run(_fly(scenario, flying, log))
+    reason = asyncio.run(_fly(scenario, flying, log, links_start))
     log.close()
     if reason is not None:
         typer.echo(f"mission: {scenario} failed: {reason}", err=True)
@@ -83,12 +88,14 @@ def make_fleet(options: Options, log: EventLog) -> Fleet:
         raise ValueError(str(error)) from error
 
 
-async def _fly(scenario: str, fleet: Fleet, log: EventLog) -> str | None:
-    """Fly it; returns why it failed, None when it did not."""
+async def _fly(scenario: str, fleet: Fleet, log: EventLog, links_start: Path | None) -> str | None:
+    """Fly it; returns why it failed, None when it did not. The clock of the links begins with the mission."""
     reason = None
     try:
         await fleet.connect(CONNECT_LIMIT_S)
         log.write("mission_start", scenario=scenario, drones=list(fleet.drones))
+        if links_start is not None:
+            links_start.touch()
         await SCENARIOS[scenario](fleet, Steps(fleet, log))
     except MissionError as error:
         reason = str(error)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 PROTOCOLS = ("mqttxt", "mavlink")
 QOS = ("0", "1")
@@ -62,6 +64,14 @@ def parse_urls(text: str) -> tuple[str, ...]:
         if not _URL.fullmatch(url):
             raise ValueError(f"--mavlink {url!r}: expected udpin://HOST:PORT, as udpin://0.0.0.0:14540")
     return urls
+
+
+def check_makeable(option: str, path: Path) -> None:
+    """Raises ValueError for a file that is there already or whose folder cannot be written."""
+    if path.exists():
+        raise ValueError(f"{option} {path}: expected a file that is not there yet")
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise ValueError(f"{option} {path}: expected a folder that can be written to")
 
 
 def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:

@@ -46,6 +46,9 @@ def fly(
     events: Annotated[Path | None, typer.Option(help="File for what happens, JSON lines.")] = None,
     control: Annotated[Path | None, typer.Option(help="Unix socket of the side channel.")] = None,
     ready_file: Annotated[Path | None, typer.Option(help="File touched every second while flying.")] = None,
+    position_file: Annotated[
+        Path | None, typer.Option(help="File with the drone's place, replaced five times a second.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.")] = 1,
 ) -> None:
     """Fly one simulated drone until Ctrl-C."""
@@ -61,7 +64,8 @@ def fly(
             links.append(LinkConfig(("127.0.0.1", 18569 + system), ("127.0.0.1", 14550), "px4-gcs"))
             typer.echo(_how_to_connect(system, links[0]))
         vehicle = Vehicle(config, [link.streams for link in links], seed)
-        process = Process(vehicle, links, events=events, control=control, ready_file=ready_file)
+        files = {"events": events, "control": control, "ready_file": ready_file, "position_file": position_file}
+        process = Process(vehicle, links, **files)
         asyncio.run(_until_signal(process))
 
 

@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from .errors import SitlError
 from .modes import Happened, Output
+from .position_file import EVERY_S, PositionFile
 from .vehicle import Vehicle
 
 logger = logging.getLogger("sitl")
@@ -104,6 +105,7 @@ class Process:
         events: Path | None = None,
         control: Path | None = None,
         ready_file: Path | None = None,
+        position_file: Path | None = None,
     ) -> None:
         self.vehicle = vehicle
         self._configs = links
@@ -112,6 +114,7 @@ class Process:
         self._events: TextIO | None = None
         self._control = control
         self._ready_file = ready_file
+        self._position_file = PositionFile(position_file) if position_file is not None else None
         self._counts: Counter[str] = Counter()
         self._started = time.monotonic()
 
@@ -139,7 +142,7 @@ class Process:
             logger.warning("%s: %s (further ones are counted, not logged)", kind, detail)
 
     async def _fly(self) -> None:
-        next_tick_s = next_mark_s = 0.0
+        next_tick_s = next_mark_s = next_position_s = 0.0
         while True:
             now_s = time.monotonic() - self._started
             self._carry_out(None, self.vehicle.advance(now_s))
@@ -151,6 +154,9 @@ class Process:
                 self._write(self.vehicle.position())
                 if self._ready_file is not None:
                     _touch(self._ready_file)
+            if self._position_file is not None and now_s >= next_position_s:
+                next_position_s = now_s + EVERY_S
+                self._position_file.write(self.vehicle.position().detail)
             # Ticks keep to a grid, or every one would be late by its own work and a stream of 100 Hz slower than that.
             next_tick_s = max(next_tick_s + TICK_S, now_s)
             await asyncio.sleep(next_tick_s - (time.monotonic() - self._started))

@@ -1,0 +1,70 @@
+"""A mission from its start to its end: when the clock of the links begins, and what is left when it fails."""
+
+from __future__ import annotations
+
+import json
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mission import __main__ as command
+from mission.events import EventLog
+from mission.fleet import MissionError, Result, Status
+
+
+class Fleet:
+    """One drone; what is there of a file is noted when it is connected and when it is armed."""
+
+    drones = (1,)
+
+    def __init__(self, watched: Path, connects: bool = True) -> None:
+        self.seen: list[tuple[str, bool]] = []
+        self._watched = watched
+        self._connects = connects
+
+    async def connect(self, limit_s: float) -> None:
+        self.seen.append(("connect", self._watched.exists()))
+        if not self._connects:
+            raise MissionError("connect: drone 1 never appeared")
+
+    async def close(self) -> None: ...
+
+    async def arm(self) -> list[Result]:
+        self.seen.append(("arm", self._watched.exists()))
+        return [Result(1, "denied", "autopilot")]
+
+    def status(self, drone: int) -> Status:
+        return Status()
+
+    async def changed(self) -> None: ...
+
+    def __getattr__(self, name: str) -> Any:
+        raise AssertionError(f"{name}: the mission ends with the refused arming")
+
+
+async def _fly(tmp_path: Path, fleet: Fleet, start: Path | None) -> tuple[str | None, list[dict[str, Any]]]:
+    log = EventLog(tmp_path / "events.jsonl", StringIO())
+    reason = await command._fly("scenario-1", fleet, log, start)  # type: ignore[arg-type]
+    log.close()
+    return reason, [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
+
+
+async def test_the_clock_of_the_links_begins_with_the_mission(tmp_path: Path) -> None:
+    start = tmp_path / "start"
+    fleet = Fleet(start)
+    reason, events = await _fly(tmp_path, fleet, start)
+    assert reason == "arm: drone 1: denied (autopilot)"
+    assert fleet.seen == [("connect", False), ("arm", True)]
+    assert start.read_bytes() == b""
+    assert [event["event"] for event in events[:2]] == ["mission_start", "step"]
+
+
+@pytest.mark.parametrize("asked", [True, False])
+async def test_a_mission_that_does_not_begin_starts_no_clock(tmp_path: Path, asked: bool) -> None:
+    start = tmp_path / "start"
+    reason, events = await _fly(tmp_path, Fleet(start, connects=False), start if asked else None)
+    assert reason == "connect: drone 1 never appeared"
+    assert not start.exists()
+    assert [event["event"] for event in events] == ["mission_end"]
