@@ -150,10 +150,10 @@ def read_json(path: Path) -> dict[str, Any]:
     return found
 
 
-def read_json_lines(path: Path) -> list[dict[str, Any]]:
+def read_json_lines(path: Path, needed: frozenset[str] = frozenset({"t_ns", "event"})) -> list[dict[str, Any]]:
     """The events of a file, up to a last line that was cut off; empty when there is none.
 
-    Raises ResultsError naming a line in it that is no event.
+    Raises ResultsError naming a line in it that is no event, with all the fields `needed`.
     """
     if not path.exists():
         return []
@@ -164,7 +164,7 @@ def read_json_lines(path: Path) -> list[dict[str, Any]]:
             event = json.loads(line)
         except ValueError as error:
             raise ResultsError(f"{path}, line {number}: not JSON: {error}") from error
-        if not isinstance(event, dict) or not {"t_ns", "event"} <= set(event):
+        if not isinstance(event, dict) or not needed <= set(event):
             raise ResultsError(f"{path}, line {number}: expected an event with t_ns")
         found.append(event)
     return found

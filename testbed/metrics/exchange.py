@@ -1,26 +1,34 @@
-"""What an attempt said end to end, for either protocol: commands, states, delays, frames for each call."""
+"""What an attempt said end to end, for either protocol: each command and each state, when it left and when it came."""
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
+import polars as pl
+
 from .window import Window
+
+SENT = pl.Schema({
+    **{"name": pl.String(), "drone": pl.Int64(), "t_ns": pl.Int64(), "arrived_ns": pl.Int64(), "frame": pl.Int64()},
+})  # fmt: skip
+"""A row for each message sent: the command's or state's name, the drone it goes to or comes from, when its first frame
+left its origin (null: it never did), when its first copy reached the far end (null: none did), and the row of that
+first frame in the packets table."""
+SAME_MESSAGE_NS = 300_000_000_000
+"""A key that comes again after a longer time names another message: MQTT-XT's stamps begin again after 655 s."""
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """Losses are shares of what was sent in the window, None where nothing was; delays in ms by command.
+    """Commands and states of the window, as `SENT` has them.
 
     `frames_per_call` is the mean number of frames that left the ground station for a call, repetitions included.
     """
 
-    commands_sent: int = 0
-    commands_lost: float | None = None
-    states_sent: int = 0
-    states_lost: float | None = None
-    delay_ms: dict[str, list[float]] = field(default_factory=dict)
+    commands: pl.DataFrame = field(default_factory=SENT.to_frame)
+    states: pl.DataFrame = field(default_factory=SENT.to_frame)
     frames_per_call: dict[str, float] = field(default_factory=dict)
 
 
@@ -36,9 +44,24 @@ def mean_frames(calls: list[dict[str, Any]], frames: Counter[str]) -> dict[str, 
     return {command: round(frames[command] / count, 3) for command, count in asked.items()}
 
 
-def delays_ms(pairs: list[tuple[str, int, int]]) -> dict[str, list[float]]:
-    """One way, by capture: (command, sent, received), both in nanoseconds, to milliseconds by command."""
-    found: dict[str, list[float]] = defaultdict(list)
-    for command, sent_ns, received_ns in pairs:
-        found[command].append(round((received_ns - sent_ns) / 1e6, 3))
-    return dict(found)
+def with_arrivals(sent: pl.DataFrame, arrived: pl.DataFrame, by: list[str], repeats: bool) -> pl.DataFrame:
+    """`sent` with the column `arrived_ns`: when the first copy of each message came, null where none did.
+
+    `sent` has the columns `by` and `t_ns`, `arrived` has `by` and `arrived_ns`; each copy belongs to the last message
+    of its key that was sent before it. `repeats` tells that a key which is sent again soon is the same message.
+    """
+    sent = sent.sort("t_ns", maintain_order=True)
+    if repeats:
+        since = pl.col("t_ns") - pl.col("t_ns").shift(1).over(by)
+        sent = sent.filter((since > SAME_MESSAGE_NS).fill_null(True))
+    sent = sent.with_row_index("number")
+    # one time axis for both, sent before arrived where they are equal
+    asked = sent.select(*by, pl.col("t_ns").alias("at"), "number")
+    copies = arrived.select(*by, pl.col("arrived_ns").alias("at")).sort("at", maintain_order=True)
+    found = (
+        copies.join_asof(asked, on="at", by=by, strategy="backward", check_sortedness=False)
+        .filter(pl.col("number").is_not_null())
+        .group_by("number", maintain_order=True)
+        .agg(pl.col("at").min().alias("arrived_ns"))
+    )
+    return sent.join(found, on="number", how="left", maintain_order="left").drop("number")

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import polars as pl
 
 from ..packets import Packets
-from .exchange import Exchange, calls_in, delays_ms, mean_frames
+from .exchange import SENT, Exchange, calls_in, mean_frames, with_arrivals
 from .ways import STATION, Ways
 from .window import MAV_CMD_ARM, Window
 
-STATE_MESSAGES = ("BATTERY_STATUS", "GLOBAL_POSITION_INT", "VFR_HUD", "HEARTBEAT")
-"""What carries battery; location and heading; groundspeed; flight mode."""
+STATE_MESSAGES = {
+    **{"BATTERY_STATUS": "battery", "GLOBAL_POSITION_INT": "location"},
+    **{"VFR_HUD": "groundspeed", "HEARTBEAT": "flight_mode"},
+}
+"""What carries which state; GLOBAL_POSITION_INT carries the heading too and counts once."""
 _COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 _STATION_SYSTEM = 245
 """MAVSDK's own system id."""
@@ -30,6 +34,19 @@ class _Call:
     def fits(self, message: dict[str, Any]) -> bool:
         wanted = zip(self.params, (message["param1"], message["param2"], message["param3"]), strict=False)
         return message["command"] == self.command and all(value in (None, found) for value, found in wanted)
+
+    def matches(self) -> pl.Expr:
+        """Of a command's message: the same as `fits`."""
+        found = pl.col("command") == self.command
+        for number, value in enumerate(self.params, 1):
+            if value is not None:
+                found &= pl.col(f"param{number}") == value
+        return found
+
+    def is_of(self, event: dict[str, Any]) -> bool:
+        """Whether an autopilot's `command` event is this."""
+        wanted = zip(self.params, event["params"], strict=False)
+        return bool(event["command"] == self.command and all(value in (None, found) for value, found in wanted))
 
 
 _SET_MODE = 176
@@ -61,7 +78,7 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
         for drone, node in ways.drones.items()
     }
     frames: Counter[str] = Counter()
-    pairs: list[tuple[str, int, int]] = []
+    rows: list[tuple[str, int, int | None, int | None, int | None]] = []
     for number, call in enumerate(calls):
         name, drone, until_ns = str(call["command"]), call["drone"], _until(calls, number)
         own = [m for m in leaving if m["target_system"] == drone and call["t_ns"] <= m["t_ns"] < until_ns]
@@ -69,17 +86,31 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
         frames[name] += len([m for m in own if CALLS[name].fits(m) or (name in _BESIDE and _BESIDE[name].fits(m))])
         keys = {_key_of(m) for m in sent}
         copies = [m["left_ns"] for m in arrived.get(drone, []) if _key_of(m) in keys and m["left_ns"] >= call["t_ns"]]
-        if copies:
-            pairs.append((name, sent[0]["t_ns"], min(copies)))
-    states_sent, states_lost = _states(packets.messages, ways, window)
+        first = sent[0] if sent else {"t_ns": None, "frame": None}
+        rows.append((name, drone, first["t_ns"], min(copies, default=None), first["frame"]))
     return Exchange(
-        commands_sent=len(calls),
-        commands_lost=1 - len(pairs) / len(calls) if calls else None,
-        states_sent=states_sent,
-        states_lost=states_lost / states_sent if states_sent else None,
-        delay_ms=delays_ms(pairs),
+        commands=pl.DataFrame(rows, schema=SENT, orient="row"),
+        states=_states(packets.messages, ways, window),
         frames_per_call=mean_frames(calls, frames),
     )
+
+
+def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame:
+    """The rows of commands, their ACKs and the five states in the messages table, and the name of each kind."""
+    kind = pl.col("kind").cast(pl.String)
+    rows = messages.with_row_index("row").with_columns(pl.col("row").cast(pl.Int64))
+    is_command = kind.is_in(_COMMANDS)
+    names = [
+        pl.when(kind.is_in(list(STATE_MESSAGES)) & pl.col("system").is_in(list(drones))).then(
+            kind.replace_strict(STATE_MESSAGES, default=None, return_dtype=pl.String)
+        )
+    ]
+    names += [pl.when(is_command & call.matches()).then(pl.lit(command)) for command, call in CALLS.items()]
+    names += [
+        pl.when((kind == "COMMAND_ACK") & (pl.col("command") == call.command)).then(pl.lit(f"{command} ack"))
+        for command, call in CALLS.items()
+    ]
+    return rows.select("row", pl.coalesce(names).alias("name")).filter(pl.col("name").is_not_null())
 
 
 def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> dict[str, Any]:
@@ -109,14 +140,17 @@ def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> dict
     }
 
 
-def _states(messages: pl.DataFrame, ways: Ways, window: Window) -> tuple[int, int]:
-    """How many messages of the states the drones sent in the window, and how many of them never reached gs."""
-    states = messages.filter(pl.col("kind").cast(pl.String).is_in(STATE_MESSAGES)).with_columns(_key())
-    sent = states.filter(window.entered, _by_its_drone(ways))
-    arrived = states.filter(
-        pl.col("link").cast(pl.String).is_in(ways.entering(STATION)), pl.col("left_ns") >= window.start_ns
+def _states(messages: pl.DataFrame, ways: Ways, window: Window) -> pl.DataFrame:
+    """The messages of the states that the drones sent in the window, and when the first copy of each came to gs."""
+    states = messages.filter(pl.col("kind").cast(pl.String).is_in(list(STATE_MESSAGES))).with_columns(_key())
+    own = states.filter(_by_its_drone(ways)).select(
+        pl.col("kind").cast(pl.String).replace_strict(STATE_MESSAGES, return_dtype=pl.String).alias("name"),
+        *("key", "t_ns", "frame", pl.col("system").alias("drone")),
     )
-    return len(sent), _missing(sent, arrived)
+    arrived = states.filter(
+        pl.col("link").cast(pl.String).is_in(ways.entering(STATION)), pl.col("left_ns").is_not_null()
+    ).select("key", pl.col("left_ns").alias("arrived_ns"))
+    return with_arrivals(own, arrived, ["key"], repeats=False).filter(window.entered).select(SENT.names())
 
 
 def _streams(shares: pl.DataFrame, ways: Ways, window: Window) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import polars as pl
@@ -15,46 +15,93 @@ from mqttxt.wire.codec import decode
 from mqttxt.wire.states import decode_state
 
 from ..packets import Packets
-from .exchange import Exchange, calls_in, delays_ms, mean_frames
-from .traffic import lost_share
+from .exchange import SENT, Exchange, calls_in, mean_frames, with_arrivals
 from .ways import STATION, Ways
 from .window import Window, is_command
 
 CommandKey = tuple[int, int, str, int]
 """GS session, seq, name, and the drone: a broadcast is a command to each drone of its fog."""
-StateKey = tuple[str, str, int]
+_STATE = pl.Schema({"drone": pl.Int64(), "name": pl.String(), "stamp": pl.Int64()})
+"""What names a state from end to end."""
 
 
 def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str, Any]]) -> Exchange:
-    """What the mission's PUBLISHes say."""
+    """What the mission's PUBLISHes say. A call of which no frame left the ground station is lost too."""
     publishes = packets.messages.filter(pl.col("body").is_not_null()).with_columns(pl.col("link").cast(pl.String))
     leaving = publishes.filter(window.entered, pl.col("link").is_in(ways.leaving(STATION)))
     sent, frames = _commands_sent(leaving, ways)
     received = _commands_received(publishes, ways)
+    rows: list[tuple[str, int, int | None, int | None, int | None]] = [
+        (key[2], key[3], left_ns, received.get(key), row) for key, (left_ns, row) in sorted(sent.items())
+    ]
+    calls = calls_in(events, window)
+    rows += [(name, drone, None, None, None) for name, drone in _unsent(calls, sent, ways)]
     leaving_drones = [link for node in ways.drones.values() for link in ways.leaving(node)]
-    states_sent = _states(publishes.filter(window.entered, pl.col("link").is_in(leaving_drones)), relayed=False)
-    arrived = publishes.filter(pl.col("left_ns").is_not_null(), pl.col("link").is_in(ways.entering(STATION)))
+    own = _states(publishes.filter(pl.col("link").is_in(leaving_drones)), "t_ns", relayed=False)
+    came = publishes.filter(pl.col("left_ns").is_not_null(), pl.col("link").is_in(ways.entering(STATION)))
+    arrived = _states(came, "left_ns", relayed=True).rename({"left_ns": "arrived_ns"}).drop("frame")
+    states = with_arrivals(own, arrived, _STATE.names(), repeats=True)
     return Exchange(
-        commands_sent=len(sent),
-        commands_lost=lost_share(sent, received),
-        states_sent=len(states_sent),
-        states_lost=lost_share(states_sent, _states(arrived, relayed=True)),
-        delay_ms=delays_ms([(key[2], sent[key], received[key]) for key in sorted(sent) if key in received]),
-        frames_per_call=mean_frames(calls_in(events, window), frames),
+        commands=pl.DataFrame(rows, schema=SENT, orient="row"),
+        states=states.filter(window.entered).select(SENT.names()),
+        frames_per_call=mean_frames(calls, frames),
     )
 
 
-def _commands_sent(publishes: pl.DataFrame, ways: Ways) -> tuple[dict[CommandKey, int], Counter[str]]:
-    """When each command first left, and how many frames carried each kind of command."""
-    sent: dict[CommandKey, int] = {}
+def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame:
+    """The rows of commands, their results and states in the messages table, and the name of each kind."""
+    rows = messages.with_row_index("row").filter(pl.col("body").is_not_null() & pl.col("topic").is_not_null())
+    found = []
+    for row, topic, body in rows.select("row", "topic", "body").iter_rows():
+        name = _kind_of(topic, body)
+        found += [(row, name)] if name is not None else []
+    return pl.DataFrame(found, schema={"row": pl.Int64(), "name": pl.String()}, orient="row")
+
+
+def _kind_of(topic: str, body: bytes) -> str | None:
+    *before, last = topic.split("/")
+    if last == "commands":
+        command = _command(body)
+        return command[2] if command is not None else None
+    if last == "states":
+        return "states"
+    kind = before[-1] if before else ""
+    return {"state": last, "commands_result": f"{last} result"}.get(kind)
+
+
+def _unsent(
+    calls: list[dict[str, Any]], sent: dict[CommandKey, tuple[int, int]], ways: Ways
+) -> Iterator[tuple[str, int]]:
+    """(command, drone) of each call whose command never left the ground station.
+
+    What left belongs to the last call of its command and drone that was made before it.
+    """
+    times: dict[tuple[str, int], list[int]] = {}
+    for (_, _, name, drone), (t_ns, _) in sent.items():
+        times.setdefault((name, drone), []).append(t_ns)
+    made: dict[tuple[str, int], list[int]] = {}
+    for call in calls:
+        targets = [call["drone"]] if call["drone"] is not None else ways.drones_of(f"fog{call['fog']}")
+        for drone in targets:
+            made.setdefault((str(call["command"]), drone), []).append(int(call["t_ns"]))
+    for key, asked in made.items():
+        for number, t_ns in enumerate(asked):
+            until = asked[number + 1] if number + 1 < len(asked) else 2**63
+            if not any(t_ns <= left < until for left in times.get(key, [])):
+                yield key
+
+
+def _commands_sent(publishes: pl.DataFrame, ways: Ways) -> tuple[dict[CommandKey, tuple[int, int]], Counter[str]]:
+    """When each command first left and in which frame, and how many frames carried each kind of command."""
+    sent: dict[CommandKey, tuple[int, int]] = {}
     frames: Counter[str] = Counter()
-    columns = ("t_ns", "topic", "body", "copies")
-    for t_ns, topic, body, copies in publishes.filter(is_command()).select(columns).iter_rows():
+    columns = ("t_ns", "frame", "topic", "body", "copies")
+    for t_ns, row, topic, body, copies in publishes.filter(is_command()).select(columns).iter_rows():
         command = _command(body)
         if command is not None:
             frames[command[2]] += copies
             for drone in _addressed(topic, ways):
-                sent.setdefault((*command, drone), t_ns)
+                sent.setdefault((*command, drone), (t_ns, row))
     return sent, frames
 
 
@@ -78,9 +125,16 @@ def _addressed(topic: str, ways: Ways) -> list[int]:
     return ways.drones_of(fog)
 
 
-def _states(publishes: pl.DataFrame, relayed: bool) -> set[StateKey]:
-    rows = publishes.filter(pl.col("topic").is_not_null()).select("topic", "body").iter_rows()
-    return {key for topic, body in rows for key in _state_keys(topic, body, relayed)}
+def _states(publishes: pl.DataFrame, time: str, relayed: bool) -> pl.DataFrame:
+    """A row for each state in the PUBLISHes: what names it, the frame, and the column `time`."""
+    rows = [
+        (*key, at, row)
+        for at, row, topic, body in publishes.filter(pl.col("topic").is_not_null())
+        .select(time, "frame", "topic", "body")
+        .iter_rows()
+        for key in _state_keys(topic, body, relayed)
+    ]
+    return pl.DataFrame(rows, schema={**_STATE, time: pl.Int64(), "frame": pl.Int64()}, orient="row")
 
 
 def _command(payload: bytes) -> tuple[int, int, str] | None:
@@ -92,18 +146,26 @@ def _command(payload: bytes) -> tuple[int, int, str] | None:
     return (message.gs_session, message.seq, message.command.name)
 
 
-def _state_keys(topic: str, payload: bytes, relayed: bool) -> Iterator[StateKey]:
+def _state_keys(topic: str, payload: bytes, relayed: bool) -> Iterator[tuple[int, str, int]]:
     """(drone, state, origin stamp) of each state in a message: what names a state from end to end."""
     levels = topic.split("/")
     try:
         if len(levels) >= 3 and levels[-2] == "state":
-            yield (levels[-3], levels[-1], decode_state(levels[-1], payload, relayed).stamp)
+            drone = _drone(levels[-3])
+            stamp = decode_state(levels[-1], payload, relayed).stamp
+            yield from [(drone, levels[-1], stamp)] if drone is not None else []
         elif len(levels) >= 2 and levels[-1] == "states" and relayed:
-            for drone, message in states_of(decode(FogBundle, payload)):
-                yield (f"drone{drone}", message.state.name, message.stamp)
+            for number, message in states_of(decode(FogBundle, payload)):
+                yield (number, message.state.name, message.stamp)
         elif len(levels) >= 2 and levels[-1] == "states":
             bundle = decode(DroneBundle, payload)
-            for bundled in bundle.states:
-                yield (levels[-2], bundled.state.name, bundle.stamp)
+            drone = _drone(levels[-2])
+            yield from [(drone, each.state.name, bundle.stamp) for each in bundle.states if drone is not None]
     except PayloadError:
         return
+
+
+def _drone(level: str) -> int | None:
+    """The number in `droneY`, None for another level."""
+    number = level.removeprefix("drone")
+    return int(number) if number.isascii() and number.isdecimal() and number != level else None

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
 from dataclasses import dataclass, field
-from typing import Any
 
 import polars as pl
 
@@ -33,7 +31,7 @@ def count_links(packets: Packets, window: Window) -> dict[str, LinkCount]:
         .group_by("link", "protocol")
         .agg(
             pl.len(),
-            pl.col("left_ns").is_null().sum().alias("lost"),
+            pl.col("lost").sum(),
             pl.col("size", "ethernet", "ip", "transport", "protocol_bytes", "payload").sum(),
         )
     )
@@ -68,8 +66,3 @@ def count_mqtt(packets: Packets, window: Window) -> dict[str, int]:
     """MQTT packets that began in the window, by type."""
     sent = packets.messages.filter(window.entered, pl.col("protocol").cast(pl.String) == "mqtt")
     return dict(sorted(Counter(sent["kind"].cast(pl.String).to_list()).items()))
-
-
-def lost_share(sent: Collection[Any], received: Collection[Any]) -> float | None:
-    """Which part of what was sent in the window never arrived; what arrived besides does not count."""
-    return sum(key not in received for key in sent) / len(sent) if sent else None

@@ -12,6 +12,7 @@ from ..results import Attempt
 from .ways import STATION, Ways
 
 MAV_CMD_ARM = 400
+SECOND_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,10 @@ class Window:
     @property
     def seconds(self) -> float:
         return (self.end_ns - self.start_ns) / 1e9
+
+    def holds(self, t_ns: int) -> bool:
+        """Whether a time lies in the window."""
+        return self.start_ns <= t_ns <= self.end_ns
 
     @property
     def entered(self) -> pl.Expr:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +11,18 @@ import polars as pl
 
 from ..errors import ResultsError
 from ..results import Attempt
+from . import purposes
 from .headers import MAVLINK, MQTT, MQTT_PORT, UDP, Headers, read_headers
 from .links import NOWHERE, Tree, match
 from .mavlink import Messages, find_messages
 from .mqtt import SYN, VERSION_5, Direction, Segment, read_direction
-from .pcap import Capture, Ints, empty_capture, read_capture
+from .pcap import Capture, Flags, Ints, Words, empty_capture, read_capture
 from .rows import MESSAGE_SCHEMA, Columns, frame_rows, mavlink_rows, mqtt_rows, stray_rows
+from .tcp import retransmissions
 
 _FROM_HEADERS = ("protocol", "source_port", "destination_port", "ethernet", "ip", "transport", "sequence", "flags")
+_OPENS_OR_ENDS = 0x07
+"""TCP's FIN, SYN and RST."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,9 @@ class Built:
     messages: pl.DataFrame
     truncated: tuple[str, ...]
     unmatched: int
+    duplicates: int
+    until_ns: dict[str, int]
+    steps_back_ns: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -51,10 +59,15 @@ def build(attempt: Attempt) -> Built:
     parts: list[_Part] = []
     nodes: list[str] = []
     truncated: list[str] = []
+    until_ns: dict[str, int] = {}
+    steps_back_ns: dict[str, int] = {}
     for path in sorted((attempt.path / "pcap").glob("*.pcap")):
         capture = read_capture(path)
         parts.append(_read_part(tree, path.stem, len(nodes), capture, macs.get(path.stem)))
         nodes.append(path.stem)
+        steps_back_ns[path.name] = int(-np.diff(capture.t_ns).min(initial=0))
+        if capture.truncated:
+            until_ns[path.stem] = int(capture.t_ns.max(initial=0))
         truncated += [path.name] if capture.truncated else []
     parts = parts or [_read_part(tree, "", 0, empty_capture(), None)]
 
@@ -66,6 +79,11 @@ def build(attempt: Attempt) -> Built:
     place = match(entered["key"], entered["t_ns"], left["key"], left["t_ns"])
     entered["left_ns"] = np.append(left["t_ns"], NOWHERE)[place]
 
+    last_event_ns = max((int(event["t_ns"]) for event in attempt.events()), default=0)  # the network ends after it
+    ended_ns = int(max(entered["t_ns"].max(initial=0), left["t_ns"].max(initial=0), last_event_ns))
+    until_ns |= {node: ended_ns if node in nodes else 0 for node in tree.nodes if node not in until_ns}
+    entered["lost"] = _lost(tree, entered, until_ns)
+
     row_of = np.empty_like(order)
     row_of[order] = np.arange(len(order))
     firsts = np.cumsum([0, *(len(part.entered["t_ns"]) for part in parts)])
@@ -76,14 +94,19 @@ def build(attempt: Attempt) -> Built:
     }
     found = [part.mavlink for part in parts]
     rows = np.concatenate([row_of[first + each.datagram] for first, each in zip(firsts, found, strict=False)])
-    directions = _mqtt_directions(entered, bodies)
+    segments = _mqtt_segments(entered, bodies)
+    directions = _mqtt_directions(segments)
     tables = [mavlink_rows(found, rows, entered["left_ns"]), mqtt_rows(directions)]
     messages = pl.concat(tables).sort("frame", maintain_order=True)
+    messages = messages.with_columns(purposes.of_messages(messages, tree.drones))
     payload_bytes = np.zeros(len(order), dtype=np.int64)
     np.add.at(payload_bytes, rows, np.concatenate([each.payload_size for each in found]))
     for direction in directions:
         payload_bytes[list(direction.payload_bytes)] = list(direction.payload_bytes.values())
     frames = frame_rows(tree, nodes, entered, messages, payload_bytes)
+    frames = frames.with_columns(
+        _frame_purposes(frames["purpose"], entered, directions), _repeats(len(frames), segments.values())
+    )
     told = frames.select(pl.col("t_ns", "link").gather(messages["frame"]))
     strays = stray_rows(nodes, _joined([part.strays for part in parts]))
     return Built(
@@ -91,7 +114,33 @@ def build(attempt: Attempt) -> Built:
         messages.with_columns(told).select(MESSAGE_SCHEMA.names()),
         tuple(truncated),
         len(left["t_ns"]) - int((place != NOWHERE).sum()),
+        _copies(entered["key"], left["key"]),
+        until_ns,
+        steps_back_ns,
     )
+
+
+def _copies(entered: Words, left: Words) -> int:
+    """How many frames left links as further copies of ones that entered once."""
+    keys, came = np.unique(entered, return_counts=True)
+    left_keys, went = np.unique(left, return_counts=True)
+    place = np.minimum(np.searchsorted(keys, left_keys), max(0, len(keys) - 1))
+    known = keys[place] == left_keys if len(keys) else np.zeros(len(left_keys), dtype=np.bool_)
+    return int(np.maximum(0, went[known] - came[place[known]]).sum())
+
+
+def _lost(tree: Tree, entered: Columns, until_ns: dict[str, int]) -> Flags:
+    """Of each frame whether its link lost it: it never left, though the capture at the end went on long enough.
+
+    Long enough is the longest that any frame was on that link.
+    """
+    links, stayed = entered["link"], entered["left_ns"] == NOWHERE
+    longest = np.zeros(len(tree.links), dtype=np.int64)
+    np.maximum.at(longest, links[~stayed], (entered["left_ns"] - entered["t_ns"])[~stayed])
+    until = np.array([until_ns[tree.receiver(name)] for name in tree.links], dtype=np.int64)
+    late = entered["t_ns"] + longest[links] > until[links]
+    lost: Flags = np.logical_and(stayed, ~late)
+    return lost
 
 
 def _macs(attempt: Attempt) -> dict[str, int]:
@@ -139,8 +188,8 @@ def _mqtt_bodies(capture: Capture, headers: Headers, chosen: Ints) -> dict[int, 
     }
 
 
-def _mqtt_directions(entered: Columns, bodies: dict[int, bytes]) -> list[Direction]:
-    """Each direction of each connection; what a client asked for in its CONNECT tells how its broker's is read."""
+def _mqtt_segments(entered: Columns, bodies: dict[int, bytes]) -> dict[tuple[int, ...], list[Segment]]:
+    """The segments of each direction between two ports: (link, source, its port, destination, its port)."""
     segments: dict[tuple[int, ...], list[Segment]] = {}
     names = ("link", "source", "source_port", "destination", "destination_port", "sequence", "flags", "left_ns")
     rows = np.flatnonzero(entered["protocol"] == MQTT)
@@ -153,6 +202,11 @@ def _mqtt_directions(entered: Columns, bodies: dict[int, bytes]) -> list[Directi
             bodies.get(row, b""),
         )
         segments.setdefault(tuple(int(number) for number in place), []).append(segment)
+    return segments
+
+
+def _mqtt_directions(segments: dict[tuple[int, ...], list[Segment]]) -> list[Direction]:
+    """Each direction of each connection; what a client asked for in its CONNECT tells how its broker's is read."""
     found = []
     versions: dict[tuple[int, ...], int] = {}
     for flow in sorted(segments, key=lambda flow: flow[4] != MQTT_PORT):  # those towards a broker first
@@ -163,6 +217,27 @@ def _mqtt_directions(entered: Columns, bodies: dict[int, bytes]) -> list[Directi
             versions[(source, source_port, destination, destination_port)] = direction.version
         found.append(direction)
     return found
+
+
+def _frame_purposes(of_first: pl.Series, entered: Columns, directions: list[Direction]) -> pl.Series:
+    """The purpose of each frame: that of its first message, else of what it goes on with, or of TCP itself."""
+    is_mqtt, flags = entered["protocol"] == MQTT, entered["flags"]
+    bare = np.where(flags & _OPENS_OR_ENDS, "upkeep", np.where(entered["body"] == 0, "acknowledgement", "other"))
+    otherwise = np.where(is_mqtt, bare, "other").astype(object)
+    for direction in directions:
+        for row, packet in direction.carried.items():
+            otherwise[row] = purposes.of_packet(packet.kind, packet.topic)
+    rest = pl.Series(otherwise, dtype=pl.String).cast(pl.Categorical())
+    return of_first.zip_with(of_first.is_not_null(), rest).alias("purpose")
+
+
+def _repeats(count: int, segments: Iterable[list[Segment]]) -> pl.Series:
+    """Of each frame whether TCP sent its bytes before, and whether it had to."""
+    found: list[str | None] = [None] * count
+    for direction in segments:
+        for row, kind in retransmissions(direction).items():
+            found[row] = kind
+    return pl.Series("repeats", found, dtype=pl.Categorical())
 
 
 def _joined(parts: list[Columns]) -> Columns:

@@ -28,6 +28,16 @@ class Tree:
         self._addresses = addresses[self._order]
         self._towards = {node: self._hops(node) for node in self.nodes}
 
+    @property
+    def drones(self) -> list[int]:
+        """The numbers of the nodes called `uavN`."""
+        numbers = (name.removeprefix("uav") for name in self.nodes if name.startswith("uav"))
+        return [int(number) for number in numbers if number.isdecimal()]
+
+    def receiver(self, link: str) -> str:
+        """The node to which a directed link leads."""
+        return self._ends[self.links.index(link)][1]
+
     def node_of(self, addresses: Ints) -> Ints:
         """Each address's place in `nodes`, NOWHERE for one that no node has."""
         if not self.nodes:

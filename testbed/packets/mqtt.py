@@ -53,12 +53,14 @@ class Packet:
 class Direction:
     """What was found in one direction of the connections between two ports.
 
-    `payload_bytes` are, for each frame with a body, the bytes of PUBLISHes' payloads in it. `version` is what the
-    last CONNECT asked for; it tells how both directions are to be read.
+    For each frame with a body `payload_bytes` are the bytes of PUBLISHes' payloads in it, and `carried` is the packet
+    to which its first byte belongs. `version` is what the last CONNECT asked for; it tells how both directions are to
+    be read.
     """
 
     packets: list[Packet] = field(default_factory=list)
     payload_bytes: dict[int, int] = field(default_factory=dict)
+    carried: dict[int, Packet] = field(default_factory=dict)
     version: int | None = None
 
 
@@ -69,7 +71,7 @@ def read_direction(segments: list[Segment], version: int = VERSION_5) -> Directi
     no MQTT, reading goes on at the next segment, as if a packet began there.
     """
     found = Direction()
-    for segment_group in _connections(segments):
+    for segment_group in connections(segments):
         aliases: dict[int, str] = {}
         for run in _runs(segment_group):
             version = run.read(found, aliases, version)
@@ -77,7 +79,7 @@ def read_direction(segments: list[Segment], version: int = VERSION_5) -> Directi
     return found
 
 
-def _connections(segments: list[Segment]) -> Iterator[list[Segment]]:
+def connections(segments: list[Segment]) -> Iterator[list[Segment]]:
     """The segments of each connection: a SYN begins one."""
     group: list[Segment] = []
     for segment in segments:
@@ -126,6 +128,8 @@ class _Run:
     def read(self, found: Direction, aliases: dict[int, str], version: int) -> int:
         """Read all packets into `found`; returns the protocol version by which to go on."""
         payloads: list[tuple[int, int]] = []
+        starts: list[int] = []
+        already = len(found.packets)
         base, at = self.origin, 0
         while at < len(self.data):
             length = _remaining_length(self.data, at + 1)
@@ -136,6 +140,7 @@ class _Run:
                 continue
             remaining, used = length if length is not None else (0, 0)
             start, end = at + 1 + used, at + 1 + used + remaining
+            starts.append(base + at)
             if length is None or end > len(self.data):
                 found.packets.append(self._packet(at, None, kind, None, None))
                 break
@@ -151,6 +156,10 @@ class _Run:
             found.packets.append(self._packet(at, end, kind, topic, payload))
             at = end
         self._share(found, payloads)
+        for place, segment in self.places:
+            number = bisect_right(starts, place) - 1
+            if number >= 0:
+                found.carried[segment.row] = found.packets[already + number]
         return version
 
     def _packet(self, at: int, end: int | None, kind: int, topic: str | None, payload: bytes | None) -> Packet:

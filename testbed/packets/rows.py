@@ -22,16 +22,20 @@ FRAME_SCHEMA = pl.Schema({
     **{"t_ns": _INT, "left_ns": _INT, "link": _CAT, "source": _CAT, "destination": _CAT, "size": _INT},
     **{"ethernet": _INT, "ip": _INT, "transport": _INT, "protocol_bytes": _INT, "payload": _INT},
     **{"protocol": _CAT, "flow": _CAT, "messages": _INT, "kind": _CAT, "key": pl.UInt64()},
-    **{"node": _CAT, "offset": _INT},
+    **{"node": _CAT, "offset": _INT, "purpose": _CAT, "repeats": _CAT, "lost": pl.Boolean()},
 })  # fmt: skip
 MESSAGE_SCHEMA = pl.Schema({
     **{"frame": _INT, "t_ns": _INT, "left_ns": _INT, "link": _CAT, "protocol": _CAT, "kind": _CAT, "bytes": _INT},
     **{"copies": _INT, "topic": pl.String(), "body": pl.Binary(), "version": _INT, "system": _INT},
     **{"component": _INT, "sequence": _INT, "crc": _INT, "target_system": _INT, "command": _INT},
     **dict.fromkeys(("param1", "param2", "param3"), pl.Float32()),
+    **{"purpose": _CAT},
 })  # fmt: skip
-_OWN = {name: kind for name, kind in MESSAGE_SCHEMA.items() if name not in ("t_ns", "link")}
-"""The columns that a message has of itself, not of its frame."""
+_OWN = {name: kind for name, kind in MESSAGE_SCHEMA.items() if name not in ("t_ns", "link", "purpose")}
+"""The columns that a message has of itself, not of its frame, but for the purpose, which is read off these."""
+
+
+_AS_THEY_ARE = ("t_ns", "size", "ethernet", "ip", "transport", "key", "offset", "lost")
 
 
 def mavlink_rows(parts: list[Messages], rows: Ints, left_ns: Ints) -> pl.DataFrame:
@@ -90,14 +94,15 @@ def frame_rows(
     first[firsts] = places
     flows, flow = _flows(tree, entered)
     return pl.DataFrame(
-        {name: entered[name] for name in ("t_ns", "size", "ethernet", "ip", "transport", "key", "offset")}
+        {name: entered[name] for name in _AS_THEY_ARE}
         | {"left_ns": _or_null(entered["left_ns"], NOWHERE), "link": _named(tree.links, entered["link"])}
         | {name: _named(tree.nodes, entered[name]) for name in ("source", "destination")}
         | {"protocol_bytes": protocol_bytes, "payload": body - protocol_bytes}
         | {"protocol": _named(PROTOCOLS, protocol), "flow": _named(flows, flow), "node": _named(nodes, entered["node"])}
         | {
             "messages": np.bincount(at, minlength=count),
-            "kind": pl.concat([messages["kind"], _nothing()]).gather(first),
+            **{name: pl.concat([messages[name], _nothing(name)]).gather(first) for name in ("kind", "purpose")},
+            "repeats": pl.Series([None] * count, dtype=_CAT),
         },
         schema_overrides={"messages": _INT},
     ).select(FRAME_SCHEMA.names())
@@ -132,8 +137,8 @@ def _named(names: list[str] | tuple[str, ...], codes: Ints) -> pl.Series:
     return pl.Series([*names, None], dtype=_CAT).gather(np.where(codes < 0, len(names), codes))
 
 
-def _nothing() -> pl.Series:
-    return pl.Series("kind", [None], dtype=_CAT)
+def _nothing(name: str) -> pl.Series:
+    return pl.Series(name, [None], dtype=_CAT)
 
 
 def _or_null(values: Ints, missing: int) -> pl.Series:

@@ -8,7 +8,8 @@ version of the table has changed. Times are nanoseconds since the epoch, sizes b
 | column | type | meaning |
 |---|---|---|
 | `t_ns` | i64 | when it entered the link, by the capture at the link's sending node |
-| `left_ns` | i64 or null | when it left the link, by the capture at the receiving node; null: it never did |
+| `left_ns` | i64 or null | when the first copy left the link unchanged, by the capture at the receiving node |
+| `lost` | bool | it never left, though the capture at the end went on longer than any frame was on that link |
 | `link` | categorical | `air:uav1:up`; up is towards the cloud, so what the ground station sends is on `wan:gs:up` |
 | `source`, `destination` | categorical | the nodes with its IP addresses |
 | `size` | i64 | the Ethernet frame without the FCS |
@@ -22,6 +23,8 @@ version of the table has changed. Times are nanoseconds since the epoch, sizes b
 | `key` | u64 | what tells it from the other frames of its link, the same at both ends |
 | `node` | categorical | whose capture has it where it entered: `pcap/<node>.pcap` … |
 | `offset` | i64 | … and where in that file its first byte is |
+| `purpose` | categorical | of its first message, else of the one that it goes on with, or of TCP itself |
+| `repeats` | categorical or null | of a TCP retransmission: `needed` if a link had lost some of it, else `needless` |
 
 `messages` (sorted by `t_ns`, and by their order within a frame):
 
@@ -40,6 +43,7 @@ version of the table has changed. Times are nanoseconds since the epoch, sizes b
 | `target_system` | i64 or null | of MAVLink messages that have one |
 | `command` | i64 or null | MAV_CMD of COMMAND_LONG, COMMAND_INT, COMMAND_ACK |
 | `param1` … `param3` | f32 or null | of COMMAND_LONG and COMMAND_INT |
+| `purpose` | categorical | command, result, state, presence, sensor, upkeep, acknowledgement or other |
 """
 
 from __future__ import annotations
@@ -58,10 +62,11 @@ from ..results import Attempt
 from .build import Built, build
 from .rows import FRAME_SCHEMA, MESSAGE_SCHEMA
 
-VERSION = 2
+VERSION = 3
 """Rises with every change of a column's meaning or of how it is made."""
 FRAMES, MESSAGES = "packets.parquet", "messages.parquet"
 _ABOUT = "testbed"
+_TOLD = ("truncated", "unmatched", "duplicates", "until_ns", "steps_back_ns")
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,10 @@ class Packets:
     """What an attempt's captures say. `truncated` names files that were cut off, read up to the cut.
 
     `strays` (`t_ns`, `node`, `protocol`, `size`) are frames on no link, such as ARP, once for each capture that has
-    them; `foreign` counts them by protocol. `unmatched` are frames that left a link and were not seen entering it.
+    them; `foreign` counts them by protocol. `unmatched` are frames that left a link and were not seen entering it,
+    `duplicates` those of them that are further copies of a frame that did. Up to `until_ns` the capture at each node
+    tells what came; 0 where there is none. `steps_back_ns` is the most by which the time of a file's frames fell from
+    one to the next.
     """
 
     frames: pl.DataFrame
@@ -78,6 +86,9 @@ class Packets:
     foreign: dict[str, int]
     strays: pl.DataFrame
     unmatched: int
+    duplicates: int
+    until_ns: dict[str, int]
+    steps_back_ns: dict[str, int]
 
 
 def load(attempt: Attempt) -> Packets:
@@ -88,12 +99,13 @@ def load(attempt: Attempt) -> Packets:
         return cached
     built = build(attempt)
     _write(attempt.path, built, sources)
-    return _packets(built.rows, built.messages, built.truncated, built.unmatched)
+    return _packets(built)
 
 
 def _sources(attempt: Attempt) -> dict[str, list[int]]:
-    """What the table is made from: each capture's size and time of its last change; its topology is never changed."""
-    paths = [*sorted((attempt.path / "pcap").glob("*.pcap")), attempt.path / "pcap" / "captures.json"]
+    """What the table is made from: each file's size and time of its last change; its topology is never changed."""
+    beside = (attempt.path / "pcap" / "captures.json", attempt.path / "events.jsonl")
+    paths = [*sorted((attempt.path / "pcap").glob("*.pcap")), *beside]
     found = {path.name: path.stat() for path in paths if path.exists()}
     return {name: [stat.st_size, stat.st_mtime_ns] for name, stat in found.items()}
 
@@ -107,7 +119,8 @@ def _read(folder: Path, sources: dict[str, list[int]]) -> Packets | None:
         if not same or about["version"] != VERSION or about["sources"] != sources:
             return None
         rows = pl.read_parquet(frames)
-        return _packets(rows, pl.read_parquet(messages), tuple(about["truncated"]), about["unmatched"])
+        told = (about[name] for name in _TOLD)
+        return _packets(Built(rows, pl.read_parquet(messages), *told))
     except (OSError, ValueError, KeyError, pl.exceptions.PolarsError):
         return None
 
@@ -115,7 +128,7 @@ def _read(folder: Path, sources: dict[str, list[int]]) -> Packets | None:
 def _write(folder: Path, built: Built, sources: dict[str, list[int]]) -> None:
     """Each file whole or not at all; only two that were made together are taken for a table."""
     about: dict[str, Any] = {"version": VERSION, "made": time.time_ns(), "sources": sources}
-    about |= {"truncated": built.truncated, "unmatched": built.unmatched}
+    about |= {name: getattr(built, name) for name in _TOLD}
     for name, table in ((MESSAGES, built.messages), (FRAMES, built.rows)):
         fresh = folder / f".{name}.new"
         try:
@@ -125,11 +138,15 @@ def _write(folder: Path, built: Built, sources: dict[str, list[int]]) -> None:
             raise OSError(error.errno, error.strerror, str(folder / name)) from error
 
 
-def _packets(rows: pl.DataFrame, messages: pl.DataFrame, truncated: tuple[str, ...], unmatched: int) -> Packets:
+def _packets(built: Built) -> Packets:
     """Rows without a link are the strays; they come last."""
+    rows, messages = built.rows, built.messages
     if rows.schema != FRAME_SCHEMA or messages.schema != MESSAGE_SCHEMA:
         raise ResultsError("the packets table has other columns than expected")
     strays = rows.filter(pl.col("link").is_null()).select("t_ns", "node", "protocol", "size")
     foreign = Counter(strays["protocol"].cast(pl.String).to_list())
     frames = rows.head(len(rows) - len(strays))
-    return Packets(frames, messages, truncated, dict(sorted(foreign.items())), strays, unmatched)
+    return Packets(
+        *(frames, messages, tuple(built.truncated), dict(sorted(foreign.items())), strays),
+        *(built.unmatched, built.duplicates, built.until_ns, built.steps_back_ns),
+    )

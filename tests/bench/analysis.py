@@ -20,7 +20,7 @@ from scapy.layers.l2 import Ether
 from scapy.utils import RawPcapReader
 
 from testbed.dissect import mavlink, mqtt5
-from testbed.metrics.series import measure_attempt
+from testbed.metrics.attempt import measure_attempt
 from testbed.packets.build import build
 from testbed.packets.table import load
 from testbed.results import Attempt, Series

@@ -14,7 +14,6 @@ from mqttxt.wire.codec import encode
 from mqttxt.wire.states import StampedState
 from testbed.errors import ResultsError
 from testbed.metrics import measure_series
-from testbed.metrics.traffic import lost_share
 from testbed.results import new_series
 
 
@@ -89,12 +88,6 @@ def test_a_failed_attempt_is_never_void(tmp_path: Path) -> None:
     side = measure_series(series)["protocols"]["mqttxt"]
     assert [attempt["status"] for attempt in side["attempts"]] == ["failed", "failed"]
     assert side["void"] == []
-
-
-def test_what_was_sent_outside_the_window_is_no_gain() -> None:
-    sent, received = {(7, 1): 0, (7, 2): 0}, {(7, 2): 0, (7, 3): 0, (7, 4): 0}
-    assert lost_share(sent, received) == 0.5
-    assert lost_share({}, received) is None
 
 
 def test_a_run_that_was_cut_off_has_failed(tmp_path: Path) -> None:

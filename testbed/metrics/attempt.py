@@ -1,0 +1,159 @@
+"""One attempt's entry in `metrics.json`: everything that its folder says, in numbers."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from typing import Any
+
+import polars as pl
+
+from ..packets import Packets, load
+from ..results import Attempt
+from ..validity import unsound_reason
+from . import delays, mavlink, mqttxt, timeline
+from .causes import losses
+from .notes import clock_step, notes
+from .shaping import Shaping, read_shaping
+from .sizes import message_sizes
+from .statistics import loss_of
+from .traffic import count_before, count_foreign, count_links, count_mqtt
+from .ways import STATION, Ways
+from .window import Window, arm_asked_ns, mission_window
+
+
+def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any]:
+    """One attempt's entry. Raises ResultsError for a file that cannot be read."""
+    events = attempt.events()
+    shaping = read_shaping(attempt)
+    packets = load(attempt) if arm_asked_ns(events) is not None else None
+    window = mission_window(attempt, events, packets)
+    status, reason = manifest["status"], manifest["reason"]
+    unsound = unsound_reason(attempt, manifest, events) if status == "completed" else None
+    if status == "completed" and unsound is None:
+        logs = {"events.jsonl": events, **{f"sitl/{n}.jsonl": log for n, log in attempt.autopilot_events().items()}}
+        unsound = shaping.void or (clock_step(packets, logs) if packets is not None else None)
+    if unsound is not None:
+        status, reason = "void", unsound
+    return {
+        "attempt": attempt.number,
+        "status": status,
+        "reason": reason,
+        "mission_s": round(window.seconds, 3) if window is not None and status == "completed" else None,
+        **(
+            NOT_FLOWN | {"notes": list(shaping.notes)}
+            if packets is None or window is None
+            else _measured(attempt, manifest, packets, window, events, shaping)
+        ),
+        "outcomes": outcomes(events),
+        "links_measured": shaping.measured,
+        "cpu_s": manifest.get("cpu_s", {}),
+        "memory_bytes": manifest.get("memory_bytes", {}),
+    }
+
+
+def _measured(
+    attempt: Attempt,
+    manifest: dict[str, Any],
+    packets: Packets,
+    window: Window,
+    events: list[dict[str, Any]],
+    shaping: Shaping,
+) -> dict[str, Any]:
+    """What the packets of a mission's window say."""
+    ways = Ways(attempt.topology())
+    is_mavlink = attempt.protocol == "mavlink"
+    side = mavlink if is_mavlink else mqttxt
+    shared = manifest["configuration"].get("chain") == "shared"
+    exchange = side.measure(packets, ways, window, events)
+    commands = count_messages(exchange.commands, {d: packets.until_ns[node] for d, node in ways.drones.items()})
+    states = count_messages(exchange.states, dict.fromkeys(ways.drones, packets.until_ns[STATION]))
+    links = count_links(packets, window)
+    entered = sum(link.packets for link in links.values())
+    lost = sum(link.lost for link in links.values())
+    by_cause = losses(packets, shaping.counters)
+    foreign = count_foreign(packets, window)
+    named = side.name_messages(packets.messages, ways.drones)
+    return {
+        "window": {"start_ns": window.start_ns, "seconds": round(window.seconds, 6)},
+        "size_bytes": sum(link.bytes for link in links.values()),
+        "packets": entered,
+        "message_loss": {"commands": _share(commands), "states": _share(states)},
+        "commands_sent": sum(kind["sent"] for kind in commands.values()),
+        "states_sent": sum(kind["sent"] for kind in states.values()),
+        "messages": {"commands": commands, "states": states},
+        "wire_loss": lost / entered if entered else None,
+        "losses": by_cause,
+        "delay_ms": delays.by_capture_ms(exchange.commands),
+        "delay_app_ms": delays.calls_ms(events, window),
+        "delay_received_ms": delays.received_ms(events, attempt.autopilot_events(), ways.by_fog, window),
+        "state_delay_ms": delays.states_ms(exchange.states, events, window),
+        "frames_per_call": exchange.frames_per_call,
+        "message_sizes": message_sizes(packets, named, window),
+        "size_histogram": timeline.sizes(packets, window),
+        "layers": dict(sorted(sum((link.layers for link in links.values()), Counter[str]()).items())),
+        "purposes": timeline.purposes(packets, window),
+        "retransmissions": timeline.retransmissions(packets, window),
+        "load": timeline.load(packets, ways, window),
+        "traffic": timeline.over_time(packets, window),
+        "mqtt": count_mqtt(packets, window),
+        "mavlink": mavlink.describe(packets, ways, window, shared) if is_mavlink else None,
+        "links": {
+            name: {"packets": link.packets, "bytes": link.bytes, "lost": link.lost, "layers": dict(link.layers)}
+            for name, link in sorted(links.items())
+        },
+        "links_events": shaping.events_since(window),
+        "before_mission": count_before(packets, window),
+        "foreign": foreign,
+        "truncated": list(packets.truncated),
+        "notes": notes(packets, shaping, by_cause, window, foreign),
+    }
+
+
+def count_messages(sent: pl.DataFrame, until_ns: dict[int, int]) -> dict[str, dict[str, Any]]:
+    """By name how many were sent and lost, and for each drone.
+
+    What has not come is `open`, not lost, if it left so late that no message of its name was as slow as the time that
+    was left until the capture at its far end ended; `until_ns` is when that was, by drone.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for (name,), group in sorted(sent.group_by("name", maintain_order=True)):
+        longest = (group["arrived_ns"] - group["t_ns"]).max() or 0
+        by_drone: dict[str, dict[str, int]] = {}
+        for drone, t_ns, arrived_ns in group.sort("drone").select("drone", "t_ns", "arrived_ns").iter_rows():
+            count = by_drone.setdefault(str(drone), {"sent": 0, "lost": 0, "open": 0})
+            count["sent"] += 1
+            if arrived_ns is None:
+                is_open = t_ns is not None and t_ns + longest > until_ns.get(drone, 0)
+                count["open" if is_open else "lost"] += 1
+        total = {key: sum(count[key] for count in by_drone.values()) for key in ("sent", "lost", "open")}
+        found[str(name)] = {**loss_of(total["sent"], total["lost"]), "open": total["open"], "drones": by_drone}
+    return found
+
+
+def _share(kinds: dict[str, dict[str, Any]]) -> float | None:
+    sent = sum(kind["sent"] for kind in kinds.values())
+    return sum(kind["lost"] for kind in kinds.values()) / sent if sent else None
+
+
+NOT_FLOWN: dict[str, Any] = {
+    **{"window": None, "size_bytes": 0, "packets": 0, "message_loss": {"commands": None, "states": None}},
+    **{"commands_sent": 0, "states_sent": 0, "messages": {"commands": {}, "states": {}}, "wire_loss": None},
+    **{"losses": None, "delay_ms": {}, "delay_app_ms": {}, "delay_received_ms": {}, "state_delay_ms": {}},
+    **{"frames_per_call": {}, "message_sizes": {}, "size_histogram": {}, "layers": {}, "purposes": {}},
+    **{"retransmissions": {"packets": 0, "bytes": 0, "needless": 0, "links": {}}, "load": {}, "traffic": {}},
+    **{"mqtt": {}, "mavlink": None, "links": {}, "links_events": []},
+    **{"before_mission": {"packets": 0, "bytes": 0}, "foreign": {}, "truncated": []},
+}
+"""What there is to say of an attempt whose mission never began."""
+
+
+def outcomes(events: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Each drone's last words in their order, with the milliseconds from the call to each."""
+    calls = {event["call"]: event["t_ns"] for event in events if event["event"] == "command"}
+    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for event in events:
+        if event["event"] == "outcome" and event["final"] and event["drone"] is not None:
+            after_ms = round((event["t_ns"] - calls[event["call"]]) / 1e6, 1)
+            entry = {name: event[name] for name in ("command", "word", "reason")}
+            found[str(event["drone"])].append({**entry, "after_ms": after_ms})
+    return dict(sorted(found.items()))

@@ -1,0 +1,49 @@
+"""Frames that links lost, by cause: what the shaper counted, set against what the captures at both ends have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import polars as pl
+
+from ..packets import Packets
+
+CAUSES = ("random", "queue", "closed", "overload", "corrupted")
+"""Drawn; no room in the link's queue; a closed link's refusals; the shaper did not keep up; a bit was turned."""
+UNKNOWN = "unknown"
+TOLERANCE_FRAMES = 2
+"""By so many frames of a link both may differ: its first and last ones, which one of them saw and the other not."""
+
+
+def losses(packets: Packets, counters: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Frames lost in the whole run, as the shaper counts them: over all links by cause, and for each link.
+
+    `captured` is the captures' own count of frames that entered and did not leave unchanged; what of it no cause
+    explains is `unknown`. Without counters all of it is.
+    """
+    told = counters["links"] if counters is not None else {}
+    captured = _lost_by_link(packets)
+    links = {}
+    for name in sorted({*told, *captured}):
+        entry = {cause: int(told.get(name, {}).get(cause, 0)) for cause in CAUSES}
+        seen = captured.get(name, 0)
+        entry[UNKNOWN] = max(0, seen - sum(entry.values()))
+        links[name] = {**entry, "captured": seen}
+    total = {key: sum(link[key] for link in links.values()) for key in (*CAUSES, UNKNOWN, "captured")}
+    return {**total, "links": {name: link for name, link in links.items() if any(link.values())}}
+
+
+def disagreements(found: Mapping[str, Any], shaped: bool) -> list[str]:
+    """Where the shaper and the captures differ by more than a few frames, a line each."""
+    said = []
+    for name, link in found["links"].items():
+        counted = sum(link[cause] for cause in CAUSES)
+        if shaped and abs(counted - link["captured"]) > TOLERANCE_FRAMES:
+            said.append(f"{name}: the shaper counts {counted} frames lost, the captures {link['captured']}")
+    return said
+
+
+def _lost_by_link(packets: Packets) -> dict[str, int]:
+    found = packets.frames.filter("lost").group_by(pl.col("link").cast(pl.String)).len()
+    return dict(found.iter_rows())

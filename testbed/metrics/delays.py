@@ -1,0 +1,104 @@
+"""Delays: one way by the captures, and beside it what the applications themselves saw."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from .mavlink import CALLS
+from .window import Window
+
+LEAST_FOR_P99 = 1000
+"""Values from which on a 99th percentile says something."""
+
+
+def summary(values: list[float]) -> dict[str, Any]:
+    """n, mean, p50, p90, p99 (null below 1,000 values) and the greatest; of no values all but n are null."""
+    if not values:
+        return {"n": 0, **dict.fromkeys(("mean", "p50", "p90", "p99", "max"))}
+    p50, p90, p99 = (round(float(value), 3) for value in np.percentile(values, (50, 90, 99)))
+    return {
+        **{"n": len(values), "mean": round(sum(values) / len(values), 3), "p50": p50, "p90": p90},
+        **{"p99": p99 if len(values) >= LEAST_FOR_P99 else None, "max": round(max(values), 3)},
+    }
+
+
+def by_capture_ms(sent: pl.DataFrame) -> dict[str, list[float]]:
+    """By name the delay of each message that arrived, in the order in which they were sent."""
+    found: dict[str, list[float]] = defaultdict(list)
+    rows = sent.filter(pl.col("t_ns").is_not_null() & pl.col("arrived_ns").is_not_null()).sort(
+        "name", "t_ns", "drone", maintain_order=True
+    )
+    for name, t_ns, arrived_ns in rows.select("name", "t_ns", "arrived_ns").iter_rows():
+        found[name].append(round((arrived_ns - t_ns) / 1e6, 3))
+    return dict(found)
+
+
+def calls_ms(events: list[dict[str, Any]], window: Window) -> dict[str, list[float]]:
+    """By command: from the API call to its first word about a drone reaching the program that called."""
+    calls = {e["call"]: e for e in events if e["event"] == "command" and window.asked_ns <= e["t_ns"] <= window.end_ns}
+    heard: set[tuple[Any, Any]] = set()
+    found: dict[str, list[float]] = defaultdict(list)
+    for event in events:
+        if event["event"] != "outcome" or event["drone"] is None or event["call"] not in calls:
+            continue
+        if (event["call"], event["drone"]) not in heard:
+            heard.add((event["call"], event["drone"]))
+            call = calls[event["call"]]
+            found[str(call["command"])].append(round((event["t_ns"] - call["t_ns"]) / 1e6, 3))
+    return dict(sorted(found.items()))
+
+
+def received_ms(
+    events: list[dict[str, Any]],
+    flights: dict[str, list[dict[str, Any]]],
+    drones_of: dict[int, list[int]],
+    window: Window,
+) -> dict[str, list[float]]:
+    """By command: from the API call to the autopilot having it, by the autopilot's own log.
+
+    `flights` are the autopilots' logs by node, `drones_of` the drones of each fog.
+    """
+    found: dict[str, list[float]] = defaultdict(list)
+    arrived: dict[int, list[dict[str, Any]]] = {
+        int(node.removeprefix("uav")): [e for e in log if e["event"] == "command" and "arrived_ns" in e]
+        for node, log in flights.items()
+        if node.removeprefix("uav").isdecimal()
+    }
+    for event in events:
+        if event["event"] != "command" or not window.asked_ns <= event["t_ns"] <= window.end_ns:
+            continue
+        call = CALLS.get(str(event["command"]))
+        targets = [event["drone"]] if event["drone"] is not None else drones_of.get(event["fog"], [])
+        for drone in targets if call is not None else ():
+            took = next(
+                (
+                    command["arrived_ns"]
+                    for command in arrived.get(drone, [])
+                    if command["arrived_ns"] >= event["t_ns"] and call is not None and call.is_of(command)
+                ),
+                None,
+            )
+            if took is not None:
+                found[str(event["command"])].append(round((took - event["t_ns"]) / 1e6, 3))
+    return dict(sorted(found.items()))
+
+
+def states_ms(states: pl.DataFrame, events: list[dict[str, Any]], window: Window) -> dict[str, dict[str, Any]]:
+    """By state both ways: `captures` from the drone to the station, `app` the age (an upper bound) that the ground
+    station's program was told with it, null where the protocol tells none."""
+    by_capture = by_capture_ms(states)
+    ages: dict[str, list[float]] = defaultdict(list)
+    for event in events:
+        if event["event"] == "state" and event.get("age_ms") is not None and window.holds(event["t_ns"]):
+            ages[event["name"]].append(float(event["age_ms"]))
+    return {
+        name: {
+            "captures": summary(by_capture.get(name, [])),
+            "app": summary(ages[name]) if name in ages else None,
+        }
+        for name in sorted({*by_capture, *ages})
+    }
