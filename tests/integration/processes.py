@@ -19,6 +19,7 @@ from typing import Any, Self
 import docker
 
 ROOT = Path(__file__).resolve().parents[2]
+FLEET_FILE = ROOT / "services" / "sitl" / "fleet.yaml"
 NODE_IMAGE = "mqttxt-testbed/node:latest"
 PATIENCE_S = 30.0
 _PORTS = (20_000, 32_000)
@@ -261,9 +262,10 @@ class Proxy:
 class System:
     """A cloud broker, a fog broker, an activator and two drones with their autopilots, as real processes."""
 
-    def __init__(self, folder: Path, qos: int = 1, streams: str = "px4-normal") -> None:
+    def __init__(self, folder: Path, qos: int = 1, streams: str = "px4-normal", fleet_file: Path = FLEET_FILE) -> None:
         self.folder = folder
         self.streams = streams
+        self.fleet_file = fleet_file
         self.cloud = Broker(folder, "cloud")
         self.fog = Broker(folder, "fog")
         self.autopilots = {drone: free_port(socket.SOCK_DGRAM) for drone in (1, 2)}
@@ -297,7 +299,7 @@ class System:
         files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready"]
         control = ["--control", f"{base}.sock", "--streams", self.streams]
         ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self.autopilots[drone]}"]
-        fleet = ["--fleet", str(ROOT / "services" / "sitl" / "fleet.yaml"), "--system", str(drone)]
+        fleet = ["--fleet", str(self.fleet_file), "--system", str(drone)]
         return Process(self.folder, f"sitl{drone}", "sitl", "fly", *fleet, *ports, *files, *control)
 
     def start(self) -> Self:

@@ -8,17 +8,19 @@ import pytest
 from mavsdk.plugins.action import ActionResult
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
-from mission.fleet import Status
+from mission.fleet import Point, Status
 from mission.mavsdk_outcomes import (
     HeartbeatCount,
     Place,
     Told,
     View,
     arm_goal,
+    goto_goal,
     land_goal,
     landed_of,
     mode_of,
     refusal,
+    return_goal,
     takeoff_goal,
 )
 from mqttxt import FlightModeName, Landed, Word
@@ -98,6 +100,33 @@ def test_a_landing_is_completed_on_the_ground_and_disarmed() -> None:
     assert not goal.reached(view(armed=Told(True, LATER), landed=ground), ASKED_S)
     assert not goal.reached(view(armed=disarmed, landed=Told(Landed.LANDING, LATER)), ASKED_S)
     assert goal.reached(view(tells_landed=False, armed=disarmed), ASKED_S)
+
+
+@pytest.mark.parametrize(
+    ("north_m", "altitude_m", "reached"),
+    [(1.9, 10.9, True), (2.1, 10.0, False), (0.0, 11.1, False), (-1.9, 9.1, True)],
+)
+def test_a_drone_has_arrived_within_two_metres_across_and_one_in_height(
+    north_m: float, altitude_m: float, reached: bool
+) -> None:
+    there = Told(Place(47.0 + north_m / 111_195, 8.0, 488.0 + altitude_m, altitude_m), LATER)
+    goal = goto_goal(Point(47.0, 8.0, 10.0))
+    assert goal.reached(view(place=there), ASKED_S) is reached
+    assert not goal.reached(view(place=replace(there, at_s=ASKED_S - 1)), ASKED_S), "told before it was asked"
+
+
+def test_a_return_is_completed_on_the_ground_and_disarmed() -> None:
+    goal = return_goal()
+    ground, disarmed = Told(Landed.ON_GROUND, LATER), Told(False, LATER)
+    assert goal.reached(view(armed=disarmed, landed=ground), ASKED_S)
+    assert not goal.reached(view(armed=Told(True, LATER), landed=ground), ASKED_S)
+    landing, hold = Told(FlightModeName.LAND, LATER), Told(FlightModeName.HOLD, LATER)
+    assert goal.failure(view(mode=landing), ASKED_S, entered=True) is None, "it ends with a landing"
+    assert goal.failure(view(mode=hold), ASKED_S, entered=True) == "mode_changed"
+
+
+def test_homes_height_is_what_the_two_altitudes_of_a_place_differ_by() -> None:
+    assert view(place=at(4.5)).home_amsl_m == 488.0
 
 
 def test_what_can_no_longer_succeed_has_failed() -> None:

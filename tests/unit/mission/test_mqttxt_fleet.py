@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator, Callable
 from io import StringIO
 from pathlib import Path
@@ -12,9 +13,9 @@ import pytest
 
 from mission import mqttxt_fleet
 from mission.events import EventLog
-from mission.fleet import MissionError
+from mission.fleet import MissionError, Point, Result
 from mission.mqttxt_fleet import NEEDED_STATES, MqttxtFleet
-from mqttxt import Command, Outcome, Stream, Word
+from mqttxt import Command, Goto, Outcome, Return, Stream, Word
 from mqttxt.messages import CommandId
 
 FOGS = {1: (1, 2), 2: (4,)}
@@ -23,6 +24,14 @@ FOGS = {1: (1, 2), 2: (4,)}
 class Drone:
     is_reachable = True
     states = dict.fromkeys(NEEDED_STATES)
+
+    def __init__(self, fog: Fog, number: int) -> None:
+        self._fog = fog
+        self._number = number
+
+    async def outcomes(self, command: Command) -> AsyncIterator[Outcome]:
+        async for outcome in self._fog.answer(command, (self._number,)):
+            yield outcome
 
 
 class Fog:
@@ -34,16 +43,22 @@ class Fog:
         self._answers = answers
 
     def drone(self, number: int) -> Drone:
-        return Drone()
+        return Drone(self, number)
 
     async def broadcast(self, command: Command) -> AsyncIterator[Outcome]:
         self._asked.append((self.number, command))
-        for drone in FOGS[self.number]:
+        async for outcome in self.answer(command, FOGS[self.number]):
+            yield outcome
+
+    async def answer(self, command: Command, drones: tuple[int, ...]) -> AsyncIterator[Outcome]:
+        if isinstance(command, Goto):
+            self._asked.append((*drones, command))
+        for drone in drones:
             word = self._answers.get(drone, Word.COMPLETED)
             if word is not None:
-                yield Outcome(CommandId(1, 1), self.number, drone, "stream", Word.ACCEPTED)
+                yield Outcome(CommandId(1, 1), self.number, drone, command.name, Word.ACCEPTED)
                 reason = None if word is Word.COMPLETED else "unknown_state"
-                yield Outcome(CommandId(1, 1), self.number, drone, "stream", word, reason)
+                yield Outcome(CommandId(1, 1), self.number, drone, command.name, word, reason)
 
 
 class Station:
@@ -116,3 +131,24 @@ async def test_a_state_that_will_not_come_fails_the_mission_before_it_begins(
     with pytest.raises(MissionError) as failure:
         await _set_up(monkeypatch, "fixed", {4: answer})
     assert str(failure.value) == reason
+
+
+async def test_each_drone_is_sent_to_its_own_point_and_all_return_by_broadcast(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    station = Station({4: Word.FAILED})
+    monkeypatch.setattr(mqttxt_fleet, "GroundStation", station)
+    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(tmp_path / "events.jsonl", StringIO()))
+    points = {drone: Point(47.0 + drone / 1000, 8.0, 10.0) for drone in (1, 2, 4)}
+    await fleet.connect(5)
+    assert await fleet.goto(points) == [
+        *(Result(drone, "completed") for drone in (1, 2)),
+        Result(4, "failed", "unknown_state"),
+    ]
+    assert [result.drone for result in await fleet.return_home()] == [1, 2, 4]
+    await fleet.close()
+    assert station.asked[:3] == [(drone, Goto(47.0 + drone / 1000, 8.0, 10.0)) for drone in (1, 2, 4)]
+    assert station.asked[3:] == [(1, Return()), (2, Return())]
+    events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
+    commands = [(event["call"], event["command"], event["drone"]) for event in events if event["event"] == "command"]
+    assert commands == [(1, "goto", 1), (2, "goto", 2), (3, "goto", 4), (4, "return", None), (5, "return", None)]

@@ -26,7 +26,7 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"scenario": "scenario-9"}, "scenario 'scenario-9': expected one of scenario-1"),
+        ({"scenario": "scenario-9"}, "scenario 'scenario-9': expected one of scenario-1, scenario-2, scenario-3"),
         ({"protocol": "pigeon"}, "--protocol 'pigeon': expected one of mqttxt, mavlink"),
         ({"qos": "2"}, "--qos '2': expected one of 0, 1"),
         ({"states": "often"}, "--states 'often': expected one of on-change, fixed, bundle"),
@@ -67,6 +67,11 @@ def test_a_start_of_the_links_that_cannot_be_made_is_named(tmp_path: Path) -> No
     nowhere = tmp_path / "none" / "start"
     expected = f"mission: --links-start {nowhere}: expected a folder that can be written to\n"
     assert _said(tmp_path, **{"links-start": str(nowhere)}) == (2, expected)
+
+
+def test_a_drone_without_a_point_is_named_where_points_are_flown_to(tmp_path: Path) -> None:
+    expected = "mission: drone 7 has no point in points.yaml: expected drones of 1, 2, 3, 4, 5, 6\n"
+    assert _said(tmp_path, "scenario-2", fleet="1:1;2:7") == (2, expected)
 
 
 def test_mavsdk_is_loaded_only_for_the_fleet_that_flies_with_it() -> None:

@@ -1,10 +1,10 @@
-"""Scenario 1 on a fleet that is made up: each step waits for what it asked for, and says why it failed."""
+"""The scenarios on a fleet that is made up: each step waits for what it asked for, and says why it failed."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ import pytest
 
 from mission import scenarios
 from mission.events import EventLog
-from mission.fleet import MissionError, Result, Status
+from mission.fleet import MissionError, Point, Result, Status
+from mission.points import points_of
 from mission.steps import Steps
 
 
@@ -38,6 +39,13 @@ class Fleet:
     async def takeoff(self, altitude_m: float) -> list[Result]:
         self.asked.append(altitude_m)
         return self._answer("takeoff", Status(armed=True, mode="hold", altitude_m=altitude_m, landed="in_air"))
+
+    async def goto(self, points: Mapping[int, Point]) -> list[Result]:
+        self.asked.append(dict(points))
+        return self._answer("goto", Status(armed=True, mode="hold", altitude_m=10.0, landed="in_air"))
+
+    async def return_home(self) -> list[Result]:
+        return self._answer("return", Status(armed=False, mode="return", altitude_m=0.0, landed="on_ground"))
 
     async def land(self) -> list[Result]:
         return self._answer("land", Status(armed=False, mode="land", altitude_m=0.0, landed="on_ground"))
@@ -68,6 +76,10 @@ def _events(tmp_path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
 
 
+def _done(tmp_path: Path) -> list[tuple[str, bool]]:
+    return [(event["name"], event["ok"]) for event in _events(tmp_path) if event["event"] == "step_done"]
+
+
 @pytest.fixture(autouse=True)
 def _short_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenarios, "HOLD_S", 0.05)
@@ -77,8 +89,28 @@ async def test_scenario_1_goes_through_its_steps(log: EventLog, tmp_path: Path) 
     fleet = Fleet()
     await scenarios.scenario_1(fleet, Steps(fleet, log))
     assert fleet.asked == ["arm", 10.0, "takeoff", "land"]
-    done = [(event["name"], event["ok"]) for event in _events(tmp_path) if event["event"] == "step_done"]
-    assert done == [(name, True) for name in ("arm", "takeoff", "hold", "land", "disarmed")]
+    assert _done(tmp_path) == [(name, True) for name in ("arm", "takeoff", "hold", "land", "disarmed")]
+
+
+async def test_scenario_2_sends_each_drone_to_its_own_point_and_back(log: EventLog, tmp_path: Path) -> None:
+    fleet = Fleet()
+    await scenarios.scenario_2(fleet, Steps(fleet, log))
+    assert fleet.asked == ["arm", 10.0, "takeoff", points_of((1, 2)), "goto", "return"]
+    assert _done(tmp_path) == [(name, True) for name in ("arm", "takeoff", "goto", "return", "disarmed")]
+
+
+async def test_scenario_3_lands_at_once(log: EventLog, tmp_path: Path) -> None:
+    fleet = Fleet()
+    await scenarios.scenario_3(fleet, Steps(fleet, log))
+    assert fleet.asked == ["arm", 10.0, "takeoff", "land"]
+    assert _done(tmp_path) == [(name, True) for name in ("arm", "takeoff", "land", "disarmed")]
+
+
+async def test_a_drone_that_does_not_arrive_fails_scenario_2(log: EventLog) -> None:
+    fleet = Fleet(goto=[Result(1, "completed"), Result(2, "failed", "mode_changed")])
+    with pytest.raises(MissionError, match=r"^goto: drone 2: failed \(mode_changed\)$"):
+        await scenarios.scenario_2(fleet, Steps(fleet, log))
+    assert "return" not in fleet.asked
 
 
 @pytest.mark.parametrize(

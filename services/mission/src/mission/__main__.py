@@ -15,7 +15,8 @@ from .events import EventLog
 from .fleet import Fleet, MissionError
 from .mqttxt_fleet import MqttxtFleet
 from .options import COMMANDINGS, PROTOCOLS, STATES, STREAMS, Options, check_makeable, parse_fleet, parse_urls
-from .scenarios import SCENARIOS
+from .points import points_of
+from .scenarios import SCENARIOS, WITH_POINTS
 from .steps import Steps
 
 CONNECT_LIMIT_S = 30.0
@@ -62,6 +63,8 @@ def fly(
             commanding=commanding,
         )
         options.check(tuple(SCENARIOS))
+        if scenario in WITH_POINTS:
+            points_of(drone for drones in options.fleet.values() for drone in drones)
         if links_start is not None:
             check_makeable("--links-start", links_start)
         log = EventLog(events)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,6 +24,15 @@ class Result:
 
 
 @dataclass(frozen=True)
+class Point:
+    """Where a drone is sent: WGS84 degrees, and metres above its home."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+@dataclass(frozen=True)
 class Status:
     """What is known of a drone: None where nothing was heard yet. Altitude is in metres above home."""
 
@@ -39,7 +49,7 @@ class Status:
 
 
 class Fleet(Protocol):
-    """Six drones or any other number. Every command goes to all drones and returns one result for each."""
+    """Six drones or any other number. Every command returns one result for each drone that it goes to, mostly all."""
 
     @property
     def drones(self) -> tuple[int, ...]: ...
@@ -54,6 +64,12 @@ class Fleet(Protocol):
     async def takeoff(self, altitude_m: float) -> list[Result]: ...
 
     async def land(self) -> list[Result]: ...
+
+    async def goto(self, points: Mapping[int, Point]) -> list[Result]:
+        """Each drone of `points` flies to its own; completed on arrival."""
+
+    async def return_home(self) -> list[Result]:
+        """Back to the takeoff point and down; completed when landed and disarmed."""
 
     def status(self, drone: int) -> Status: ...
 

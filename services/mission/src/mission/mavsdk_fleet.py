@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+import math
+from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -18,9 +19,9 @@ from mavsdk.plugins.action import ActionError
 from mqttxt import Word
 
 from .events import EventLog
-from .fleet import MissionError, Result, Status
+from .fleet import MissionError, Point, Result, Status
 from .mavsdk_drone import Calls, MavsdkDrone
-from .mavsdk_outcomes import Goal, arm_goal, land_goal, refusal, takeoff_goal
+from .mavsdk_outcomes import Goal, arm_goal, goto_goal, land_goal, refusal, return_goal, takeoff_goal
 from .options import COMMANDINGS, STREAMS
 
 LOOK_S = 0.1
@@ -115,6 +116,19 @@ class MavsdkFleet:
     async def land(self) -> list[Result]:
         return await self._command("land", lambda drone: drone.action.land(), land_goal())
 
+    async def goto(self, points: Mapping[int, Point]) -> list[Result]:
+        """MAVSDK wants the altitude above sea level: home's is what the drone's own two altitudes differ by."""
+
+        async def ask(drone: MavsdkDrone) -> None:
+            point = points[drone.number]
+            amsl_m = drone.view.home_amsl_m + point.altitude_m
+            await drone.action.goto_location(point.latitude_deg, point.longitude_deg, amsl_m, math.nan)
+
+        return await self._command_each("goto", ask, {drone: goto_goal(point) for drone, point in points.items()})
+
+    async def return_home(self) -> list[Result]:
+        return await self._command("return", lambda drone: drone.action.return_to_launch(), return_goal())
+
     def status(self, drone: int) -> Status:
         found = self._drones.get(drone)
         return found.view.status if found is not None else Status()
@@ -185,12 +199,16 @@ class MavsdkFleet:
             raise MissionError("; ".join(lost))
 
     async def _command(self, command: str, ask: Ask, goal: Goal) -> list[Result]:
-        """Ask every drone in the manner of `commanding`; completion is awaited beside it."""
-        drones = [self._drones[number] for number in self.drones]
+        """Ask every drone the same."""
+        return await self._command_each(command, ask, dict.fromkeys(self.drones, goal))
+
+    async def _command_each(self, command: str, ask: Ask, goals: Mapping[int, Goal]) -> list[Result]:
+        """Ask the drones of `goals` in the manner of `commanding`; completion is awaited beside it."""
         async with asyncio.TaskGroup() as group:
             flown = []
-            for drone in drones:
-                flight = group.create_task(self._fly(drone, command, ask, goal, acknowledged := asyncio.Event()))
+            for number, goal in goals.items():
+                drone, acknowledged = self._drones[number], asyncio.Event()
+                flight = group.create_task(self._fly(drone, command, ask, goal, acknowledged))
                 flown.append(flight)
                 if not self._concurrent:
                     await acknowledged.wait()

@@ -9,10 +9,11 @@ from typing import Final, Generic, TypeVar
 from mavsdk.plugins.action import ActionResult
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
-from mqttxt import Arm, FlightModeName, Land, Landed, Takeoff, Word
-from mqttxt.dialect.plans import ALTITUDE_REACHED_M
+from mqttxt import Arm, FlightModeName, Goto, Land, Landed, Return, Takeoff, Word
+from mqttxt.commands import haversine_m
+from mqttxt.dialect.plans import ALTITUDE_REACHED_M, ARRIVED_ACROSS_M, ARRIVED_ALTITUDE_M
 
-from .fleet import Status
+from .fleet import Point, Status
 
 Value = TypeVar("Value")
 
@@ -109,6 +110,12 @@ class View:
         return [name for name, found in told.items() if found is None]
 
     @property
+    def home_amsl_m(self) -> float:
+        """Home's altitude above sea level. Only for a view that misses nothing."""
+        assert self.place is not None
+        return self.place.value.altitude_amsl_m - self.place.value.altitude_m
+
+    @property
     def status(self) -> Status:
         return Status(
             armed=self.armed.value if self.armed else None,
@@ -167,13 +174,31 @@ def takeoff_goal(altitude_m: float) -> Goal:
     return Goal(reached, Takeoff.limit_s, own, passing, needs_armed=True)
 
 
-def land_goal() -> Goal:
-    """On the ground and disarmed."""
+def goto_goal(point: Point) -> Goal:
+    """At the point, as near as MQTT-XT wants it."""
 
     def reached(view: View, since_s: float) -> bool:
-        return since(view.armed, since_s) is False and view.is_landed_as(Landed.ON_GROUND, since_s)
+        place = since(view.place, since_s)
+        if place is None or abs(place.altitude_m - point.altitude_m) > ARRIVED_ALTITUDE_M:
+            return False
+        left_m = haversine_m(place.latitude_deg, place.longitude_deg, point.latitude_deg, point.longitude_deg)
+        return left_m <= ARRIVED_ACROSS_M
 
-    return Goal(reached, Land.limit_s, frozenset({FlightModeName.LAND}))
+    return Goal(reached, Goto.limit_s, frozenset({FlightModeName.HOLD}), needs_armed=True)
+
+
+def land_goal() -> Goal:
+    """On the ground and disarmed."""
+    return Goal(_is_down, Land.limit_s, frozenset({FlightModeName.LAND}))
+
+
+def return_goal() -> Goal:
+    """On the ground and disarmed; some autopilots change to their landing mode for the end of it."""
+    return Goal(_is_down, Return.limit_s, frozenset({FlightModeName.RETURN, FlightModeName.LAND}))
+
+
+def _is_down(view: View, since_s: float) -> bool:
+    return since(view.armed, since_s) is False and view.is_landed_as(Landed.ON_GROUND, since_s)
 
 
 WINDOW_S = 4.0

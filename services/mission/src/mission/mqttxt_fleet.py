@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import AsyncIterator, Coroutine, Mapping
+from typing import Any
 
 from mqttxt import (
     Arm,
@@ -15,12 +17,14 @@ from mqttxt import (
     Command,
     FlightMode,
     Fog,
+    Goto,
     GroundStation,
     Land,
     LandedState,
     Location,
     MqttxtError,
     Outcome,
+    Return,
     StateUpdate,
     Stream,
     Takeoff,
@@ -28,7 +32,7 @@ from mqttxt import (
 )
 
 from .events import EventLog
-from .fleet import MissionError, Result, Status
+from .fleet import MissionError, Point, Result, Status
 
 FIVE_STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 FIVE_STATES_HZ = 1.0
@@ -87,6 +91,14 @@ class MqttxtFleet:
     async def land(self) -> list[Result]:
         return await self._broadcast(Land())
 
+    async def goto(self, points: Mapping[int, Point]) -> list[Result]:
+        """No broadcast: each drone has a command of its own; all leave at once."""
+        asked = [self._to_drone(drone, _goto(point)) for drone, point in points.items()]
+        return await self._all("goto", asked)
+
+    async def return_home(self) -> list[Result]:
+        return await self._broadcast(Return())
+
     def status(self, drone: int) -> Status:
         states = {name: known.state for name, known in self._fog_of(drone).drone(drone).states.items()}
         armed, mode = states.get("armed"), states.get("flight_mode")
@@ -103,10 +115,13 @@ class MqttxtFleet:
         await self._heard.wait()
 
     async def _broadcast(self, command: Command) -> list[Result]:
+        return await self._all(command.name, [self._to_fog(fog, command) for fog in self._fogs.values()])
+
+    async def _all(self, name: str, asked: list[Coroutine[Any, Any, list[Result]]]) -> list[Result]:
         try:
-            parts = await asyncio.gather(*(self._to_fog(fog, command) for fog in self._fogs.values()))
+            parts = await asyncio.gather(*asked)
         except MqttxtError as error:
-            raise MissionError(f"{command.name}: {error}") from error
+            raise MissionError(f"{name}: {error}") from error
         return [result for part in parts for result in part]
 
     async def _stream(self, fog: Fog, name: str) -> None:
@@ -122,10 +137,20 @@ class MqttxtFleet:
             raise MissionError(f"connect: stream {name}: drone {min(silent)}: no answer")
 
     async def _to_fog(self, fog: Fog, command: Command) -> list[Result]:
+        return await self._follow(fog, None, command, fog.broadcast(command))
+
+    async def _to_drone(self, drone: int, command: Command) -> list[Result]:
+        fog = self._fog_of(drone)
+        return await self._follow(fog, drone, command, fog.drone(drone).outcomes(command))
+
+    async def _follow(
+        self, fog: Fog, drone: int | None, command: Command, outcomes: AsyncIterator[Outcome]
+    ) -> list[Result]:
+        """A call and what is said of it; `drone` None for all of the fog."""
         call = self._log.next_call()
-        self._log.write("command", call=call, command=command.name, fog=fog.number, drone=None)
+        self._log.write("command", call=call, command=command.name, fog=fog.number, drone=drone)
         results = []
-        async for outcome in fog.broadcast(command):
+        async for outcome in outcomes:
             self._note(call, outcome)
             if outcome.is_last and outcome.drone in self._wanted[fog.number]:
                 results.append(Result(outcome.drone, outcome.word.label, outcome.reason))
@@ -165,6 +190,10 @@ class MqttxtFleet:
 
     def _fog_of(self, drone: int) -> Fog:
         return next(self._fogs[number] for number, drones in self._wanted.items() if drone in drones)
+
+
+def _goto(point: Point) -> Goto:
+    return Goto(point.latitude_deg, point.longitude_deg, point.altitude_m)
 
 
 def _plain(value: object) -> object:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 
 from .fleet import Fleet
+from .points import points_of
 from .steps import Steps
 
 ALTITUDE_M = 10.0
@@ -13,12 +14,53 @@ HOLD_S = 15.0
 
 async def scenario_1(fleet: Fleet, steps: Steps) -> None:
     """Arm, take off to 10 m, hold for 15 s, land, all disarmed."""
+    await _up(fleet, steps)
+    await steps.hold(HOLD_S)
+    await _land(fleet, steps)
+
+
+async def scenario_2(fleet: Fleet, steps: Steps) -> None:
+    """Arm, take off to 10 m, each to its own point, return to where it took off and land there, all disarmed."""
+    await _up(fleet, steps)
+    await _out(fleet, steps)
+    await _back(fleet, steps)
+
+
+async def scenario_3(fleet: Fleet, steps: Steps) -> None:
+    """Arm, take off to 10 m, land, all disarmed."""
+    await _up(fleet, steps)
+    await _land(fleet, steps)
+
+
+async def _up(fleet: Fleet, steps: Steps) -> None:
     await steps.command("arm", fleet.arm, limit_s=30)
     await steps.command("takeoff", lambda: fleet.takeoff(ALTITUDE_M), limit_s=90)
-    await steps.hold(HOLD_S)
+
+
+async def _out(fleet: Fleet, steps: Steps) -> None:
+    points = points_of(fleet.drones)
+    await steps.command("goto", lambda: fleet.goto(points), limit_s=120)
+
+
+async def _back(fleet: Fleet, steps: Steps) -> None:
+    await steps.command("return", fleet.return_home, limit_s=240)
+    await _disarmed(fleet, steps)
+
+
+async def _land(fleet: Fleet, steps: Steps) -> None:
     await steps.command("land", fleet.land, limit_s=150)
+    await _disarmed(fleet, steps)
+
+
+async def _disarmed(fleet: Fleet, steps: Steps) -> None:
     await steps.until("disarmed", lambda drone: fleet.status(drone).armed is False, limit_s=45)
 
 
-SCENARIOS: dict[str, Callable[[Fleet, Steps], Awaitable[None]]] = {"scenario-1": scenario_1}
+SCENARIOS: dict[str, Callable[[Fleet, Steps], Awaitable[None]]] = {
+    "scenario-1": scenario_1,
+    "scenario-2": scenario_2,
+    "scenario-3": scenario_3,
+}
 """Every scenario by the name that people type."""
+WITH_POINTS = ("scenario-2",)
+"""Those that send each drone to a point of its own."""

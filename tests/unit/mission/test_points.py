@@ -1,0 +1,36 @@
+"""Where the drones are sent: each to a point of its own, out of reach of the sensor there when it takes off."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from mission.points import all_points, points_of
+from mqttxt.commands import haversine_m
+from sitl.fleet import load
+
+FLEET = Path(__file__).parents[3] / "services" / "sitl" / "fleet.yaml"
+RANGE_M = 50
+
+
+def test_a_point_is_60_to_120_m_from_where_its_drone_takes_off() -> None:
+    for drone, point in all_points().items():
+        home = load(FLEET, drone).home
+        away_m = haversine_m(home.latitude_deg, home.longitude_deg, point.latitude_deg, point.longitude_deg)
+        assert 60 <= away_m <= 120.5, drone
+        assert away_m > RANGE_M
+
+
+def test_no_two_drones_have_one_point() -> None:
+    points = all_points()
+    assert list(points) == [1, 2, 3, 4, 5, 6]
+    for one, other in combinations(points.values(), 2):
+        assert haversine_m(one.latitude_deg, one.longitude_deg, other.latitude_deg, other.longitude_deg) > 2 * RANGE_M
+
+
+def test_a_drone_without_a_point_is_named() -> None:
+    assert list(points_of((2, 5))) == [2, 5]
+    with pytest.raises(ValueError, match=r"^drone 7 has no point in points.yaml: expected drones of 1, 2, 3, 4, 5, 6$"):
+        points_of((1, 7))
