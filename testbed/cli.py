@@ -15,7 +15,7 @@ from rich.table import Table
 
 from .containers import Containers, only_run
 from .errors import DockerError, TestbedError
-from .experiments import ARMS, FACTORS, PROTOCOLS, make_plan, one_protocol
+from .experiments import ARMS, EXPERIMENTS, FACTORS, PROTOCOLS, make_plan, one_protocol
 from .flights import by_hand, settings_of
 from .metrics import measure_series
 from .overrides import suffix
@@ -47,7 +47,7 @@ app = typer.Typer(
 
 @app.command()
 def run(
-    experiment: Annotated[str, typer.Argument(help="What to fly: scenario-1.")],
+    experiment: Annotated[str, typer.Argument(help=f"What to fly: {', '.join(EXPERIMENTS)}.")],
     attempts: Annotated[str, typer.Option(help="How often.")] = "1",
     arm: Annotated[str, typer.Option(help=f"How the fleet talks: {', '.join(ARMS)}.")] = "thesis",
     profile: Annotated[str, typer.Option(help="How the links are: ideal.")] = "ideal",

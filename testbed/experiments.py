@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 
 from .errors import UserError
 
-EXPERIMENTS = ("scenario-1",)
+EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3")
 PROTOCOLS = ("mqttxt", "mavlink")
 PROFILES = ("ideal",)
 MOST_ATTEMPTS = 99

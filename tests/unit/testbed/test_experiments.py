@@ -130,7 +130,7 @@ def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"experiment": "scenario-9"}, "scenario=scenario-9: expected scenario-1"),
+        ({"experiment": "scenario-9"}, "scenario=scenario-9: expected one of scenario-1, scenario-2, scenario-3"),
         ({"attempts": "0"}, "ATTEMPTS=0: expected a whole number from 1 to 99"),
         ({"attempts": "x"}, "ATTEMPTS=x: expected a whole number from 1 to 99"),
         ({"attempts": "٣"}, "ATTEMPTS=٣: expected a whole number from 1 to 99"),
