@@ -5,5 +5,7 @@ reading   a file and what it inherits, checked against the schema -> `Profile`
 draws     seeds, and the times of outages and bursts
 resolve   profile, topology, experiment, attempt -> `Plan`, which every shaper takes
 checks    what the schema cannot say: figures that do not fit together
+directed  plan -> the directed links that are shaped, each with its states
 kernel    plan -> `ip` and `tc` commands
+run_plan  plan -> what `net` is told of a run's links
 """

@@ -13,7 +13,8 @@ from rich.table import Table
 from ..errors import UserError
 from ..experiments import MOST_ATTEMPTS
 from ..topology import read_topology
-from .kernel import Commands, commands_of, directed_links
+from .directed import directed_links
+from .kernel import Commands, commands_of
 from .reading import Profile, profile_names, read_profile
 from .resolve import LinkPlan, Plan, resolve
 from .units import parse_time_us, show_rate, show_share, show_time

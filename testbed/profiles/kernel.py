@@ -22,27 +22,19 @@ Interfaces towards nodes are written `@uav1`: their names are only known inside 
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 from ..topology import Topology
+from .directed import Directed, directed_links, frames_in_flight
 from .draws import link_seed
-from .reading import DIRECTIONS
-from .resolve import EventPlan, LinkPlan, Plan
+from .resolve import LinkPlan, Plan
 
 RATE_DEVICE = "rate"
 IN_ORDER_BPS = 10_000_000_000
 """The second stage's rate where order is kept; also the first one's while an event lifts a link's rate."""
-SMALLEST_FRAME_BITS = 60 * 8
-MOST_FRAMES_S = 100_000
-"""What an unlimited link is expected to carry at most: an explicit limit has to be some number."""
-_SPARE_FRAMES = 1_000
-_WIDEST_JITTER = 4
-"""netem's tables reach four deviations from the mean."""
 _FULL_FRAME = 1_514
 _WAITING_FRAMES = 10_000
 _BORROWER_BPS, _BORROWER_BURST = 1_000, 100
@@ -51,59 +43,51 @@ Words = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Directed:
-    """A directed link that is shaped: its number (mark and HTB class), ends, and the devices and states it has."""
+class LinkState:
+    """From `at_s` on; `words` bring the link there from whatever it does."""
 
-    name: str
-    number: int
-    source: str
-    destination: str
+    at_s: float
+    closed: bool
+    words: tuple[Words, ...]
+
+
+@dataclass(frozen=True)
+class LinkCommands:
+    """One link: where its stages are, its states from 0 on, and how to let nothing through.
+
+    `queue` is the handle of the first stage's netem, None without one; `device` has the second stage's.
+    """
+
     device: str
-    states: tuple[tuple[float, LinkPlan, bool], ...]
-    """(from when on in seconds, figures, whether it is closed), the first at 0."""
-
-    @cached_property
-    def has_rate(self) -> bool:
-        return any(state.rate_bps is not None for _, state, _ in self.states)
-
-    @cached_property
-    def has_jitter(self) -> bool:
-        return any(state.jitter_us for _, state, _ in self.states)
-
-    @cached_property
-    def has_corruption(self) -> bool:
-        return any(state.corrupt for _, state, _ in self.states)
-
-    @cached_property
-    def limit(self) -> int:
-        """Room for all that can be on its way at any time: a frame that found none would be lost by mistake."""
-        return max(_in_flight(state) for _, state, _ in self.states)
-
-    @property
-    def is_shared(self) -> bool:
-        return self.states[0][1].shared_with is not None
+    queue: str | None
+    states: tuple[LinkState, ...]
+    shut: tuple[Words, ...]
 
 
 @dataclass(frozen=True)
 class Commands:
-    """Argument lists: `begin` before the first frame, `timed` at their seconds since then, `end` after the last."""
+    """Argument lists: `begin` before the first frame, `timed` at their seconds after the start, `end` after the last.
+
+    `links` has the same changes as `timed`, and more, for who changes links by hand in between.
+    """
 
     begin: tuple[Words, ...]
     timed: tuple[tuple[float, Words], ...]
     end: tuple[Words, ...]
+    links: Mapping[str, LinkCommands] = field(default_factory=dict)
 
     def to_data(self) -> dict[str, Any]:
-        """As JSON has it: `begin` and `end` lists of words, `timed` pairs of seconds and words."""
+        """As JSON has it, without `timed`, which is in `links` too."""
         return {
             "begin": [list(words) for words in self.begin],
-            "timed": [[at_s, list(words)] for at_s, words in self.timed],
             "end": [list(words) for words in self.end],
+            "links": {name: asdict(link) for name, link in self.links.items()},
         }
 
 
-def commands_of(plan: Plan, topology: Topology) -> Commands:
-    """What shapes the plan's links; nothing at all where it shapes none."""
-    links = directed_links(plan, topology)
+def commands_of(plan: Plan, topology: Topology, always: bool = False) -> Commands:
+    """What shapes the plan's links; with `always` every link has its stages, whether or not anything is planned."""
+    links = directed_links(plan, topology, always)
     begin: list[Words] = []
     if any(link.has_rate for link in links):
         begin += [*_device(RATE_DEVICE), _tc("qdisc add dev rate root handle 1: htb")]
@@ -119,47 +103,34 @@ def commands_of(plan: Plan, topology: Topology) -> Commands:
     devices = [*([RATE_DEVICE] if any(link.has_rate for link in links) else []), *(link.device for link in links)]
     end = [_tc(f"qdisc del dev @{port} clsact") for port in ports]
     end += [_ip(f"link del {device}") for device in devices]
-    return Commands(tuple(begin), tuple(timed), tuple(end))
+    return Commands(
+        tuple(begin), tuple(timed), tuple(end), {link.name: _link_commands(link, plan.seed) for link in links}
+    )
 
 
-def directed_links(plan: Plan, topology: Topology) -> list[Directed]:
-    """The links that are shaped at some time, numbered in the order of all links."""
-    found = []
-    for number, name in enumerate(plan.links, 1):
-        states = tuple(_states(plan, name))
-        if not any(state.is_shaped or closed for _, state, closed in states):
-            continue
-        base, _, direction = name.rpartition(":")
-        ends = next((each.lower, each.upper) for each in topology.links if each.name == base)
-        source, destination = ends if direction == DIRECTIONS[0] else ends[::-1]
-        kind, _, node = base.partition(":")
-        found.append(Directed(name, number, source, destination, f"{kind[:4]}-{node}-{direction}", states))
-    return found
+def change_words(plan: Plan, topology: Topology, name: str, link_plan: LinkPlan, closed: bool) -> tuple[Words, ...]:
+    """What gives the directed link `name` other figures during a run whose links were made with `always`.
+
+    Both directions of a shared rate have to be told. Raises KeyError for a link that the plan does not have.
+    """
+    link = {each.name: each for each in directed_links(plan, topology, always=True)}[name]
+    other = replace(link, states=(*link.states, (0.0, link_plan, closed)))
+    return _words_of(other, len(other.states) - 1, link_seed(plan.seed, name, f"netem by hand {link_plan}"))
 
 
-def _states(plan: Plan, name: str) -> Iterator[tuple[float, LinkPlan, bool]]:
-    """A link's figures over time: later events stand above earlier ones for as long as they last."""
-    base = asdict(plan.links[name])
-    ahead = deque(event for event in plan.events if event.link == name)
-    times = {0.0} | {event.at_s for event in ahead} | {_end_of(event) for event in ahead}
-    lasting: list[EventPlan] = []
-    last: tuple[LinkPlan, bool] | None = None
-    for at_s in sorted(times):
-        while ahead and ahead[0].at_s <= at_s:
-            lasting.append(ahead.popleft())
-        lasting = [event for event in lasting if at_s < _end_of(event)]
-        figures: dict[str, Any] = dict(base)
-        for event in lasting:
-            figures |= event.change
-        closed = bool(figures.pop("closed", False))
-        state = (LinkPlan(**figures), closed)
-        if state != last:
-            yield at_s, *state
-        last = state
+def _link_commands(link: Directed, seed: int) -> LinkCommands:
+    states = [
+        LinkState(at_s, closed, _words_of(link, step, _seed_of(link, step, seed)))
+        for step, (at_s, _, closed) in enumerate(link.states)
+    ]
+    at_s, steady, _ = link.states[0]
+    shut = replace(link, states=((at_s, steady, True), *link.states[1:]))
+    words = (_netem("change", shut, 0, link_seed(seed, link.name, "netem shut")),)
+    return LinkCommands(link.device, _queue_handle(link) if link.has_rate else None, tuple(states), words)
 
 
-def _end_of(event: EventPlan) -> float:
-    return round(event.at_s + event.for_s, 6)
+def _words_of(link: Directed, step: int, seed: int) -> tuple[Words, ...]:
+    return (*_rate_stage("change", link, link.states[step][1]), _netem("change", link, step, seed))
 
 
 def beyond(topology: Topology, source: str, first: str) -> list[str]:
@@ -187,9 +158,9 @@ def _rate_stage(verb: str, link: Directed, state: LinkPlan) -> Iterator[Words]:
         if link.number == first:
             yield _htb(verb, "1:", parent, rate_bps, rate_bps)
     yield _htb(verb, parent, leaf, own_bps, rate_bps)
-    limit = state.queue_packets or _in_flight(state)
-    handle = f"{0x200 + link.number:x}:"
-    yield _tc(f"qdisc {verb} dev {RATE_DEVICE} parent {leaf} handle {handle} netem limit {limit} rate {rate_bps}bit")
+    limit = state.queue_packets or frames_in_flight(state)
+    stage = f"dev {RATE_DEVICE} parent {leaf} handle {_queue_handle(link)} netem"
+    yield _tc(f"qdisc {verb} {stage} limit {limit} rate {rate_bps}bit")
 
 
 def _htb(verb: str, parent: str, classid: str, own_bps: int, ceiling_bps: int) -> Words:
@@ -207,13 +178,21 @@ def _htb(verb: str, parent: str, classid: str, own_bps: int, ceiling_bps: int) -
 
 def _delay_stage(link: Directed, seed: int) -> Iterator[Words]:
     yield from _device(link.device)
-    yield _netem("add", link, 0, seed)
+    yield _netem("add", link, 0, _seed_of(link, 0, seed))
 
 
 def _netem(verb: str, link: Directed, step: int, seed: int) -> Words:
-    """The second stage at one of the link's states, each with a seed: the same one would start its numbers anew."""
-    words = f"qdisc {verb} dev {link.device} root handle 1: netem {_impairments(link, step)}"
-    return _tc(f"{words} seed {link_seed(seed, link.name, f'netem {step}')}")
+    """The second stage at one of the link's states."""
+    return _tc(f"qdisc {verb} dev {link.device} root handle 1: netem {_impairments(link, step)} seed {seed}")
+
+
+def _seed_of(link: Directed, step: int, seed: int) -> int:
+    """Each state has its own: the same one would start its numbers anew."""
+    return link_seed(seed, link.name, f"netem {step}")
+
+
+def _queue_handle(link: Directed) -> str:
+    return f"{0x200 + link.number:x}:"
 
 
 def _impairments(link: Directed, step: int) -> str:
@@ -258,13 +237,7 @@ def _changes(link: Directed, seed: int) -> Iterator[tuple[float, Words]]:
         if (state.rate_bps, state.queue_packets) != (before[1].rate_bps, before[1].queue_packets):
             yield from ((at_s, words) for words in _rate_stage("change", link, state))
         if _impairments(link, step) != _impairments(link, step - 1):
-            yield at_s, _netem("change", link, step, seed)
-
-
-def _in_flight(state: LinkPlan) -> int:
-    frames_s = MOST_FRAMES_S if state.rate_bps is None else -(-state.rate_bps // SMALLEST_FRAME_BITS)
-    longest_us = state.delay_us + _WIDEST_JITTER * state.jitter_us
-    return _SPARE_FRAMES + -(-min(frames_s, MOST_FRAMES_S) * longest_us // 1_000_000)
+            yield at_s, _netem("change", link, step, _seed_of(link, step, seed))
 
 
 def _percent(share: float) -> str:

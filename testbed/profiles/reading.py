@@ -202,7 +202,8 @@ def field_name(path: Any) -> str:
     """`links.air.up.rate`, `events[0].at`."""
     name = ""
     for part in path:
-        name += f"[{part}]" if isinstance(part, int) else f"{'.' if name else ''}{part}"
+        text = part if not isinstance(part, str) or part.isprintable() else repr(part)
+        name += f"[{part}]" if isinstance(part, int) else f"{'.' if name else ''}{text}"
     return name
 
 

@@ -16,12 +16,21 @@ from docker.types import IPAMConfig, IPAMPool
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGE = os.environ.get("NODE_IMAGE", "mqttxt-testbed/node:latest")
-SUBNETS = {"gs": "198.19.248", "cloud": "198.19.249"}
+FIRST_SUBNET = 128 + os.getpid() % 60 * 2
+SUBNETS = {"gs": f"198.19.{FIRST_SUBNET}", "cloud": f"198.19.{FIRST_SUBNET + 1}"}
+"""Two of this process's own: others may run the same tests on the same machine."""
 UP, DOWN = "wan:gs:up", "wan:gs:down"
 PYTHON = "/opt/venv/bin/python"
 PROBE = "/repository/tests/integration/link_probe.py"
 FOLDER = "/tmp/shaping"
+LINKS = f"{FOLDER}/links"
+CONTROL = f"{FOLDER}/net.sock"
 READY_TIMEOUT_S = 30.0
+AS_NEW = (
+    "while ip rule del priority 100 2>/dev/null; do :; done;"
+    " for tool in iptables iptables-legacy; do $tool -P FORWARD ACCEPT; $tool -F; $tool -X; done 2>/dev/null; true"
+)
+"""What an earlier run left in a container that outlives it."""
 
 
 @dataclass(frozen=True)
@@ -103,8 +112,39 @@ class ShapedLink:
     ) -> Iterator[Emulator]:
         """The emulator at work on the way `up`; without `down` the way back is free."""
         self._write_plan(plan_of(up, events, down))
+        yield from self._running(self._command())
+
+    @contextmanager
+    def routing(self, plan: Mapping[str, Any], **run: Any) -> Iterator[Emulator]:
+        """The whole of `net` at work on a run's plan: routes, captures, and shapes from its emulator's process."""
+        self.write_run(plan, **run)
+        yield from self._running(self.route_command())
+
+    def route(self, plan: object, run: Mapping[str, Any] | None = None, **options: Any) -> tuple[int, str]:
+        """Exit code and words of a `net route` that is expected to end by itself."""
+        self.write_run(plan, **(run or {}))
+        return self.net(self.route_command(), **options)
+
+    def net(self, command: Sequence[str], **options: Any) -> tuple[int, str]:
+        """Exit code and words of a command in `net`."""
+        done = self.nodes["net"].exec_run(list(command), environment=self._environment(), **options)
+        return done.exit_code, done.output.decode()
+
+    def write_run(self, plan: object, **run: Any) -> None:
+        """A run's folder of links with nothing but its plan, beside one for positions."""
+        self.output("net", ["sh", "-c", AS_NEW])
+        folders = f"rm -rf {FOLDER} && mkdir -m 777 -p {LINKS} {FOLDER}/sitl"
+        text = json.dumps({"version": 1, "shaper": "auto", "always": False, "gates": [], **run, "plan": plan})
+        self.output("net", ["sh", "-c", f'{folders} && printf %s "$1" > {LINKS}/plan.json', "sh", text])
+
+    def route_command(self) -> list[str]:
+        """`net route` on the run's folder."""
+        files = {"captures": f"{FOLDER}/pcap", "links": LINKS, "control": CONTROL, "ready-file": f"{FOLDER}/ready"}
+        return [PYTHON, "-m", "net", "route", *(word for name, file in files.items() for word in (f"--{name}", file))]
+
+    def _running(self, command: Sequence[str]) -> Iterator[Emulator]:
         self.output("net", ["rm", "-f", f"{FOLDER}/ready", f"{FOLDER}/log"])
-        quoted = " ".join(self._command())
+        quoted = " ".join(command)
         script = f"{quoted} > {FOLDER}/log 2>&1 & echo $! > {FOLDER}/pid; wait"
         self.nodes["net"].exec_run(["sh", "-c", script], environment=self._environment(), detach=True)
         emulator = Emulator(self)
@@ -174,6 +214,13 @@ class Emulator:
     def signal(self, name: str) -> None:
         self._link.output("net", ["sh", "-c", f"kill -{name} {self._pid}"])
 
+    def kill_emulator(self) -> None:
+        """Where `net route` runs: the process that shapes for it, without a warning."""
+        children = f"$(cat /proc/{self._pid}/task/*/children)"
+        find = f"for pid in {children}; do grep -qa shape /proc/$pid/cmdline && echo $pid; done"
+        (pid,) = self._link.output("net", ["sh", "-c", f"{find}; true"]).split()
+        self._link.output("net", ["sh", "-c", f"kill -KILL {pid}"])
+
     def cpu_s(self) -> float:
         """User and system time of the process so far."""
         fields = self._link.output("net", ["cat", f"/proc/{self._pid}/stat"]).rsplit(") ", 1)[1].split()
@@ -183,16 +230,24 @@ class Emulator:
         """End it, and what it counted; again is harmless."""
         if not self._test("-e", f"../../proc/{self._pid}"):
             self.signal("TERM")
+        self.wait_until_ended()
+        return self.counters()
+
+    def wait_until_ended(self) -> None:
+        """Until the process is gone."""
         deadline = time.monotonic() + READY_TIMEOUT_S
         while not self._test("-e", f"../../proc/{self._pid}"):
-            assert time.monotonic() < deadline, "net shape does not end"
+            assert time.monotonic() < deadline, "it does not end"
             time.sleep(0.05)
-        return self.counters()
 
     def counters(self) -> dict[str, Any]:
         """The file as it is."""
-        content: dict[str, Any] = json.loads(self._link.output("net", ["cat", f"{FOLDER}/counters.json"]))
+        content: dict[str, Any] = json.loads(self.read("counters.json"))
         return content
+
+    def read(self, name: str) -> str:
+        """A file of the folder of links, or of the emulator alone."""
+        return self._link.output("net", ["sh", "-c", f"cat {LINKS}/{name} 2>/dev/null || cat {FOLDER}/{name}"])
 
     def _test(self, operator: str, name: str) -> int:
         code: int = self._link.nodes["net"].exec_run(["test", operator, f"{FOLDER}/{name}"]).exit_code

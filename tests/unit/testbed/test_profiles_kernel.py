@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from testbed import cli
-from testbed.profiles.kernel import Commands, beyond, commands_of, directed_links
+from testbed.profiles.directed import directed_links
+from testbed.profiles.kernel import Commands, Words, beyond, change_words, commands_of
 from testbed.profiles.reading import FOLDER, profile_names, read_profile
 from testbed.profiles.resolve import Plan, resolve
 from testbed.topology import read_topology
@@ -179,7 +183,68 @@ def test_devices_have_names_that_the_kernel_takes_and_everything_made_is_removed
 def test_commands_are_lists_of_words_for_json(tmp_path: Path) -> None:
     data = _commands(tmp_path, AIR).to_data()
     assert data["begin"][0] == ["tc", "qdisc", "add", "dev", "@fog1", "clsact"]
-    assert data["timed"] == []
+    assert json.loads(json.dumps(data["links"]))["air:uav1:up"] == {
+        "device": "air-uav1-up",
+        "queue": None,
+        "states": [{"at_s": 0.0, "closed": False, "words": [_netem_of(data, "air-uav1-up", "change")]}],
+        "shut": [_shut("air-uav1-up", data)],
+    }
+
+
+def _netem_of(data: dict[str, Any], device: str, verb: str) -> list[str]:
+    """What gives a device its netem, as it was made, or again."""
+    (found,) = (words for words in data["begin"] if words[:5] == ["tc", "qdisc", "add", "dev", device])
+    return ["tc", "qdisc", verb, *found[3:]]
+
+
+def _shut(device: str, data: dict[str, Any]) -> list[str]:
+    """The same but that everything is lost, with a seed of its own."""
+    words = _netem_of(data, device, "change")
+    (seed,) = (each[-1] for each in data["links"]["air:uav1:up"]["shut"])
+    assert seed != words[-1]
+    return [*words[:-2], "loss", "100%", "seed", seed]
+
+
+def test_states_are_those_of_the_timed_changes(tmp_path: Path) -> None:
+    outage = "[{link: air:uav1:up, at: 2s, for: 1s, change: {closed: true}, source: s}]"
+    commands = _commands(tmp_path, AIR, outage)
+    states = commands.links["air:uav1:up"].states
+    assert [(state.at_s, state.closed) for state in states] == [(0.0, False), (2.0, True), (3.0, False)]
+    assert [(state.at_s, state.words[-1]) for state in states[1:]] == list(commands.timed)
+
+
+def test_with_always_every_link_has_both_stages_although_nothing_is_planned(tmp_path: Path) -> None:
+    plan = _plan(tmp_path, "{}")
+    commands = commands_of(plan, TOPOLOGY, always=True)
+    assert set(commands.links) == set(plan.links)
+    for link in commands.links.values():
+        assert _about(commands, f"handle {link.queue} netem limit 1000 rate 10000000000bit")
+        assert _about(commands, f"dev {link.device} root handle 1: netem limit 1000 corrupt 0% rate 10000000000bit")
+
+
+def test_a_change_by_hand_names_every_figure_and_needs_no_other_stage(tmp_path: Path) -> None:
+    plan = _plan(tmp_path, "{}")
+    begun = commands_of(plan, TOPOLOGY, always=True)
+    changed = replace(plan.links["air:uav3:up"], rate_bps=1_000_000, queue_packets=50, delay_us=200_000, loss=0.2)
+    *rate, delay = change_words(plan, TOPOLOGY, "air:uav3:up", changed, False)
+    made = {_object(words) for words in begun.begin}
+    assert all(_object(words) in made for words in (*rate, delay))
+    assert " ".join(rate[-1]).endswith("netem limit 50 rate 1000000bit")
+    limit = 1000 + 1_000_000 // 480 * 0.2
+    assert " ".join(delay[:-2]) == (
+        f"tc qdisc change dev air-uav3-up root handle 1: netem limit {limit:.0f} delay 200000us loss 20%"
+        " corrupt 0% rate 10000000000bit"
+    )
+    (*_, shut) = change_words(plan, TOPOLOGY, "air:uav3:up", plan.links["air:uav3:up"], True)
+    assert "loss 100%" in " ".join(shut)
+
+
+def _object(words: Words) -> tuple[str, ...]:
+    """What a command makes or changes, without what it is told."""
+    kind = next(
+        place for place, word in enumerate(words) if word in ("netem", "htb", "type", "txqueuelen", "clsact", "action")
+    )
+    return (words[0], words[1], *words[3:kind])
 
 
 def _typed(*words: str) -> tuple[int, str, str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from testbed.errors import UserError
@@ -308,6 +308,7 @@ _JUNK = st.recursive(
 
 
 @given(_JUNK)
+@example({"\n": None})
 def test_any_document_is_read_or_refused_in_one_line(tmp_path_factory: pytest.TempPathFactory, junk: object) -> None:
     folder = tmp_path_factory.mktemp("junk")
     if isinstance(junk, dict):

@@ -1,23 +1,24 @@
-"""`net route`: check the ports, route hop by hop, capture on each, until told to end; `net shape`: shape every link."""
+"""The commands of `net`: `route` is the whole container, `shape` its emulator, `change` a link changed by hand."""
 
 from __future__ import annotations
 
+import json
 import os
-import signal
 import sys
-import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from .captures import Capture, stop_all, write_counts
+from .emulator.control import Channel
 from .emulator.plan import PlanError, read_plan
 from .emulator.process import shape as shape_links
-from .hops import parse_links, route_by_hops
+from .hops import parse_links
 from .interfaces import NetError, parse_nodes, read_ports, turn_off_offloads
-
-WATCH_S = 1.0
+from .routing import route as route_frames
+from .shaping.server import SOCKET, ask
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -27,70 +28,78 @@ def about() -> None:
     """The testbed's network."""
 
 
+@contextmanager
+def _one_line() -> Iterator[None]:
+    """A mistake is one line: exit code 2 for a plan's, 1 for what the machine lacks."""
+    try:
+        yield
+    except NetError as error:
+        typer.echo(f"net: {error}", err=True)
+        raise typer.Exit(2 if isinstance(error, PlanError) else 1) from None
+
+
 @app.command()
 def route(
     captures: Annotated[Path, typer.Option(help="Folder for one pcap a node and captures.json.")],
-    ready_file: Annotated[Path, typer.Option(help="File that is made once everything is captured.")],
+    ready_file: Annotated[Path, typer.Option(help="File that is made once everything is shaped and captured.")],
+    links: Annotated[
+        Path | None, typer.Option(help="Folder with the links' plan.json; nothing is shaped without.")
+    ] = None,
+    control: Annotated[Path, typer.Option(help="Socket for changes by hand.")] = SOCKET,
 ) -> None:
-    """Route between all nodes, hop by hop, and capture at each, until SIGTERM or SIGINT."""
-    try:
-        _route(captures, ready_file)
-    except NetError as error:
-        typer.echo(f"net: {error}", err=True)
-        raise typer.Exit(1) from None
+    """Route between all nodes, hop by hop, shape every link and capture at each node, until SIGTERM or SIGINT."""
+    with _one_line():
+        route_frames(captures, links, control, ready_file)
 
 
 @app.command()
 def shape(
     plan: Annotated[Path, typer.Option(help="The links' plan, JSON.")],
     counters: Annotated[Path, typer.Option(help="File for what each link did, written each second and at the end.")],
-    ready_file: Annotated[Path, typer.Option(help="File that is made once every link is shaped.")],
+    ready_file: Annotated[Path | None, typer.Option(help="File that is made once every link is shaped.")] = None,
+    channel: Annotated[
+        int | None, typer.Option(help="Descriptor of `net route`'s socket, which then gives orders.")
+    ] = None,
 ) -> None:
     """Shape every link as planned, on NFQUEUE, until SIGTERM or SIGINT."""
-    try:
+    with _one_line():
         planned = read_plan(plan)
         nodes = parse_nodes(os.environ.get("NODES", ""))
         links = parse_links(os.environ.get("LINKS", ""), list(nodes))
         ports = read_ports(nodes)
         for port in ports:
             turn_off_offloads(port)
-        shape_links(planned, ports, links, counters, ready_file)
-    except PlanError as error:
-        typer.echo(f"net: {error}", err=True)
-        raise typer.Exit(2) from None
-    except NetError as error:
-        typer.echo(f"net: {error}", err=True)
-        raise typer.Exit(1) from None
+        said = ready_file if channel is None else Channel.of_descriptor(channel)
+        shape_links(planned, ports, links, counters, said)
 
 
-def _route(folder: Path, ready_file: Path) -> None:
-    ending = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: ending.set())
-    if Path("/proc/sys/net/ipv4/ip_forward").read_text().strip() != "1":
-        raise NetError("net.ipv4.ip_forward is off; expected the sysctl of compose.yaml")
-    nodes = parse_nodes(os.environ.get("NODES", ""))
-    links = parse_links(os.environ.get("LINKS", ""), list(nodes))
-    ports = read_ports(nodes)
-    for port in ports:
-        turn_off_offloads(port)
-    route_by_hops(ports, links)
+@app.command()
+def change(
+    link: Annotated[str, typer.Argument(help="A directed link, as air:uav3:up.")],
+    fields: Annotated[
+        list[str] | None, typer.Argument(help="FIELD=VALUE of the plan, as loss=0.2; none: back.")
+    ] = None,
+    kernel: Annotated[str, typer.Option(help="The kernel's commands for it, where netem shapes: JSON.")] = "[]",
+    control: Annotated[Path, typer.Option(help="The socket of `net route`.")] = SOCKET,
+) -> None:
+    """Change a link while everything goes on; without a field it is back as planned."""
+    with _one_line():
+        found = dict(_field(text) for text in fields or ())
+        ask(control, {"link": link, "change": found or None, "kernel": _parsed(kernel, "--kernel")})
+
+
+def _field(text: str) -> tuple[str, Any]:
+    name, sign, value = text.partition("=")
+    if not sign or not name:
+        raise PlanError(f"{text!r}: expected FIELD=VALUE, as loss=0.2")
+    return name, value if value.isalpha() and value not in ("true", "false", "null") else _parsed(value, name)
+
+
+def _parsed(text: str, where: str) -> Any:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise NetError(f"--captures {folder}: {error.strerror}") from error
-    running = [Capture(port, folder) for port in ports]
-    try:
-        for capture in running:
-            capture.wait_until_listening()
-        ready_file.touch()
-        typer.echo(f"net: capturing towards {', '.join(port.node for port in ports)}")
-        while not ending.wait(WATCH_S):
-            ended = [capture for capture in running if capture.has_ended()]
-            if ended:
-                raise NetError(f"capture towards {ended[0].port.node} ended: {ended[0].said.strip()}")
-    finally:
-        write_counts(stop_all(running), folder / "captures.json")
+        return json.loads(text)
+    except ValueError as error:
+        raise PlanError(f"{where} {text!r}: expected JSON") from error
 
 
 if __name__ == "__main__":

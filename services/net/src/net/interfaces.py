@@ -5,7 +5,11 @@ from __future__ import annotations
 import json
 import subprocess
 from dataclasses import dataclass
+from pathlib import Path
 
+STATUS_FILE = Path("/proc/self/status")
+NET_ADMIN = 12
+"""The capability's number (linux/capability.h)."""
 OFFLOADS = ("tso", "gso", "gro", "tx", "rx")
 """With any of them on, a capture shows frames that were never on a wire."""
 
@@ -64,6 +68,14 @@ def read_ports(nodes: dict[str, Cable]) -> list[Port]:
     """The ports of this container."""
     listed = subprocess.run(["ip", "-json", "addr"], check=True, capture_output=True, text=True)
     return find_ports(nodes, listed.stdout)
+
+
+def check_rights(status: str | None = None) -> None:
+    """Raises NetError without CAP_NET_ADMIN, which every command here needs; `status` as in /proc/self/status."""
+    text = STATUS_FILE.read_text() if status is None else status
+    effective = next(line.split()[1] for line in text.splitlines() if line.startswith("CapEff:"))
+    if not int(effective, 16) >> NET_ADMIN & 1:
+        raise NetError(f"capabilities {effective}: no CAP_NET_ADMIN; expected cap_add: [NET_ADMIN] as in compose.yaml")
 
 
 def turn_off_offloads(port: Port) -> None:

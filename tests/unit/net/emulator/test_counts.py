@@ -38,7 +38,7 @@ def test_a_run_that_it_kept_up_with_stands(tmp_path: Path) -> None:
     writer.write(content)
     writer.finish(content)
     assert [path.name for path in tmp_path.iterdir()] == ["counters.json"]
-    assert json.loads((tmp_path / "counters.json").read_text())["links"]["wan:gs:up"]["came"] == 0
+    assert json.loads((tmp_path / "counters.json").read_text())["links"]["wan:gs:up"]["entered"] == 0
 
 
 def test_packets_that_the_kernel_dropped_void_the_run() -> None:

@@ -50,13 +50,13 @@ def test_the_queue_holds_as_many_frames_as_it_says_and_drops_the_rest() -> None:
     assert [slow.arrive(0, 125)[1] for _ in range(5)] == [PASS, PASS, PASS, DROP, DROP]
     assert slow.arrive(1 * MS, 125) == (4 * MS, PASS)
     assert slow.arrive(1 * MS, 125)[1] == DROP
-    assert (slow.counters.came, slow.counters.queue) == (7, 3)
+    assert (slow.counters.entered, slow.counters.queue) == (7, 3)
 
 
 def test_a_closed_link_drops_everything_and_says_so() -> None:
     shut = link(closed=True, delay_us=1000)
     assert {shut.arrive(now, 100)[1] for now in range(10)} == {DROP}
-    assert shut.counters.closed == shut.counters.came == 10
+    assert shut.counters.closed == shut.counters.entered == 10
 
 
 def test_a_change_is_for_frames_that_come_later() -> None:
@@ -136,7 +136,7 @@ def test_whatever_comes_leaves_later_in_order_or_is_counted(settings: Settings, 
             last = due
     counters = shaped.counters
     assert fates[DROP] == counters.queue + counters.random
-    assert fates[PASS] + fates[DROP] == counters.came == len(frames)
+    assert fates[PASS] + fates[DROP] == counters.entered == len(frames)
 
 
 @given(shares=st.tuples(*[st.sampled_from([0.0, 0.3, 1.0])] * 3), frames=FRAMES)
@@ -153,7 +153,7 @@ def test_every_frame_and_every_copy_is_accounted_for(
         if fate & DUPLICATE:
             left += shaped.copy()[1] != DROP
     found = shaped.counters
-    assert found.came + found.duplicated == left + found.queue + found.random
+    assert found.entered + found.duplicated == left + found.queue + found.random
 
 
 @given(settings=SETTINGS, frames=FRAMES)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from net.emulator.rules import rules, ways_of
+from net.emulator.rules import check, rules, ways_of
 from net.interfaces import Cable, NetError, Port
 
 PORTS = [
@@ -54,3 +54,37 @@ def test_links_that_are_not_those_of_the_network_are_named(names: list[str], sai
     with pytest.raises(NetError) as error:
         ways_of(names, PORTS, PAIRS)
     assert str(error.value) == said
+
+
+def test_a_sense_link_leads_from_the_sensor_to_the_drone_that_it_is_named_after() -> None:
+    ports = [Port(node, Cable("", ""), node, "") for node in ("cloud", "fog1", "uav1", "sensor1")]
+    names = [
+        "backhaul:fog1:up",
+        "backhaul:fog1:down",
+        "air:uav1:up",
+        "air:uav1:down",
+        "sense:uav1:up",
+        "sense:uav1:down",
+    ]
+    ways = ways_of(names, ports, (("cloud", "fog1"), ("fog1", "uav1"), ("uav1", "sensor1")))
+    assert [(way.source.node, way.destination.node) for way in ways[2:]] == [
+        ("uav1", "fog1"),
+        ("fog1", "uav1"),
+        ("sensor1", "uav1"),
+        ("uav1", "sensor1"),
+    ]
+
+
+def test_rules_in_force_are_those_that_were_asked_for() -> None:
+    ways = ways_of(NAMES[:2], PORTS[:2], PAIRS[:1])
+    shown = [
+        *("-P INPUT ACCEPT", "-P FORWARD DROP", "-P OUTPUT ACCEPT", "-N NET-SHAPE"),
+        *(line for line in rules(ways).splitlines() if line.startswith("-A")),
+    ]
+    check(ways, "\n".join(shown))
+    with pytest.raises(NetError, match=r"rule 3: 'nothing'; expected '-A NET-SHAPE -i eth1 -o eth0 "):
+        check(ways, "\n".join(shown[:-1]))
+    with pytest.raises(NetError, match=r"rule 2: '-A FORWARD -j ACCEPT'; expected"):
+        check(ways, "\n".join([*shown[:5], "-A FORWARD -j ACCEPT", *shown[5:]]))
+    with pytest.raises(NetError, match="expected 3, and FORWARD to drop"):
+        check(ways, "\n".join(["-P FORWARD ACCEPT", *shown[2:]]))

@@ -27,13 +27,13 @@ _NS = 1_000_000_000
 class Counters:
     """What a link did, in frames (and bytes of Ethernet frames without FCS).
 
-    came + duplicated = left + queue + random + closed + refused + what is in flight. `refused` are copies that the
+    entered + duplicated = left + queue + random + closed + refused + what is in flight. `refused` are copies that the
     kernel did not take (a turned bit can make a header senseless). `overload` is what the kernel dropped because the
-    emulator did not keep up: it is not in `came`.
+    emulator did not keep up: it is not in `entered`.
     """
 
-    came: int = 0
-    came_bytes: int = 0
+    entered: int = 0
+    entered_bytes: int = 0
     left: int = 0
     queue: int = 0
     random: int = 0
@@ -60,6 +60,7 @@ class Link:
         self.sent_ns = 0
         """When the frame that was last in the rate stage left it, or will."""
         self._last_ns = 0
+        self._zero_ns = 0
         self._draw = generator(seed, name, "frames").random
         self._jitter: Jitter
         self.change(settings)
@@ -79,6 +80,11 @@ class Link:
             settings.distribution, settings.jitter_us * 1000, settings.reordering, self._seed, self.name
         )
 
+    def start(self, at_ns: int) -> None:
+        """From here on jitter is what it is that long after a start, and frames are drawn for anew."""
+        self._zero_ns = at_ns
+        self._draw = generator(self._seed, self.name, "frames since the start").random
+
     def arrive(self, now_ns: int, size: int) -> tuple[int, int]:
         """When a frame of `size` bytes leaves, and its fate.
 
@@ -86,8 +92,8 @@ class Link:
         which they came. Where two links share a rate the fate is WAIT, until `Turns.advance` says another.
         """
         counters = self.counters
-        counters.came += 1
-        counters.came_bytes += size
+        counters.entered += 1
+        counters.entered_bytes += size
         if self._closed:
             counters.closed += 1
             return max(now_ns, self._last_ns), DROP
@@ -157,7 +163,7 @@ class Link:
         return self._due_ns(sent_ns), fate
 
     def _due_ns(self, sent_ns: int) -> int:
-        due_ns = sent_ns + self._delay_ns + self._jitter(sent_ns)
+        due_ns = sent_ns + self._delay_ns + self._jitter(sent_ns - self._zero_ns)
         if due_ns < sent_ns:
             due_ns = sent_ns
         if due_ns > self._last_ns:

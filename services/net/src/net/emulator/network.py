@@ -1,10 +1,16 @@
-"""All links of a plan together, with the rates that some share and the events that change them. No I/O."""
+"""All links of a plan together, with the rates that some share, and what changes them. No I/O.
+
+Three things change a link: the plan's events, from the start on; a change by hand, which stands over the plan's steady
+figures and hides its events for as long as it is held; and being shut, which lets nothing through whatever else is.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from itertools import groupby
-from operator import itemgetter
+from operator import attrgetter, itemgetter
+from typing import Any
 
 from .jitter import make_jitter
 from .link import Link
@@ -12,12 +18,20 @@ from .plan import Event, Plan, Settings, changed
 from .turns import Turns
 
 _NS = 1_000_000_000
-Change = tuple[int, str, Settings]
-"""From a time in ns on, a link has these settings."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """From `at_ns` after the start on, a link has these settings; `change` is what of them is the events'."""
+
+    at_ns: int
+    link: str
+    settings: Settings
+    change: Mapping[str, Any]
 
 
 class Network:
-    """The links by name; `change_until` carries out the events. Times are ns since the shaping began."""
+    """The links by name; `change_until` carries out the events once `start` was called. Times are ns of one clock."""
 
     def __init__(self, plan: Plan) -> None:
         self.seed = plan.seed
@@ -27,35 +41,75 @@ class Network:
                 shared[name] = shared[link.shared_with] = Turns()
         self.turns = list({id(turns): turns for turns in shared.values()}.values())
         self.links = {name: Link(name, link.settings, plan.seed, shared.get(name)) for name, link in plan.links.items()}
-        self._changes = list(reversed(list(changes(plan))))
-        for _, name, settings in self._changes:  # makes their tables now, not when they are due
-            make_jitter(settings.distribution, settings.jitter_us * 1000, settings.reordering, plan.seed, name)
+        self._steady = {name: link.settings for name, link in plan.links.items()}
+        self._planned = {name: Step(0, name, link.settings, {}) for name, link in plan.links.items()}
+        self._held: dict[str, Mapping[str, Any]] = {}
+        self._shut: set[str] = set()
+        self._start_ns: int | None = None
+        self._steps = list(reversed(list(steps(plan))))
+        for step in self._steps:  # makes their tables now, not when they are due
+            jitter_us, reordering = step.settings.jitter_us, step.settings.reordering
+            make_jitter(step.settings.distribution, jitter_us * 1000, reordering, plan.seed, step.link)
+
+    def start(self, at_ns: int) -> None:
+        """Events, jitter and draws run from here on, the same after every start."""
+        self._start_ns = at_ns
+        for link in self.links.values():
+            link.start(at_ns)
 
     @property
     def next_change_ns(self) -> int | None:
-        return self._changes[-1][0] if self._changes else None
+        if self._start_ns is None or not self._steps:
+            return None
+        return self._start_ns + self._steps[-1].at_ns
 
-    def change_until(self, now_ns: int) -> None:
-        """Carry out what is due."""
-        while self._changes and self._changes[-1][0] <= now_ns:
-            _, name, settings = self._changes.pop()
-            self.links[name].change(settings)
+    def change_until(self, now_ns: int) -> list[Step]:
+        """Carry out what is due; the steps that took effect."""
+        found = []
+        while (due_ns := self.next_change_ns) is not None and due_ns <= now_ns:
+            step = self._steps.pop()
+            self._planned[step.link] = step
+            if step.link not in self._held:
+                found.append(step)
+                self._apply(step.link)
+        return found
+
+    def hold(self, name: str, change: Mapping[str, Any]) -> None:
+        """A change by hand, in place of the one before; its fields are checked."""
+        self._held[name] = change
+        self._apply(name)
+
+    def let_go(self, name: str) -> Step:
+        """Back as planned; the step that is in force."""
+        self._held.pop(name, None)
+        self._apply(name)
+        return self._planned[name]
+
+    def shut(self, name: str, shut: bool) -> None:
+        """Let nothing through, or again what the rest says."""
+        (self._shut.add if shut else self._shut.discard)(name)
+        self._apply(name)
+
+    def _apply(self, name: str) -> None:
+        held = self._held.get(name)
+        settings = self._planned[name].settings if held is None else changed(self._steady[name], held)
+        self.links[name].change(replace(settings, closed=True) if name in self._shut else settings)
 
 
-def changes(plan: Plan) -> Iterator[Change]:
+def steps(plan: Plan) -> Iterator[Step]:
     """What the events do, in the order of time: where they overlap, the one that began last decides each field."""
-    found: list[Change] = []
+    found: list[Step] = []
     for name, link in plan.links.items():
         own = [event for event in plan.events if event.link == name]
         bounds = [(ns, place) for place, event in enumerate(own) for ns in _bounds(event)]
         active: set[int] = set()
         for moment_ns, group in groupby(sorted(bounds), key=itemgetter(0)):
             active ^= {place for _, place in group}  # each event's first bound begins it, its second ends it
-            settings = link.settings
+            change: dict[str, Any] = {}
             for place in sorted(active):
-                settings = changed(settings, own[place].change)
-            found.append((moment_ns, name, settings))
-    yield from sorted(found, key=itemgetter(0))
+                change |= own[place].change
+            found.append(Step(moment_ns, name, changed(link.settings, change), change))
+    yield from sorted(found, key=attrgetter("at_ns"))
 
 
 def _bounds(event: Event) -> tuple[int, int]:

@@ -124,6 +124,11 @@ class Queues:
             ) from error
         self.socket.setblocking(False)
 
+    def copy_whole(self, queue: int) -> None:
+        """From now on the whole of a queue's packets is copied; those that wait in the socket are short yet."""
+        params = attribute(CONFIG_PARAMS, struct.pack(">IB", ALL_BYTES, COPY_PACKET))
+        self.socket.send(message(CONFIG, REQUEST, queue, params))
+
     def close(self) -> None:
         self.socket.close()
         self._stamping.close()

@@ -12,6 +12,7 @@ from typing import Any, TypeGuard
 from ..interfaces import NetError
 
 VERSION = 1
+DIRECTIONS = ("up", "down")
 DISTRIBUTIONS = ("normal", "uniform", "pareto")
 MAX_DELAY_US = 60_000_000
 MAX_QUEUE_PACKETS = 1_000_000
@@ -82,36 +83,43 @@ class Plan:
 
 
 def read_plan(path: Path) -> Plan:
+    """A file with a plan, or with one under `plan` beside what else a run has. Raises PlanError."""
+    data = read_json(path)
+    if isinstance(data, dict) and "plan" in data:
+        return parse_plan(data["plan"], f"{path}: plan")
+    return parse_plan(data, str(path))
+
+
+def read_json(path: Path) -> object:
     """Raises PlanError."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise PlanError(f"{path}: {error.strerror}; expected a plan in JSON") from error
     except ValueError as error:
         raise PlanError(f"{path}: {error}; expected a plan in JSON") from error
-    return parse_plan(data, str(path))
 
 
 def parse_plan(data: object, source: str) -> Plan:
     """The plan in parsed JSON; `source` is named in what PlanError says."""
-    top = _mapping(data, source, ("version", "profile", "seed", "links", "events"))
+    top = mapping(data, source, ("version", "profile", "seed", "links", "events"))
     if top.get("version") != VERSION:
-        raise _wrong(f"{source}: version", top.get("version"), f"{VERSION}")
+        raise wrong(f"{source}: version", top.get("version"), f"{VERSION}")
     profile = top.get("profile")
     if not isinstance(profile, str):
-        raise _wrong(f"{source}: profile", profile, "a name")
+        raise wrong(f"{source}: profile", profile, "a name")
     seed = top.get("seed")
     if not _is_integer(seed) or not 0 <= seed <= MAX_SEED:
-        raise _wrong(f"{source}: seed", seed, f"a whole number from 0 to {MAX_SEED}")
-    listed = _mapping(top.get("links"), f"{source}: links", None)
+        raise wrong(f"{source}: seed", seed, f"a whole number from 0 to {MAX_SEED}")
+    listed = mapping(top.get("links"), f"{source}: links", None)
     if not listed:
-        raise _wrong(f"{source}: links", listed, "at least one")
+        raise wrong(f"{source}: links", listed, "at least one")
     links = {name: _link(value, f"{source}: links.{name}") for name, value in listed.items()}
     for name, link in links.items():
         _check_partner(name, link, links, f"{source}: links.{name}.shared_with")
     found = top.get("events", [])
     if not isinstance(found, list):
-        raise _wrong(f"{source}: events", found, "a list")
+        raise wrong(f"{source}: events", found, "a list")
     events = [_event(value, links, f"{source}: events[{number}]") for number, value in enumerate(found)]
     return Plan(profile, seed, links, tuple(sorted(events, key=lambda event: event.at_s)))
 
@@ -123,10 +131,10 @@ def changed(settings: Settings, change: Mapping[str, Any]) -> Settings:
 
 def _link(value: object, where: str) -> LinkPlan:
     known = [field.name for field in fields(Settings) if field.name != "closed"]
-    found = dict(_mapping(value, where, ("shared_with", *known)))
+    found = dict(mapping(value, where, ("shared_with", *known)))
     partner = found.pop("shared_with", None)
     if partner is not None and not isinstance(partner, str):
-        raise _wrong(f"{where}.shared_with", partner, "the name of a link, or null")
+        raise wrong(f"{where}.shared_with", partner, "the name of a link, or null")
     for name, given in found.items():
         _check_value(name, given, f"{where}.{name}")
     settings = Settings(**found)
@@ -135,22 +143,28 @@ def _link(value: object, where: str) -> LinkPlan:
 
 
 def _event(value: object, links: Mapping[str, LinkPlan], where: str) -> Event:
-    found = _mapping(value, where, ("at_s", "link", "for_s", "change"))
+    found = mapping(value, where, ("at_s", "link", "for_s", "change"))
     for name in ("at_s", "for_s"):
-        if not _is_number(found.get(name)) or not 0 <= found[name] <= MAX_TIME_S:
-            raise _wrong(f"{where}.{name}", found.get(name), f"seconds from 0 to {MAX_TIME_S:g}")
+        if not is_number(found.get(name)) or not 0 <= found[name] <= MAX_TIME_S:
+            raise wrong(f"{where}.{name}", found.get(name), f"seconds from 0 to {MAX_TIME_S:g}")
     if found["for_s"] == 0:
-        raise _wrong(f"{where}.for_s", found["for_s"], "more than 0")
+        raise wrong(f"{where}.for_s", found["for_s"], "more than 0")
     link = found.get("link")
+    change = parse_change(links, link, found.get("change"), where)
+    return Event(float(found["at_s"]), str(link), float(found["for_s"]), change)
+
+
+def parse_change(links: Mapping[str, LinkPlan], link: object, change: object, where: str) -> dict[str, Any]:
+    """The fields of a change of that link, checked as the plan's own. Raises PlanError."""
     if not isinstance(link, str) or link not in links:
-        raise _wrong(f"{where}.link", link, f"one of {', '.join(links)}")
-    change = _mapping(found.get("change"), f"{where}.change", [field.name for field in fields(Settings)])
-    if not change:
-        raise _wrong(f"{where}.change", change, "at least one field of a link")
-    for name, given in change.items():
+        raise wrong(f"{where}.link", link, f"one of {', '.join(links)}")
+    found = mapping(change, f"{where}.change", [field.name for field in fields(Settings)])
+    if not found:
+        raise wrong(f"{where}.change", found, "at least one field of a link")
+    for name, given in found.items():
         _check_value(name, given, f"{where}.change.{name}")
-    _check_together(changed(links[link].settings, change), f"{where}.change")
-    return Event(float(found["at_s"]), link, float(found["for_s"]), dict(change))
+    _check_together(changed(links[link].settings, found), f"{where}.change")
+    return dict(found)
 
 
 def _check_partner(name: str, link: LinkPlan, links: Mapping[str, LinkPlan], where: str) -> None:
@@ -158,9 +172,9 @@ def _check_partner(name: str, link: LinkPlan, links: Mapping[str, LinkPlan], whe
         return
     partner = links.get(link.shared_with)
     if partner is None or link.shared_with == name or partner.shared_with not in (None, name):
-        raise _wrong(where, link.shared_with, "another link, which shares with no third one")
+        raise wrong(where, link.shared_with, "another link, which shares with no third one")
     if link.settings.rate_bps is None or partner.settings.rate_bps is None:
-        raise _wrong(where, link.shared_with, "a rate_bps on both: it is what they share")
+        raise wrong(where, link.shared_with, "a rate_bps on both: it is what they share")
 
 
 def _check_value(name: str, value: object, where: str) -> None:
@@ -169,29 +183,30 @@ def _check_value(name: str, value: object, where: str) -> None:
         if value is None and name in ("rate_bps", "queue_packets"):
             return
         if not _is_integer(value) or not low <= value <= high:
-            raise _wrong(where, value, f"a whole number from {low} to {high}")
+            raise wrong(where, value, f"a whole number from {low} to {high}")
     elif name in _SHARES:
-        if not _is_number(value) or not 0 <= value <= 1:
-            raise _wrong(where, value, "a share from 0 to 1")
+        if not is_number(value) or not 0 <= value <= 1:
+            raise wrong(where, value, "a share from 0 to 1")
     elif name in _FLAGS:
         if not isinstance(value, bool):
-            raise _wrong(where, value, "true or false")
+            raise wrong(where, value, "true or false")
     elif value not in DISTRIBUTIONS:
-        raise _wrong(where, value, f"one of {', '.join(DISTRIBUTIONS)}")
+        raise wrong(where, value, f"one of {', '.join(DISTRIBUTIONS)}")
 
 
 def _check_together(settings: Settings, where: str) -> None:
     if settings.queue_packets is not None and settings.rate_bps is None:
-        raise _wrong(f"{where}.queue_packets", settings.queue_packets, "null without a rate_bps: nothing waits")
+        raise wrong(f"{where}.queue_packets", settings.queue_packets, "null without a rate_bps: nothing waits")
     if settings.reorder and not settings.delay_us:
-        raise _wrong(f"{where}.reorder", settings.reorder, "0 without a delay_us, which a frame skips")
+        raise wrong(f"{where}.reorder", settings.reorder, "0 without a delay_us, which a frame skips")
     if settings.jitter_us > settings.delay_us:
-        raise _wrong(f"{where}.jitter_us", settings.jitter_us, f"at most delay_us, {settings.delay_us}")
+        raise wrong(f"{where}.jitter_us", settings.jitter_us, f"at most delay_us, {settings.delay_us}")
 
 
-def _mapping(value: object, where: str, known: Sequence[str] | None) -> Mapping[str, Any]:
+def mapping(value: object, where: str, known: Sequence[str] | None) -> Mapping[str, Any]:
+    """The object, with no other fields than those known. Raises PlanError."""
     if not isinstance(value, dict):
-        raise _wrong(where, value, "an object")
+        raise wrong(where, value, "an object")
     for name in value:
         if known is not None and name not in known:
             raise PlanError(f"{where}: unknown field {name!r}; expected {', '.join(known)}")
@@ -202,9 +217,11 @@ def _is_integer(value: object) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _is_number(value: object) -> TypeGuard[float]:
+def is_number(value: object) -> TypeGuard[float]:
+    """A finite number that is not true or false."""
     return _is_integer(value) or (isinstance(value, float) and math.isfinite(value))
 
 
-def _wrong(where: str, value: object, expected: str) -> PlanError:
+def wrong(where: str, value: object, expected: str) -> PlanError:
+    """In the form of all errors: where, what is there, what was expected."""
     return PlanError(f"{where} {value!r}: expected {expected}")

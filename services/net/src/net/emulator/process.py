@@ -1,31 +1,48 @@
-"""From a plan to shaped links: checks it, binds the queues, leads the packets there, and shapes until the end."""
+"""From a plan to shaped links: checks it, binds the queues, leads the packets there, and shapes until the end.
+
+By itself the links' clock begins at once. With a channel it waits for `start`, and takes changes; see control.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import signal
 import socket
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..ending import Ending
 from ..hops import Link as Pair
 from ..interfaces import NetError, Port
 from . import counts, nfqueue, rules
-from .network import Network
+from .control import Channel
+from .network import Network, Step
 from .nfqueue import Queues
 from .plan import Plan
 from .shaper import Shaper
+from .urgency import hurry
 
 
-def shape(plan: Plan, ports: Sequence[Port], pairs: Sequence[Pair], counters_file: Path, ready_file: Path) -> None:
-    """Shape every link until SIGTERM or SIGINT, with counters written each second and at the end. Raises NetError."""
+def shape(
+    plan: Plan, ports: Sequence[Port], pairs: Sequence[Pair], counters_file: Path, said: Path | Channel | None
+) -> None:
+    """Shape every link until SIGTERM or SIGINT, with counters written each second and at the end. Raises NetError.
+
+    That all is shaped is `said` by a file that is made, or on a channel; on a channel also every event.
+    """
     ways = rules.ways_of(list(plan.links), ports, pairs)
     network = Network(plan)
     whole = queues_of_whole_packets(plan)
+    channel = said if isinstance(said, Channel) else None
     queues = Queues(len(ways), whole)
-    with contextlib.closing(queues), _Ending() as ending:
-        shaper = Shaper(network, ways, queues, whole)
+    with contextlib.closing(queues), Ending() as ending:
+
+        def tell(steps: Sequence[Step]) -> None:
+            if channel is not None:
+                channel.send({"events": [_event(step) for step in steps]})
+
+        shaper = Shaper(network, ways, queues, whole, tell)
         writer = counts.Writer(counters_file)
         links = list(network.links.values())
 
@@ -37,12 +54,21 @@ def shape(plan: Plan, ports: Sequence[Port], pairs: Sequence[Pair], counters_fil
             with _written("--counters", counters_file):
                 writer.write(report())
 
+        heard: dict[socket.socket, Callable[[], None]] = {ending.wake: ending.drain}
+        if channel is not None:
+            listener = _Listener(channel, network, shaper, queues, ways, ending)
+            heard[channel.socket] = listener.hear
+        else:
+            network.start(0)
         rules.apply(ways)
         try:
             tick()
-            with _written("--ready-file", ready_file):
-                ready_file.touch()
-            shaper.run(ending.wake, ending.has_come, tick)
+            if channel is not None:
+                channel.send({"ready": {"queues": len(ways), "rules": len(ways) + 1, "urgency": hurry()}})
+            elif isinstance(said, Path):
+                with _written("--ready-file", said):
+                    said.touch()
+            shaper.run(heard, ending.has_come, tick)
         finally:
             with _written("--counters", counters_file):
                 writer.finish(report())
@@ -55,34 +81,55 @@ def queues_of_whole_packets(plan: Plan) -> frozenset[int]:
     return frozenset(queue for queue, name in enumerate(plan.links) if name in touching)
 
 
+class _Listener:
+    """Does what comes on the channel, and answers when it is done."""
+
+    def __init__(
+        self,
+        channel: Channel,
+        network: Network,
+        shaper: Shaper,
+        queues: Queues,
+        ways: Sequence[rules.Way],
+        ending: Ending,
+    ) -> None:
+        self._channel, self._network, self._shaper = channel, network, shaper
+        self._queues, self._ways, self._ending = queues, ways, ending
+
+    def hear(self) -> None:
+        """What has come; whoever gave the orders being gone is the end."""
+        while (order := self._channel.receive()) is not None:
+            if not order:
+                self._ending.end()
+                return
+            self._channel.send({"done": time.time_ns(), "events": self._do(order)})
+
+    def _do(self, order: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """The profile's event that is in force from here on, if the order lets go of a link."""
+        if "start_ns" in order:
+            self._network.start(self._shaper.since_zero_ns(order["start_ns"]))
+            return []
+        name = order["link"]
+        if "shut" in order:
+            self._network.shut(name, order["shut"])
+            return []
+        if order["change"] is None:
+            step = self._network.let_go(name)
+            return [_event(step)] if step.change else []
+        if order["change"].get("corrupt") or order["change"].get("duplicate"):
+            queue = next(queue for queue, way in enumerate(self._ways) if way.link == name)
+            self._shaper.copy_whole(self._queues, queue, self._ways[queue])
+        self._network.hold(name, order["change"])
+        return []
+
+
+def _event(step: Step) -> dict[str, Any]:
+    return {"t_ns": time.time_ns(), "link": step.link, "change": dict(step.change) or None}
+
+
 @contextlib.contextmanager
 def _written(option: str, path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
         raise NetError(f"{option} {path}: {error.strerror}; expected a file that can be written") from error
-
-
-class _Ending:
-    """SIGTERM and SIGINT, as a socket that becomes readable: a signal wakes whoever waits for packets."""
-
-    def __enter__(self) -> _Ending:
-        self._come = False
-        self.wake, self._other = socket.socketpair()
-        self._other.setblocking(False)
-        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGTERM, signal.SIGINT)}
-        self._descriptor = signal.set_wakeup_fd(self._other.fileno())
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        signal.set_wakeup_fd(self._descriptor)
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        self.wake.close()
-        self._other.close()
-
-    def has_come(self) -> bool:
-        return self._come
-
-    def _note(self, *_: object) -> None:
-        self._come = True

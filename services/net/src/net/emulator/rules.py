@@ -7,7 +7,7 @@ iptables, since a kernel may have NFQUEUE for iptables (CONFIG_NETFILTER_XT_TARG
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..hops import Link as Pair
@@ -16,6 +16,7 @@ from ..interfaces import NetError, Port
 from .plan import PlanError
 
 ROOT_NODE = "cloud"
+SENSE = "sense"
 CHAIN = "NET-SHAPE"
 TOOLS = ("iptables-restore", "iptables-legacy-restore")
 """The first works by nf_tables, which a kernel may lack."""
@@ -31,28 +32,40 @@ class Way:
 
 
 def ways_of(names: Sequence[str], ports: Sequence[Port], pairs: Sequence[Pair]) -> tuple[Way, ...]:
-    """`CLASS:NODE:up` leads from NODE to the next towards the cloud, `down` back. Raises PlanError.
+    """`CLASS:NODE:up` leads from NODE to the next towards the cloud, `down` back; `sense:NODE:up` from beyond to NODE.
 
-    The names have to be exactly the links there are: a packet on any other would not be shaped.
+    The names have to be exactly the links there are: a packet on any other would not be shaped. Raises PlanError.
     """
     by_node = {port.node: port for port in ports}
     hops = next_hops(pairs)
     found, seen = [], set()
     for name in names:
-        _, node, direction = [*name.split(":"), "", ""][:3]
-        upper = hops.get((node, ROOT_NODE))
-        if name.count(":") != 2 or direction not in ("up", "down") or upper is None:
+        kind, node, direction = [*name.split(":"), "", ""][:3]
+        ends = _ends(kind, node, hops)
+        if name.count(":") != 2 or direction not in ("up", "down") or ends is None:
             known = ", ".join(node for node in by_node if node != ROOT_NODE)
             raise PlanError(f"links {name!r}: expected CLASS:NODE:up or CLASS:NODE:down, NODE of {known}")
-        ends = (node, upper) if direction == "up" else (upper, node)
-        if ends in seen:
-            raise PlanError(f"links {name!r}: expected one link from {ends[0]} to {ends[1]}")
-        seen.add(ends)
-        found.append(Way(name, by_node[ends[0]], by_node[ends[1]]))
+        source, destination = ends if direction == "up" else ends[::-1]
+        if (source, destination) in seen:
+            raise PlanError(f"links {name!r}: expected one link from {source} to {destination}")
+        seen.add((source, destination))
+        found.append(Way(name, by_node[source], by_node[destination]))
     missing = [f"{one} to {other}" for pair in pairs for one, other in (pair, pair[::-1]) if (one, other) not in seen]
     if missing:
         raise PlanError(f"links: none from {', '.join(missing)}; expected one each way for every pair of LINKS")
     return tuple(found)
+
+
+def _ends(kind: str, node: str, hops: Mapping[Pair, str]) -> Pair | None:
+    """The lower and the upper end of a link, None where there is none of that name.
+
+    A sense link has the drone's name, which is its upper end: the sensor is the one node beyond it.
+    """
+    if kind == SENSE:
+        beyond = [one for (one, to), first in hops.items() if to == ROOT_NODE and first == node]
+        return (beyond[0], node) if len(beyond) == 1 else None
+    upper = hops.get((node, ROOT_NODE))
+    return None if upper is None else (node, upper)
 
 
 def rules(ways: Sequence[Way]) -> str:
@@ -65,7 +78,7 @@ def rules(ways: Sequence[Way]) -> str:
 
 
 def apply(ways: Sequence[Way]) -> None:
-    """Raises NetError with what iptables says."""
+    """Put the rules into force, and read them back. Raises NetError with what iptables says."""
     said = []
     for tool in TOOLS:
         try:
@@ -74,6 +87,23 @@ def apply(ways: Sequence[Way]) -> None:
             said.append(f"{tool}: not found")
             continue
         if done.returncode == 0:
+            shown = subprocess.run([tool.removesuffix("-restore"), "-S"], capture_output=True, text=True, check=False)
+            check(ways, shown.stdout)
             return
         said.append(f"{tool}: {' '.join(done.stderr.split())}")
     raise NetError(f"{'; '.join(said)}; expected iptables, CAP_NET_ADMIN and a kernel with NFQUEUE")
+
+
+def check(ways: Sequence[Way], shown: str) -> None:
+    """Raises NetError where the rules in force, as `iptables -S` shows them, are not those that were asked for."""
+    asked = [line for line in rules(ways).splitlines() if line.startswith("-A")]
+    lines = shown.splitlines()
+    found = [line for line in lines if line.startswith(("-A FORWARD", f"-A {CHAIN}"))]
+    for place, line in enumerate(asked):
+        there = found[place] if place < len(found) else "nothing"
+        if there != line:
+            raise NetError(f"iptables, rule {place + 1}: {there!r}; expected {line!r}")
+    if len(found) > len(asked) or "-P FORWARD DROP" not in lines:
+        raise NetError(
+            f"iptables: {len(found)} rules for what is forwarded; expected {len(asked)}, and FORWARD to drop"
+        )

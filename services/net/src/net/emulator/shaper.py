@@ -15,13 +15,13 @@ import select
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from . import nfqueue
 from .injector import Injector
 from .jitter import generator
 from .link import CORRUPT, DROP, DUPLICATE, PASS, WAIT, Counters
-from .network import Network
+from .network import Network, Step
 from .nfqueue import Queues
 from .rules import Way
 from .timing import Lateness
@@ -31,18 +31,28 @@ BATCH = 64
 """Packets taken before those that are due are let go."""
 ETHERNET_BYTES = 14
 TICK_NS = 1_000_000_000
+LOOK_NS = 10_000_000
+"""How often other sockets are looked at while packets leave no time to wait."""
 STAMP_LIMIT_NS = 1_000_000_000
 """A packet whose time stamp is further from now has none that can be used."""
 BUFFER_BYTES = 1 << 17
 _NS = 1e-9
+Tick = Callable[[], None]
 _Held = tuple[int, int, Counters | None, bytes, tuple[Injector, bytes] | None]
 """Due time, number, the link's counters (None: dropped), the verdict, and what is sent besides."""
 
 
 class Shaper:
-    """`run` until told to end; `tick` is called about once a second, between packets."""
+    """`run` until told to end; `tick` is called about once a second, and `said` with each event, between packets."""
 
-    def __init__(self, network: Network, ways: Sequence[Way], queues: Queues, whole: frozenset[int]) -> None:
+    def __init__(
+        self,
+        network: Network,
+        ways: Sequence[Way],
+        queues: Queues,
+        whole: frozenset[int],
+        said: Callable[[Sequence[Step]], None],
+    ) -> None:
         self.late = Lateness()
         self.overruns = 0
         """How often the socket's buffer was full, as the socket says; the kernel counts the packets."""
@@ -50,6 +60,7 @@ class Shaper:
         self._links = [network.links[way.link] for way in ways]
         self._socket = queues.socket
         self._whole = whole
+        self._said = said
         self._injectors = {
             queue: Injector(way.destination.interface, way.destination.cable.node)
             for queue, way in enumerate(ways)
@@ -63,27 +74,27 @@ class Shaper:
         self._numbers = itertools.count()
         self._buffer = bytearray(BUFFER_BYTES)
         self._flips = generator(network.seed, "all", "bits")
-        self._clock_zero_ns = 0
+        self._zero_ns = self._clock_zero_ns = 0
 
     @property
     def held(self) -> int:
         """Packets that wait for their turn or their time."""
         return len(self._held) + sum(map(len, self._waiting.values()))
 
-    def run(self, wake: socket.socket, ended: Callable[[], bool], tick: Callable[[], None]) -> None:
-        """`wake` becomes readable when `ended` may have changed. Time zero is now."""
+    def run(self, heard: Mapping[socket.socket, Callable[[], None]], ended: Callable[[], bool], tick: Tick) -> None:
+        """Time zero is now. `heard` is called for its sockets as they become readable, between packets."""
         gc.collect()
         gc.freeze()
         gc.disable()  # nothing here makes cycles, and a collection would stop all links for milliseconds
-        zero_ns = time.monotonic_ns()
-        tick_ns = TICK_NS
+        self._zero_ns = zero_ns = time.monotonic_ns()
+        tick_ns, look_ns = TICK_NS, 0
         self._read_clocks(zero_ns)
-        sources = [self._socket, wake]
+        sources = [self._socket, *heard]
         while not ended():
             now_ns = time.monotonic_ns() - zero_ns
             change_ns = self._network.next_change_ns
             if change_ns is not None and change_ns <= now_ns:
-                self._network.change_until(now_ns)
+                self._said(self._network.change_until(now_ns))
                 continue
             if now_ns >= tick_ns:
                 tick()
@@ -93,14 +104,32 @@ class Shaper:
             if self._network.turns:
                 self._take_turns(time.monotonic_ns() - zero_ns)
             self._let_go(zero_ns)
-            if more:
-                continue
-            next_ns = min(tick_ns, change_ns or tick_ns, self._held[0][0] if self._held else tick_ns)
-            for turns in self._network.turns:
-                next_ns = min(next_ns, turns.next_ns or tick_ns)
-            left_ns = next_ns + zero_ns - time.monotonic_ns()
-            if left_ns > 0:
-                select.select(sources, (), (), left_ns * _NS)
+            left_ns = 0
+            if not more:
+                next_ns = min(tick_ns, change_ns or tick_ns, self._held[0][0] if self._held else tick_ns)
+                for turns in self._network.turns:
+                    next_ns = min(next_ns, turns.next_ns or tick_ns)
+                left_ns = next_ns + zero_ns - time.monotonic_ns()
+            if left_ns > 0 or now_ns >= look_ns:
+                look_ns = now_ns + LOOK_NS
+                ready, _, _ = select.select(sources, (), (), max(0, left_ns) * _NS)
+                for source in ready:
+                    if source is not self._socket:
+                        heard[source]()
+
+    def since_zero_ns(self, unix_ns: int) -> int:
+        """A moment of the system's clock, as links count time."""
+        return unix_ns - self._clock_zero_ns
+
+    def copy_whole(self, queues: Queues, queue: int, way: Way) -> None:
+        """A link is about to change or double packets: what it has taken so far had not to be seen whole."""
+        if queue in self._whole:
+            return
+        self._injectors[queue] = Injector(way.destination.interface, way.destination.cable.node)
+        queues.copy_whole(queue)
+        self._whole |= {queue}
+        while self._take(self._zero_ns):
+            pass
 
     def _read_clocks(self, zero_ns: int) -> None:
         """What the system's clock, that of the packets' time stamps, showed at time zero."""

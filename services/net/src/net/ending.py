@@ -1,0 +1,39 @@
+"""The end, as a process is told it: by a signal, which has to wake whoever waits."""
+
+from __future__ import annotations
+
+import signal
+import socket
+
+
+class Ending:
+    """SIGTERM and SIGINT, as a socket that becomes readable: a signal wakes whoever waits on sockets."""
+
+    def __enter__(self) -> Ending:
+        self._come = False
+        self.wake, self._other = socket.socketpair()
+        self.wake.setblocking(False)
+        self._other.setblocking(False)
+        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGTERM, signal.SIGINT)}
+        self._descriptor = signal.set_wakeup_fd(self._other.fileno())
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        signal.set_wakeup_fd(self._descriptor)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self.wake.close()
+        self._other.close()
+
+    def has_come(self) -> bool:
+        return self._come
+
+    def drain(self) -> None:
+        """So that it wakes nobody twice."""
+        self.wake.recv(64)
+
+    def end(self) -> None:
+        self._come = True
+
+    def _note(self, *_: object) -> None:
+        self._come = True

@@ -1,0 +1,11 @@
+"""What `net route` does about links: chooses a shaper, starts it, tells it when the mission starts and what changes.
+
+run_plan   the file that the host wrote
+choice     which shaper there can be
+emulated   the emulator, a process of its own
+kernel     netem, by commands (with readback and tallies)
+gates      links that are open while a drone is near
+server     changes by hand
+journal    everything that changed, and when
+attend     all of it together
+"""

@@ -1,0 +1,84 @@
+"""`plan.json` of a run's folder of links: the plan, which shaper is wanted, the kernel's commands, and gates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..emulator.plan import DIRECTIONS, Plan, Settings, is_number, mapping, parse_plan, read_json, wrong
+
+VERSION = 1
+SHAPERS = ("auto", "nfqueue")
+FIELDS = ("version", "shaper", "always", "plan", "kernel", "gates")
+
+
+@dataclass(frozen=True)
+class Gate:
+    """A link, both ways, that is open while a drone is within `range_m` of a place on the ground."""
+
+    link: str
+    drone: int
+    latitude_deg: float
+    longitude_deg: float
+    range_m: float
+
+    @property
+    def ways(self) -> tuple[str, ...]:
+        """The directed links."""
+        return tuple(f"{self.link}:{direction}" for direction in DIRECTIONS)
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """`kernel` is as the file has it: the kernel's driver reads it, and only where it is needed."""
+
+    shaper: str
+    always: bool
+    plan: Plan
+    kernel: Mapping[str, Any]
+    gates: tuple[Gate, ...]
+
+    @property
+    def is_shaped(self) -> bool:
+        """Whether anything is ever done to a frame."""
+        plain = all(_is_plain(link.settings) for link in self.plan.links.values())
+        return self.always or bool(self.gates) or bool(self.plan.events) or not plain
+
+
+def read_run_plan(path: Path) -> RunPlan:
+    """Raises PlanError naming file, field, value and what was expected."""
+    top = mapping(read_json(path), str(path), FIELDS)
+    if top.get("version") != VERSION:
+        raise wrong(f"{path}: version", top.get("version"), f"{VERSION}")
+    if top.get("shaper") not in SHAPERS:
+        raise wrong(f"{path}: shaper", top.get("shaper"), f"one of {', '.join(SHAPERS)}")
+    always = top.get("always", False)
+    if not isinstance(always, bool):
+        raise wrong(f"{path}: always", always, "true or false")
+    plan = parse_plan(top.get("plan"), f"{path}: plan")
+    gates = top.get("gates", [])
+    if not isinstance(gates, list):
+        raise wrong(f"{path}: gates", gates, "a list")
+    found = tuple(_gate(gate, plan, f"{path}: gates[{number}]") for number, gate in enumerate(gates))
+    return RunPlan(top["shaper"], always, plan, mapping(top.get("kernel", {}), f"{path}: kernel", None), found)
+
+
+def _gate(value: object, plan: Plan, where: str) -> Gate:
+    given = mapping(value, where, ("link", "drone", "latitude_deg", "longitude_deg", "range_m"))
+    link = given.get("link")
+    if not isinstance(link, str) or not {f"{link}:{direction}" for direction in DIRECTIONS} <= set(plan.links):
+        raise wrong(f"{where}.link", link, "a link of the plan, without its direction")
+    drone = given.get("drone")
+    if not isinstance(drone, int) or isinstance(drone, bool) or not 1 <= drone <= 250:
+        raise wrong(f"{where}.drone", drone, "a drone's number")
+    for name, low, high in (("latitude_deg", -90, 90), ("longitude_deg", -180, 180), ("range_m", 0, 1_000_000)):
+        number = given.get(name)
+        if not is_number(number) or not low <= number <= high:
+            raise wrong(f"{where}.{name}", number, f"a number from {low} to {high}")
+    return Gate(link, drone, *(float(given[name]) for name in ("latitude_deg", "longitude_deg", "range_m")))
+
+
+def _is_plain(settings: Settings) -> bool:
+    return settings == Settings(distribution=settings.distribution, reordering=settings.reordering)

@@ -1,0 +1,105 @@
+"""The directed links that are shaped, each with what it does over time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+from ..topology import Topology
+from .reading import DIRECTIONS
+from .resolve import EventPlan, LinkPlan, Plan
+
+SMALLEST_FRAME_BITS = 60 * 8
+MOST_FRAMES_S = 100_000
+"""What an unlimited link is expected to carry at most: an explicit limit has to be some number."""
+_SPARE_FRAMES = 1_000
+_WIDEST_JITTER = 4
+"""netem's tables reach four deviations from the mean."""
+
+
+@dataclass(frozen=True)
+class Directed:
+    """A directed link that is shaped: its number (mark and HTB class), ends, and the devices and states it has.
+
+    `is_open` leaves room for figures that nobody has planned: every stage is there, whether or not it does anything.
+    """
+
+    name: str
+    number: int
+    source: str
+    destination: str
+    device: str
+    states: tuple[tuple[float, LinkPlan, bool], ...]
+    """(from when on in seconds, figures, whether it is closed), the first at 0."""
+    is_open: bool = False
+
+    @cached_property
+    def has_rate(self) -> bool:
+        return self.is_open or any(state.rate_bps is not None for _, state, _ in self.states)
+
+    @cached_property
+    def has_jitter(self) -> bool:
+        return self.is_open or any(state.jitter_us for _, state, _ in self.states)
+
+    @cached_property
+    def has_corruption(self) -> bool:
+        return self.is_open or any(state.corrupt for _, state, _ in self.states)
+
+    @cached_property
+    def limit(self) -> int:
+        """Room for all that can be on its way at any time: a frame that found none would be lost by mistake."""
+        return max(frames_in_flight(state) for _, state, _ in self.states)
+
+    @property
+    def is_shared(self) -> bool:
+        return self.states[0][1].shared_with is not None
+
+
+def directed_links(plan: Plan, topology: Topology, always: bool = False) -> list[Directed]:
+    """The links that are shaped at some time, or with `always` all of them, numbered in the order of all links."""
+    found = []
+    for number, name in enumerate(plan.links, 1):
+        states = tuple(_states(plan, name))
+        if not always and not any(state.is_shaped or closed for _, state, closed in states):
+            continue
+        base, _, direction = name.rpartition(":")
+        ends = next((each.lower, each.upper) for each in topology.links if each.name == base)
+        source, destination = ends if direction == DIRECTIONS[0] else ends[::-1]
+        kind, _, node = base.partition(":")
+        found.append(Directed(name, number, source, destination, f"{kind[:4]}-{node}-{direction}", states, always))
+    return found
+
+
+def _states(plan: Plan, name: str) -> Iterator[tuple[float, LinkPlan, bool]]:
+    """A link's figures over time: later events stand above earlier ones for as long as they last."""
+    base = asdict(plan.links[name])
+    ahead = deque(event for event in plan.events if event.link == name)
+    times = {0.0} | {event.at_s for event in ahead} | {_end_of(event) for event in ahead}
+    lasting: list[EventPlan] = []
+    last: tuple[LinkPlan, bool] | None = None
+    for at_s in sorted(times):
+        while ahead and ahead[0].at_s <= at_s:
+            lasting.append(ahead.popleft())
+        lasting = [event for event in lasting if at_s < _end_of(event)]
+        figures: dict[str, Any] = dict(base)
+        for event in lasting:
+            figures |= event.change
+        closed = bool(figures.pop("closed", False))
+        state = (LinkPlan(**figures), closed)
+        if state != last:
+            yield at_s, *state
+        last = state
+
+
+def _end_of(event: EventPlan) -> float:
+    return round(event.at_s + event.for_s, 6)
+
+
+def frames_in_flight(state: LinkPlan) -> int:
+    """The most that can be on its way at once, and some to spare."""
+    frames_s = MOST_FRAMES_S if state.rate_bps is None else -(-state.rate_bps // SMALLEST_FRAME_BITS)
+    longest_us = state.delay_us + _WIDEST_JITTER * state.jitter_us
+    return _SPARE_FRAMES + -(-min(frames_s, MOST_FRAMES_S) * longest_us // 1_000_000)

@@ -1,0 +1,43 @@
+"""`plan.json`: what the container `net` is told of a run's links, before anything runs on the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..topology import Topology
+from .kernel import commands_of
+from .resolve import Plan
+
+VERSION = 1
+SHAPERS = ("auto", "netem", "nfqueue")
+
+
+@dataclass(frozen=True)
+class Gate:
+    """A link, both ways, that is open while a drone is within `range_m` of a place on the ground."""
+
+    link: str
+    drone: int
+    latitude_deg: float
+    longitude_deg: float
+    range_m: float = 50.0
+
+
+def run_plan(
+    plan: Plan, topology: Topology, *, shaper: str = "auto", always: bool = False, gates: Sequence[Gate] = ()
+) -> dict[str, Any]:
+    """The file's content.
+
+    `shaper` is one of SHAPERS; `always` shapes every link, also one on which nothing is planned, so that it can be
+    changed by hand during the run. A gate's link has no direction, as `sense:uav1`.
+    """
+    return {
+        "version": VERSION,
+        "shaper": shaper,
+        "always": always,
+        "plan": plan.to_data(),
+        "kernel": commands_of(plan, topology, always=always or bool(gates)).to_data(),
+        "gates": [asdict(gate) for gate in gates],
+    }
