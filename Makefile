@@ -1,6 +1,7 @@
 ATTEMPTS ?= 1
 ARM ?= thesis
 PROFILE ?= ideal
+SHAPER ?= auto
 PROTOCOLS ?= mqttxt,mavlink
 ENCODING ?= cbor
 # Factors, each by itself; empty: the arm's.
@@ -22,17 +23,17 @@ export PYTHONDONTWRITEBYTECODE ?= 1
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
-scenario-1: ## Fly scenario 1 over both: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
+scenario-1: ## Fly scenario 1 over both: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE=lte PROTOCOLS=)
 scenario-2: ## The same with a point of its own for each drone, and the way back (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-3: ## Only up and down (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-1 scenario-2 scenario-3: containers
-	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --protocols '$(PROTOCOLS)' $(FACTORS)
+	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' $(FACTORS)
 
 arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES=)
 	@$(PYTHON) -m testbed arms
 
-up: containers ## Start the six drones and leave them running, to explore by hand (PROTOCOLS=mavlink, ENCODING=json)
-	@$(PYTHON) -m testbed up --protocol '$(ONE_PROTOCOL)' --arm '$(ARM)' $(FACTORS) --encoding '$(ENCODING)'
+up: containers ## Start the six drones and leave them running, to explore by hand (PROTOCOLS=mavlink, PROFILE=lte)
+	@$(PYTHON) -m testbed up --protocol '$(ONE_PROTOCOL)' --arm '$(ARM)' $(FACTORS) --encoding '$(ENCODING)' --profile '$(PROFILE)' --shaper '$(SHAPER)'
 
 down: containers ## End what `make up` started
 	@$(PYTHON) -m testbed down

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import sys
 from collections.abc import Iterator
@@ -15,8 +16,10 @@ from rich.table import Table
 
 from .containers import Containers, only_run
 from .errors import DockerError, TestbedError
-from .experiments import ARMS, EXPERIMENTS, FACTORS, PROTOCOLS, make_plan, one_protocol
+from .experiments import ARMS, EXPERIMENTS, FACTORS, PROTOCOLS, SHAPERS, make_plan, one_protocol
 from .flights import by_hand, settings_of
+from .links import plan_links, start_clock, write_plan
+from .live_links import changes, read_live_plan, tell
 from .metrics import measure_series
 from .overrides import suffix
 from .packets_view.cli import packets
@@ -24,12 +27,16 @@ from .profiles import cli as profiles
 from .progress import ConsoleProgress
 from .report.html import write_report
 from .report.terminal import print_summary
-from .results import new_series, open_series
+from .results import live_attempt, new_series, open_series
 from .runner import run_series
-from .topology import ROOT
+from .topology import ROOT, read_topology
 
 RESULTS = ROOT / "results"
 LIVE = RESULTS / ".live"
+
+
+PROFILE_HELP = "How the links are: a name of `testbed profiles`, or the path of a .yaml file."
+SHAPER_HELP = f"What shapes the links: {', '.join(SHAPERS)}; auto: netem where the kernel has it."
 
 
 def _factor_help(name: str) -> str:
@@ -50,7 +57,8 @@ def run(
     experiment: Annotated[str, typer.Argument(help=f"What to fly: {', '.join(EXPERIMENTS)}.")],
     attempts: Annotated[str, typer.Option(help="How often.")] = "1",
     arm: Annotated[str, typer.Option(help=f"How the fleet talks: {', '.join(ARMS)}.")] = "thesis",
-    profile: Annotated[str, typer.Option(help="How the links are: ideal.")] = "ideal",
+    profile: Annotated[str, typer.Option(help=PROFILE_HELP)] = "ideal",
+    shaper: Annotated[str, typer.Option(help=SHAPER_HELP)] = SHAPERS[0],
     protocols: Annotated[str, typer.Option(help="Over what, a list; empty: mqttxt,mavlink.")] = "",
     streams: Annotated[str, typer.Option(help=_factor_help("streams"))] = "",
     commanding: Annotated[str, typer.Option(help=_factor_help("commanding"))] = "",
@@ -62,12 +70,12 @@ def run(
     """Fly an experiment, measure it, and write its report. Exit code 0 only if every attempt was completed."""
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
-        plan = make_plan(experiment, attempts, arm, profile, protocols, factors)
+        plan = make_plan(experiment, attempts, arm, profile, protocols, factors, shaper)
         for protocol in plan.protocols:
             settings_of(plan, protocol)  # what is wrong with it is said before anything is written
         console = _console()
         only_run()
-        series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile)
+        series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile.name)
         try:
             endings = run_series(plan, series, ConsoleProgress(console))
         except DockerError:
@@ -110,20 +118,53 @@ def up(
     states: Annotated[str, typer.Option(help=_factor_help("states"))] = "",
     commanding: Annotated[str, typer.Option(help=_factor_help("commanding"))] = "",
     encoding: Annotated[str, typer.Option(help="Payloads of fogs and drones: cbor, or json for people.")] = "cbor",
+    profile: Annotated[str, typer.Option(help=PROFILE_HELP)] = "ideal",
+    shaper: Annotated[str, typer.Option(help=SHAPER_HELP)] = SHAPERS[0],
 ) -> None:
     """Start the fleet and leave it running, to explore by hand."""
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
-        plan = make_plan("scenario-1", "1", arm, "ideal", one_protocol(protocol), factors)
+        plan = make_plan("scenario-1", "1", arm, profile, one_protocol(protocol), factors, shaper)
         settings = settings_of(plan, protocol, encoding)
-        for folder in (LIVE, LIVE / "pcap", LIVE / "sitl"):
-            folder.mkdir(parents=True, exist_ok=True)
-            folder.chmod(0o777)
         only_run()
+        attempt = live_attempt(LIVE, protocol)
+        topology = read_topology()
+        write_plan(attempt.path / "links", plan_links(plan, topology, 1), topology, plan.shaper, always=True)
         containers = Containers(protocol, LIVE, settings)
         with ConsoleProgress(_console()).phase(f"starting {containers.count} containers"):
-            containers.up()
+            containers.down()
+            containers.start()
+        start_clock(attempt.path / "links")
         typer.echo(by_hand(plan, protocol, containers.name_of))
+
+
+@app.command()
+def link(
+    name: Annotated[str, typer.Argument(help="The link, as air:uav3; air:uav3:up for one direction of it.")],
+    rate: Annotated[str, typer.Option(help="Bits a second, as 1Mbit, or unlimited.")] = "",
+    queue: Annotated[str, typer.Option(help="Frames that wait for the rate, as '100 packets'.")] = "",
+    delay: Annotated[str, typer.Option(help="As 200ms.")] = "",
+    jitter: Annotated[str, typer.Option(help="As 20ms.")] = "",
+    loss: Annotated[str, typer.Option(help="As 20%.")] = "",
+    duplicate: Annotated[str, typer.Option(help="As 1%.")] = "",
+    corrupt: Annotated[str, typer.Option(help="As 1%.")] = "",
+    reorder: Annotated[str, typer.Option(help="As 1%.")] = "",
+    closed: Annotated[bool, typer.Option("--closed", help="Let nothing through.")] = False,
+    back: Annotated[bool, typer.Option("--back", help="As its profile says again.")] = False,
+) -> None:
+    """Change a link of the fleet that is up; what is not named is as its profile says."""
+    with _errors_as_lines():
+        given = {
+            **{"rate": rate, "queue": queue, "delay": delay, "jitter": jitter, "loss": loss},
+            **{"duplicate": duplicate, "corrupt": corrupt, "reorder": reorder},
+        }
+        typed = {option: value for option, value in given.items() if value}
+        containers = Containers(PROTOCOLS[0], LIVE, {})
+        ask = functools.partial(containers.output, "net")
+        for change in changes(read_live_plan(ask), read_topology(), name, typed, closed=closed, back=back):
+            tell(ask, change)
+            said = [f"{option} {value}" for option, value in typed.items()] + (["closed"] if closed else [])
+            typer.echo(f"{change.link}: {', '.join(said) or 'as planned'}")
 
 
 @app.command()

@@ -47,10 +47,12 @@ class Containers:
         except DockerException as error:
             raise DockerError(f"Docker does not answer: {error}; type: make doctor") from error
 
-    def up(self, timeout_s: float = HEALTHY_TIMEOUT_S) -> None:
-        """Start everything and wait until all are healthy; raises FleetError naming what is not, and why."""
-        self.down()
-        self._compose("up", "--detach", "--no-build")
+    def start(self, *services: str, timeout_s: float = HEALTHY_TIMEOUT_S) -> None:
+        """Start these services, or all that do not run yet, and wait until all are healthy.
+
+        Raises FleetError naming what is not, and why.
+        """
+        self._compose("up", "--detach", "--no-build", "--no-recreate", *services)
         deadline = time.monotonic() + timeout_s
         while waiting := self._unhealthy():
             self.check_alive()
@@ -117,6 +119,14 @@ class Containers:
         folder.mkdir(parents=True, exist_ok=True)
         for container in self._all():
             (folder / f"{container.labels[SERVICE_LABEL]}.log").write_bytes(container.logs(timestamps=True))
+
+    def last_words(self, service: str) -> str | None:
+        """The last line that a service logged before it ended; None while it runs, or when it said nothing."""
+        container = self._service(service)
+        if container.status not in ("exited", "dead"):
+            return None
+        lines: list[str] = container.logs(tail=1).decode(errors="replace").split("\n")
+        return lines[0].strip() or None
 
     def stop(self, service: str, timeout_s: int = 20) -> None:
         """Stop one service and wait until it has ended."""

@@ -6,10 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
 from .errors import UserError
+from .profiles.reading import Profile, read_profile
+from .profiles.resolve import resolve
+from .topology import read_topology
 
 EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3")
 PROTOCOLS = ("mqttxt", "mavlink")
-PROFILES = ("ideal",)
+SHAPERS = ("auto", "netem", "nfqueue")
+"""What shapes the links: whatever the kernel has, netem first; or one of them and nothing else."""
 MOST_ATTEMPTS = 99
 
 FACTORS: dict[str, tuple[str, ...]] = {
@@ -71,8 +75,9 @@ class Plan:
     attempts: int
     arm: Arm
     factors: Factors
-    profile: str
+    profile: Profile
     protocols: tuple[str, ...]
+    shaper: str = SHAPERS[0]
 
     @property
     def label(self) -> str:
@@ -92,22 +97,26 @@ def make_plan(
     profile: str = "ideal",
     protocols: str = "",
     overrides: Mapping[str, str] | None = None,
+    shaper: str = SHAPERS[0],
 ) -> Plan:
     """A plan from what a person typed.
 
-    `protocols` is a list with commas, all of them when empty; `overrides` are factors by their names, the arm's where
-    they are empty. Raises UserError naming the option, its value and what was expected.
+    `profile` is a name, or the path of a file; `protocols` a list with commas, all of them when empty; `overrides` are
+    factors by their names, the arm's where they are empty. Raises UserError naming the option, or the profile's file and
+    field, the value and what was expected.
     """
     _one_of("scenario", experiment, EXPERIMENTS)
     _one_of("ARM", arm, tuple(ARMS))
-    _one_of("PROFILE", profile, PROFILES)
+    _one_of("SHAPER", shaper, SHAPERS)
     chosen = tuple(part.strip() for part in protocols.split(",")) if protocols.strip() else PROTOCOLS
     for protocol in chosen:
         _one_of("PROTOCOLS", protocol, PROTOCOLS)
     if not attempts.isascii() or not attempts.isdecimal() or not 1 <= int(attempts) <= MOST_ATTEMPTS:
         raise UserError(f"ATTEMPTS={attempts}: expected a whole number from 1 to {MOST_ATTEMPTS}")
     factors = _factors(ARMS[arm], overrides or {})
-    return Plan(experiment, int(attempts), ARMS[arm], factors, profile, tuple(dict.fromkeys(chosen)))
+    links = read_profile(profile)
+    resolve(links, read_topology(), experiment, 1)  # a link that does not exist is said now, not once containers run
+    return Plan(experiment, int(attempts), ARMS[arm], factors, links, tuple(dict.fromkeys(chosen)), shaper)
 
 
 def one_protocol(text: str) -> str:

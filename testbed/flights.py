@@ -17,6 +17,8 @@ STATION_HOST = "198.18.0.3"
 FIRST_PORT = 14540
 """MAVSDK's port of a shared chain; that of drone N alone is N more."""
 EVENTS = "/run-dir/events.jsonl"
+LINK_BY_HAND = ".venv/bin/python -m testbed link air:uav3 --loss 20%"
+LINKS_START = "/run-dir/links/start"
 ENCODINGS = {"cbor": "", "json": "--json"}
 
 
@@ -42,6 +44,7 @@ def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str
     """What flies the plan's experiment over a protocol, run in the ground station's node."""
     fleet = ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in FLEET.items())
     command = ["mission", "fly", plan.experiment, "--protocol", protocol, "--fleet", fleet, "--events", events]
+    command += ["--links-start", LINKS_START] if events == EVENTS else []
     factors = plan.factors
     if protocol == "mavlink":
         urls = ",".join(mavlink_urls(factors.chain))
@@ -69,6 +72,7 @@ Six drones are up, over MAVLink. To fly, and to look:
   {here} {shlex.join(mission_command(plan, protocol, "/tmp/events.jsonl"))}
   docker logs {name_of("router-fog1")}
   docker exec -it {name_of("net")} tcpdump -Z root -c 20 -nr /run-dir/pcap/uav1.pcap
+  {LINK_BY_HAND}
   make down"""
     return f"""\
 Six drones are up. To look and to fly:
@@ -76,4 +80,5 @@ Six drones are up. To look and to fly:
   {here} mqttxt gs send arm --fog 1 --drone 2
   {here} mqttxt gs send takeoff 10 --fog 1 --drone 2
   {here} mosquitto_sub -h {CLOUD_HOST} -v -t 'fog1/#'
+  {LINK_BY_HAND}
   make down"""

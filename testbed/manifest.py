@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from .experiments import Plan
-from .results import MANIFEST_VERSION
+from .profiles.resolve import Plan as LinkPlan
+from .results import MANIFEST_VERSION, Attempt
 from .topology import ROOT, Topology
 
 NODE_PACKAGES = {
@@ -23,22 +24,25 @@ ROUTER_MODULE = ROOT / "services" / "router" / "go.mod"
 SITL_SEED = 1
 
 
-def describe(plan: Plan, protocol: str, number: int, topology: Topology, settings: dict[str, str]) -> dict[str, Any]:
+def describe(
+    plan: Plan, attempt: Attempt, topology: Topology, settings: dict[str, str], links: LinkPlan
+) -> dict[str, Any]:
     """What is known before the containers start."""
     return {
         "version": MANIFEST_VERSION,
         "experiment": plan.experiment,
         "arm": plan.arm.name,
-        "profile": plan.profile,
-        "protocol": protocol,
-        "attempt": number,
-        "order": list(plan.order(number)),
+        "profile": plan.profile.name,
+        "protocol": attempt.protocol,
+        "attempt": attempt.number,
+        "repeat": attempt.repeat,
+        "order": list(plan.order(attempt.number)),
         "status": "running",
         "reason": None,
         "revision": revision(),
         "configuration": {**asdict(plan.factors), **settings},
-        "seeds": {"sitl": SITL_SEED},
-        "shaper": "none",
+        "seeds": {"sitl": SITL_SEED, "links": links.seed},
+        "shaper": "none",  # until `net` says what shapes the links
         "host": {
             "kernel": platform.release(),
             "machine": platform.machine(),
@@ -46,7 +50,7 @@ def describe(plan: Plan, protocol: str, number: int, topology: Topology, setting
             "python": platform.python_version(),
             "load_before": os.getloadavg()[0],
         },
-        "versions": _versions(plan, protocol),
+        "versions": _versions(plan, attempt.protocol),
         "topology": {
             "nodes": [asdict(node) for node in topology.nodes],
             "links": [asdict(link) for link in topology.links],

@@ -20,8 +20,9 @@ class ConsoleProgress:
         self._step_started = 0.0
         self._drones: dict[str, str] = {}
 
-    def attempt(self, protocol: str, number: int, of: int) -> None:
-        self._console.print(f"attempt {number} of {of} over {protocol}")
+    def attempt(self, protocol: str, number: int, of: int, repeat: int = 0) -> None:
+        again = f", repeat {repeat}" if repeat else ""
+        self._console.print(f"attempt {number} of {of} over {protocol}{again}")
 
     @contextlib.contextmanager
     def phase(self, text: str) -> Iterator[None]:

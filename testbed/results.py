@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +17,9 @@ METRICS = "metrics.json"
 REPORT = "report.html"
 MANIFEST_VERSION = 1
 CUT_OFF = "the run was cut off"
+FOLDERS = ("pcap", "sitl", "logs", "links")
+"""What an attempt's folder has, and the containers may write to."""
+_ATTEMPT = re.compile(r"attempt-(?P<number>\d\d)(-repeat-(?P<repeat>\d))?")
 _MANIFEST_FIELDS: dict[str, type] = {
     **dict.fromkeys(("experiment", "arm", "profile", "status", "shaper"), str),
     **dict.fromkeys(("revision", "configuration", "host", "versions", "topology"), dict),
@@ -24,11 +28,12 @@ _MANIFEST_FIELDS: dict[str, type] = {
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt's folder."""
+    """One attempt's folder; `repeat` counts how often it was flown again, because it had been void."""
 
     path: Path
     protocol: str
     number: int
+    repeat: int = 0
 
     def manifest(self) -> dict[str, Any]:
         """Raises ResultsError when it is missing or not what a run writes."""
@@ -83,9 +88,20 @@ class Series:
     path: Path
 
     def attempts(self) -> list[Attempt]:
-        """Every attempt, by protocol and number."""
-        folders = sorted(path for path in self.path.glob("*/attempt-[0-9][0-9]") if path.is_dir())
-        return [Attempt(path, path.parent.name, int(path.name.removeprefix("attempt-"))) for path in folders]
+        """Every attempt, by protocol and number, and then as often as it was repeated."""
+        found = [attempt_of(path) for path in self.path.glob("*/attempt-*")]
+        return sorted(
+            (attempt for attempt in found if attempt is not None),
+            key=lambda attempt: (attempt.protocol, attempt.number, attempt.repeat),
+        )
+
+
+def attempt_of(path: Path) -> Attempt | None:
+    """The attempt whose folder this is, `<protocol>/attempt-NN` or `…-repeat-N`; None for anything else."""
+    named = _ATTEMPT.fullmatch(path.name)
+    if named is None or not path.is_dir():
+        return None
+    return Attempt(path, path.parent.name, int(named["number"]), int(named["repeat"] or 0))
 
 
 def new_series(root: Path, experiment: str, arm: str, profile: str) -> Series:
@@ -104,13 +120,25 @@ def new_series(root: Path, experiment: str, arm: str, profile: str) -> Series:
     raise UserError(f"results folder {folder}: 99 series began in the same second")
 
 
-def new_attempt(series: Series, protocol: str, number: int) -> Attempt:
+def new_attempt(series: Series, protocol: str, number: int, repeat: int = 0) -> Attempt:
     """A folder for an attempt, writable from inside the containers."""
-    path = series.path / protocol / f"attempt-{number:02d}"
-    for folder in (path, path / "pcap", path / "sitl", path / "logs"):
-        folder.mkdir(parents=True)
+    path = series.path / protocol / (f"attempt-{number:02d}" + (f"-repeat-{repeat}" if repeat else ""))
+    _make_folders(path, exist_ok=False)
+    return Attempt(path, protocol, number, repeat)
+
+
+def live_attempt(path: Path, protocol: str) -> Attempt:
+    """The folder of a fleet that is flown by hand; nothing is left in it of what was said of links before."""
+    _make_folders(path)
+    for left in (path / "links").iterdir():
+        left.unlink()
+    return Attempt(path, protocol, 1)
+
+
+def _make_folders(path: Path, *, exist_ok: bool = True) -> None:
+    for folder in (path, *(path / name for name in FOLDERS)):
+        folder.mkdir(parents=True, exist_ok=exist_ok)
         folder.chmod(0o777)
-    return Attempt(path, protocol, number)
 
 
 def point_latest(series: Series) -> None:

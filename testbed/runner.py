@@ -12,25 +12,28 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from .containers import Containers
-from .errors import DockerError, FleetError, TestbedError, UserError
+from .errors import ContainerDied, DockerError, FleetError, TestbedError, UserError
 from .experiments import Plan
 from .flights import mission_command, settings_of
+from .links import plan_links, read_shaper, write_plan
 from .manifest import describe, mosquitto_version
-from .results import Attempt, Series, new_attempt, point_latest, write_json
-from .topology import read_topology
-from .validity import void_reason
+from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
+from .topology import Topology, read_topology
+from .validity import links_void_reason, void_reason
 
 MISSION_OVER = {0: "completed", 1: "failed"}
 BAD_INPUT = 2
 MISSION_LIMIT_S = 1200.0
 """More than the limits of all steps of a mission together: what takes longer hangs."""
+MOST_REPEATS = 2
+"""How often the attempts of a number are flown again, because one of them was void."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 class Progress(Protocol):
     """Who is told how a run goes."""
 
-    def attempt(self, protocol: str, number: int, of: int) -> None: ...
+    def attempt(self, protocol: str, number: int, of: int, repeat: int) -> None: ...
     def phase(self, text: str) -> contextlib.AbstractContextManager[None]: ...
     def step(self, name: str, drones: dict[str, str]) -> None: ...
     def ended(self, status: str, reason: str | None) -> None: ...
@@ -55,34 +58,62 @@ def run_series(
 ) -> list[Ended]:
     """Fly every attempt of a plan, over one protocol after the other; who is first alternates.
 
-    A failed attempt does not end the series; a lost Docker does, with DockerError.
+    Both attempts of a number met the same links, or neither counts: with one of them the other is void, and both are
+    flown again, twice at most. A failed attempt does not end the series; a lost Docker does, with DockerError.
+    Returns how each number's attempts ended at last, in the order in which they were flown.
     """
-    endings = []
+    endings: list[Ended] = []
     with _signals_interrupt(series.path):
         for number in range(1, plan.attempts + 1):
-            for protocol in plan.order(number):
-                progress.attempt(protocol, number, plan.attempts)
-                attempt = new_attempt(series, protocol, number)
-                try:
-                    ended = _fly(plan, attempt, progress, make_containers)
-                except OSError as error:
-                    raise TestbedError(
-                        f"{attempt.path}: {error.strerror or error}; the containers are ended, what was written is kept"
-                    ) from error
-                progress.ended(ended.status, ended.reason)
-                endings.append(ended)
-                point_latest(series)
+            for repeat in range(MOST_REPEATS + 1):
+                flown: dict[Attempt, Ended] = {}
+                for protocol in plan.order(number):
+                    progress.attempt(protocol, number, plan.attempts, repeat)
+                    attempt = new_attempt(series, protocol, number, repeat)
+                    flown[attempt] = _fly_or_keep(plan, attempt, progress, make_containers)
+                    progress.ended(flown[attempt].status, flown[attempt].reason)
+                    point_latest(series)
+                    if flown[attempt].status == "void":
+                        break
+                _void_together(flown)
+                if all(ended.status != "void" for ended in flown.values()):
+                    break
+            endings += flown.values()
     return endings
+
+
+def _fly_or_keep(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
+    try:
+        return _fly(plan, attempt, progress, make_containers)
+    except OSError as error:
+        raise TestbedError(
+            f"{attempt.path}: {error.strerror or error}; the containers are ended, what was written is kept"
+        ) from error
+
+
+def _void_together(flown: dict[Attempt, Ended]) -> None:
+    """Where one attempt of a number is void, the others are, in their manifests too."""
+    void = next((attempt for attempt, ended in flown.items() if ended.status == "void"), None)
+    if void is None:
+        return
+    for attempt, ended in flown.items():
+        if ended.status != "void":
+            flown[attempt] = Ended("void", f"{void.protocol} was void in the same attempt")
+            path = attempt.path / "manifest.json"
+            write_json(path, read_json(path) | {"status": "void", "reason": flown[attempt].reason})
 
 
 def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
     settings = settings_of(plan, attempt.protocol)
-    manifest = describe(plan, attempt.protocol, attempt.number, read_topology(), settings)
+    topology = read_topology()
+    links = plan_links(plan, topology, attempt.number)
+    write_plan(attempt.path / "links", links, topology, plan.shaper)
+    manifest = describe(plan, attempt, topology, settings, links)
     write_json(attempt.path / "manifest.json", manifest)
     ended = Ended("failed", "interrupted")
     try:
         containers = make_containers(attempt.protocol, attempt.path, settings)
-        with _fleet_up(containers, attempt, manifest, progress):
+        with _fleet_up(containers, attempt, manifest, topology, progress):
             ended = _mission(mission_command(plan, attempt.protocol), containers, attempt, progress)
     except Interrupted:
         raise
@@ -94,8 +125,9 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     finally:
         manifest["captures"] = attempt.captures()
         nodes = [node["name"] for node in manifest["topology"]["nodes"]]
-        reason = void_reason(manifest["captures"], nodes) if ended.status == "completed" else None
-        ended = Ended("void", reason) if reason is not None else ended
+        if ended.status == "completed":
+            reason = void_reason(manifest["captures"], nodes) or links_void_reason(attempt.path / "links", links)
+            ended = Ended("void", reason) if reason is not None else ended
         manifest |= {"status": ended.status, "reason": ended.reason}
         manifest["host"]["load_after"] = os.getloadavg()[0]
         write_json(attempt.path / "manifest.json", manifest)
@@ -103,11 +135,22 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
 
 
 @contextlib.contextmanager
-def _fleet_up(containers: Containers, attempt: Attempt, manifest: dict[str, Any], progress: Progress) -> Iterator[None]:
-    """The fleet for as long as this lasts; it is taken down whatever happens."""
+def _fleet_up(
+    containers: Containers, attempt: Attempt, manifest: dict[str, Any], topology: Topology, progress: Progress
+) -> Iterator[None]:
+    """The fleet for as long as this lasts: the network first, and all others only once its links are as planned.
+
+    It is taken down whatever happens.
+    """
     try:
-        with progress.phase(f"starting {containers.count} containers"):
-            containers.up()
+        nodes = [node.name for node in topology.nodes]
+        with progress.phase(f"starting the network and its {len(nodes)} nodes"):
+            containers.down()
+            _start_network(containers, nodes)
+        shaper = read_shaper(attempt.path / "links")
+        manifest |= {"shaper": shaper["shaper"], "shaping": shaper}
+        with progress.phase(f"starting {containers.count - len(nodes) - 1} containers on them"):
+            containers.start()
         manifest["images"] = containers.images()
         manifest["versions"] |= containers.versions()
         if attempt.protocol == "mqttxt":
@@ -117,6 +160,17 @@ def _fleet_up(containers: Containers, attempt: Attempt, manifest: dict[str, Any]
     finally:
         with _signals_wait(), progress.phase("ending the containers"):
             manifest["cpu_s"] = _take_down(containers, attempt)
+
+
+def _start_network(containers: Containers, nodes: list[str]) -> None:
+    """Raises TestbedError where the links cannot be shaped: no attempt could be flown then."""
+    try:
+        containers.start("net", *nodes)
+    except ContainerDied as error:
+        said = containers.last_words("net")
+        if said is None:
+            raise
+        raise TestbedError(f"the links cannot be shaped: {said}") from error
 
 
 def _mission(command: list[str], containers: Containers, attempt: Attempt, progress: Progress) -> Ended:

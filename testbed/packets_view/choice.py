@@ -12,7 +12,7 @@ import polars as pl
 from ..errors import ResultsError, UserError
 from ..metrics import mission_window
 from ..packets.table import Packets, load
-from ..results import Attempt, Series
+from ..results import Attempt, Series, attempt_of
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ def find_attempts(run: str, root: Path) -> list[Attempt]:
             raise UserError(f"latest: no results in {root}")
         path = max(series, key=lambda folder: folder.name)
     folder = path.resolve()
-    number = folder.name.removeprefix("attempt-")
-    if folder.is_dir() and folder.name.startswith("attempt-") and number.isdigit():
-        return [Attempt(folder, folder.parent.name, int(number))]
+    attempt = attempt_of(folder)
+    if attempt is not None:
+        return [attempt]
     attempts = Series(folder).attempts() if folder.is_dir() else []
     if not attempts:
         raise UserError(f"{run}: expected a series (with <protocol>/attempt-NN in it), an attempt's folder, or latest")

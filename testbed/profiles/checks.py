@@ -11,7 +11,7 @@ from .reading import PARSERS, Figure, Rule
 
 def check_link(link: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     """Raises UserError naming the figure that does not fit the others; `link` has the plan's fields."""
-    problem = _problem(link)
+    problem = unfitting(link)
     if problem is not None:
         name, expected = problem
         figure = figures[name]
@@ -23,7 +23,7 @@ def check_event(link: Mapping[str, Any], rule: Rule, change: Mapping[str, Any]) 
     if "rate_bps" in change and link["shared_with"] is not None and rule.link.endswith((":up", ":down")):
         text = rule.change["rate_bps"].text
         raise UserError(f"{rule.where}.change.rate: {text!r}: expected the whole link, its directions share a rate")
-    problem = _problem({**link, **change})
+    problem = unfitting({**link, **change})
     if problem is not None:
         name, expected = problem
         figure = rule.change.get(name)
@@ -32,8 +32,8 @@ def check_event(link: Mapping[str, Any], rule: Rule, change: Mapping[str, Any]) 
         raise UserError(f"{rule.where}.change.{written}: {text}: expected {expected}")
 
 
-def _problem(link: Mapping[str, Any]) -> tuple[str, str] | None:
-    """The first figure that does not fit, and what it had to be."""
+def unfitting(link: Mapping[str, Any]) -> tuple[str, str] | None:
+    """The first figure of a link, in the plan's fields, that does not fit the others, and what it had to be."""
     if link["rate_bps"] is not None and link["queue_packets"] is None:
         return "rate_bps", "a queue beside it, as queue: 100 packets"
     if link["rate_bps"] is None and link["queue_packets"] is not None:

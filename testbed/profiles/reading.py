@@ -108,6 +108,9 @@ def read_profile(name: str, folder: Path = FOLDER) -> Profile:
     if not path.is_file():
         known = ", ".join(profile_names(folder))
         raise UserError(f"PROFILE={name}: expected one of {known}, or the path of a .yaml file")
+    own = folder / path.name
+    if own.is_file() and not own.samefile(path):
+        raise UserError(f"PROFILE={name}: {path.stem} is another profile; expected a file with a name of its own")
     layers: list[Layer] = []
     seen: list[Path] = []
     description = ""

@@ -109,7 +109,7 @@ def test_a_start_that_compose_gives_up_is_the_fleets_own_failure(
 ) -> None:
     fleet, ran = composed
     with pytest.raises(FleetError, match="compose up: ERROR: for sitl1  Container 0a1b is unhealthy"):
-        fleet.up()
+        fleet.start()
     assert [after for word, after in pairwise(ran[-1]) if word == "--profile"] == ["mavlink"]
 
 

@@ -139,7 +139,7 @@ def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
             {"arm": "fast"},
             "ARM=fast: expected one of thesis, thesis-concurrent, five-states, five-states-bundled, direct",
         ),
-        ({"profile": "lte"}, "PROFILE=lte: expected ideal"),
+        ({"profile": "wifi"}, "PROFILE=wifi: expected one of ideal, 3g, bursty, "),
         ({"protocols": "mqttxt,carrier-pigeon"}, "PROTOCOLS=carrier-pigeon: expected one of mqttxt, mavlink"),
         ({"protocols": "mavlink,"}, "PROTOCOLS=: expected one of mqttxt, mavlink"),
         ({"overrides": {"streams": "all"}}, "STREAMS=all: expected one of px4-onboard, px4-gcs, five-states"),

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from testbed.experiments import make_plan
+from testbed.links import plan_links
 from testbed.manifest import describe, mavp2p_version, mosquitto_version
+from testbed.results import Attempt
 from testbed.topology import read_topology
 
 
@@ -32,5 +34,6 @@ def test_a_version_that_nothing_tells_is_none(tmp_path: Path) -> None:
 
 
 def test_a_fleet_without_routers_names_no_router() -> None:
-    plan = make_plan("scenario-1", arm="direct")
-    assert "mavp2p" not in describe(plan, "mavlink", 1, read_topology(), {})["versions"]
+    plan, topology = make_plan("scenario-1", arm="direct"), read_topology()
+    attempt = Attempt(Path("attempt-01"), "mavlink", 1)
+    assert "mavp2p" not in describe(plan, attempt, topology, {}, plan_links(plan, topology, 1))["versions"]

@@ -15,9 +15,12 @@ import pytest
 
 from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, TestbedError, UserError
 from testbed.experiments import make_plan
-from testbed.results import new_series
+from testbed.results import Series, new_series
 from testbed.runner import Ended, Interrupted, run_series
 from testbed.topology import read_topology
+
+
+SHAPER = {"shaper": "none", "why": "no link is shaped"}
 
 
 class Quiet:
@@ -26,8 +29,8 @@ class Quiet:
     def __init__(self) -> None:
         self.said: list[Any] = []
 
-    def attempt(self, protocol: str, number: int, of: int) -> None:
-        self.said.append((protocol, number, of))
+    def attempt(self, protocol: str, number: int, of: int, repeat: int) -> None:
+        self.said.append((protocol, number, of, repeat))
 
     @contextlib.contextmanager
     def phase(self, text: str) -> Iterator[None]:
@@ -59,8 +62,9 @@ class Fleet:
         self.settings = settings
         return self
 
-    def up(self) -> None:
-        self.did.append("up")
+    def start(self, *services: str) -> None:
+        self.did.append("network" if "net" in services else "fleet")
+        (self._run_dir / "links" / "shaper.json").write_text(json.dumps(SHAPER))
 
     def images(self) -> dict[str, str]:
         return {"node": "sha256:1"}
@@ -88,6 +92,14 @@ class Fleet:
         nodes = [node.name for node in read_topology().nodes]
         counts = [{"node": node, "captured": 1, "dropped": self._dropped if node == "gs" else 0} for node in nodes]
         (self._run_dir / "pcap" / "captures.json").write_text(json.dumps(counts))
+        self.count_links()
+
+    def count_links(self, void: str | None = None) -> None:
+        counters = {"version": 1, "shaper": "none", "profile": "ideal", "links": {}, "late_ms": None, "void": void}
+        (self._run_dir / "links" / "counters.json").write_text(json.dumps(counters))
+
+    def last_words(self, service: str) -> str | None:
+        return None
 
     def save_logs(self, folder: Path) -> None:
         self.did.append("logs")
@@ -104,7 +116,7 @@ def _fly(
 ) -> tuple[Path, list[Ended], Quiet]:
     progress = Quiet()
     plan = make_plan("scenario-1", attempts, "thesis", "ideal", protocols, factors)
-    series = new_series(root, plan.experiment, plan.label, plan.profile)
+    series = new_series(root, plan.experiment, plan.label, plan.profile.name)
     endings = run_series(plan, series, progress, fleet)
     return series.path, endings, progress
 
@@ -118,7 +130,7 @@ def _manifest(root: Path, protocol: str = "mqttxt", number: int = 1) -> dict[str
 def test_a_run_goes_up_flies_and_ends_the_captures_before_the_rest(tmp_path: Path) -> None:
     fleet = Fleet([TAKEOFF, "something else"])
     path, endings, progress = _fly(tmp_path, fleet)
-    assert fleet.did == ["up", "mission in gs", "stop net", "logs", "down"]
+    assert fleet.did == ["down", "network", "fleet", "mission in gs", "stop net", "logs", "down"]
     assert endings == [Ended("completed")]
     assert ("takeoff", {"1": "armed, 3.0 m"}) in progress.said
     manifest = _manifest(tmp_path)
@@ -141,9 +153,61 @@ def test_a_container_that_dies_fails_the_attempt_by_its_name(tmp_path: Path) -> 
     assert fleet.did[-3:] == ["stop net", "logs", "down"]
 
 
-def test_a_capture_that_dropped_makes_the_attempt_void(tmp_path: Path) -> None:
-    _, endings, _ = _fly(tmp_path, Fleet([TAKEOFF], dropped=2))
+def test_a_capture_that_dropped_makes_the_attempt_void_and_it_is_repeated_twice(tmp_path: Path) -> None:
+    path, endings, progress = _fly(tmp_path, Fleet([TAKEOFF], dropped=2))
     assert endings == [Ended("void", "captures dropped packets: gs 2")]
+    folders = ["attempt-01", "attempt-01-repeat-1", "attempt-01-repeat-2"]
+    assert sorted(folder.name for folder in (path / "mqttxt").iterdir()) == folders
+    assert [entry for entry in progress.said if entry[0] == "mqttxt"] == [("mqttxt", 1, 1, n) for n in range(3)]
+
+
+def test_where_one_protocol_is_void_its_pair_is_and_both_are_flown_again(tmp_path: Path) -> None:
+    class Late(Fleet):
+        def count_links(self, void: str | None = None) -> None:
+            second = self.profiles == ["mqttxt", "mavlink"]
+            super().count_links("the emulator did not keep up" if second else None)
+
+    path, endings, _ = _fly(tmp_path, Late([TAKEOFF]), protocols="mqttxt,mavlink")
+    assert endings == [Ended("completed")] * 2
+    told = {
+        str(attempt.path.relative_to(path)): (attempt.manifest()["status"], attempt.manifest()["reason"])
+        for attempt in Series(path).attempts()
+    }
+    assert told == {
+        "mavlink/attempt-01": ("void", "the emulator did not keep up"),
+        "mavlink/attempt-01-repeat-1": ("completed", None),
+        "mqttxt/attempt-01": ("void", "mavlink was void in the same attempt"),
+        "mqttxt/attempt-01-repeat-1": ("completed", None),
+    }
+
+
+def test_a_void_attempt_is_repeated_before_its_other_protocol_is_flown_for_nothing(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF], dropped=1)
+    _fly(tmp_path, fleet, protocols="mqttxt,mavlink")
+    assert fleet.profiles == ["mqttxt"] * 3
+
+
+def test_links_that_cannot_be_shaped_end_the_run_with_what_net_says(tmp_path: Path) -> None:
+    class Unshaped(Fleet):
+        def start(self, *services: str) -> None:
+            raise ContainerDied("net ended with exit code 1; its last log lines:\n    …")
+
+        def last_words(self, service: str) -> str | None:
+            return "net: neither netem nor NFQUEUE"
+
+    fleet = Unshaped([TAKEOFF])
+    with pytest.raises(TestbedError, match=r"^the links cannot be shaped: net: neither netem nor NFQUEUE$"):
+        _fly(tmp_path, fleet)
+    assert fleet.did[-1] == "down"
+    assert _manifest(tmp_path)["status"] == "failed"
+
+
+def test_what_shapes_the_links_and_their_seed_are_in_the_manifest(tmp_path: Path) -> None:
+    _fly(tmp_path, Fleet([TAKEOFF]))
+    manifest = _manifest(tmp_path)
+    assert (manifest["shaper"], manifest["shaping"]["why"]) == ("none", "no link is shaped")
+    (plan,) = tmp_path.glob("scenario-1/*/*/mqttxt/attempt-01/links/plan.json")
+    assert json.loads(plan.read_text())["plan"]["seed"] == manifest["seeds"]["links"]
 
 
 @pytest.mark.parametrize("broken", ["cpu_seconds", "stop", "save_logs"])
@@ -170,7 +234,7 @@ def test_a_signal_while_the_containers_end_waits_for_them(tmp_path: Path) -> Non
     fleet = Late([TAKEOFF])
     with pytest.raises(Interrupted):
         _fly(tmp_path, fleet)
-    assert fleet.did == ["up", "mission in gs", "stop net", "logs", "down"]
+    assert fleet.did == ["down", "network", "fleet", "mission in gs", "stop net", "logs", "down"]
     assert _manifest(tmp_path)["status"] == "completed"  # the mission was, before the signal came
 
 
@@ -214,20 +278,23 @@ def test_a_daemon_that_does_not_answer_is_in_the_manifest(tmp_path: Path) -> Non
 
 def test_a_fleet_that_never_comes_up_fails_its_attempt_and_the_run_goes_on(tmp_path: Path) -> None:
     class Broken(Fleet):
-        def up(self) -> None:
-            if self.profiles[-1] == "mavlink":
+        def start(self, *services: str) -> None:
+            super().start(*services)
+            if self.profiles[-1] == "mavlink" and not services:
                 raise ContainerUnhealthy("router-uav3 not healthy within 90 s")
 
     fleet = Broken([TAKEOFF])
     _, endings, _ = _fly(tmp_path, fleet, protocols="mavlink,mqttxt")
     assert endings == [Ended("failed", "router-uav3 not healthy within 90 s"), Ended("completed")]
-    assert fleet.did == ["stop net", "logs", "down", "mission in gs", "stop net", "logs", "down"]
+    ends = ["stop net", "logs", "down"]
+    assert fleet.did == ["down", "network", "fleet", *ends, "down", "network", "fleet", "mission in gs", *ends]
     assert _manifest(tmp_path, "mavlink")["reason"] == "router-uav3 not healthy within 90 s"
 
 
 def test_a_router_that_dies_fails_its_attempt_by_its_name(tmp_path: Path) -> None:
     class Dying(Fleet):
-        def up(self) -> None:
+        def start(self, *services: str) -> None:
+            super().start(*services)
             self._raises = ContainerDied("router-fog1 ended with exit code 1") if "mavlink" in self.profiles else None
 
     _, endings, _ = _fly(tmp_path, Dying([TAKEOFF]), protocols="mqttxt,mavlink")
@@ -254,7 +321,7 @@ def test_both_protocols_fly_in_each_attempt_and_who_is_first_alternates(tmp_path
     _, endings, progress = _fly(tmp_path, fleet, "2", "mqttxt,mavlink")
     assert fleet.profiles == ["mqttxt", "mavlink", "mavlink", "mqttxt"]
     assert endings == [Ended("completed")] * 4
-    assert [entry for entry in progress.said if entry[1:] == (2, 2)] == [("mavlink", 2, 2), ("mqttxt", 2, 2)]
+    assert [entry for entry in progress.said if entry[1:] == (2, 2, 0)] == [("mavlink", 2, 2, 0), ("mqttxt", 2, 2, 0)]
     assert _manifest(tmp_path, "mqttxt", 1)["order"] == ["mqttxt", "mavlink"]
     assert _manifest(tmp_path, "mqttxt", 2)["order"] == ["mavlink", "mqttxt"]
 
@@ -265,7 +332,8 @@ def test_a_factor_reaches_containers_mission_manifest_and_path(tmp_path: Path) -
     assert path.parent.name == "thesis+streams-px4-gcs+qos-1+chain-shared-ideal"
     assert (fleet.settings["STREAMS"], fleet.settings["CHAIN"], fleet.settings["QOS"]) == ("px4-gcs", "shared", "1")
     assert fleet.commands[0][-4:] == ["--streams", "px4-gcs", "--commanding", "one-by-one"]
-    assert "starting 23 containers" in progress.said
+    assert "starting the network and its 10 nodes" in progress.said
+    assert "starting 12 containers on them" in progress.said
     configuration = _manifest(tmp_path, "mavlink")["configuration"]
     assert configuration == {
         **{"streams": "px4-gcs", "commanding": "one-by-one", "qos": 1, "chain": "shared", "states": "on-change"},

@@ -1,0 +1,53 @@
+"""The links of an attempt: what `net` is told of them before a run, and what it says of them afterwards.
+
+Everything is in the attempt's folder `links/`: plan.json is written here; shaper.json (what shapes), counters.json (what
+each link did) and events.jsonl (what changed, and when) are `net`'s.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .experiments import Plan
+from .profiles.kernel import commands_of
+from .profiles.resolve import Plan as LinkPlan
+from .profiles.resolve import resolve
+from .results import read_json, write_json
+from .topology import Topology
+
+VERSION = 1
+PLAN, SHAPER, COUNTERS, START = "plan.json", "shaper.json", "counters.json", "start"
+
+
+def plan_links(plan: Plan, topology: Topology, number: int) -> LinkPlan:
+    """What every link does in an attempt: drawn from experiment and attempt, the same for every protocol."""
+    return resolve(plan.profile, topology, plan.experiment, number)
+
+
+def write_plan(folder: Path, links: LinkPlan, topology: Topology, shaper: str, *, always: bool = False) -> None:
+    """Tell `net`; `always` lets it take every link in hand, also those that it has nothing to do with yet."""
+    document = {
+        "version": VERSION,
+        "shaper": shaper,
+        "always": always,
+        "plan": links.to_data(),
+        "kernel": commands_of(links, topology, always=always).to_data(),
+        "gates": [],
+    }
+    write_json(folder / PLAN, document)
+
+
+def start_clock(folder: Path) -> None:
+    """Let the time of the plan's events begin; in a run the mission does so itself."""
+    (folder / START).touch()
+
+
+def read_shaper(folder: Path) -> dict[str, Any]:
+    """What shapes the links and why that, as `net` says once all are shaped. Raises ResultsError."""
+    return read_json(folder / SHAPER)
+
+
+def read_counters(folder: Path) -> dict[str, Any]:
+    """What each link did, by the shaper's own count. Raises ResultsError."""
+    return read_json(folder / COUNTERS)
