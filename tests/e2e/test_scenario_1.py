@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import docker
 import pytest
 from agreement import assert_pymavlink_agrees, assert_tshark_agrees
+from flying import Run, attempt_over, containers
 
 from sitl.streams import RATES_HZ
-from testbed.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
-from testbed.results import Attempt, open_series
-from testbed.topology import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
 
@@ -31,60 +22,6 @@ for found in pathlib.Path('/proc').glob('[0-9]*/cmdline'):
         os.kill(int(found.parent.name), signal.SIGKILL)
         print('killed')
 """
-
-
-def containers() -> dict[str, object]:
-    found = docker.from_env().containers.list(all=True, filters={"label": f"{PROJECT_LABEL}={PROJECT}"})
-    return {container.labels[SERVICE_LABEL]: container for container in found}
-
-
-@pytest.fixture(autouse=True)
-def _nothing_is_left() -> Iterator[None]:
-    yield
-    assert containers() == {}
-
-
-class Run:
-    """`testbed run scenario-1` as a process whose lines can be waited for."""
-
-    def __init__(self, results: Path) -> None:
-        command = [sys.executable, "-m", "testbed", "run", "scenario-1", "--results", str(results)]
-        self.results = results
-        self.lines: list[str] = []
-        self._said = threading.Condition()
-        self._process = subprocess.Popen(
-            command,
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, "COLUMNS": "120"},
-        )
-        threading.Thread(target=self._read, daemon=True).start()
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            with self._said:
-                self.lines.append(line.rstrip())
-                self._said.notify_all()
-
-    @property
-    def output(self) -> str:
-        return "\n".join(self.lines)
-
-    def wait_for(self, condition: Callable[[], bool], limit_s: float = 120) -> None:
-        with self._said:
-            assert self._said.wait_for(condition, limit_s), self.output
-
-    def says(self, text: str) -> None:
-        self.wait_for(lambda: any(text in line for line in self.lines))
-
-    def interrupt(self) -> None:
-        self._process.send_signal(signal.SIGINT)
-
-    def wait(self) -> int:
-        return self._process.wait(200)
 
 
 def heard_topics(limit_s: int) -> dict[str, bytes]:
@@ -105,11 +42,6 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, dict[str, byte
     assert run.wait() == 0, run.output
     metrics = json.loads((run.results / "scenario-1" / "latest" / "metrics.json").read_text())
     return run, topics, metrics
-
-
-def attempt_over(run: Run, protocol: str) -> Attempt:
-    (found,) = [a for a in open_series(run.results / "scenario-1" / "latest").attempts() if a.protocol == protocol]
-    return found
 
 
 Flown = tuple[Run, dict[str, bytes], dict[str, Any]]

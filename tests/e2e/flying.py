@@ -1,0 +1,82 @@
+"""A run as people type it, for the tests that fly: its process, its containers, its attempts."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import docker
+
+from testbed.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
+from testbed.results import Attempt, open_series
+from testbed.topology import ROOT
+
+
+def containers() -> dict[str, object]:
+    found = docker.from_env().containers.list(all=True, filters={"label": f"{PROJECT_LABEL}={PROJECT}"})
+    return {container.labels[SERVICE_LABEL]: container for container in found}
+
+
+class Run:
+    """`testbed run` of an experiment, as a process whose lines can be waited for."""
+
+    def __init__(self, results: Path, *options: str, experiment: str = "scenario-1") -> None:
+        command = [sys.executable, "-m", "testbed", "run", experiment, "--results", str(results), *options]
+        self.experiment = experiment
+        self.results = results
+        self.lines: list[str] = []
+        self._said = threading.Condition()
+        self._process = subprocess.Popen(
+            command,
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "COLUMNS": "120"},
+        )
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            with self._said:
+                self.lines.append(line.rstrip())
+                self._said.notify_all()
+
+    @property
+    def output(self) -> str:
+        return "\n".join(self.lines)
+
+    def wait_for(self, condition: Callable[[], bool], limit_s: float = 120) -> None:
+        with self._said:
+            assert self._said.wait_for(condition, limit_s), self.output
+
+    def says(self, text: str) -> None:
+        self.wait_for(lambda: any(text in line for line in self.lines))
+
+    def interrupt(self) -> None:
+        self._process.send_signal(signal.SIGINT)
+
+    def wait(self) -> int:
+        return self._process.wait(200)
+
+    @property
+    def latest(self) -> Path:
+        """The folder of the series."""
+        return self.results / self.experiment / "latest"
+
+    def metrics(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads((self.latest / "metrics.json").read_text())
+        return found
+
+
+def attempt_over(run: Run, protocol: str) -> Attempt:
+    (found,) = [a for a in open_series(run.latest).attempts() if a.protocol == protocol]
+    return found

@@ -1,0 +1,73 @@
+"""Scenario 1 on shaped links: calibrated, flown, counted by cause; and never flown on links that cannot be shaped."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from flying import Run, attempt_over
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
+
+ONE_WAY_MS = {"air": 45.0, "backhaul": 15.0, "wan": 10.0}
+"""The profile lte."""
+LOSS = 0.002
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, dict[str, Any]]:
+    run = Run(tmp_path_factory.mktemp("flown") / "results", "--profile", "lte")
+    assert run.wait() == 0, run.output
+    return run, run.metrics()
+
+
+@pytest.mark.parametrize("protocol", ["mqttxt", "mavlink"])
+def test_a_mission_is_flown_on_links_that_were_measured_before_over(
+    flown: tuple[Run, dict[str, Any]], protocol: str
+) -> None:
+    run, metrics = flown
+    (attempt,) = metrics["protocols"][protocol]["attempts"]
+    assert attempt["status"] == "completed"
+    manifest = attempt_over(run, protocol).manifest()
+    assert manifest["profile"] == "lte"
+    assert manifest["shaper"] in ("netem", "nfqueue")
+    assert manifest["calibration"]["off"] == []
+    shortest_ms = sum(ONE_WAY_MS.values()) / 2  # jitter is 15 ms of 45
+    assert all(delay > shortest_ms for delays in attempt["delay_ms"].values() for delay in delays)
+
+
+def test_both_protocols_meet_the_same_links(flown: tuple[Run, dict[str, Any]]) -> None:
+    run, _ = flown
+    plans = [
+        json.loads((attempt_over(run, protocol).path / "links" / "plan.json").read_text())["plan"]
+        for protocol in ("mqttxt", "mavlink")
+    ]
+    assert plans[0] == plans[1]
+    assert plans[0]["links"]["air:uav1:up"]["loss"] == LOSS
+
+
+def test_what_the_captures_miss_is_what_the_shaper_dropped(flown: tuple[Run, dict[str, Any]]) -> None:
+    """Of some 300,000 frames over MAVLink; the counters begin with the calibration, the captures with the arming."""
+    run, metrics = flown
+    (attempt,) = metrics["protocols"]["mavlink"]["attempts"]
+    counters = json.loads((attempt_over(run, "mavlink").path / "links" / "counters.json").read_text())
+    assert counters["void"] is None
+    for name, link in attempt["links"].items():
+        dropped = counters["links"][name]
+        assert link["lost"] <= dropped["random"] + dropped["queue"], name
+        assert dropped["closed"] == 0
+    on_air = [link for name, link in attempt["links"].items() if name.startswith("air") and name.endswith("up")]
+    frames, lost = (sum(link[field] for link in on_air) for field in ("packets", "lost"))
+    assert lost == pytest.approx(LOSS * frames, rel=0.5)
+
+
+def test_a_kernel_without_netem_flies_nothing_where_netem_is_asked_for(tmp_path: Path) -> None:
+    run = Run(tmp_path / "results", "--profile", "lte", "--shaper", "netem")
+    if run.wait() == 0:
+        assert attempt_over(run, "mqttxt").manifest()["shaper"] == "netem"
+        return
+    assert "testbed: the links cannot be shaped: net: " in run.output
+    assert "netem" in run.lines[-1]
+    assert not list((tmp_path / "results").glob("*/*/*/*/*/events.jsonl"))
