@@ -1,4 +1,6 @@
-"""The commands of `net`: `route` is the whole container, `shape` its emulator, `change` a link changed by hand."""
+"""The commands of `net`: `route` is the whole container, `shape` its emulator, `change` a link changed by hand,
+`probe` what a node does to measure its links.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +19,7 @@ from .emulator.plan import PlanError, read_plan
 from .emulator.process import shape as shape_links
 from .hops import parse_links
 from .interfaces import NetError, parse_nodes, read_ports, turn_off_offloads
+from .probe import main as send_probes
 from .routing import route as route_frames
 from .shaping.server import SOCKET, ask
 
@@ -71,6 +74,16 @@ def shape(
             turn_off_offloads(port)
         said = ready_file if channel is None else Channel.of_descriptor(channel)
         shape_links(planned, ports, links, counters, said)
+
+
+@app.command()
+def probe(
+    schedule: Annotated[
+        str, typer.Argument(help="What to send and how long to receive, JSON; empty: from stdin.")
+    ] = "",
+) -> None:
+    """Send and receive datagrams on a node by a schedule, with the kernel's times, and print what came as JSON."""
+    raise typer.Exit(send_probes([schedule] if schedule else []))
 
 
 @app.command()
