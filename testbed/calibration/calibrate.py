@@ -77,12 +77,13 @@ class Check:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Every figure of every directed link; the last round's where one was probed again."""
+    """Every figure of every directed link; the last round's where one was probed again, and why it was."""
 
     profile: str
     checks: tuple[Check, ...]
     rounds: int
     took_s: float
+    again: tuple[str, ...] = ()
 
     @property
     def off(self) -> tuple[str, ...]:
@@ -95,7 +96,7 @@ class Calibration:
         for check in self.checks:
             links.setdefault(check.link, {})[check.figure] = check.to_data()
         head = {"version": VERSION, "profile": self.profile, "rounds": self.rounds, "took_s": round(self.took_s, 3)}
-        return {**head, "links": links, "off": list(self.off)}
+        return {**head, "links": links, "off": list(self.off), "again": list(self.again)}
 
 
 def calibrate(
@@ -110,15 +111,18 @@ def calibrate(
     began_s = time.monotonic()
     checks: dict[tuple[str, str], Check] = {}
     only, rounds = frozenset(plan.links), 0
+    off: tuple[str, ...] = ()
+    again: tuple[str, ...] = ()
     while only and rounds < ROUNDS:
         schedule = make_schedule(plan, topology, closed or {}, only)
         arrived = run_schedule(schedule, run_in_node)
-        rounds += 1
+        rounds, again = rounds + 1, again + off
         for check in checks_of(plan, schedule, arrived, only):
             checks[check.link, check.figure] = check
         only = frozenset(check.link for check in checks.values() if check.off is not None)
+        off = tuple(check.off for check in checks.values() if check.off is not None)
     ordered = [checks[name, figure] for name in plan.links for figure in FIGURES if (name, figure) in checks]
-    return Calibration(plan.profile, tuple(ordered), rounds, time.monotonic() - began_s)
+    return Calibration(plan.profile, tuple(ordered), rounds, time.monotonic() - began_s, again)
 
 
 @dataclass(frozen=True)

@@ -100,6 +100,9 @@ def test_a_figure_that_is_off_once_is_probed_again() -> None:
     found = calibrate(plan, TWO, run)
     assert found.off == ()
     assert found.rounds == 2
+    assert [line.partition(";")[0] for line in found.again] == [
+        f"{UP} delay: configured 20 ms, measured 40 ms (40 of 40 probes arrived)"
+    ]
     assert sorted(asked[2:]) == [[], ["198.18.1.3"]], "only the way that was off"
 
 
