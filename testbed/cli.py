@@ -16,7 +16,7 @@ from rich.table import Table
 
 from .containers import Containers, only_run
 from .errors import DockerError, TestbedError
-from .experiments import ARMS, EXPERIMENTS, FACTORS, PROTOCOLS, SHAPERS, make_plan, one_protocol
+from .experiments import ARMS, EXPERIMENTS, FACTORS, PROTOCOLS, make_plan, one_protocol
 from .flights import by_hand, settings_of
 from .links import plan_links, start_clock, write_plan
 from .live_links import changes, read_live_plan, tell
@@ -24,6 +24,7 @@ from .metrics import measure_series
 from .overrides import suffix
 from .packets_view.cli import packets
 from .profiles import cli as profiles
+from .profiles.run_plan import SHAPERS
 from .progress import ConsoleProgress
 from .report.html import write_report
 from .report.terminal import print_summary
@@ -160,7 +161,7 @@ def link(
         }
         typed = {option: value for option, value in given.items() if value}
         containers = Containers(PROTOCOLS[0], LIVE, {})
-        ask = functools.partial(containers.output, "net")
+        ask = functools.partial(containers.output, "net", user="0:0")
         for change in changes(read_live_plan(ask), read_topology(), name, typed, closed=closed, back=back):
             tell(ask, change)
             said = [f"{option} {value}" for option, value in typed.items()] + (["closed"] if closed else [])

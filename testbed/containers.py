@@ -105,9 +105,9 @@ class Containers:
                 return int(code)
             yield line
 
-    def output(self, service: str, command: list[str]) -> str:
+    def output(self, service: str, command: list[str], user: str = NODE_USER) -> str:
         """What a short command prints in a service."""
-        result = self._service(service).exec_run(command, user=NODE_USER)
+        result = self._service(service).exec_run(command, user=user)
         return str(result.output.decode(errors="replace"))
 
     def name_of(self, service: str) -> str:

@@ -8,12 +8,11 @@ from dataclasses import asdict, dataclass, replace
 from .errors import UserError
 from .profiles.reading import Profile, read_profile
 from .profiles.resolve import resolve
+from .profiles.run_plan import SHAPERS
 from .topology import read_topology
 
 EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3")
 PROTOCOLS = ("mqttxt", "mavlink")
-SHAPERS = ("auto", "netem", "nfqueue")
-"""What shapes the links: whatever the kernel has, netem first; or one of them and nothing else."""
 MOST_ATTEMPTS = 99
 
 FACTORS: dict[str, tuple[str, ...]] = {
@@ -102,8 +101,8 @@ def make_plan(
     """A plan from what a person typed.
 
     `profile` is a name, or the path of a file; `protocols` a list with commas, all of them when empty; `overrides` are
-    factors by their names, the arm's where they are empty. Raises UserError naming the option, or the profile's file and
-    field, the value and what was expected.
+    factors by their names, the arm's where they are empty. Raises UserError naming the option, or the profile's file
+    and field, the value and what was expected.
     """
     _one_of("scenario", experiment, EXPERIMENTS)
     _one_of("ARM", arm, tuple(ARMS))

@@ -1,7 +1,7 @@
 """The links of an attempt: what `net` is told of them before a run, and what it says of them afterwards.
 
-Everything is in the attempt's folder `links/`: plan.json is written here; shaper.json (what shapes), counters.json (what
-each link did) and events.jsonl (what changed, and when) are `net`'s.
+Everything is in the attempt's folder `links/`: plan.json is written here; shaper.json (what shapes), counters.json
+(what each link did) and events.jsonl (what changed, and when) are `net`'s.
 """
 
 from __future__ import annotations
@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from .experiments import Plan
-from .profiles.kernel import commands_of
 from .profiles.resolve import Plan as LinkPlan
 from .profiles.resolve import resolve
+from .profiles.run_plan import run_plan
 from .results import read_json, write_json
 from .topology import Topology
 
-VERSION = 1
 PLAN, SHAPER, COUNTERS, START = "plan.json", "shaper.json", "counters.json", "start"
 
 
@@ -27,15 +26,7 @@ def plan_links(plan: Plan, topology: Topology, number: int) -> LinkPlan:
 
 def write_plan(folder: Path, links: LinkPlan, topology: Topology, shaper: str, *, always: bool = False) -> None:
     """Tell `net`; `always` lets it take every link in hand, also those that it has nothing to do with yet."""
-    document = {
-        "version": VERSION,
-        "shaper": shaper,
-        "always": always,
-        "plan": links.to_data(),
-        "kernel": commands_of(links, topology, always=always).to_data(),
-        "gates": [],
-    }
-    write_json(folder / PLAN, document)
+    write_json(folder / PLAN, run_plan(links, topology, shaper=shaper, always=always))
 
 
 def start_clock(folder: Path) -> None:

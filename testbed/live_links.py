@@ -28,9 +28,11 @@ class Change:
     change: Mapping[str, Any] | None
     kernel: tuple[tuple[str, ...], ...]
 
-    def to_data(self) -> dict[str, Any]:
-        """As `net` reads it."""
-        return {"link": self.link, "change": self.change, "kernel": [list(words) for words in self.kernel]}
+    @property
+    def command(self) -> list[str]:
+        """What is typed in `net`."""
+        fields = [f"{name}={json.dumps(value)}" for name, value in (self.change or {}).items()]
+        return ["net", "change", self.link, *fields, "--kernel", json.dumps(self.kernel)]
 
 
 def read_live_plan(ask: Ask) -> LinksPlan:
@@ -68,7 +70,8 @@ def changes(
     for name in names:
         planned = plan.links[name]
         if "rate_bps" in change and planned.shared_with is not None and len(names) < len(DIRECTIONS):
-            raise UserError(f"--rate {typed['rate']}: expected the whole link, the directions of {link} share a rate")
+            whole = name.rpartition(":")[0]
+            raise UserError(f"--rate {typed['rate']}: expected the whole link, the directions of {whole} share a rate")
         state = replace(planned, **{field: value for field, value in change.items() if field != "closed"})
         _check(name, state, typed)
         words = change_words(plan, topology, name, state, closed=closed)
@@ -78,13 +81,9 @@ def changes(
 
 def tell(ask: Ask, wanted: Change) -> None:
     """Have `net` do it. Raises DockerError with what it says against it."""
-    said = ask(["net", "change", json.dumps(wanted.to_data())])
-    try:
-        answer = json.loads(said)
-    except ValueError:
-        answer = {"error": said.strip() or "no answer"}
-    if "ok" not in answer:
-        raise DockerError(f"{wanted.link}: {answer.get('error', said.strip())}")
+    said = ask(wanted.command).strip()
+    if said:  # it says nothing when it has done it
+        raise DockerError(f"{wanted.link}: {said.splitlines()[-1]}")
 
 
 def _check(name: str, state: LinkPlan, typed: Mapping[str, str]) -> None:

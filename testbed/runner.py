@@ -126,7 +126,7 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
         manifest["captures"] = attempt.captures()
         nodes = [node["name"] for node in manifest["topology"]["nodes"]]
         if ended.status == "completed":
-            reason = void_reason(manifest["captures"], nodes) or links_void_reason(attempt.path / "links", links)
+            reason = void_reason(manifest["captures"], nodes) or links_void_reason(attempt.path / "links")
             ended = Ended("void", reason) if reason is not None else ended
         manifest |= {"status": ended.status, "reason": ended.reason}
         manifest["host"]["load_after"] = os.getloadavg()[0]

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ResultsError
-from .links import read_counters
-from .profiles.resolve import Plan as LinkPlan
+from .links import read_counters, read_shaper
 from .results import Attempt
 
 
@@ -20,9 +19,11 @@ def void_reason(captures: list[dict[str, Any]], nodes: list[str]) -> str | None:
     return f"captures dropped packets: {', '.join(dropped)}" if dropped else None
 
 
-def links_void_reason(folder: Path, links: LinkPlan) -> str | None:
+def links_void_reason(folder: Path) -> str | None:
     """Why the links of a completed attempt were not those of its plan; None when they were, or nothing was shaped."""
     try:
+        if read_shaper(folder)["shaper"] == "none":
+            return None
         counters = read_counters(folder)
     except ResultsError as error:
         return f"the links' counters cannot be read: {error}"

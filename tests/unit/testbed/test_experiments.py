@@ -9,8 +9,10 @@ import pytest
 from testbed.errors import UserError
 from testbed.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
 from testbed.flights import by_hand, mission_command, settings_of
+from testbed.profiles.reading import profile_names
 from testbed.topology import COMPOSE_FILE, ROOT
 
+PROFILES = ", ".join(profile_names())
 GOOD = {"experiment": "scenario-1", "attempts": "2", "arm": "thesis", "profile": "ideal", "protocols": "mqttxt"}
 
 
@@ -101,14 +103,14 @@ def test_compose_takes_every_setting() -> None:
 def test_the_mission_is_told_how_mqttxt_talks() -> None:
     assert " ".join(mission_command(_plan("five-states"), "mqttxt")) == (
         "mission fly scenario-1 --protocol mqttxt --fleet 1:1,2,3;2:4,5,6 --events /run-dir/events.jsonl "
-        "--cloud mqtt://198.18.1.3:1883 --qos 1 --states fixed"
+        "--links-start /run-dir/links/start --cloud mqtt://198.18.1.3:1883 --qos 1 --states fixed"
     )
 
 
 def test_the_mission_is_told_how_mavlink_talks() -> None:
     assert " ".join(mission_command(_plan("five-states"), "mavlink")) == (
         "mission fly scenario-1 --protocol mavlink --fleet 1:1,2,3;2:4,5,6 --events /run-dir/events.jsonl "
-        "--mavlink udpin://127.0.0.1:14540 --streams five-states --commanding concurrent"
+        "--links-start /run-dir/links/start --mavlink udpin://127.0.0.1:14540 --streams five-states --commanding concurrent"
     )
 
 
@@ -139,7 +141,7 @@ def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
             {"arm": "fast"},
             "ARM=fast: expected one of thesis, thesis-concurrent, five-states, five-states-bundled, direct",
         ),
-        ({"profile": "wifi"}, "PROFILE=wifi: expected one of ideal, 3g, bursty, "),
+        ({"profile": "wifi"}, f"PROFILE=wifi: expected one of {PROFILES}, or the path of a .yaml file"),
         ({"protocols": "mqttxt,carrier-pigeon"}, "PROTOCOLS=carrier-pigeon: expected one of mqttxt, mavlink"),
         ({"protocols": "mavlink,"}, "PROTOCOLS=: expected one of mqttxt, mavlink"),
         ({"overrides": {"streams": "all"}}, "STREAMS=all: expected one of px4-onboard, px4-gcs, five-states"),

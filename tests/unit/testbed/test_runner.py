@@ -19,8 +19,7 @@ from testbed.results import Series, new_series
 from testbed.runner import Ended, Interrupted, run_series
 from testbed.topology import read_topology
 
-
-SHAPER = {"shaper": "none", "why": "no link is shaped"}
+SHAPER = {"shaper": "nfqueue", "why": "the kernel has no netem"}
 
 
 class Quiet:
@@ -205,7 +204,7 @@ def test_links_that_cannot_be_shaped_end_the_run_with_what_net_says(tmp_path: Pa
 def test_what_shapes_the_links_and_their_seed_are_in_the_manifest(tmp_path: Path) -> None:
     _fly(tmp_path, Fleet([TAKEOFF]))
     manifest = _manifest(tmp_path)
-    assert (manifest["shaper"], manifest["shaping"]["why"]) == ("none", "no link is shaped")
+    assert (manifest["shaper"], manifest["shaping"]["why"]) == ("nfqueue", "the kernel has no netem")
     (plan,) = tmp_path.glob("scenario-1/*/*/mqttxt/attempt-01/links/plan.json")
     assert json.loads(plan.read_text())["plan"]["seed"] == manifest["seeds"]["links"]
 
