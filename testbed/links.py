@@ -1,7 +1,7 @@
 """The links of an attempt: what `net` is told of them before a run, and what it says of them afterwards.
 
-Everything is in the attempt's folder `links/`: plan.json is written here; shaper.json (what shapes), counters.json
-(what each link did) and events.jsonl (what changed, and when) are `net`'s.
+Everything is in the attempt's folder `links/`: plan.json and calibration.json (what probes found) are written here;
+shaper.json (what shapes), counters.json (what each link did) and events.jsonl (what changed, and when) are `net`'s.
 """
 
 from __future__ import annotations
@@ -9,14 +9,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .calibration import Calibration, check_losses
+from .errors import ResultsError
 from .experiments import Plan
 from .profiles.resolve import Plan as LinkPlan
 from .profiles.resolve import resolve
 from .profiles.run_plan import run_plan
-from .results import read_json, write_json
+from .results import read_json, read_json_lines, write_json
 from .topology import Topology
 
-PLAN, SHAPER, COUNTERS, START = "plan.json", "shaper.json", "counters.json", "start"
+PLAN, SHAPER, CALIBRATION, START = "plan.json", "shaper.json", "calibration.json", "start"
+COUNTERS, EVENTS = "counters.json", "events.jsonl"
 
 
 def plan_links(plan: Plan, topology: Topology, number: int) -> LinkPlan:
@@ -37,6 +40,29 @@ def start_clock(folder: Path) -> None:
 def read_shaper(folder: Path) -> dict[str, Any]:
     """What shapes the links and why that, as `net` says once all are shaped. Raises ResultsError."""
     return read_json(folder / SHAPER)
+
+
+def write_calibration(folder: Path, calibration: Calibration) -> dict[str, Any]:
+    """Keep what the probes found; returns it as it is kept."""
+    found = calibration.to_data()
+    write_json(folder / CALIBRATION, found)
+    return found
+
+
+def void_reason(folder: Path, links: LinkPlan) -> str | None:
+    """Why the links of a flown attempt were not those of its plan; None when they were, or none was shaped.
+
+    The shaper kept up, and what it lost at random is what the plan says, as far as chance allows.
+    """
+    try:
+        if read_shaper(folder)["shaper"] == "none":
+            return None
+        counters = read_counters(folder)
+        by_hand = {event["link"] for event in read_json_lines(folder / EVENTS, frozenset({"t_ns"})) if event.get("cause") == "hand"}
+    except ResultsError as error:
+        return f"what the links did cannot be read: {error}"
+    void: str | None = counters["void"]
+    return void or "; ".join(check_losses(links, counters, by_hand)) or None
 
 
 def read_counters(folder: Path) -> dict[str, Any]:

@@ -11,15 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from . import links as link_files
+from .calibration import calibrate
 from .containers import Containers
 from .errors import ContainerDied, DockerError, FleetError, TestbedError, UserError
 from .experiments import Plan
 from .flights import mission_command, settings_of
-from .links import plan_links, read_shaper, write_plan
 from .manifest import describe, mosquitto_version
+from .profiles.resolve import Plan as LinkPlan
 from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
-from .topology import Topology, read_topology
-from .validity import links_void_reason, void_reason
+from .topology import read_topology
+from .validity import void_reason
 
 MISSION_OVER = {0: "completed", 1: "failed"}
 BAD_INPUT = 2
@@ -51,6 +53,10 @@ class Interrupted(TestbedError):
     """Ctrl-C or SIGTERM: everything was ended, what was captured is kept."""
 
     exit_code = 130
+
+
+class LinksOff(TestbedError):
+    """The links are not what their profile says: an attempt on them would prove nothing."""
 
 
 def run_series(
@@ -106,17 +112,20 @@ def _void_together(flown: dict[Attempt, Ended]) -> None:
 def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
     settings = settings_of(plan, attempt.protocol)
     topology = read_topology()
-    links = plan_links(plan, topology, attempt.number)
-    write_plan(attempt.path / "links", links, topology, plan.shaper)
+    links = link_files.plan_links(plan, topology, attempt.number)
+    folder = attempt.path / "links"
+    link_files.write_plan(folder, links, topology, plan.shaper)
     manifest = describe(plan, attempt, topology, settings, links)
     write_json(attempt.path / "manifest.json", manifest)
     ended = Ended("failed", "interrupted")
     try:
         containers = make_containers(attempt.protocol, attempt.path, settings)
-        with _fleet_up(containers, attempt, manifest, topology, progress):
+        with _fleet_up(containers, attempt, manifest, links, progress):
             ended = _mission(mission_command(plan, attempt.protocol), containers, attempt, progress)
     except Interrupted:
         raise
+    except LinksOff as error:
+        ended = Ended("void", str(error))
     except (TestbedError, OSError) as error:
         ended = Ended("failed", str(error))
         fleets_own = isinstance(error, FleetError)
@@ -126,7 +135,7 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
         manifest["captures"] = attempt.captures()
         nodes = [node["name"] for node in manifest["topology"]["nodes"]]
         if ended.status == "completed":
-            reason = void_reason(manifest["captures"], nodes) or links_void_reason(attempt.path / "links")
+            reason = void_reason(manifest["captures"], nodes) or link_files.void_reason(folder, links)
             ended = Ended("void", reason) if reason is not None else ended
         manifest |= {"status": ended.status, "reason": ended.reason}
         manifest["host"]["load_after"] = os.getloadavg()[0]
@@ -136,19 +145,25 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
 
 @contextlib.contextmanager
 def _fleet_up(
-    containers: Containers, attempt: Attempt, manifest: dict[str, Any], topology: Topology, progress: Progress
+    containers: Containers, attempt: Attempt, manifest: dict[str, Any], links: LinkPlan, progress: Progress
 ) -> Iterator[None]:
     """The fleet for as long as this lasts: the network first, and all others only once its links are as planned.
 
-    It is taken down whatever happens.
+    It is taken down whatever happens. Raises LinksOff where they are not.
     """
     try:
+        topology, folder = attempt.topology(), attempt.path / "links"
         nodes = [node.name for node in topology.nodes]
         with progress.phase(f"starting the network and its {len(nodes)} nodes"):
             containers.down()
             _start_network(containers, nodes)
-        shaper = read_shaper(attempt.path / "links")
+        shaper = link_files.read_shaper(folder)
         manifest |= {"shaper": shaper["shaper"], "shaping": shaper}
+        with progress.phase("calibrating the links"):
+            calibration = calibrate(links, topology, containers.output)
+        manifest["calibration"] = link_files.write_calibration(folder, calibration)
+        if calibration.off:
+            raise LinksOff("; ".join(calibration.off))
         with progress.phase(f"starting {containers.count - len(nodes) - 1} containers on them"):
             containers.start()
         manifest["images"] = containers.images()

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from .errors import ResultsError
-from .links import read_counters, read_shaper
 from .results import Attempt
 
 
@@ -17,18 +14,6 @@ def void_reason(captures: list[dict[str, Any]], nodes: list[str]) -> str | None:
         return f"no capture at {', '.join(missing)}"
     dropped = [f"{c['node']} {'?' if c['dropped'] is None else c['dropped']}" for c in captures if c["dropped"] != 0]
     return f"captures dropped packets: {', '.join(dropped)}" if dropped else None
-
-
-def links_void_reason(folder: Path) -> str | None:
-    """Why the links of a completed attempt were not those of its plan; None when they were, or nothing was shaped."""
-    try:
-        if read_shaper(folder)["shaper"] == "none":
-            return None
-        counters = read_counters(folder)
-    except ResultsError as error:
-        return f"the links' counters cannot be read: {error}"
-    void: str | None = counters["void"]
-    return void
 
 
 def unsound_reason(attempt: Attempt, manifest: dict[str, Any], events: list[dict[str, Any]]) -> str | None:

@@ -110,7 +110,8 @@ def test_the_mission_is_told_how_mqttxt_talks() -> None:
 def test_the_mission_is_told_how_mavlink_talks() -> None:
     assert " ".join(mission_command(_plan("five-states"), "mavlink")) == (
         "mission fly scenario-1 --protocol mavlink --fleet 1:1,2,3;2:4,5,6 --events /run-dir/events.jsonl "
-        "--links-start /run-dir/links/start --mavlink udpin://127.0.0.1:14540 --streams five-states --commanding concurrent"
+        "--links-start /run-dir/links/start --mavlink udpin://127.0.0.1:14540 "
+        "--streams five-states --commanding concurrent"
     )
 
 

@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from testbed import runner
+from testbed.calibration.calibrate import Calibration, Check
 from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, TestbedError, UserError
 from testbed.experiments import make_plan
 from testbed.results import Series, new_series
@@ -107,6 +109,18 @@ class Fleet:
         self.did.append("down")
 
 
+CALIBRATED = Calibration("ideal", (Check("wan:gs:up", "delay_ms", 0.0, 0.1, -0.5, 0.5, 10, 10),), 1, 2.5)
+OFF = Calibration("ideal", (Check("wan:gs:up", "delay_ms", 0.0, 9.0, -0.5, 0.5, 10, 10),), 3, 7.5)
+
+
+@pytest.fixture(autouse=True)
+def calibrations(monkeypatch: pytest.MonkeyPatch) -> list[Calibration]:
+    """What the probes find from now on, the last of them again and again."""
+    found = [CALIBRATED]
+    monkeypatch.setattr(runner, "calibrate", lambda *_: found.pop(0) if len(found) > 1 else found[0])
+    return found
+
+
 TAKEOFF = json.dumps({"step": "takeoff", "drones": {"1": "armed, 3.0 m"}})
 
 
@@ -178,6 +192,33 @@ def test_where_one_protocol_is_void_its_pair_is_and_both_are_flown_again(tmp_pat
         "mqttxt/attempt-01": ("void", "mavlink was void in the same attempt"),
         "mqttxt/attempt-01-repeat-1": ("completed", None),
     }
+
+
+def test_nothing_is_flown_on_links_that_are_not_what_the_profile_says(
+    tmp_path: Path, calibrations: list[Calibration]
+) -> None:
+    calibrations[:] = [OFF, CALIBRATED]
+    fleet = Fleet([TAKEOFF])
+    path, endings, _ = _fly(tmp_path, fleet)
+    assert fleet.did[:5] == ["down", "network", "stop net", "logs", "down"]
+    assert endings == [Ended("completed")]
+    void, flown = (attempt.manifest() for attempt in Series(path).attempts())
+    assert void["status"] == "void"
+    assert void["reason"].startswith("wan:gs:up delay: configured 0 ms, measured 9 ms (10 of 10 probes arrived)")
+    assert flown["calibration"]["off"] == []
+
+
+def test_random_loss_that_chance_does_not_explain_makes_an_attempt_void(tmp_path: Path) -> None:
+    class Lossy(Fleet):
+        def count_links(self, void: str | None = None) -> None:
+            super().count_links()
+            path = self._run_dir / "links" / "counters.json"
+            link = {"random": 40, "left": 1000}
+            path.write_text(json.dumps(json.loads(path.read_text()) | {"links": {"air:uav1:up": link}}))
+
+    _, endings, _ = _fly(tmp_path, Lossy([TAKEOFF]))
+    assert endings[0].status == "void"
+    assert "air:uav1:up" in str(endings[0].reason)
 
 
 def test_a_void_attempt_is_repeated_before_its_other_protocol_is_flown_for_nothing(tmp_path: Path) -> None:
