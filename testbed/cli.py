@@ -184,7 +184,7 @@ def _console() -> Console:
 def _report(path: Path, console: Console) -> dict[str, Any]:
     series = open_series(path)
     metrics = measure_series(series)
-    target = write_report(series, metrics)
+    target = write_report(series, metrics, papers=True)
     print_summary(series, metrics, console)
     console.print(f"report: {_shown(target)}", soft_wrap=True, markup=False)
     return metrics

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
+from . import thesis
+
 Shown = dict[str, dict[str, Any]]
 """The attempt of each protocol that is shown, as `metrics.json` has it."""
 
@@ -32,27 +34,6 @@ _ROLES = (
 )
 _NODES_WERE_ROLES = (("broker", ("cloud",)), ("activators", ("fog",)), ("UAV clients", ("uav",)))
 _NOT_THE_PROTOCOLS = ("autopilots", "network and captures")
-
-
-@dataclass(frozen=True)
-class Share:
-    """A part of a whole: its bytes, and its percentage of the widest bar and of its own whole."""
-
-    name: str
-    bytes: int
-    width: float
-    percent: float
-
-
-@dataclass(frozen=True)
-class Bar:
-    """A side's bytes by layer on the scale of the larger side; `enlarged` is how often it is drawn larger below."""
-
-    protocol: str
-    total: int
-    width: float
-    shares: tuple[Share, ...]
-    enlarged: float | None
 
 
 @dataclass(frozen=True)
@@ -84,7 +65,7 @@ def links_of(shown: Shown) -> list[tuple[str, dict[str, tuple[dict[str, Any], di
     """Each link with its directions up and down by protocol; wan first, then backhaul, then air; all links last."""
     names = sorted(
         {name.rsplit(":", 1)[0] for attempt in shown.values() for name in attempt["links"]},
-        key=lambda name: (_place(name.split(":")[0], _CLASSES), name),
+        key=place_of_link,
     )
     table = [
         (name, {p: (_count(a, f"{name}:up"), _count(a, f"{name}:down")) for p, a in shown.items()}) for name in names
@@ -97,22 +78,15 @@ def links_of(shown: Shown) -> list[tuple[str, dict[str, tuple[dict[str, Any], di
     return table
 
 
-def bars_of(shown: Shown) -> list[Bar]:
-    """Each side's bytes by layer, all on one scale."""
-    totals = {protocol: sum(attempt.get("layers", {}).values()) for protocol, attempt in shown.items()}
-    most = max(totals.values(), default=0)
-    bars = []
-    for protocol, attempt in shown.items():
-        total = totals[protocol]
-        if not total:
-            continue
-        known = dict(LAYERS)
-        counted = [(name, sum(attempt["layers"].get(part, 0) for part in known[name])) for name in known]
-        counted.append(("other", total - sum(count for _, count in counted)))
-        shares = tuple(Share(name, n, 100 * n / most, 100 * n / total) for name, n in counted if n)
-        enlarged = most / total if total < most / 3 else None
-        bars.append(Bar(protocol, total, 100 * total / most, shares, enlarged))
-    return bars
+def place_of_link(name: str) -> tuple[int, str]:
+    """Where a link or one of its directions comes in a list: wan, backhaul, air, sense."""
+    return _place(name.split(":")[0], _CLASSES), name
+
+
+def by_layer(layers: dict[str, int]) -> dict[str, int]:
+    """Bytes by the layers that both sides have, and what is in none of them."""
+    counted = {name: sum(layers.get(part, 0) for part in inner) for name, inner in LAYERS}
+    return {**counted, "other": sum(layers.values()) - sum(counted.values())}
 
 
 def mix_of(attempt: dict[str, Any]) -> dict[str, Any] | None:
@@ -186,6 +160,52 @@ def outcomes_of(attempt: dict[str, Any], commands: list[str]) -> dict[str, list[
         by_command = {entry["command"]: entry for entry in entries}
         found[drone] = [by_command.get(command) for command in commands]
     return found
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A figure of a directed link as it was configured and measured, and why it was not; None: unlimited, unknown."""
+
+    configured: float | None
+    measured: float | None
+    note: str | None
+
+
+FIGURES = ("delay_ms", "jitter_ms", "rate_bps", "loss")
+
+
+def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, Measured]]]]:
+    """Each directed link with its figures by protocol and name; empty where nothing was measured."""
+    names = {name for attempt in shown.values() for name in attempt.get("links_measured", {})}
+    table = []
+    for name in sorted(names, key=place_of_link):
+        by = {}
+        for protocol, attempt in shown.items():
+            figures = attempt.get("links_measured", {}).get(name, {})
+            by[protocol] = {
+                figure: Measured(one.get("configured"), one.get("measured"), one.get("note"))
+                for figure in FIGURES
+                if isinstance(one := figures.get(figure), dict)
+            }
+        table.append((name, by))
+    return table
+
+
+def sizes_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]], dict[str, int]]]:
+    """Each kind of message with its frames' sizes by protocol, and the sizes that the thesis printed."""
+    printed = thesis.packet_sizes()
+    kinds = {p: attempt.get("message_sizes", {}) for p, attempt in shown.items()}
+    names = {name for by in kinds.values() for name in by}
+    known = [name for name in printed if name in names]
+    order = known + sorted(names - set(known))
+    return [(name, {p: by[name] for p, by in kinds.items() if name in by}, printed.get(name, {})) for name in order]
+
+
+def states_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]]]]:
+    """Each state with its delays by protocol, summed up."""
+    kinds = {p: attempt.get("state_delay_ms", {}) for p, attempt in shown.items()}
+    names = sorted({name for by in kinds.values() for name in by})
+    return [(name, {p: by[name] for p, by in kinds.items() if name in by}) for name in names]
 
 
 def _by_role(seconds: dict[str, float]) -> dict[str, list[tuple[str, float]]]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
+
+from ..experiments import ARMS, FACTORS
+from . import words
 
 _SAID = {
     "mqttxt": {
@@ -100,11 +103,34 @@ def fairness(configuration: dict[str, Any]) -> list[str]:
     return said
 
 
-def deviations(folder: str, arm: str, profile: str) -> list[tuple[str, str]]:
-    """Factors that were changed from the arm's own, by the series' folder: `thesis+qos-1-ideal` has (qos, 1)."""
-    inner = folder.removeprefix(arm).removesuffix(f"-{profile}")
-    parts = [part.partition("-") for part in inner.split("+")[1:]]
-    return [(name, value) for name, _, value in parts if value]
+def deviations(configuration: dict[str, Any], arm: str) -> list[tuple[str, str]]:
+    """Factors that were changed from the arm's own, as (qos, 1); none of an arm that is not known any more."""
+    if arm not in ARMS:
+        return []
+    own = {name: str(value) for name, value in asdict(ARMS[arm].factors).items()}
+    flown = {name: _value(configuration, name) for name in own if name in configuration}
+    return [(name, value) for name, value in flown.items() if value != own[name]]
+
+
+def mixed(manifests: list[dict[str, Any]]) -> list[str]:
+    """In what the attempts of one series differ although they should not, a sentence each."""
+    said = []
+    revisions = {str(manifest["revision"].get("commit")) for manifest in manifests}
+    if len(revisions) > 1:
+        said.append(
+            f"The attempts were flown at {len(revisions)} different revisions; each one's is among its conditions."
+        )
+    for name in FACTORS:
+        values = {
+            _value(manifest["configuration"], name) for manifest in manifests if name in manifest["configuration"]
+        }
+        if len(values) > 1:
+            said.append(f"The attempts were not all flown alike: {name} was {words.listed(sorted(values))}.")
+    for name in ("profile", "arm", "shaper"):
+        values = {str(manifest.get(name)) for manifest in manifests}
+        if len(values) > 1:
+            said.append(f"The attempts were not all flown alike: {name} was {words.listed(sorted(values))}.")
+    return said
 
 
 def _value(configuration: dict[str, Any], name: str) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 from . import words
 from .comparison import completed, rows
+from .figures.losses import Lost
 
 _OF_RATIO = (("packets", "the packets"), ("bytes", "the bytes"), ("mission time", "the mission time"))
 _SAME_TIME = 0.02
@@ -69,6 +70,16 @@ def not_completed(outcomes: dict[str, list[dict[str, Any]]], reason: str) -> lis
         for entry in entries
         if entry["word"] != "completed" and f"drone {drone}: {entry['word']}" not in reason
     ]
+
+
+def none_lost(sides: dict[str, dict[str, Lost]]) -> str | None:
+    """A sentence in place of a figure where no link lost a frame; None where one did, or where nothing was counted."""
+    if not sides or any(one.frames for links in sides.values() for one in links.values()):
+        return None
+    counts = [
+        f"{sum(one.entered for one in links.values()):,} frames over {words.name_of(p)}" for p, links in sides.items()
+    ]
+    return f"No link lost a frame: of {words.listed(counts)} every one that entered a link left it."
 
 
 def _compared(metrics: dict[str, Any]) -> str:

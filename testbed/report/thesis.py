@@ -33,6 +33,12 @@ def of_scenario(experiment: str) -> dict[str, dict[str, float]]:
     return found
 
 
+def packet_sizes() -> dict[str, dict[str, int]]:
+    """Bytes of a packet between two nodes, by kind of message and protocol."""
+    found: dict[str, dict[str, int]] = everything()["packet_size_bytes"]
+    return found
+
+
 def scenarios() -> tuple[str, ...]:
     """The experiments that it flew, in its order."""
     return tuple(everything()["scenarios"])

@@ -58,6 +58,53 @@ def milliseconds(value: float | None) -> str:
     return f"{value:.2f} ms" if value < 10 else f"{value:.0f} ms"
 
 
+def delay(value: float) -> str:
+    """A tick of a scale of delays, from milliseconds: 0.1 ms, 10 ms, 1 s."""
+    return f"{value / 1000:g} s" if value >= 1000 else f"{value:g} ms"
+
+
+def rate(value: float) -> str:
+    """A tick of a scale of bytes a second: 100 B/s, 10 kB/s, 1 MB/s."""
+    for unit, size_ in (("GB/s", 1e9), ("MB/s", 1e6), ("kB/s", 1e3)):
+        if value >= size_:
+            return f"{value / size_:g} {unit}"
+    return f"{value:g} B/s"
+
+
+def short(value: float) -> str:
+    """A tick of a scale of counts: 100, 10 k, 1 M."""
+    for unit, size_ in ((" M", 1e6), (" k", 1e3)):
+        if value >= size_:
+            return f"{value / size_:g}{unit}"
+    return f"{value:g}"
+
+
+def short_delay(value: float) -> str:
+    """A link's delay, from milliseconds: 0.12 ms, 25 ms."""
+    return f"{value:.{0 if value >= 9.95 else 1 if value >= 0.95 else 2}f} ms"
+
+
+def bit_rate(value: float) -> str:
+    """A link's rate, from bits a second: 64 kbit/s, 1.45 Mbit/s."""
+    unit, size_ = ("Gbit/s", 1e9) if value >= 999.5e6 else ("Mbit/s", 1e6) if value >= 999.5e3 else ("kbit/s", 1e3)
+    return f"{value / size_:.3g} {unit}"
+
+
+def share(value: float) -> str:
+    """A share as percent: 0.16 %, 5 %."""
+    return percent(100 * value)
+
+
+def tick_size(value: float) -> str:
+    """A tick of a scale of bytes: 100 B, 10 kB, 1 MB."""
+    return rate(value).removesuffix("/s")
+
+
+def short_name(experiment: str, narrow: bool = False) -> str:
+    """An experiment beside others: 'scenario 1', or 'sc. 1' where there is little room."""
+    return experiment.replace("scenario-", "sc. " if narrow else "scenario ")
+
+
 def ratio(value: float | None) -> str:
     """A ratio with the digits that it deserves: 265, 12, 1.6, 1.02, 0.62."""
     if value is None:

@@ -1,0 +1,22 @@
+"""The files beside a page: each figure's data as CSV, and as a PDF for papers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .draw import WIDE
+from .figure import Figure
+from .pdf import pdf
+
+FOLDER = "figures"
+
+
+def write_files(folder: Path, figures: dict[str, Figure], papers: bool) -> None:
+    """`folder` has what belongs to these figures and, of CSV and PDF files, nothing else."""
+    folder.mkdir(exist_ok=True)
+    for old in [*folder.glob("*.csv"), *folder.glob("*.pdf")]:
+        old.unlink()
+    for name, figure in figures.items():
+        (folder / f"{name}.csv").write_text(figure.csv(), encoding="utf-8")
+        if papers:
+            (folder / f"{name}.pdf").write_bytes(pdf(figure.draw(WIDE), figure.title))
