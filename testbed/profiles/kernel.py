@@ -77,9 +77,10 @@ class Commands:
     links: Mapping[str, LinkCommands] = field(default_factory=dict)
 
     def to_data(self) -> dict[str, Any]:
-        """As JSON has it, without `timed`, which is in `links` too."""
+        """As JSON has it: `begin` and `end` lists of words, `timed` pairs of seconds and words."""
         return {
             "begin": [list(words) for words in self.begin],
+            "timed": [[at_s, list(words)] for at_s, words in self.timed],
             "end": [list(words) for words in self.end],
             "links": {name: asdict(link) for name, link in self.links.items()},
         }

@@ -12,6 +12,7 @@ import pytest
 from shaped_link import CONTROL, DOWN, FOLDER, LINKS, PYTHON, SUBNETS, UP, Emulator, ShapedLink, plan_of
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(120)]
+OK = '{"ok": true}\n'
 GATE = {"link": "wan:gs", "drone": 1, "latitude_deg": 47.4, "longitude_deg": 8.5, "range_m": 50.0}
 STEADY = {"delay_us": 20_000}
 
@@ -40,8 +41,12 @@ def changes(running: Emulator) -> list[tuple[str, Any, str]]:
     return [(event["link"], event["change"], event["cause"]) for event in events(running) if "link" in event]
 
 
-def change(link: ShapedLink, *words: str) -> tuple[int, str]:
-    return link.net([PYTHON, "-m", "net", "change", "--control", CONTROL, *words])
+def change(link: ShapedLink, *words: str) -> str:
+    """What is answered to a change, asked for without any right, as the host does."""
+    code, said = link.net([PYTHON, "-m", "net", "change", "--control", CONTROL, *words], user="1000:1000")
+    assert len(said.splitlines()) == 1
+    assert (code == 0) == (said == OK)
+    return said
 
 
 def answered(link: ShapedLink) -> int:
@@ -74,13 +79,14 @@ def test_events_wait_for_the_start_and_count_from_it(link: ShapedLink) -> None:
 def test_a_link_is_changed_by_hand_and_back(link: ShapedLink) -> None:
     with link.routing(plan_of({}), always=True) as running:
         assert answered(link) == 5
-        assert change(link, UP, "closed=true") == (0, "")
+        assert change(link, UP, "closed=true") == OK
         assert answered(link) == 0
-        assert change(link, UP, "delay_us=30000", "duplicate=1.0") == (0, "")
+        request = {"link": UP, "change": {"delay_us": 30_000, "duplicate": 1.0}, "kernel": []}
+        assert change(link, json.dumps(request)) == OK
         rows = running.flow(20, 200, 100, silence_s=0.4)
         assert len(rows) == 40, "it could not be doubled before, and is now"
         assert min(row.delay_ms for row in rows) >= 30.0
-        assert change(link, UP) == (0, "")
+        assert change(link, UP) == OK
         assert answered(link) == 5
         assert changes(running) == [
             (UP, {"closed": True}, "hand"),
@@ -91,17 +97,15 @@ def test_a_link_is_changed_by_hand_and_back(link: ShapedLink) -> None:
 
 def test_a_change_that_makes_no_sense_is_refused_in_one_line(link: ShapedLink) -> None:
     refused = {
-        (UP, "loss=2"): f"net: {UP}.change.loss 2: expected a share from 0 to 1\n",
-        (UP, "speed=2"): f"net: {UP}.change: unknown field 'speed'; expected rate_bps, ",
-        ("wan:gs", "loss=1"): f"net: link 'wan:gs': expected one of {UP}, {DOWN}\n",
-        (UP, "loss"): "net: 'loss': expected FIELD=VALUE, as loss=0.2\n",
+        (UP, "loss=2"): f"{UP}.change.loss 2: expected a share from 0 to 1",
+        (UP, "speed=2"): f"{UP}.change: unknown field 'speed'; expected rate_bps, ",
+        ("wan:gs", "loss=1"): f"link 'wan:gs': expected one of {UP}, {DOWN}",
+        ("{}",): "{}: expected an object with link, change and, with netem, kernel",
     }
     with link.routing(plan_of({}), always=True) as running:
         for words, said in refused.items():
-            code, heard = change(link, *words)
-            assert code != 0
-            assert heard.startswith(said)
-            assert len(heard.splitlines()) == 1
+            assert json.loads(change(link, *words))["error"].startswith(said)
+        assert change(link, UP, "loss") == "net: 'loss': expected FIELD=VALUE, as loss=0.2\n"
         assert changes(running) == []
 
 
@@ -130,10 +134,8 @@ def test_a_plan_that_shapes_nothing_needs_no_shaper(link: ShapedLink) -> None:
     with link.routing(plan_of({})) as running:
         assert json.loads(running.read("shaper.json"))["shaper"] == "none"
         assert answered(link) == 5
-        assert change(link, UP, "loss=1") == (
-            1,
-            f"net: {UP}: links are not shaped in this run; expected `always` in plan.json\n",
-        )
+        answer = json.loads(change(link, UP, "loss=1"))
+        assert answer == {"error": f"{UP}: links are not shaped in this run; expected `always` in plan.json"}
         link.output("net", ["touch", f"{LINKS}/start"])
         eventually(lambda: len(events(running)) == 1)
         assert running.end()["shaper"] == "none"

@@ -183,6 +183,7 @@ def test_devices_have_names_that_the_kernel_takes_and_everything_made_is_removed
 def test_commands_are_lists_of_words_for_json(tmp_path: Path) -> None:
     data = _commands(tmp_path, AIR).to_data()
     assert data["begin"][0] == ["tc", "qdisc", "add", "dev", "@fog1", "clsact"]
+    assert data["timed"] == []
     assert json.loads(json.dumps(data["links"]))["air:uav1:up"] == {
         "device": "air-uav1-up",
         "queue": None,

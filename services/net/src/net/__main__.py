@@ -88,17 +88,24 @@ def probe(
 
 @app.command()
 def change(
-    link: Annotated[str, typer.Argument(help="A directed link, as air:uav3:up.")],
+    link: Annotated[str, typer.Argument(help="A directed link, as air:uav3:up; or a whole request in JSON.")],
     fields: Annotated[
         list[str] | None, typer.Argument(help="FIELD=VALUE of the plan, as loss=0.2; none: back.")
     ] = None,
     kernel: Annotated[str, typer.Option(help="The kernel's commands for it, where netem shapes: JSON.")] = "[]",
     control: Annotated[Path, typer.Option(help="The socket of `net route`.")] = SOCKET,
 ) -> None:
-    """Change a link while everything goes on; without a field it is back as planned."""
+    """Change a link while everything goes on; without a field it is back as planned. Prints the answer, in JSON."""
     with _one_line():
-        found = dict(_field(text) for text in fields or ())
-        ask(control, {"link": link, "change": found or None, "kernel": _parsed(kernel, "--kernel")})
+        if link.startswith("{"):
+            request = _parsed(link, "the request")
+        else:
+            found = dict(_field(text) for text in fields or ())
+            request = {"link": link, "change": found or None, "kernel": _parsed(kernel, "--kernel")}
+        answer = ask(control, request)
+    typer.echo(json.dumps(answer))
+    if "error" in answer:
+        raise typer.Exit(1)
 
 
 def _field(text: str) -> tuple[str, Any]:

@@ -24,6 +24,7 @@ class Server:
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self.socket.bind(str(path))
+            path.chmod(0o666)  # whoever can run a command in the container may ask, as the nodes' user too
         except OSError as error:
             raise NetError(f"--control {path}: {error.strerror}; expected a place for a socket") from error
         self.socket.listen()
@@ -55,8 +56,8 @@ class Server:
         self._path.unlink(missing_ok=True)
 
 
-def ask(path: Path, request: Mapping[str, Any]) -> None:
-    """Raises NetError with what was wrong."""
+def ask(path: Path, request: Mapping[str, Any]) -> dict[str, Any]:
+    """The answer: `{"ok": true}`, or `{"error": …}` with what was wrong. Raises NetError without one."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.settimeout(PATIENCE_S)
         try:
@@ -67,9 +68,8 @@ def ask(path: Path, request: Mapping[str, Any]) -> None:
             raise NetError(f"{path}: {error.strerror or error}; expected `net route --links` to run here") from error
     if not line:
         raise NetError(f"{path}: no answer; expected one line of JSON")
-    answer = json.loads(line)
-    if "error" in answer:
-        raise NetError(answer["error"])
+    answer: dict[str, Any] = json.loads(line)
+    return answer
 
 
 def _read_line(connection: socket.socket) -> str:
