@@ -20,7 +20,7 @@ from .experiments import ARMS, EXPERIMENTS, FACTORS, PROTOCOLS, make_plan, one_p
 from .flights import by_hand, settings_of
 from .links import plan_links, start_clock, write_plan
 from .live_links import changes, read_live_plan, tell
-from .metrics import measure_series
+from .metrics import measure_series, read_metrics, verdict
 from .overrides import suffix
 from .packets_view.cli import packets
 from .profiles import cli as profiles
@@ -97,6 +97,23 @@ def report(
     with _errors_as_lines():
         for path in results:
             _report(path, _console())
+
+
+@app.command(name="verdict")
+def judge(
+    results: Annotated[Path, typer.Argument(help="Folder of a series, as results/scenario-1/latest.")],
+    require: Annotated[list[str], typer.Option(help="What must hold, as 'ratios.packets>=50'; may be repeated.")],
+) -> None:
+    """Say whether a series meets requirements, for CI. Exit code 0 if all are met, 1 if not, 2 for a wrong path."""
+    with _errors_as_lines():
+        wanted = [verdict.parse(text) for text in require]
+        series = open_series(results)
+        metrics = read_metrics(series)
+        answers = [verdict.judge(metrics, requirement) for requirement in wanted]
+        for answer in answers:
+            typer.echo(str(answer))
+        if not all(answer.met for answer in answers):
+            raise typer.Exit(1)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""Metrics of a series: every attempt's numbers, written to `metrics.json`."""
+"""Metrics of a series: every attempt's numbers and what they say together, written to `metrics.json`."""
 
 from __future__ import annotations
 
@@ -10,53 +10,124 @@ from typing import Any
 import jsonschema
 
 from ..errors import ResultsError
-from ..results import METRICS, Series, write_json
+from ..results import METRICS, Attempt, Series, read_json, write_json
 from ..validity import common_revision
-from .attempt import measure_attempt
+from .attempt import NOT_FLOWN, measure_attempt
+from .conditions import Flown, check_same, differences
+from .shaping import read_shaping
 from .statistics import statistics
 
 METRICS_VERSION = 1
 """Rises when a field goes or its meaning changes; fields that are added leave it as it is."""
 SCHEMA = Path(__file__).parents[1] / "schemas" / "metrics.schema.json"
-_RATIOS = {"packets": "packets", "size": "size_bytes", "mission": "mission_s"}
+RATIOS = {"packets": "packets", "size": "size_bytes", "mission": "mission_s"}
 
 
 def measure_series(series: Series) -> dict[str, Any]:
-    """Metrics of every attempt; written to `metrics.json`. Raises ResultsError for a series that mixes conditions."""
-    attempts = series.attempts()
-    manifests = [attempt.manifest() for attempt in attempts]
-    first = manifests[0]
-    for attempt, manifest in zip(attempts, manifests, strict=True):
-        for name in ("experiment", "arm", "profile", "shaper"):
-            if manifest[name] != first[name]:
-                raise ResultsError(f"{attempt.path}: {name} is {manifest[name]}, in the first attempt {first[name]}")
+    """Metrics of every attempt; written to `metrics.json`.
+
+    An attempt that cannot be read is void, for that reason. Raises ResultsError for a series that mixes conditions,
+    and for one of which no attempt can be read.
+    """
+    flown, unreadable = _manifests(series)
+    shapings = [read_shaping(attempt) for attempt, _ in flown]
+    check_same(flown, shapings)
+    _, first = flown[0]
     document: dict[str, Any] = {
         "version": METRICS_VERSION,
         **{name: first[name] for name in ("experiment", "arm", "profile")},
-        "revision": common_revision(manifests),
+        "revision": common_revision([manifest for _, manifest in flown]),
         "shaper": first["shaper"],
         "protocols": {},
         "ratios": {},
         "statistics": {},
-        "notes": [],
+        "notes": differences(flown),
     }
-    for attempt, manifest in zip(attempts, manifests, strict=True):
+    measured = _measure(series, flown, unreadable)
+    links_void = {
+        attempt.number: shaping.void
+        for (attempt, _), shaping in zip(flown, shapings, strict=True)
+        if shaping.void is not None
+    }
+    for attempt in series.attempts():
         side = document["protocols"].setdefault(attempt.protocol, {"attempts": [], "void": []})
-        measured = measure_attempt(attempt, manifest)
-        if measured["status"] == "void":
-            side["void"].append({"attempt": attempt.number, "reason": measured["reason"]})
+        entry = measured[attempt]
+        if entry["status"] == "completed" and attempt.number in links_void:
+            entry |= {"status": "void", "reason": f"in its pair of attempts {links_void[attempt.number]}"}
+        if entry["status"] == "void":
+            side["void"].append({"attempt": attempt.number, "reason": entry["reason"]})
         else:
-            side["attempts"].append(measured)
+            side["attempts"].append(entry)
     document["ratios"] = ratios(document["protocols"])
     document["statistics"] = statistics(document["protocols"])
+    error = schema_error(document)
+    if error is not None:
+        raise ResultsError(f"{series.path}: its metrics break their schema: {error}")
+    write_json(series.path / METRICS, document)
+    return document
+
+
+def read_metrics(series: Series) -> dict[str, Any]:
+    """What `metrics.json` says, measured now where there is none. Raises ResultsError for one of another version."""
+    path = series.path / METRICS
+    if not path.exists():
+        return measure_series(series)
+    document = read_json(path)
+    error = schema_error(document)
+    if error is not None:
+        raise ResultsError(f"{path}: made by another version ({error}); type: testbed report {series.path}")
+    return document
+
+
+def schema_error(document: dict[str, Any]) -> str | None:
+    """Where and how a document breaks the schema of `metrics.json`; None if it does not."""
     try:
         jsonschema.validate(document, json.loads(SCHEMA.read_text(encoding="utf-8")))
     except jsonschema.ValidationError as error:
-        raise ResultsError(
-            f"{series.path}: its metrics break their schema: {error.json_path}: {error.message}"
-        ) from error
-    write_json(series.path / METRICS, document)
-    return document
+        return f"{error.json_path}: {error.message[:200]}"
+    return None
+
+
+def _manifests(series: Series) -> tuple[list[Flown], dict[Attempt, str]]:
+    """Every attempt whose manifest can be read, and why the others' cannot."""
+    flown: list[Flown] = []
+    errors: dict[Attempt, ResultsError] = {}
+    for attempt in series.attempts():
+        try:
+            flown.append((attempt, attempt.manifest()))
+        except ResultsError as error:
+            errors[attempt] = error
+    if not flown:
+        raise next(iter(errors.values()))
+    return flown, {attempt: _relative(series, error) for attempt, error in errors.items()}
+
+
+def _measure(series: Series, flown: list[Flown], unreadable: dict[Attempt, str]) -> dict[Attempt, dict[str, Any]]:
+    """Every attempt's entry. One whose files cannot be read is void, but a failed one stays failed."""
+    found: dict[Attempt, dict[str, Any]] = {}
+    broken: list[ResultsError] = []
+    for attempt, manifest in flown:
+        try:
+            found[attempt] = measure_attempt(attempt, manifest)
+        except ResultsError as error:
+            broken.append(error)
+            found[attempt] = _unread(attempt, manifest, _relative(series, error))
+    if len(broken) == len(flown):
+        raise broken[0]
+    return found | {attempt: {"status": "void", "reason": reason} for attempt, reason in unreadable.items()}
+
+
+def _unread(attempt: Attempt, manifest: dict[str, Any], reason: str) -> dict[str, Any]:
+    if manifest["status"] != "failed":
+        return {"status": "void", "reason": reason}
+    told = {name: manifest.get(name, {}) for name in ("cpu_s", "memory_bytes")}
+    head = {"attempt": attempt.number, "status": "failed", "reason": manifest["reason"], "mission_s": None}
+    return {**head, **NOT_FLOWN, "notes": [reason], "outcomes": {}, "links_measured": {}, **told}
+
+
+def _relative(series: Series, error: ResultsError) -> str:
+    """The error with paths as they are below the series, so that it is the same wherever that lies."""
+    return str(error).replace(f"{series.path}/", "")
 
 
 def ratios(protocols: dict[str, Any]) -> dict[str, float]:
@@ -70,7 +141,7 @@ def ratios(protocols: dict[str, Any]) -> dict[str, float]:
     if not all(completed.values()):
         return {}
     found = {}
-    for ratio, field in _RATIOS.items():
+    for ratio, field in RATIOS.items():
         above, below = (median(attempt[field] for attempt in completed[name]) for name in ("mavlink", "mqttxt"))
         if below:
             found[ratio] = round(above / below, 4)

@@ -27,7 +27,7 @@ class Headers:
 
     `ethernet` (padding included), `ip` and `transport` are bytes of headers; what TCP, UDP or IP carries is
     `data[body:body_end]`. `sequence` and `flags` are TCP's. `key` tells one frame of a link from another and is the
-    same at both ends of it: no TTL is in it, nor a checksum.
+    same at both ends of it as long as nothing that it carries has changed: no TTL is in it, nor a checksum.
     """
 
     protocol: Ints
@@ -96,10 +96,24 @@ def _protocols(ether_type: Ints, number: Bytes, is_ip: Flags, first: Flags, at: 
 
 
 def _ends(data: Bytes, body: Ints, body_end: Ints) -> list[Words]:
-    """The first 16 bytes of what a frame carries and the last eight, in which a MAVLink message has its CRC."""
+    """The first 16 bytes of what a frame carries, the last eight, in which a MAVLink message has its CRC, and the sum
+    of all, which shows a turned bit."""
     length = body_end - body
     last = np.maximum(body, body_end - 8)
-    return [_word(data, body, length), _word(data, body + 8, length - 8), _word(data, last, length)]
+    return [
+        _word(data, body, length),
+        _word(data, body + 8, length - 8),
+        _word(data, last, length),
+        _sum(data, body, length),
+    ]
+
+
+def _sum(data: Bytes, body: Ints, length: Ints) -> Words:
+    if not len(body):
+        return np.empty(0, dtype=np.uint64)
+    edges = np.stack([body, body + length], axis=1).ravel()
+    sums = np.add.reduceat(data, edges, dtype=np.uint32)[::2]  # where two edges are equal it gives one byte
+    return np.where(length > 0, sums, 0).astype(np.uint64)
 
 
 def _word(data: Bytes, at: Ints, room: Ints) -> Words:
