@@ -126,13 +126,17 @@ def count_messages(sent: pl.DataFrame, until_ns: dict[int, int]) -> dict[str, di
                 is_open = t_ns is not None and t_ns + longest > until_ns.get(drone, 0)
                 count["open" if is_open else "lost"] += 1
         total = {key: sum(count[key] for count in by_drone.values()) for key in ("sent", "lost", "open")}
-        found[str(name)] = {**loss_of(total["sent"], total["lost"]), "open": total["open"], "drones": by_drone}
+        found[str(name)] = {
+            **loss_of(total["sent"], total["lost"], total["open"]),
+            "open": total["open"],
+            "drones": by_drone,
+        }
     return found
 
 
 def _share(kinds: dict[str, dict[str, Any]]) -> float | None:
-    sent = sum(kind["sent"] for kind in kinds.values())
-    return sum(kind["lost"] for kind in kinds.values()) / sent if sent else None
+    known = sum(kind["sent"] - kind["open"] for kind in kinds.values())
+    return sum(kind["lost"] for kind in kinds.values()) / known if known else None
 
 
 NOT_FLOWN: dict[str, Any] = {

@@ -32,7 +32,7 @@ def notes(
     if len(others):
         said.append(f"{len(others)} frames on links are of no message of the experiment")
     strays = packets.unmatched - packets.duplicates
-    if strays:
+    if strays and not packets.truncated:
         said.append(f"{strays} frames left a link that nobody saw entering it as they were")
     return [*said, *shaping.notes, *disagreements(losses, shaping.is_shaped)]
 

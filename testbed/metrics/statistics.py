@@ -148,7 +148,7 @@ _LOSSES: dict[str, tuple[str, ...]] = {
 
 def _pooled(side: Mapping[str, Any], *fields: str) -> dict[str, Any]:
     """All completed attempts together: so many lost of so many; where none was, less than 3/n at 95 %."""
-    sent = lost = 0
+    sent = lost = still_open = 0
     for attempt in side["attempts"]:
         if attempt["status"] != "completed":
             continue
@@ -157,14 +157,17 @@ def _pooled(side: Mapping[str, Any], *fields: str) -> dict[str, Any]:
         else:
             kinds = attempt["messages"][fields[1]].values()
             sent, lost = sent + sum(kind["sent"] for kind in kinds), lost + sum(kind["lost"] for kind in kinds)
-    return loss_of(sent, lost)
+            still_open += sum(kind["open"] for kind in kinds)
+    return loss_of(sent, lost, still_open)
 
 
-def loss_of(sent: int, lost: int) -> dict[str, Any]:
-    """`share` is lost / sent; where nothing was lost, `below` is 3/n: the rule of three's bound at 95 %."""
+def loss_of(sent: int, lost: int, still_open: int = 0) -> dict[str, Any]:
+    """`share` is lost / n, n what was sent but for what is still open; where nothing of it was lost, `below` is 3/n:
+    the rule of three's bound at 95 %."""
+    known = sent - still_open
     return {
         "sent": sent,
         "lost": lost,
-        "share": significant(lost / sent) if sent else None,
-        "below": significant(min(1.0, 3 / sent)) if sent and not lost else None,
+        "share": significant(lost / known) if known else None,
+        "below": significant(min(1.0, 3 / known)) if known and not lost else None,
     }
