@@ -5,7 +5,7 @@ corruption and reordering. What waits for its delay does not fill the queue.
 
 A frame leaves the rate stage when its last bit is sent: `size * 8 / rate` after it or the one before. Loss,
 duplication, corruption and reordering are drawn for each frame, with netem's meaning (sch_netem.c): a copy has a delay
-and a chance of loss of its own, a frame that is lost and duplicated at once goes on once, a frame chosen by `reorder`
+and chances of its own, a frame that is lost and duplicated at once goes on once, a frame chosen by `reorder`
 skips its delay.
 """
 
@@ -132,6 +132,9 @@ class Link:
         if self._draw() < self._corrupt:
             counters.corrupted += 1
             fate |= CORRUPT
+        if self._draw() < self._reorder:
+            counters.reordered += 1
+            return sent_ns, fate
         return self._due_ns(sent_ns), fate
 
     def _await_turn(self, turns: Turns, now_ns: int, size: int) -> tuple[int, int]:
