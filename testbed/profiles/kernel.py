@@ -37,7 +37,7 @@ IN_ORDER_BPS = 10_000_000_000
 """The second stage's rate where order is kept; also the first one's while an event lifts a link's rate."""
 _FULL_FRAME = 1_514
 _WAITING_FRAMES = 10_000
-_BORROWER_BPS, _BORROWER_BURST = 1_000, 100
+_BORROWER_BPS, _BORROWER_BURST = 8, 1
 
 Words = tuple[str, ...]
 

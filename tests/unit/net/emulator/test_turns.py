@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from net.emulator.link import DROP, PASS, WAIT, Link
 from net.emulator.plan import Settings
-from net.emulator.turns import Turns
+from net.emulator.turns import QUANTUM_BYTES, Turns
 
 MS = 1_000_000
 FRAME = 125
@@ -51,6 +54,30 @@ def test_each_link_has_a_queue_of_its_own_which_holds_the_frame_being_sent() -> 
     assert up.arrive(0, FRAME)[1] == DROP, "one is being sent, one waits"
     assert up.counters.queue == 2
     assert down.counters.queue == 0
+
+
+@pytest.mark.parametrize(("large", "small"), [(1514, 1514), (1000, 125), (1514, 60), (300, 250)])
+def test_two_overfull_links_have_the_same_bytes_whatever_their_frames(large: int, small: int) -> None:
+    turns, up, down = pair()
+    for _ in range(600):
+        up.arrive(0, large)
+        down.arrive(0, small)
+    until = 200 * small * 8000
+    sent = Counter[Link]()
+    for link, _, _ in turns.advance(until):
+        sent[link] += large if link is up else small
+    assert abs(sent[up] - sent[down]) <= 2 * QUANTUM_BYTES
+
+
+def test_a_link_that_was_silent_has_saved_nothing() -> None:
+    turns, up, down = pair()
+    for _ in range(40):
+        up.arrive(0, 1000)
+    assert len(list(turns.advance(20 * 8 * MS - 1))) == 20
+    for _ in range(40):
+        down.arrive(20 * 8 * MS - 1, 1000)
+    after = [link for link, _, _ in turns.advance(40 * 8 * MS - 1)]
+    assert after.count(down) == pytest.approx(10, abs=1)
 
 
 @given(frames=st.lists(st.tuples(st.integers(0, 3 * MS), st.booleans(), st.integers(34, 1514)), max_size=60))

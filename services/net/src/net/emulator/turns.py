@@ -1,7 +1,9 @@
 """A rate that two links share, as both ways of a half-duplex radio do: one frame at a time, in turns. No I/O.
 
 Each link has its queue at its own sender, so a frame waits for what is before it on its own link and, where both have
-frames, for one of the other's in between: a link that is overfull does not shut the other out.
+frames, for the other's turn in between: a link that is overfull does not shut the other out. A turn is bytes and not
+frames, or the link with the larger frames would have more of the rate: deficit round robin with HTB's reckoning
+(htb_dequeue_tree in sch_htb.c), since the kernel's links share their rate by HTB.
 """
 
 from __future__ import annotations
@@ -9,6 +11,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from typing import Protocol
+
+QUANTUM_BYTES = 1514
+"""What a turn lets a link send: a full frame, as the kernel's classes are told."""
 
 
 class Sender(Protocol):
@@ -30,7 +35,10 @@ class Turns:
         self._waiting: dict[Sender, deque[tuple[int, int]]] = {}
         """When each came, and its size."""
         self._free_ns = 0
-        self._last: Sender | None = None
+        self._credit: dict[Sender, int] = {}
+        """Bytes that are left of each link's turn."""
+        self._passed: Sender | None = None
+        """The link whose turn has just ended."""
 
     def offer(self, link: Sender, now_ns: int, size: int) -> None:
         self._waiting.setdefault(link, deque()).append((now_ns, size))
@@ -49,8 +57,12 @@ class Turns:
         """The frames that began to be sent until now: link, when each leaves, and its fate; each link's in order."""
         while (start_ns := self.next_ns) is not None and start_ns <= now_ns:
             ready = [link for link, queue in self._waiting.items() if queue and queue[0][0] <= start_ns]
-            link = next((link for link in ready if link is not self._last), ready[0])
+            link = next((link for link in ready if link is not self._passed), ready[0])
             _, size = self._waiting[link].popleft()
             self._free_ns = link.begin(start_ns, size)
-            self._last = link
+            self._credit[link] = self._credit.get(link, 0) - size
+            ends = self._credit[link] < 0
+            if ends:
+                self._credit[link] += QUANTUM_BYTES
+            self._passed = link if ends else next((other for other in self._waiting if other is not link), None)
             yield (link, *link.finish(self._free_ns))
