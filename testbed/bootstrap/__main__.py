@@ -7,6 +7,7 @@ import sys
 
 from .docker import compose_command, daemon_answers, ensure_docker, version
 from .images import BASE, IMAGES_NEED_MIB, NODE, ensure_images, has_image, node_is_current
+from .machine import ensure_machine, has_qemu, machine_is_current
 from .steps import ROOT, BootstrapError, check_python
 from .tools import ensure_tshark, has_tshark, tshark_version
 from .venv import ensure_venv, lock, venv_is_current
@@ -16,6 +17,12 @@ def containers() -> None:
     """Docker and the images."""
     ensure_docker()
     ensure_images()
+
+
+def tools() -> None:
+    """What only the tests need."""
+    ensure_tshark()
+    ensure_machine()
 
 
 def doctor() -> None:
@@ -32,6 +39,8 @@ def doctor() -> None:
         ("base image", daemon and has_image(BASE), BASE, "make containers"),
         ("node image", daemon and node_is_current(), NODE, "make containers"),
         ("tshark, for tests", has_tshark(), tshark_version() if has_tshark() else "", "apt-get install tshark"),
+        ("QEMU, for tests", has_qemu(), "", "apt-get install qemu-system-x86"),
+        ("kernel for tests", machine_is_current(), ".cache/machine", "make tools"),
     ]
     for name, there, found, hint in rows:
         print(f"  {name:<20} {'ok      ' if there else 'missing '} {found if there else 'type: ' + hint}")
@@ -50,7 +59,7 @@ def _docker_hint() -> str:
 
 
 def main() -> int:
-    actions = {"venv": ensure_venv, "containers": containers, "tools": ensure_tshark, "doctor": doctor, "lock": lock}
+    actions = {"venv": ensure_venv, "containers": containers, "tools": tools, "doctor": doctor, "lock": lock}
     if len(sys.argv) != 2 or sys.argv[1] not in actions:
         print(f"usage: python3 -m testbed.bootstrap {' | '.join(actions)}", file=sys.stderr)
         return 2
