@@ -22,6 +22,7 @@ from requests.exceptions import RequestException
 from .errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError
 from .experiments import PROTOCOLS
 from .overrides import compose_files
+from .sensors import SENSOR_PROFILES
 from .topology import COMPOSE_FILE, ROOT, read_services
 
 PROJECT = "mqttxt-testbed"
@@ -35,10 +36,10 @@ NODE_USER = "1000:1000"
 
 
 class Containers:
-    """The containers of one compose profile, for one run."""
+    """The containers of one compose profile, and of those that its settings name beside it, for one run."""
 
     def __init__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> None:
-        self._profile = profile
+        self._profiles = (profile, *settings.get("SENSOR_PROFILES", "").split())
         self._files = compose_files(settings)
         self._environment = {**os.environ, **settings, "RUN_DIR": str(run_dir)}
         try:
@@ -63,7 +64,7 @@ class Containers:
     @property
     def count(self) -> int:
         """How many containers the profile has."""
-        return len({name for path in self._files for name in services_of(self._profile, path)})
+        return len({name for path in self._files for name in services_of(self._profiles, path)})
 
     def check_alive(self) -> None:
         """Raises ContainerDied for a container that has ended."""
@@ -180,7 +181,8 @@ class Containers:
         return f"{container.labels[SERVICE_LABEL]} {what}; its last log lines:\n    {said}"
 
     def _compose(self, *words: str) -> None:
-        profiles = PROTOCOLS if words[0] == "down" else (self._profile,)  # another profile's fleet may have been left
+        # Another profile's fleet may have been left.
+        profiles = (*PROTOCOLS, *SENSOR_PROFILES) if words[0] == "down" else self._profiles
         options = ["--project-name", PROJECT]
         options += [word for path in self._files for word in ("--file", str(path))]
         options += [word for profile in profiles for word in ("--profile", profile)]
@@ -205,9 +207,10 @@ class Containers:
             raise failure(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
 
 
-def services_of(profile: str, path: Path = COMPOSE_FILE) -> list[str]:
-    """The services that a profile starts. Raises UserError for a file that is no compose file."""
-    return [name for name, service in read_services(path).items() if profile in service.get("profiles", [profile])]
+def services_of(profiles: tuple[str, ...], path: Path = COMPOSE_FILE) -> list[str]:
+    """The services that profiles start. Raises UserError for a file that is no compose file."""
+    services = read_services(path).items()
+    return [name for name, service in services if set(profiles) & set(service.get("profiles", profiles))]
 
 
 def only_run() -> None:

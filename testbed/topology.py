@@ -12,6 +12,8 @@ from .errors import UserError
 
 ROOT = Path(__file__).resolve().parents[1]
 COMPOSE_FILE = ROOT / "compose.yaml"
+SENSOR = "sensor"
+"""How the names of the sensors' nodes begin; a number follows, that of the UAV which it is for."""
 FLEET = {1: (1, 2, 3), 2: (4, 5, 6)}
 """Which fog has which drones; the addresses in compose.yaml's commands follow it."""
 
@@ -54,20 +56,26 @@ class Topology:
 
 
 def links_of(names: list[str], fleet: dict[int, tuple[int, ...]] | None = None) -> tuple[Link, ...]:
-    """wan gs-cloud, backhaul cloud-fogX, air fogX-uavY, for the nodes that are there."""
+    """wan gs-cloud, backhaul cloud-fogX, air fogX-uavY, sense uavY-sensorY, for the nodes that are there."""
     chosen = fleet if fleet is not None else FLEET
     links = [Link("wan:gs", "gs", "cloud")]
     links += [Link(f"backhaul:fog{fog}", f"fog{fog}", "cloud") for fog in chosen]
     links += [Link(f"air:uav{drone}", f"uav{drone}", f"fog{fog}") for fog, drones in chosen.items() for drone in drones]
+    links += [
+        Link(f"sense:uav{drone}", f"sensor{drone}", f"uav{drone}") for drones in chosen.values() for drone in drones
+    ]
     return tuple(link for link in links if link.lower in names and link.upper in names)
 
 
-def read_topology(path: Path = COMPOSE_FILE) -> Topology:
-    """The topology of a compose file; raises UserError where a node's address cannot be told."""
+def read_topology(path: Path = COMPOSE_FILE, *, sensors: bool = False) -> Topology:
+    """The topology of a compose file, with the sensors' nodes or without.
+
+    Raises UserError where a node's address cannot be told.
+    """
     nodes = []
     for name, service in read_services(path).items():
         networks = service.get("networks")
-        if name == "net" or not isinstance(networks, dict):
+        if name == "net" or not isinstance(networks, dict) or (name.startswith(SENSOR) and not sensors):
             continue
         addresses = [config["ipv4_address"] for config in networks.values() if config]
         if len(addresses) != 1:

@@ -1,32 +1,36 @@
-"""The scenarios that go somewhere, over both fleets: real stand-ins, clients and brokers, points nearby and low."""
+"""Scenario 4, which has all steps, over both fleets: real stand-ins, sensors, clients and brokers; points nearby."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 from collections.abc import Iterator
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
+import docker
 import pytest
 import yaml
-from processes import FLEET_FILE, Process, System, free_port
+from processes import FLEET_FILE, NODE_IMAGE, ROOT, Broker, Process, System, eventually, free_port, wait_until
 
-from mission import scenarios
+from mission import flight, scenarios
 from mission.events import EventLog
 from mission.fleet import Fleet, Point
 from mission.mavsdk_fleet import MavsdkFleet
 from mission.mqttxt_fleet import MqttxtFleet
+from mission.options import Options
 from mission.points import all_points
-from mission.steps import Steps
 from mqttxt.commands import haversine_m
+from mqttxt.readings import UNITS
 
 pytestmark = pytest.mark.integration
 DRONES = (1, 2)
 LOW_M = 3.0
-CONNECT_S = 40.0
+SAMPLES = 3
+STEPS = [(name, True) for name in ("arm", "takeoff", "goto", "collect", "return", "disarmed")]
 SHARE = 0.12
 """How much of the way to a point is flown."""
 
@@ -81,25 +85,123 @@ def autopilots(tmp_path: Path, low_fleet: Path) -> Iterator[dict[int, int]]:
             sitl.kill()
 
 
+class SensorSystem(System):
+    """Two drones on one fog, each with a broker of its own for sensors."""
+
+    def __init__(self, folder: Path, fleet_file: Path) -> None:
+        super().__init__(folder, fleet_file=fleet_file)
+        self.drones = {drone: Broker(folder, f"drone{drone}") for drone in self.autopilots}
+        for drone, broker in self.drones.items():
+            carrying = ["--sensor-broker", broker.url, "--sensor-store", str(folder / f"uav{drone}.sensors")]
+            self.uavs[drone] = self.make_uav(drone, self.fog.url, None, None, *carrying)
+
+    def start(self) -> Self:
+        for broker in self.drones.values():
+            broker.start()
+        return super().start()
+
+    def close(self) -> None:
+        super().close()
+        for broker in self.drones.values():
+            broker.kill()
+
+
 @pytest.fixture
-def system(tmp_path: Path, low_fleet: Path) -> Iterator[System]:
-    made = System(tmp_path, fleet_file=low_fleet)
+def system(tmp_path: Path, low_fleet: Path) -> Iterator[SensorSystem]:
+    made = SensorSystem(tmp_path, low_fleet)
     try:
         yield made.start()
     finally:
         made.close()
 
 
-async def _fly(name: str, fleet: Fleet, folder: Path) -> list[tuple[str, bool]]:
-    """Fly a scenario to its end; returns its steps."""
-    log = EventLog(folder / "steps.jsonl", StringIO())
+class Sensors:
+    """A sensor for each drone, which measures once the mission has begun: before that it is out of reach."""
+
+    def __init__(self, folder: Path, brokers: dict[int, str], *more: str) -> None:
+        self.folder = folder / "sensors"
+        self.folder.mkdir()
+        self._started = folder / "start"
+        self._sensors = []
+        for drone, broker in brokers.items():
+            events = ["--events", str(self.folder / f"sensor{drone}.jsonl"), "--number", str(drone)]
+            options = ["--broker", broker, "--samples", str(SAMPLES), "--when-reached", "--stay", *events, *more]
+            self._sensors.append(Process(folder, f"sensor{drone}", "sensor", *options))
+
+    async def come_into_reach(self) -> None:
+        await eventually(self._started.exists, "the mission has begun", 90)
+        for sensor in self._sensors:
+            sensor.start()
+
+    def close(self) -> None:
+        for sensor in self._sensors:
+            sensor.kill()
+
+
+class PlainChain:
+    """A plain broker on the cloud, a fog and each UAV, as beside MAVLink; each container has an address of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._running: dict[str, Any] = {}
+        self.cloud = ""
+        self.uavs: dict[int, str] = {}
+
+    def start(self) -> None:
+        self.cloud = self._start("cloud", "mosquitto", "-c", "/opt/services/broker/mosquitto.conf")
+        fog = self._bridge("fog1", self.cloud)
+        self.uavs = {drone: f"mqtt://{self._bridge(f'drone{drone}', fog)}" for drone in DRONES}
+
+    def close(self) -> None:
+        for name, container in self._running.items():
+            (self._folder / f"{name}.log").write_bytes(container.logs())
+            container.remove(force=True)
+
+    def _bridge(self, name: str, host: str) -> str:
+        return self._start(name, "/opt/services/broker/bridge", name, host)
+
+    def _start(self, name: str, program: str, *arguments: str) -> str:
+        volumes = {str(ROOT / "services"): {"bind": "/opt/services", "mode": "ro"}}
+        run = docker.from_env().containers.run
+        container = run(NODE_IMAGE, list(arguments), entrypoint=program, detach=True, volumes=volumes)
+        self._running[name] = container
+        container.reload()
+        (network,) = container.attrs["NetworkSettings"]["Networks"].values()
+        wait_until(lambda: _listens(network["IPAddress"]), f"{name}'s broker runs")
+        return str(network["IPAddress"])
+
+
+def _listens(host: str) -> bool:
+    with socket.socket() as sock:
+        sock.settimeout(1)
+        return sock.connect_ex((host, 1883)) == 0
+
+
+def _options(folder: Path, protocol: str, sensors: Sensors) -> Options:
+    """Scenario 4, as far as the flight itself looks at its options."""
+    return Options(
+        *("scenario-4", protocol, {1: DRONES}, "", "1", "on-change", (), "px4-onboard", "one-by-one", SAMPLES),
+        sensors=sensors.folder,
+        series=folder / "series.json",
+        links_start=folder / "start",
+    )
+
+
+async def _fly(options: Options, fleet: Fleet, log: EventLog, sensors: Sensors) -> list[tuple[str, bool]]:
+    """Fly a mission to its end; returns its steps."""
+    reaching = asyncio.create_task(sensors.come_into_reach())
     try:
-        await fleet.connect(CONNECT_S)
-        await scenarios.SCENARIOS[name](fleet, Steps(fleet, log))
+        assert await flight.fly(options, fleet, log) is None
     finally:
-        await fleet.close()
+        reaching.cancel()
+        sensors.close()
         log.close()
-    return [(event["name"], event["ok"]) for event in _lines(folder / "steps.jsonl") if event["event"] == "step_done"]
+    return [(event["name"], event["ok"]) for event in _events(options) if event["event"] == "step_done"]
+
+
+def _events(options: Options) -> list[dict[str, Any]]:
+    assert options.series is not None
+    return _lines(options.series.with_name("events.jsonl"))
 
 
 def _lines(path: Path) -> list[dict[str, Any]]:
@@ -121,31 +223,46 @@ def _assert_flown(folder: Path, drone: int, point: Point) -> None:
     ]
 
 
-STEPS_OF_2 = [(name, True) for name in ("arm", "takeoff", "goto", "return", "disarmed")]
+def _assert_collected(folder: Path, options: Options) -> None:
+    """Every series is whole: each value was heard once, after it was measured."""
+    series = json.loads((folder / "series.json").read_text())["series"]
+    assert [(one["drone"], one["kind"], one["unit"], one["delivered"], one["whole"]) for one in series] == [
+        (drone, kind, unit, SAMPLES, True) for drone in DRONES for kind, unit in UNITS.items()
+    ]
+    heard = [event for event in _events(options) if event["event"] == "reading"]
+    assert len(heard) == len(series) * SAMPLES
+    assert all(event["t_ns"] / 1e6 >= event["time_ms"] for event in heard)
 
 
-async def test_scenario_2_over_mavlink(tmp_path: Path, autopilots: dict[int, int], near: dict[int, Point]) -> None:
+async def test_scenario_4_over_mavlink_with_plain_brokers_beside_it(
+    tmp_path: Path, autopilots: dict[int, int], near: dict[int, Point]
+) -> None:
     log = EventLog(tmp_path / "events.jsonl", StringIO())
-    urls = tuple(f"udpin://127.0.0.1:{port}" for port in autopilots.values())
-    fleet = MavsdkFleet(urls, {1: DRONES}, "one-by-one", "px4-onboard", log)
-    assert await _fly("scenario-2", fleet, tmp_path) == STEPS_OF_2
+    chain = PlainChain(tmp_path)
+    try:
+        await asyncio.to_thread(chain.start)
+        sensors = Sensors(tmp_path, chain.uavs, "--plain")
+        urls = tuple(f"udpin://127.0.0.1:{port}" for port in autopilots.values())
+        fleet = MavsdkFleet(urls, {1: DRONES}, "one-by-one", "px4-onboard", log, f"mqtt://{chain.cloud}")
+        options = _options(tmp_path, "mavlink", sensors)
+        assert await _fly(options, fleet, log, sensors) == STEPS
+    finally:
+        chain.close()
+    _assert_collected(tmp_path, options)
     for drone, point in near.items():
         _assert_flown(tmp_path, drone, point)
-        words = [
-            event["word"]
-            for event in _lines(tmp_path / "events.jsonl")
-            if event.get("drone") == drone and "word" in event
-        ]
+        words = [event["word"] for event in _events(options) if event.get("drone") == drone and "word" in event]
         assert words == ["accepted", "completed"] * 4
 
 
-async def test_scenario_2_over_mqttxt(tmp_path: Path, system: System, near: dict[int, Point]) -> None:
+async def test_scenario_4_over_mqttxt(tmp_path: Path, system: SensorSystem, near: dict[int, Point]) -> None:
     log = EventLog(tmp_path / "events.jsonl", StringIO())
+    sensors = Sensors(tmp_path, {drone: broker.url for drone, broker in system.drones.items()})
     fleet = MqttxtFleet(system.cloud.url, {1: DRONES}, 1, log)
-    assert await _fly("scenario-2", fleet, tmp_path) == STEPS_OF_2
+    options = _options(tmp_path, "mqttxt", sensors)
+    assert await _fly(options, fleet, log, sensors) == STEPS
+    _assert_collected(tmp_path, options)
     for drone, point in near.items():
         _assert_flown(tmp_path, drone, point)
-    commands = [
-        (event["command"], event["drone"]) for event in _lines(tmp_path / "events.jsonl") if event["event"] == "command"
-    ]
+    commands = [(event["command"], event["drone"]) for event in _events(options) if event["event"] == "command"]
     assert commands == [("arm", None), ("takeoff", None), ("goto", 1), ("goto", 2), ("return", None)]

@@ -9,15 +9,17 @@ from typing import Any
 
 import pytest
 
-from mission import __main__ as command
+from mission import flight
 from mission.events import EventLog
-from mission.fleet import MissionError, Result, Status
+from mission.fleet import MissionError, Reading, Result, Status
+from mission.options import Options
 
 
 class Fleet:
     """One drone; what is there of a file is noted when it is connected and when it is armed."""
 
     drones = (1,)
+    readings: tuple[Reading, ...] = ()
 
     def __init__(self, watched: Path, connects: bool = True) -> None:
         self.seen: list[tuple[str, bool]] = []
@@ -44,9 +46,10 @@ class Fleet:
         raise AssertionError(f"{name}: the mission ends with the refused arming")
 
 
-async def _fly(tmp_path: Path, fleet: Fleet, start: Path | None) -> tuple[str | None, list[dict[str, Any]]]:
+async def _fly(tmp_path: Path, fleet: Fleet, **options: Any) -> tuple[str | None, list[dict[str, Any]]]:
     log = EventLog(tmp_path / "events.jsonl", StringIO())
-    reason = await command._fly("scenario-1", fleet, log, start)  # type: ignore[arg-type]
+    flown = Options("scenario-1", "mqttxt", {1: (1,)}, "", "1", "on-change", (), "px4-onboard", "one-by-one", **options)
+    reason = await flight.fly(flown, fleet, log)  # type: ignore[arg-type]
     log.close()
     return reason, [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
 
@@ -54,7 +57,7 @@ async def _fly(tmp_path: Path, fleet: Fleet, start: Path | None) -> tuple[str | 
 async def test_the_clock_of_the_links_begins_with_the_mission(tmp_path: Path) -> None:
     start = tmp_path / "start"
     fleet = Fleet(start)
-    reason, events = await _fly(tmp_path, fleet, start)
+    reason, events = await _fly(tmp_path, fleet, links_start=start)
     assert reason == "arm: drone 1: denied (autopilot)"
     assert fleet.seen == [("connect", False), ("arm", True)]
     assert start.read_bytes() == b""
@@ -64,7 +67,21 @@ async def test_the_clock_of_the_links_begins_with_the_mission(tmp_path: Path) ->
 @pytest.mark.parametrize("asked", [True, False])
 async def test_a_mission_that_does_not_begin_starts_no_clock(tmp_path: Path, asked: bool) -> None:
     start = tmp_path / "start"
-    reason, events = await _fly(tmp_path, Fleet(start, connects=False), start if asked else None)
+    reason, events = await _fly(tmp_path, Fleet(start, connects=False), links_start=start if asked else None)
     assert reason == "connect: drone 1 never appeared"
     assert not start.exists()
     assert [event["event"] for event in events] == ["mission_end"]
+
+
+async def test_what_arrived_is_held_to_what_the_sensors_wrote_down_even_if_the_mission_failed(tmp_path: Path) -> None:
+    fleet = Fleet(tmp_path / "none")
+    reading = Reading(1, 1, 7, 0, "light", 3.0, "lx", 5000)
+    fleet.readings = (reading,)
+    written = {"event": "reading", "sensor": 1, "boot": 7, "seq": 0, "kind": "light", "value": 3.0, "unit": "lx"}
+    (tmp_path / "sensor1.jsonl").write_text(json.dumps(written | {"time_ms": 5000}) + "\n")
+    told = tmp_path / "series.json"
+    reason, events = await _fly(tmp_path, fleet, samples=1, sensors=tmp_path, series=told)
+    assert reason == "arm: drone 1: denied (autopilot)", "the first thing that went wrong"
+    rows = json.loads(told.read_text())["series"]
+    assert {row["kind"]: row["whole"] for row in rows} == {"temperature": False, "humidity": False, "light": True}
+    assert [event["kind"] for event in events if event["event"] == "series"] == ["temperature", "humidity", "light"]

@@ -26,7 +26,10 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"scenario": "scenario-9"}, "scenario 'scenario-9': expected one of scenario-1, scenario-2, scenario-3"),
+        (
+            {"scenario": "scenario-9"},
+            "scenario 'scenario-9': expected one of scenario-1, scenario-2, scenario-3, scenario-4",
+        ),
         ({"protocol": "pigeon"}, "--protocol 'pigeon': expected one of mqttxt, mavlink"),
         ({"qos": "2"}, "--qos '2': expected one of 0, 1"),
         ({"states": "often"}, "--states 'often': expected one of on-change, fixed, bundle"),
@@ -42,6 +45,34 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
         (
             {"protocol": "mavlink", "mavlink": "udpin://0.0.0.0:14541,udpin://0.0.0.0:14542"},
             "--mavlink: 2 connections for 3 drones: expected 1 or 3",
+        ),
+        ({"samples": "0"}, "--samples 0: expected 1 to 600"),
+        ({"samples": "601"}, "--samples 601: expected 1 to 600"),
+        (
+            {"scenario": "scenario-4"},
+            "scenario-4: expected --sensors, the folder of what the sensors write down",
+        ),
+        (
+            {"scenario": "scenario-4", "sensors": "."},
+            "scenario-4: expected --series, a file for what arrived of it",
+        ),
+        (
+            {"scenario": "scenario-4", "sensors": ".", "series": "/nowhere/series.json"},
+            "--series /nowhere/series.json: expected a folder that can be written to",
+        ),
+        (
+            {
+                **{"scenario": "scenario-4", "sensors": ".", "series": "/tmp/not-there-series.json"},
+                **{"protocol": "mavlink", "mavlink": "udpin://0.0.0.0:14540"},
+            },
+            "scenario-4: expected --sensor-broker, where readings arrive: mqtt://HOST[:PORT]",
+        ),
+        (
+            {
+                **{"scenario": "scenario-4", "sensors": ".", "series": "/tmp/not-there-series.json"},
+                **{"protocol": "mavlink", "mavlink": "udpin://0.0.0.0:14540", "sensor-broker": "here"},
+            },
+            "--sensor-broker 'here': expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]",
         ),
         ({"fleet": "1;2"}, "--fleet '1;2': expected FOG:DRONE,DRONE;FOG:DRONE, as 1:1,2,3;2:4,5,6"),
         ({"fleet": "1:1,2;2:2"}, "--fleet '1:1,2;2:2': expected each fog and each drone once"),

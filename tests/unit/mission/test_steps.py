@@ -11,11 +11,12 @@ from typing import Any
 
 import pytest
 
-from mission import scenarios
+from mission import scenarios, steps
 from mission.events import EventLog
-from mission.fleet import MissionError, Point, Result, Status
+from mission.fleet import MissionError, Point, Reading, Result, Status
 from mission.points import points_of
 from mission.steps import Steps
+from mqttxt.readings import UNITS
 
 
 class Fleet:
@@ -25,6 +26,7 @@ class Fleet:
 
     def __init__(self, **answers: list[Result]) -> None:
         self.asked: list[Any] = []
+        self.readings: list[Reading] = []
         self._answers = answers
         self._now = Status(armed=False, mode="hold", altitude_m=0.0, landed="on_ground")
         self._news = asyncio.Event()
@@ -61,6 +63,10 @@ class Fleet:
         self._now = status
         self._news.set()
 
+    def brings(self, drone: int, seq: int, kind: str) -> None:
+        self.readings.append(Reading(drone, drone, 1, seq, kind, 0.5, UNITS[kind], 1000 * seq))
+        self._news.set()
+
     def _answer(self, name: str, status: Status) -> list[Result]:
         self.asked.append(name)
         self.becomes(status)
@@ -78,6 +84,12 @@ def _events(tmp_path: Path) -> list[dict[str, Any]]:
 
 def _done(tmp_path: Path) -> list[tuple[str, bool]]:
     return [(event["name"], event["ok"]) for event in _events(tmp_path) if event["event"] == "step_done"]
+
+
+async def _until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(5):
+        while not condition():
+            await asyncio.sleep(0)
 
 
 @pytest.fixture(autouse=True)
@@ -104,6 +116,33 @@ async def test_scenario_3_lands_at_once(log: EventLog, tmp_path: Path) -> None:
     await scenarios.scenario_3(fleet, Steps(fleet, log))
     assert fleet.asked == ["arm", 10.0, "takeoff", "land"]
     assert _done(tmp_path) == [(name, True) for name in ("arm", "takeoff", "land", "disarmed")]
+
+
+async def test_scenario_4_returns_when_every_series_is_there(log: EventLog, tmp_path: Path) -> None:
+    fleet = Fleet()
+    flying = asyncio.create_task(scenarios.scenario_4(fleet, Steps(fleet, log, samples=2)))
+    wanted = [(drone, seq, kind) for drone in fleet.drones for seq in range(2) for kind in UNITS]
+    for drone, seq, kind in wanted[:-1]:
+        fleet.brings(drone, seq, kind)
+    await _until(lambda: "collect" in (tmp_path / "events.jsonl").read_text())
+    assert "return" not in fleet.asked, "one value is not there yet"
+    fleet.brings(*wanted[-1])
+    await asyncio.wait_for(flying, 5)
+    assert fleet.asked[-1] == "return"
+    assert _done(tmp_path) == [(name, True) for name in ("arm", "takeoff", "goto", "collect", "return", "disarmed")]
+
+
+async def test_a_sensor_that_never_comes_into_range_is_named(log: EventLog, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steps, "COLLECT_SPARE_S", -1.95)
+    fleet = Fleet()
+    for kind in UNITS:
+        fleet.brings(1, 0, kind)
+        fleet.brings(1, 1, kind)
+    fleet.brings(2, 0, "humidity")
+    fleet.brings(2, 1, "humidity")
+    with pytest.raises(MissionError) as failure:
+        await Steps(fleet, log, samples=2).collect()
+    assert str(failure.value) == "collect: not done within 0.05 s (drone 2: 0 temperature, 0 light of 2 each)"
 
 
 async def test_a_drone_that_does_not_arrive_fails_scenario_2(log: EventLog) -> None:

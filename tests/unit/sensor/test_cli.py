@@ -24,7 +24,7 @@ BROKER = ["--broker", "mqtt://127.0.0.1:1"]
         ([*BROKER, "--rate", "1e9"], "--rate 1e+09: expected readings a second"),
         ([*BROKER, "--samples", "-1"], "--samples -1: expected a whole number from 1"),
         ([*BROKER, "--keep", "0"], "--keep 0: expected a whole number from 1"),
-        ([*BROKER, "--events", "/nowhere/there"], "--events /nowhere/there: cannot be written: No such file"),
+        ([*BROKER, "--events", "/proc/x/y"], "--events /proc/x/y: cannot be written: No such file"),
     ],
 )
 def test_a_bad_value_is_one_line(options: list[str], said: str, tmp_path: Path) -> None:

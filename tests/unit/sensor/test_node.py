@@ -177,3 +177,62 @@ def test_every_reading_is_stored_or_given_up_whatever_the_link_does(steps: list[
     assert measured == list(range(30))
     assert stored | set(dropped) == set(measured)
     assert Finished() in bench.tick(0)
+
+
+def test_what_is_reached_later_is_measured_from_then_on() -> None:
+    bench = Bench(connected=False, when_reached=True, samples=2)
+    assert bench.pass_time(5000) == []
+    bench.connect()
+    first = [effect.reading.message for effect in bench.pass_time(3000) if isinstance(effect, Measured)]
+    assert [message.time_ms - NOON_MS for message in first] == [5050, 6050]
+
+
+def test_it_goes_on_measuring_when_the_connection_is_lost_after_that() -> None:
+    bench = Bench(when_reached=True)
+    bench.tick()
+    bench.node.on_disconnected("broker", bench.now_ms)
+    assert any(isinstance(effect, Measured) for effect in bench.pass_time(1500))
+
+
+def test_one_that_stays_does_not_end_with_its_last_reading() -> None:
+    for stays in (True, False):
+        bench = Bench(samples=1, stays=stays)
+        bench.tick()
+        bench.acknowledge(0)
+        assert any(isinstance(effect, Finished) for effect in bench.tick(50)) is not stays
+
+
+def plain_bench(**options: Any) -> Bench:
+    bench = Bench(connected=False, plain=True, **options)
+    bench.node.on_connected("broker", 0)
+    return bench
+
+
+def test_a_plain_brokers_puback_is_all_that_a_reading_waits_for() -> None:
+    bench = plain_bench(samples=1)
+    assert sent(bench.tick()) == [0]
+    bench.taken(0)
+    assert bench.tick(60_000) == [Finished()]
+
+
+def test_nothing_is_subscribed_to_at_a_plain_broker() -> None:
+    bench = Bench(connected=False, plain=True)
+    bench.tick()
+    published = bench.node.on_connected("broker", 0)
+    assert [effect.topic for effect in published if isinstance(effect, Publish)] == ["sensor1/temperature"]
+    assert len(published) == 1
+
+
+def test_what_a_plain_broker_refuses_is_offered_again() -> None:
+    bench = plain_bench(samples=1)
+    bench.tick()
+    bench.node.on_published("broker", key(0), 0x97, bench.now_ms)
+    assert sent(bench.pass_time(60_000))[:1] == [0]
+
+
+def test_a_plain_brokers_window_moves_on() -> None:
+    bench = plain_bench(rate_hz=1000.0)
+    bench.tick()
+    bench.tick(2 * WINDOW)
+    more = bench.node.on_published("broker", key(0), 0, bench.now_ms)
+    assert sent(more) == [WINDOW]

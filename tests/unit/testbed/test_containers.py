@@ -15,6 +15,7 @@ import pytest
 from testbed import containers
 from testbed.containers import Containers, services_of
 from testbed.errors import DockerError, FleetError
+from testbed.sensors import SENSOR_PROFILES
 
 
 class _Exec:
@@ -75,15 +76,16 @@ def test_what_a_profile_starts_is_read_from_the_compose_file(tmp_path: Path) -> 
         "  broker: {profiles: [mqttxt]}\n"
         "  router-gs: {profiles: [mavlink]}\n"
     )
-    assert services_of("mqttxt", compose) == ["net", "gs", "broker"]
-    assert services_of("mavlink", compose) == ["net", "gs", "router-gs"]
+    assert services_of(("mqttxt",), compose) == ["net", "gs", "broker"]
+    assert services_of(("mavlink",), compose) == ["net", "gs", "router-gs"]
+    assert services_of(("mavlink", "mqttxt"), compose) == ["net", "gs", "broker", "router-gs"]
 
 
 @pytest.fixture
 def composed(monkeypatch: pytest.MonkeyPatch) -> tuple[Containers, list[list[str]]]:
     """MAVLink's containers, whose compose only writes down what it is asked, and cannot start anything."""
     fleet = Containers.__new__(Containers)
-    monkeypatch.setattr(fleet, "_profile", "mavlink", raising=False)
+    monkeypatch.setattr(fleet, "_profiles", ("mavlink",), raising=False)
     monkeypatch.setattr(fleet, "_environment", {}, raising=False)
     monkeypatch.setattr(fleet, "_files", [containers.COMPOSE_FILE], raising=False)
     monkeypatch.setattr(containers, "compose_command", lambda: ["compose"])
@@ -101,7 +103,7 @@ def composed(monkeypatch: pytest.MonkeyPatch) -> tuple[Containers, list[list[str
 def test_a_fleet_is_taken_down_whatever_protocol_it_was_for(composed: tuple[Containers, list[list[str]]]) -> None:
     fleet, ran = composed
     fleet.down()
-    assert [after for word, after in pairwise(ran[0]) if word == "--profile"] == ["mqttxt", "mavlink"]
+    assert [after for word, after in pairwise(ran[0]) if word == "--profile"] == ["mqttxt", "mavlink", *SENSOR_PROFILES]
 
 
 def test_a_start_that_compose_gives_up_is_the_fleets_own_failure(

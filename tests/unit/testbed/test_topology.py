@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from testbed.errors import UserError
+from testbed.sensors import sensor_settings
 from testbed.topology import COMPOSE_FILE, read_topology
 
 DRONES = range(1, 7)
@@ -53,17 +54,53 @@ def test_an_address_has_a_name() -> None:
     assert read_topology().name_of("198.18.24.2") is None
 
 
-def test_net_is_the_gateway_of_every_node(services: dict[str, Any]) -> None:
-    listed = dict(item.split("=") for item in services["net"]["environment"]["NODES"].split())
+def _variables(text: str, sensors: bool) -> list[str]:
+    """A list of net's with its variable filled in, as without sensors or as with them."""
+    for name, value in sensor_settings("mqttxt", 30).items():
+        text = text.replace(f"${{{name}:-}}", value if sensors else "")
+    return text.split()
+
+
+@pytest.mark.parametrize("sensors", [False, True])
+def test_net_is_the_gateway_of_every_node(services: dict[str, Any], sensors: bool) -> None:
+    topology = read_topology(sensors=sensors)
+    listed = dict(item.split("=") for item in _variables(services["net"]["environment"]["NODES"], sensors))
+    gateways = {node.name: services[node.name]["environment"]["GATEWAY"] for node in topology.nodes}
+    assert listed == {node.name: f"{gateways[node.name]},{node.address}" for node in topology.nodes}
     attached = {name: config["ipv4_address"] for name, config in services["net"]["networks"].items()}
-    gateways = {node.name: services[node.name]["environment"]["GATEWAY"] for node in read_topology().nodes}
-    assert listed == {node.name: f"{gateways[node.name]},{node.address}" for node in read_topology().nodes}
-    assert attached == gateways
+    assert gateways.items() <= attached.items()
 
 
-def test_net_routes_along_the_links(services: dict[str, Any]) -> None:
-    listed = {tuple(item.split("-")) for item in services["net"]["environment"]["LINKS"].split()}
-    assert {frozenset(pair) for pair in listed} == {frozenset((k.lower, k.upper)) for k in read_topology().links}
+@pytest.mark.parametrize("sensors", [False, True])
+def test_net_routes_along_the_links(services: dict[str, Any], sensors: bool) -> None:
+    listed = [tuple(item.split("-")) for item in _variables(services["net"]["environment"]["LINKS"], sensors)]
+    links = read_topology(sensors=sensors).links
+    assert {frozenset(pair) for pair in listed} == {frozenset((link.lower, link.upper)) for link in links}
+    assert len(listed) == len(links)
+
+
+def test_each_drone_has_a_sensor_below_it(services: dict[str, Any]) -> None:
+    topology = read_topology(sensors=True)
+    address = {node.name: node.address for node in topology.nodes}
+    for drone in DRONES:
+        assert topology.link_of(f"sensor{drone}", f"uav{drone}") == f"sense:uav{drone}:up"
+        meter = services[f"meter{drone}"]
+        assert meter["network_mode"] == f"service:sensor{drone}"
+        assert f"sensor --broker mqtt://{address[f'uav{drone}']}:1883 --number {drone} " in meter["command"]
+        assert f"--events /run-dir/sensors/sensor{drone}.jsonl" in meter["command"]
+
+
+def test_plain_brokers_lead_from_each_uav_over_its_fog_to_the_cloud(services: dict[str, Any]) -> None:
+    topology = read_topology()
+    address = {node.name: node.address for node in topology.nodes}
+    for link in topology.links:
+        if not link.name.startswith("wan:"):
+            bridge = services[f"bridge-{link.lower}"]
+            assert bridge["network_mode"] == f"service:{link.lower}"
+            name, host = bridge["command"][1:]
+            assert host == address[link.upper]
+            assert name == link.lower.replace("uav", "drone")
+    assert services["bridge-cloud"]["network_mode"] == "service:cloud"
 
 
 def test_each_drone_talks_to_its_own_fog_and_its_own_autopilot(services: dict[str, Any]) -> None:

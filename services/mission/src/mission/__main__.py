@@ -11,15 +11,14 @@ import typer
 
 from mqttxt import ConfigurationError
 
+from . import flight
 from .events import EventLog
-from .fleet import Fleet, MissionError
+from .fleet import Fleet
 from .mqttxt_fleet import MqttxtFleet
-from .options import COMMANDINGS, PROTOCOLS, STATES, STREAMS, Options, check_makeable, parse_fleet, parse_urls
+from .options import COMMANDINGS, PROTOCOLS, STATES, STREAMS, Options, parse_fleet, parse_urls
 from .points import points_of
-from .scenarios import SCENARIOS, WITH_POINTS
-from .steps import Steps
-
-CONNECT_LIMIT_S = 30.0
+from .scenarios import SCENARIOS, WITH_POINTS, WITH_SENSORS
+from .steps import SAMPLES
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -45,6 +44,12 @@ def fly(
     ] = "",
     streams: Annotated[str, typer.Option(help=f"mavlink: {', '.join(STREAMS)}.")] = "px4-onboard",
     commanding: Annotated[str, typer.Option(help=f"mavlink: {', '.join(COMMANDINGS)}.")] = "one-by-one",
+    samples: Annotated[int, typer.Option(help="Values of each series that sensors measure, one a second.")] = SAMPLES,
+    sensors: Annotated[Path | None, typer.Option(help="Folder of what the sensors write down, sensorY.jsonl.")] = None,
+    series: Annotated[Path | None, typer.Option(help="File for the check of what arrived of that, JSON.")] = None,
+    sensor_broker: Annotated[
+        str, typer.Option(help="mavlink: the broker where readings arrive, mqtt://HOST[:PORT].")
+    ] = "",
     links_start: Annotated[
         Path | None, typer.Option(help="Empty file that is made at t = 0, for the clock of the links' events.")
     ] = None,
@@ -61,18 +66,21 @@ def fly(
             urls=parse_urls(mavlink) if protocol == "mavlink" else (),
             streams=streams,
             commanding=commanding,
+            samples=samples,
+            sensors=sensors,
+            series=series,
+            sensor_broker=sensor_broker,
+            links_start=links_start,
         )
-        options.check(tuple(SCENARIOS))
+        options.check(tuple(SCENARIOS), WITH_SENSORS)
         if scenario in WITH_POINTS:
             points_of(drone for drones in options.fleet.values() for drone in drones)
-        if links_start is not None:
-            check_makeable("--links-start", links_start)
         log = EventLog(events)
         flying = make_fleet(options, log)
     except (ValueError, OSError) as error:
         typer.echo(f"mission: {error}", err=True)
         raise typer.Exit(2) from None
-    reason = asyncio.run(_fly(scenario, flying, log, links_start))
+    reason = asyncio.run(flight.fly(options, flying, log))
     log.close()
     if reason is not None:
         typer.echo(f"mission: {scenario} failed: {reason}", err=True)
@@ -81,31 +89,19 @@ def fly(
 
 def make_fleet(options: Options, log: EventLog) -> Fleet:
     """The fleet of a protocol. Raises ValueError for options that it cannot work with."""
-    if options.protocol == "mavlink":
-        from .mavsdk_fleet import MavsdkFleet  # only now: MAVSDK is a large library, and nothing of it is MQTT-XT's
-
-        return MavsdkFleet(options.urls, options.fleet, options.commanding, options.streams, log)
     try:
-        return MqttxtFleet(options.cloud, options.fleet, int(options.qos), log, options.states)
+        return _make_fleet(options, log)
     except ConfigurationError as error:
         raise ValueError(str(error)) from error
 
 
-async def _fly(scenario: str, fleet: Fleet, log: EventLog, links_start: Path | None) -> str | None:
-    """Fly it; returns why it failed, None when it did not. The clock of the links begins with the mission."""
-    reason = None
-    try:
-        await fleet.connect(CONNECT_LIMIT_S)
-        log.write("mission_start", scenario=scenario, drones=list(fleet.drones))
-        if links_start is not None:
-            links_start.touch()
-        await SCENARIOS[scenario](fleet, Steps(fleet, log))
-    except MissionError as error:
-        reason = str(error)
-    finally:
-        await fleet.close()
-    log.write("mission_end", status="failed" if reason else "completed", reason=reason)
-    return reason
+def _make_fleet(options: Options, log: EventLog) -> Fleet:
+    if options.protocol == "mavlink":
+        from .mavsdk_fleet import MavsdkFleet  # only now: MAVSDK is a large library, and nothing of it is MQTT-XT's
+
+        how = (options.commanding, options.streams, log, options.sensor_broker)
+        return MavsdkFleet(options.urls, options.fleet, *how)
+    return MqttxtFleet(options.cloud, options.fleet, int(options.qos), log, options.states)
 
 
 if __name__ == "__main__":

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TextIO
+
+from .fleet import Reading
 
 
 class EventLog:
@@ -21,6 +24,10 @@ class EventLog:
         record = {"t_ns": time.time_ns(), "event": event, **detail}
         self._file.write(json.dumps(record) + "\n")
         self._file.flush()
+
+    def reading(self, fog: int, reading: Reading) -> None:
+        """A sensor's value has arrived."""
+        self.write("reading", fog=fog, **asdict(reading))
 
     def next_call(self) -> int:
         """The number of a new API call; its retries and its outcomes belong to it."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -48,6 +48,20 @@ class Status:
         return f"{'armed' if self.armed else 'disarmed'}, {where}" + (f", {self.mode}" if self.mode else "")
 
 
+@dataclass(frozen=True)
+class Reading:
+    """A value that a sensor measured and a drone carried, as mqttxt.SensorReading has it."""
+
+    drone: int
+    sensor: int
+    boot: int
+    seq: int
+    kind: str
+    value: float
+    unit: str
+    time_ms: int
+
+
 class Fleet(Protocol):
     """Six drones or any other number. Every command returns one result for each drone that it goes to, mostly all."""
 
@@ -70,6 +84,10 @@ class Fleet(Protocol):
 
     async def return_home(self) -> list[Result]:
         """Back to the takeoff point and down; completed when landed and disarmed."""
+
+    @property
+    def readings(self) -> Sequence[Reading]:
+        """Every sensor's reading that has arrived, each once."""
 
     def status(self, drone: int) -> Status: ...
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -19,10 +19,11 @@ from mavsdk.plugins.action import ActionError
 from mqttxt import Word
 
 from .events import EventLog
-from .fleet import MissionError, Point, Result, Status
+from .fleet import MissionError, Point, Reading, Result, Status
 from .mavsdk_drone import Calls, MavsdkDrone
 from .mavsdk_outcomes import Goal, arm_goal, goto_goal, land_goal, refusal, return_goal, takeoff_goal
 from .options import COMMANDINGS, STREAMS
+from .plain_readings import PlainReadings
 
 LOOK_S = 0.1
 """Pause between two looks at MAVSDK's systems: it announces a new one, but not the autopilot that joins it."""
@@ -46,11 +47,18 @@ class MavsdkFleet:
 
     `commanding`: `one-by-one` makes the next call when the last one returned, as a plain MAVSDK script does;
     `concurrent` all at once. `streams` is what the vehicles send: `px4-onboard` and `px4-gcs` by themselves,
-    `five-states` what they are asked for here.
+    `five-states` what they are asked for here. `sensor_broker` is where sensors' readings arrive, which MAVLink has no
+    messages for: empty, or mqtt://HOST[:PORT].
     """
 
     def __init__(
-        self, urls: tuple[str, ...], fogs: dict[int, tuple[int, ...]], commanding: str, streams: str, log: EventLog
+        self,
+        urls: tuple[str, ...],
+        fogs: dict[int, tuple[int, ...]],
+        commanding: str,
+        streams: str,
+        log: EventLog,
+        sensor_broker: str = "",
     ) -> None:
         for name, value, known in (("commanding", commanding, COMMANDINGS), ("streams", streams, STREAMS)):
             if value not in known:
@@ -66,6 +74,8 @@ class MavsdkFleet:
         self._setting_up: set[asyncio.Task[None]] = set()
         self._calls = Calls()
         self._news = asyncio.Event()
+        self._sensors = PlainReadings(sensor_broker, tuple(fogs), self._on_reading) if sensor_broker else None
+        self._readings: list[Reading] = []
 
     @property
     def drones(self) -> tuple[int, ...]:
@@ -79,6 +89,8 @@ class MavsdkFleet:
         log_subscribe(_to_logger)
         try:
             async with asyncio.timeout(limit_s):
+                if self._sensors is not None:
+                    await self._sensors.connect()
                 await self._open()
                 while self._missing():
                     await self._look()
@@ -88,6 +100,8 @@ class MavsdkFleet:
 
     async def close(self) -> None:
         """End every call, stop listening and release MAVSDK; takes at most the three seconds of an open call."""
+        if self._sensors is not None:
+            await self._sensors.close()
         for task in self._setting_up:
             task.cancel()
         await asyncio.gather(*self._setting_up, return_exceptions=True)
@@ -129,6 +143,10 @@ class MavsdkFleet:
     async def return_home(self) -> list[Result]:
         return await self._command("return", lambda drone: drone.action.return_to_launch(), return_goal())
 
+    @property
+    def readings(self) -> Sequence[Reading]:
+        return self._readings
+
     def status(self, drone: int) -> Status:
         found = self._drones.get(drone)
         return found.view.status if found is not None else Status()
@@ -139,6 +157,11 @@ class MavsdkFleet:
         self._check_lost()
         await self._news.wait()
         self._check_lost()
+
+    def _on_reading(self, fog: int, reading: Reading) -> None:
+        self._readings.append(reading)
+        self._log.reading(fog, reading)
+        self._news.set()
 
     async def _open(self) -> None:
         self._mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
@@ -177,7 +200,7 @@ class MavsdkFleet:
 
     def _missing(self) -> list[str]:
         """What is not there yet of the drones that are wanted."""
-        found = []
+        found = self._sensors.missing if self._sensors is not None else []
         heard = f" (heard system {', '.join(map(str, sorted(self._others)))})" if self._others else ""
         for number in self.drones:
             drone = self._drones.get(number)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Coroutine, Mapping
+from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from mqttxt import (
@@ -25,6 +26,7 @@ from mqttxt import (
     MqttxtError,
     Outcome,
     Return,
+    SensorReading,
     StateUpdate,
     Stream,
     Takeoff,
@@ -32,7 +34,7 @@ from mqttxt import (
 )
 
 from .events import EventLog
-from .fleet import MissionError, Point, Result, Status
+from .fleet import MissionError, Point, Reading, Result, Status
 
 FIVE_STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 FIVE_STATES_HZ = 1.0
@@ -53,6 +55,7 @@ class MqttxtFleet:
         self._wanted = fogs
         self._log = log
         self._fogs: dict[int, Fog] = {}
+        self._readings: list[Reading] = []
         self._heard = asyncio.Event()
         self._listening: asyncio.Task[None] | None = None
         self._stack = contextlib.AsyncExitStack()
@@ -98,6 +101,10 @@ class MqttxtFleet:
 
     async def return_home(self) -> list[Result]:
         return await self._broadcast(Return())
+
+    @property
+    def readings(self) -> Sequence[Reading]:
+        return self._readings
 
     def status(self, drone: int) -> Status:
         states = {name: known.state for name, known in self._fog_of(drone).drone(drone).states.items()}
@@ -174,6 +181,10 @@ class MqttxtFleet:
             if isinstance(event, StateUpdate):
                 value = {name: _plain(found) for name, found in vars(event.state).items()}
                 self._log.write("state", drone=event.drone, name=event.state.name, value=value, age_ms=event.age_ms)
+            elif isinstance(event, SensorReading):
+                carried = {name: value for name, value in asdict(event).items() if name != "fog"}
+                self._readings.append(reading := Reading(**carried))
+                self._log.reading(event.fog, reading)
             self._heard.set()
 
     def _missing(self) -> list[str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PROTOCOLS = ("mqttxt", "mavlink")
+MOST_SAMPLES = 600
 QOS = ("0", "1")
 STATES = ("on-change", "fixed", "bundle")
 STREAMS = ("px4-onboard", "px4-gcs", "five-states")
@@ -28,8 +29,13 @@ class Options:
     urls: tuple[str, ...]
     streams: str
     commanding: str
+    samples: int = 1
+    sensors: Path | None = None
+    series: Path | None = None
+    sensor_broker: str = ""
+    links_start: Path | None = None
 
-    def check(self, scenarios: tuple[str, ...]) -> None:
+    def check(self, scenarios: tuple[str, ...], with_sensors: tuple[str, ...]) -> None:
         """Raises ValueError naming what cannot be flown."""
         _one_of("scenario", self.scenario, scenarios)
         _one_of("--protocol", self.protocol, PROTOCOLS)
@@ -39,9 +45,24 @@ class Options:
         _one_of("--commanding", self.commanding, COMMANDINGS)
         if self.protocol == "mqttxt" and not self.cloud:
             raise ValueError("--cloud '': expected the cloud broker, mqtt://HOST[:PORT]")
+        if not 1 <= self.samples <= MOST_SAMPLES:
+            raise ValueError(f"--samples {self.samples}: expected 1 to {MOST_SAMPLES}")
+        if self.links_start is not None:
+            _check_makeable("--links-start", self.links_start)
+        if self.scenario in with_sensors:
+            self._check_sensors()
         drones = sum(len(drones) for drones in self.fleet.values())
         if self.protocol == "mavlink" and len(self.urls) not in (1, drones):
             raise ValueError(f"--mavlink: {len(self.urls)} connections for {drones} drones: expected 1 or {drones}")
+
+    def _check_sensors(self) -> None:
+        if self.sensors is None:
+            raise ValueError(f"{self.scenario}: expected --sensors, the folder of what the sensors write down")
+        if self.series is None:
+            raise ValueError(f"{self.scenario}: expected --series, a file for what arrived of it")
+        _check_makeable("--series", self.series)
+        if self.protocol == "mavlink" and not self.sensor_broker:
+            raise ValueError(f"{self.scenario}: expected --sensor-broker, where readings arrive: mqtt://HOST[:PORT]")
 
 
 def parse_fleet(text: str) -> dict[int, tuple[int, ...]]:
@@ -66,7 +87,7 @@ def parse_urls(text: str) -> tuple[str, ...]:
     return urls
 
 
-def check_makeable(option: str, path: Path) -> None:
+def _check_makeable(option: str, path: Path) -> None:
     """Raises ValueError for a file that is there already or whose folder cannot be written."""
     if path.exists():
         raise ValueError(f"{option} {path}: expected a file that is not there yet")

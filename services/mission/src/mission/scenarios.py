@@ -32,6 +32,14 @@ async def scenario_3(fleet: Fleet, steps: Steps) -> None:
     await _land(fleet, steps)
 
 
+async def scenario_4(fleet: Fleet, steps: Steps) -> None:
+    """As scenario 2; at its point each waits until all that its sensor measures has arrived at the ground station."""
+    await _up(fleet, steps)
+    await _out(fleet, steps)
+    await steps.collect()
+    await _back(fleet, steps)
+
+
 async def _up(fleet: Fleet, steps: Steps) -> None:
     await steps.command("arm", fleet.arm, limit_s=30)
     await steps.command("takeoff", lambda: fleet.takeoff(ALTITUDE_M), limit_s=90)
@@ -60,7 +68,10 @@ SCENARIOS: dict[str, Callable[[Fleet, Steps], Awaitable[None]]] = {
     "scenario-1": scenario_1,
     "scenario-2": scenario_2,
     "scenario-3": scenario_3,
+    "scenario-4": scenario_4,
 }
 """Every scenario by the name that people type."""
-WITH_POINTS = ("scenario-2",)
+WITH_POINTS = ("scenario-2", "scenario-4")
 """Those that send each drone to a point of its own."""
+WITH_SENSORS = ("scenario-4",)
+"""Those that collect what sensors measure."""

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 
 from .events import EventLog
 from .fleet import Fleet, MissionError, Result
+from .series import KINDS
 
 PROGRESS_S = 1.0
+SAMPLES = 30
+COLLECT_SPARE_S = 60.0
+"""For a sensor to be found and for its last values to arrive."""
 
 
 class Steps:
-    """The steps of one mission on one fleet."""
+    """The steps of one mission on one fleet; `samples` are the values of each series that it collects, one a second."""
 
-    def __init__(self, fleet: Fleet, log: EventLog) -> None:
+    def __init__(self, fleet: Fleet, log: EventLog, samples: int = SAMPLES) -> None:
         self._fleet = fleet
         self._log = log
+        self._samples = samples
 
     async def command(self, name: str, ask: Callable[[], Awaitable[list[Result]]], limit_s: float) -> None:
         """A command to all drones; raises MissionError unless each completes it."""
@@ -46,16 +52,38 @@ class Steps:
             while not all(condition(drone) for drone in self._fleet.drones):
                 await self._fleet.changed()
 
+    async def collect(self) -> None:
+        """Wait until every series of every drone's sensor has arrived; raises MissionError naming what has not."""
+        async with self._step("collect", self._samples + COLLECT_SPARE_S, self._uncollected):
+            while self._uncollected():
+                before = len(self._fleet.readings)
+                while len(self._fleet.readings) == before:
+                    await self._fleet.changed()
+
+    def _uncollected(self) -> str:
+        """What has not arrived yet, empty when all has."""
+        arrived = Counter((reading.drone, reading.kind) for reading in self._fleet.readings)
+        said = []
+        for drone in self._fleet.drones:
+            short = [kind for kind in KINDS if arrived[drone, kind] < self._samples]
+            if short:
+                values = ", ".join(f"{arrived[drone, kind]} {kind}" for kind in short)
+                said.append(f"drone {drone}: {values} of {self._samples} each")
+        return "; ".join(said)
+
+    def _places(self) -> str:
+        return "; ".join(f"drone {drone}: {self._fleet.status(drone)}" for drone in self._fleet.drones)
+
     @contextlib.asynccontextmanager
-    async def _step(self, name: str, limit_s: float) -> AsyncIterator[None]:
+    async def _step(self, name: str, limit_s: float, describe: Callable[[], str] | None = None) -> AsyncIterator[None]:
+        """A step with its limit; `describe` says how things are when it is not done by then."""
         self._log.write("step", name=name, limit_s=limit_s)
         showing = asyncio.create_task(self._show(name))
         try:
             async with asyncio.timeout(limit_s):
                 yield
         except TimeoutError:
-            where = "; ".join(f"drone {drone}: {self._fleet.status(drone)}" for drone in self._fleet.drones)
-            reason = f"{name}: not done within {limit_s:g} s ({where})"
+            reason = f"{name}: not done within {limit_s:g} s ({(describe or self._places)()})"
             self._log.write("step_done", name=name, ok=False, reason=reason)
             raise MissionError(reason) from None
         except MissionError as error:

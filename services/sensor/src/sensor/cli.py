@@ -35,6 +35,13 @@ def run(
         int | None, typer.Option(help="End after so many readings of each kind, once they are stored elsewhere.")
     ] = None,
     keep: Annotated[int, typer.Option(help="Unacknowledged readings that are kept; then the oldest go.")] = 10_000,
+    when_reached: Annotated[
+        bool, typer.Option("--when-reached", help="Measure from the first connection on, not from the start.")
+    ] = False,
+    stay: Annotated[bool, typer.Option("--stay", help="Stay connected when --samples are measured.")] = False,
+    plain: Annotated[
+        bool, typer.Option("--plain", help="The broker belongs to no drone: what it acknowledges is stored.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed of the noise: the same seed and time measure the same.")] = 1,
     events: Annotated[Path | None, typer.Option(help="File for every reading, JSON lines.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")] = False,
@@ -52,6 +59,9 @@ def run(
             seed=seed,
             samples=samples if samples is None else check_number("--samples", samples),
             keep=check_number("--keep", keep),
+            when_reached=when_reached,
+            stays=stay,
+            plain=plain,
         )
         address = BrokerAddress.parse(broker, "--broker")
         return SensorRunner(address, options, settings(1, json), events=events, ready_file=ready_file)

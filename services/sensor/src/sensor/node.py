@@ -1,4 +1,7 @@
-"""A sensor node as a state machine: it measures on schedule and keeps each reading until the drone has stored it."""
+"""A sensor node as a state machine: it measures on schedule and keeps each reading until somebody has it.
+
+That is the drone, which acknowledges what it has stored; a plain broker's PUBACK is all that is heard of it.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +19,23 @@ from mqttxt.wire.codec import decode, encode
 from .model import QUANTITIES, value
 
 LINK = "broker"
+_REFUSED = 0x80
+"""From here on a PUBACK's reason code says no (MQTT 5.0, 2.4)."""
 WINDOW = 100
 """Readings that may be on their way at once."""
 
 
 @dataclass(frozen=True)
 class SensorOptions:
-    """`rate_hz`: readings of each kind a second; `samples`: of each kind, None for no end; `keep`: unacknowledged."""
+    """What is measured and when.
+
+    rate_hz       readings of each kind a second
+    samples       of each kind, None for no end
+    keep          unacknowledged readings that are kept
+    when_reached  nothing is measured before the first connection
+    stays         it goes on, connected, when all is measured
+    plain         the broker belongs to no drone: readings are safe with its PUBACK
+    """
 
     number: int = 1
     kinds: tuple[str, ...] = tuple(QUANTITIES)
@@ -30,6 +43,9 @@ class SensorOptions:
     seed: int = 1
     samples: int | None = None
     keep: int = 10_000
+    when_reached: bool = False
+    stays: bool = False
+    plain: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,9 +93,15 @@ class SensorNode:
         self._taken = 0
         self._next_ms: float | None = None
         self._is_up = False
+        self._was_reached = not options.when_reached
         self._under_way = 0
 
     def on_connected(self, link: str, now_ms: int) -> list[Output]:
+        """A drone's acknowledgements have to be subscribed to first."""
+        self._was_reached = True
+        if self.options.plain:
+            self._is_up = True
+            return self._send(now_ms)
         return [Subscribe(LINK, (self.side.ack,), live_only=True)]
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Output]:
@@ -106,8 +128,11 @@ class SensorNode:
         return self._send(now_ms)
 
     def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> list[Output]:
-        """The broker has it: the drone's word is waited for."""
+        """The broker has it: the drone's word is waited for. A plain broker that refused it is asked again later."""
         kept = self._kept.get(ref) if isinstance(ref, ReadingKey) else None
+        if kept is not None and self.options.plain and code < _REFUSED:
+            self._forget(kept.reading.key)
+            return self._send(now_ms)
         if kept is not None and kept.is_sent and kept.retry is None:
             kept.retry = Retry.unanswered(now_ms)
         return []
@@ -119,7 +144,7 @@ class SensorNode:
             sent = takewhile(lambda kept: kept.is_sent, self._kept.values())  # they are the oldest
             due = [kept for kept in sent if kept.retry is not None and kept.retry.is_due(now_ms)]
             out += [self._publish(kept) for kept in due]
-        if self._is_finished() and not self._kept:
+        if self._is_finished() and not self._kept and not self.options.stays:
             out.append(Finished())
         return out
 
@@ -134,6 +159,8 @@ class SensorNode:
 
     def _measure(self, now_ms: int) -> list[Output]:
         out: list[Output] = []
+        if not self._was_reached:
+            return out
         if self._next_ms is None:
             self._next_ms = now_ms
         while now_ms >= self._next_ms and not self._is_finished():

@@ -16,12 +16,16 @@ from mqttxt.roles.settings import Settings
 
 from .node import LINK, Dropped, Finished, Measured, SensorNode, SensorOptions
 
+LONGEST_PAUSE_S = 1.0
+"""A drone may be within reach for a short time only: it is called for every second."""
+
 
 class EventFile:
     """JSON lines of every reading, for a check of what arrived elsewhere; raises ConfigurationError."""
 
     def __init__(self, path: Path) -> None:
         try:
+            path.parent.mkdir(exist_ok=True)
             self._file = path.open("a", encoding="ascii", buffering=1)
         except OSError as error:
             raise ConfigurationError(f"--events {path}: cannot be written: {error.strerror}") from error
@@ -58,7 +62,7 @@ class SensorRunner(Runner):
         super().__init__(node, clock, ready_file)
         self._events = EventFile(events) if events is not None else None
         client_id = f"mqttxt-sensor{options.number}-{clock.session:08x}"
-        self.links[LINK] = MqttLink(LINK, broker, client_id, None, self)
+        self.links[LINK] = MqttLink(LINK, broker, client_id, None, self, longest_pause_s=LONGEST_PAUSE_S)
 
     def special(self, output: Any) -> None:
         if isinstance(output, Measured | Dropped):

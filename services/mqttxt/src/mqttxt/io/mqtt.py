@@ -32,7 +32,8 @@ class MqttLink:
 
     With `manual_ack` an inbound QoS 1 message counts as delivered only when its receipt was acknowledged; in the
     order of receipt (MQTT 5.0, 4.6). The broker sends again what was not on the next connection, if that comes
-    within `session_expiry_s` with the same client id: for who only subscribes.
+    within `session_expiry_s` with the same client id: for who only subscribes. `longest_pause_s` is that between
+    two attempts to connect.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class MqttLink:
         *,
         manual_ack: bool = False,
         session_expiry_s: int = 0,
+        longest_pause_s: float = LONGEST_PAUSE_S,
     ) -> None:
         self.name = name
         self.address = address
@@ -53,6 +55,7 @@ class MqttLink:
         self._events = events
         self._manual_ack = manual_ack
         self._session_expiry_s = session_expiry_s
+        self._longest_pause_s = longest_pause_s
         self._connection: Connection | None = None
         self._is_closed = False
 
@@ -69,7 +72,7 @@ class MqttLink:
             else:
                 logger.info("%s: %s: %s; trying again", self.name, self.address, reason)
             await asyncio.sleep(pause_s * random.uniform(0.5, 1.0))
-            pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
+            pause_s = min(2 * pause_s, self._longest_pause_s)
 
     def publish(self, effect: Publish) -> None:
         """Hand a message to the connection; without one it is dropped, and the role hears of the reconnection."""

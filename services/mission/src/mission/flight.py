@@ -1,0 +1,44 @@
+"""A mission from its fleet's connection to its end, with what it writes down."""
+
+from __future__ import annotations
+
+from .events import EventLog
+from .fleet import Fleet, MissionError
+from .options import Options
+from .scenarios import SCENARIOS
+from .series import compare, read_measured, write
+from .steps import Steps
+
+CONNECT_LIMIT_S = 30.0
+
+
+async def fly(options: Options, fleet: Fleet, log: EventLog) -> str | None:
+    """Fly it; returns why it failed, None when it did not. The clock of the links begins with the mission."""
+    reason = None
+    try:
+        await fleet.connect(CONNECT_LIMIT_S)
+        log.write("mission_start", scenario=options.scenario, drones=list(fleet.drones))
+        if options.links_start is not None:
+            options.links_start.touch()
+        await SCENARIOS[options.scenario](fleet, Steps(fleet, log, options.samples))
+    except MissionError as error:
+        reason = str(error)
+    finally:
+        await fleet.close()
+    broken = _check_series(options, fleet, log)
+    reason = reason or broken
+    log.write("mission_end", status="failed" if reason else "completed", reason=reason)
+    return reason
+
+
+def _check_series(options: Options, fleet: Fleet, log: EventLog) -> str | None:
+    """Hold what arrived to what the sensors measured, for missions that collect; returns what is not as measured."""
+    if options.sensors is None or options.series is None:
+        return None
+    measured = read_measured(options.sensors, fleet.drones)
+    found = compare(fleet.drones, measured, fleet.readings, options.samples)
+    write(found, options.series)
+    for one in found:
+        log.write("series", **one.to_data())
+    broken = [str(one) for one in found if not one.is_whole]
+    return f"series: {'; '.join(broken)}" if broken else None

@@ -1,0 +1,102 @@
+"""Sensors' readings from a plain MQTT broker: for a fleet whose own protocol cannot carry them."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+from collections.abc import Callable, Hashable
+
+from mqttxt.errors import MqttxtError, PayloadError
+from mqttxt.io.mqtt import BrokerAddress, MqttLink
+from mqttxt.readings import ReadingMessage, checked
+from mqttxt.roles.effects import Inbound, Subscribe
+from mqttxt.topics import CloudSide, DroneTopic
+from mqttxt.wire.codec import decode
+
+from .fleet import MissionError, Reading
+
+logger = logging.getLogger("mission.readings")
+LINK = "readings"
+
+
+class PlainReadings:
+    """A subscriber of `fogX/droneY/sensorS/K` at a cloud's broker, which bridges bring there, at QoS 1.
+
+    Raises mqttxt.ConfigurationError for a broker that cannot be one. `on_reading` gets each reading once.
+    """
+
+    def __init__(self, broker: str, fogs: tuple[int, ...], on_reading: Callable[[int, Reading], None]) -> None:
+        self._address = BrokerAddress.parse(broker, "--sensor-broker")
+        self._sides = {fog: CloudSide(fog) for fog in fogs}
+        self._on_reading = on_reading
+        self._heard: set[Reading] = set()
+        self._link: MqttLink | None = None
+        self._running: asyncio.Task[None] | None = None
+        self._subscribed = asyncio.Event()
+
+    @property
+    def missing(self) -> list[str]:
+        """What there is to wait for yet."""
+        return [] if self._subscribed.is_set() else [f"{self._address} does not answer"]
+
+    async def connect(self) -> None:
+        """Return when everything is subscribed to; raises MissionError when the broker refuses."""
+        client_id = f"mission-readings-{secrets.token_hex(4)}"
+        self._link = MqttLink(LINK, self._address, client_id, None, self)
+        self._running = asyncio.create_task(self._link.run())
+        waiting = asyncio.create_task(self._subscribed.wait())
+        try:
+            await asyncio.wait({waiting, self._running}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            waiting.cancel()
+        if self._running.done():
+            try:
+                self._running.result()
+            except MqttxtError as error:
+                raise MissionError(f"connect: {error}") from error
+
+    async def close(self) -> None:
+        if self._link is not None:
+            await self._link.close()
+        if self._running is not None:
+            self._running.cancel()
+            await asyncio.wait({self._running})
+
+    def connected(self, link: str) -> None:
+        assert self._link is not None
+        self._link.subscribe(Subscribe(LINK, tuple(f"{side.root}+/+/+" for side in self._sides.values())))
+
+    def disconnected(self, link: str) -> None:
+        logger.warning("%s: connection lost", self._address)
+
+    def subscribed(self, subscribe: Subscribe) -> None:
+        self._subscribed.set()
+
+    def published(self, link: str, ref: Hashable, code: int) -> None:
+        """Nothing is published here."""
+
+    def count(self, kind: str, detail: str) -> None:
+        logger.warning("%s: %s", kind, detail)
+
+    def received(self, link: str, message: Inbound) -> None:
+        """A bridge may hand a reading on twice."""
+        try:
+            fog, reading = self._read(message)
+        except PayloadError as error:
+            logger.warning("%s: %s", message.topic, error)
+            return
+        if reading not in self._heard:
+            self._heard.add(reading)
+            self._on_reading(fog, reading)
+
+    def _read(self, message: Inbound) -> tuple[int, Reading]:
+        for fog, side in self._sides.items():
+            if message.topic.startswith(side.root):
+                topic = side.parse(message.topic)
+                if isinstance(topic, DroneTopic) and topic.kind == "sensor":
+                    told = decode(ReadingMessage, message.payload)
+                    unit = checked(topic.sensor, topic.name, told).unit
+                    what = (topic.sensor, told.boot, told.seq, topic.name, told.value, unit, told.time_ms)
+                    return fog, Reading(topic.drone, *what)
+        raise PayloadError("not a sensor's topic", "topic")

@@ -1,0 +1,81 @@
+"""The series that sensors measured and drones carried: what arrived, held to what each sensor wrote down itself."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mqttxt.readings import UNITS
+
+from .fleet import Reading
+
+VERSION = 1
+KINDS = tuple(UNITS)
+"""A series of each of these comes from each drone's sensor."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One kind of value of one sensor, brought by its drone.
+
+    samples    how many values it was to have
+    measured   how many the sensor wrote down
+    delivered  how many of those arrived with the value, the unit and the time that were measured
+    wrong      values that arrived otherwise, or that the sensor knows nothing of
+    """
+
+    drone: int
+    sensor: int
+    kind: str
+    unit: str
+    samples: int
+    measured: int
+    delivered: int
+    wrong: int
+
+    @property
+    def is_whole(self) -> bool:
+        return self.measured == self.delivered == self.samples and self.wrong == 0
+
+    def to_data(self) -> dict[str, Any]:
+        """As series.json has it."""
+        return asdict(self) | {"whole": self.is_whole}
+
+    def __str__(self) -> str:
+        what = f"sensor {self.sensor} {self.kind}: {self.delivered} of {self.samples} values as measured"
+        return what + (f", {self.wrong} wrong" if self.wrong else "")
+
+
+def read_measured(folder: Path, drones: Iterable[int]) -> Iterator[Reading]:
+    """What the drones' sensors wrote down, in sensorY.jsonl; nothing of one that wrote nothing."""
+    for drone in drones:
+        path = folder / f"sensor{drone}.jsonl"
+        for line in path.read_text(encoding="ascii").splitlines() if path.exists() else ():
+            event = json.loads(line)
+            if event.pop("event") == "reading":
+                yield Reading(drone=drone, **event)
+
+
+def compare(
+    drones: Iterable[int], measured: Iterable[Reading], arrived: Iterable[Reading], samples: int
+) -> tuple[Series, ...]:
+    """Every series of the drones, whether anything of it arrived or not. A drone's sensor has its number."""
+    by_sensor, by_station = set(measured), set(arrived)
+    written, right = Counter(map(_key, by_sensor)), Counter(map(_key, by_sensor & by_station))
+    wrong = Counter(map(_key, by_station - by_sensor))
+    keys = [(drone, drone, kind) for drone in drones for kind in KINDS]
+    return tuple(Series(*key, UNITS[key[2]], samples, written[key], right[key], wrong[key]) for key in keys)
+
+
+def write(series: Iterable[Series], path: Path) -> None:
+    """series.json: each series, and whether it is whole."""
+    rows = [one.to_data() for one in series]
+    path.write_text(json.dumps({"version": VERSION, "series": rows}, indent=1) + "\n", encoding="ascii")
+
+
+def _key(reading: Reading) -> tuple[int, int, str]:
+    return reading.drone, reading.sensor, reading.kind
