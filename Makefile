@@ -4,6 +4,7 @@ PROFILE ?= ideal
 SHAPER ?= auto
 PROTOCOLS ?= mqttxt,mavlink
 ENCODING ?= cbor
+SAMPLES ?= 30
 # Factors, each by itself; empty: the arm's.
 STREAMS ?=
 COMMANDING ?=
@@ -18,7 +19,7 @@ PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help scenario-1 scenario-2 scenario-3 arms up down report test check bench docs sitl doctor lock clean venv containers tools
+.PHONY: help scenario-1 scenario-2 scenario-3 scenario-4 arms up down report test check bench docs sitl doctor lock clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -26,8 +27,9 @@ help: ## Say what each target does
 scenario-1: ## Fly scenario 1 over both: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE=lte PROTOCOLS=)
 scenario-2: ## The same with a point of its own for each drone, and the way back (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-3: ## Only up and down (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
-scenario-1 scenario-2 scenario-3: containers
-	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' $(FACTORS)
+scenario-4: ## As 2, and at its point each collects what a sensor measures there (SAMPLES= ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
+scenario-1 scenario-2 scenario-3 scenario-4: containers
+	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' --samples '$(SAMPLES)' $(FACTORS)
 
 arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES=)
 	@$(PYTHON) -m testbed arms

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from .containers import Containers, only_run
 from .errors import DockerError, TestbedError
-from .experiments import ARMS, EXPERIMENTS, FACTORS, PROTOCOLS, make_plan, one_protocol
+from .experiments import ARMS, DEFAULT_SAMPLES, EXPERIMENTS, FACTORS, PROTOCOLS, make_plan, one_protocol
 from .flights import by_hand, settings_of
 from .links import plan_links, start_clock, write_plan
 from .live_links import changes, read_live_plan, tell
@@ -66,12 +66,13 @@ def run(
     qos: Annotated[str, typer.Option(help=_factor_help("qos"))] = "",
     chain: Annotated[str, typer.Option(help=_factor_help("chain"))] = "",
     states: Annotated[str, typer.Option(help=_factor_help("states"))] = "",
+    samples: Annotated[str, typer.Option(help="Scenario 4: values of each series.")] = str(DEFAULT_SAMPLES),
     results: Annotated[Path, typer.Option(help="Folder for the results.")] = RESULTS,
 ) -> None:
     """Fly an experiment, measure it, and write its report. Exit code 0 only if every attempt was completed."""
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
-        plan = make_plan(experiment, attempts, arm, profile, protocols, factors, shaper)
+        plan = make_plan(experiment, attempts, arm, profile, protocols, factors, shaper, samples)
         for protocol in plan.protocols:
             settings_of(plan, protocol)  # what is wrong with it is said before anything is written
         console = _console()

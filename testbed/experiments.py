@@ -11,7 +11,10 @@ from .profiles.resolve import resolve
 from .profiles.run_plan import SHAPERS
 from .topology import read_topology
 
-EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3")
+EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3", "scenario-4")
+WITH_SENSORS = ("scenario-4",)
+DEFAULT_SAMPLES, MOST_SAMPLES = 30, 600
+"""Values of each series that a sensor measures, one a second."""
 PROTOCOLS = ("mqttxt", "mavlink")
 MOST_ATTEMPTS = 99
 
@@ -77,6 +80,12 @@ class Plan:
     profile: Profile
     protocols: tuple[str, ...]
     shaper: str = SHAPERS[0]
+    samples: int = DEFAULT_SAMPLES
+
+    @property
+    def has_sensors(self) -> bool:
+        """Whether the sensors' nodes are there, and what they measure is collected."""
+        return self.experiment in WITH_SENSORS
 
     @property
     def label(self) -> str:
@@ -97,6 +106,7 @@ def make_plan(
     protocols: str = "",
     overrides: Mapping[str, str] | None = None,
     shaper: str = SHAPERS[0],
+    samples: str = str(DEFAULT_SAMPLES),
 ) -> Plan:
     """A plan from what a person typed.
 
@@ -112,10 +122,15 @@ def make_plan(
         _one_of("PROTOCOLS", protocol, PROTOCOLS)
     if not attempts.isascii() or not attempts.isdecimal() or not 1 <= int(attempts) <= MOST_ATTEMPTS:
         raise UserError(f"ATTEMPTS={attempts}: expected a whole number from 1 to {MOST_ATTEMPTS}")
+    if not samples.isascii() or not samples.isdecimal() or not 1 <= int(samples) <= MOST_SAMPLES:
+        raise UserError(f"SAMPLES={samples}: expected a whole number from 1 to {MOST_SAMPLES}")
     factors = _factors(ARMS[arm], overrides or {})
     links = read_profile(profile)
-    resolve(links, read_topology(), experiment, 1)  # a link that does not exist is said now, not once containers run
-    return Plan(experiment, int(attempts), ARMS[arm], factors, links, tuple(dict.fromkeys(chosen)), shaper)
+    resolve(
+        links, read_topology(sensors=experiment in WITH_SENSORS), experiment, 1
+    )  # a link that does not exist is said now
+    flown = tuple(dict.fromkeys(chosen))
+    return Plan(experiment, int(attempts), ARMS[arm], factors, links, flown, shaper, int(samples))
 
 
 def one_protocol(text: str) -> str:

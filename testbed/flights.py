@@ -9,6 +9,7 @@ from collections.abc import Callable
 from .errors import UserError
 from .experiments import Plan
 from .overrides import chosen
+from .sensors import sensor_settings, sensor_words
 from .topology import FLEET
 
 CLOUD_URL = "mqtt://198.18.1.3:1883"
@@ -37,7 +38,9 @@ def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, 
         "ENCODING_FLAG": ENCODINGS[encoding],
         "BUNDLES_FLAG": "--bundles" if plan.factors.states == "bundle" else "",
         **chosen(os.environ, plan.protocols),
-    } | (alone if protocol == "mavlink" and plan.factors.chain == "direct" else {})
+        **(alone if protocol == "mavlink" and plan.factors.chain == "direct" else {}),
+        **(sensor_settings(protocol, plan.samples) if plan.has_sensors else {}),
+    }
 
 
 def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str]:
@@ -45,6 +48,7 @@ def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str
     fleet = ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in FLEET.items())
     command = ["mission", "fly", plan.experiment, "--protocol", protocol, "--fleet", fleet, "--events", events]
     command += ["--links-start", LINKS_START] if events == EVENTS else []
+    command += sensor_words(protocol, plan.samples) if plan.has_sensors else []
     factors = plan.factors
     if protocol == "mavlink":
         urls = ",".join(mavlink_urls(factors.chain))

@@ -6,6 +6,7 @@ shaper.json (what shapes), counters.json (what each link did) and events.jsonl (
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from .errors import ResultsError
 from .experiments import Plan
 from .profiles.resolve import Plan as LinkPlan
 from .profiles.resolve import resolve
-from .profiles.run_plan import run_plan
+from .profiles.run_plan import Gate, run_plan
 from .results import read_json, read_json_lines, write_json
 from .topology import Topology
 
@@ -27,9 +28,17 @@ def plan_links(plan: Plan, topology: Topology, number: int) -> LinkPlan:
     return resolve(plan.profile, topology, plan.experiment, number)
 
 
-def write_plan(folder: Path, links: LinkPlan, topology: Topology, shaper: str, *, always: bool = False) -> None:
+def write_plan(
+    folder: Path,
+    links: LinkPlan,
+    topology: Topology,
+    shaper: str,
+    *,
+    always: bool = False,
+    gates: Sequence[Gate] = (),
+) -> None:
     """Tell `net`; `always` lets it take every link in hand, also those that it has nothing to do with yet."""
-    write_json(folder / PLAN, run_plan(links, topology, shaper=shaper, always=always))
+    write_json(folder / PLAN, run_plan(links, topology, shaper=shaper, always=always, gates=gates))
 
 
 def start_clock(folder: Path) -> None:
@@ -58,7 +67,8 @@ def void_reason(folder: Path, links: LinkPlan) -> str | None:
         if read_shaper(folder)["shaper"] == "none":
             return None
         counters = read_counters(folder)
-        by_hand = {event["link"] for event in read_json_lines(folder / EVENTS, frozenset({"t_ns"})) if event.get("cause") == "hand"}
+        changes = read_json_lines(folder / EVENTS, frozenset({"t_ns"}))
+        by_hand = {event["link"] for event in changes if event.get("cause") == "hand"}
     except ResultsError as error:
         return f"what the links did cannot be read: {error}"
     void: str | None = counters["void"]

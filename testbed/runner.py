@@ -6,7 +6,7 @@ import contextlib
 import json
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,7 +19,9 @@ from .experiments import Plan
 from .flights import mission_command, settings_of
 from .manifest import describe, mosquitto_version
 from .profiles.resolve import Plan as LinkPlan
+from .profiles.run_plan import Gate
 from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
+from .sensors import closed_links, read_gates
 from .topology import read_topology
 from .validity import void_reason
 
@@ -111,16 +113,17 @@ def _void_together(flown: dict[Attempt, Ended]) -> None:
 
 def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
     settings = settings_of(plan, attempt.protocol)
-    topology = read_topology()
+    topology = read_topology(sensors=plan.has_sensors)
+    gates = read_gates() if plan.has_sensors else ()
     links = link_files.plan_links(plan, topology, attempt.number)
     folder = attempt.path / "links"
-    link_files.write_plan(folder, links, topology, plan.shaper)
+    link_files.write_plan(folder, links, topology, plan.shaper, gates=gates)
     manifest = describe(plan, attempt, topology, settings, links)
     write_json(attempt.path / "manifest.json", manifest)
     ended = Ended("failed", "interrupted")
     try:
         containers = make_containers(attempt.protocol, attempt.path, settings)
-        with _fleet_up(containers, attempt, manifest, links, progress):
+        with _fleet_up(containers, attempt, manifest, links, gates, progress):
             ended = _mission(mission_command(plan, attempt.protocol), containers, attempt, progress)
     except Interrupted:
         raise
@@ -145,7 +148,12 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
 
 @contextlib.contextmanager
 def _fleet_up(
-    containers: Containers, attempt: Attempt, manifest: dict[str, Any], links: LinkPlan, progress: Progress
+    containers: Containers,
+    attempt: Attempt,
+    manifest: dict[str, Any],
+    links: LinkPlan,
+    gates: Sequence[Gate],
+    progress: Progress,
 ) -> Iterator[None]:
     """The fleet for as long as this lasts: the network first, and all others only once its links are as planned.
 
@@ -160,7 +168,7 @@ def _fleet_up(
         shaper = link_files.read_shaper(folder)
         manifest |= {"shaper": shaper["shaper"], "shaping": shaper}
         with progress.phase("calibrating the links"):
-            calibration = calibrate(links, topology, containers.output)
+            calibration = calibrate(links, topology, containers.output, closed_links(gates))
         manifest["calibration"] = link_files.write_calibration(folder, calibration)
         if calibration.off:
             raise LinksOff("; ".join(calibration.off))

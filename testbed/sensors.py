@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
@@ -31,6 +32,11 @@ def read_gates(path: Path = POINTS_FILE) -> tuple[Gate, ...]:
     except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"{path}: expected range_m and points: {' '.join(str(error).split())}") from error
     return tuple(gates)
+
+
+def closed_links(gates: Sequence[Gate]) -> dict[str, str]:
+    """The links that no probe passes before the drones fly, and why."""
+    return {gate.link: "its drone is out of range" for gate in gates}
 
 
 def sensor_profiles(protocol: str) -> tuple[str, ...]:

@@ -133,7 +133,12 @@ def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"experiment": "scenario-9"}, "scenario=scenario-9: expected one of scenario-1, scenario-2, scenario-3"),
+        ({"samples": "0"}, "SAMPLES=0: expected a whole number from 1 to 600"),
+        ({"samples": "many"}, "SAMPLES=many: expected a whole number from 1 to 600"),
+        (
+            {"experiment": "scenario-9"},
+            "scenario=scenario-9: expected one of scenario-1, scenario-2, scenario-3, scenario-4",
+        ),
         ({"attempts": "0"}, "ATTEMPTS=0: expected a whole number from 1 to 99"),
         ({"attempts": "x"}, "ATTEMPTS=x: expected a whole number from 1 to 99"),
         ({"attempts": "٣"}, "ATTEMPTS=٣: expected a whole number from 1 to 99"),
@@ -169,3 +174,13 @@ def test_one_fleet_can_be_up_at_a_time() -> None:
 def test_an_unknown_encoding_is_named() -> None:
     with pytest.raises(UserError, match="ENCODING=xml: expected one of cbor, json"):
         settings_of(make_plan(**GOOD), "mqttxt", "xml")
+
+
+@pytest.mark.parametrize("protocol", ["mqttxt", "mavlink"])
+def test_sensors_are_told_of_only_where_they_are_flown_to(protocol: str) -> None:
+    without, flown = make_plan("scenario-2", samples="7"), make_plan("scenario-4", samples="7")
+    assert "SAMPLES" not in settings_of(without, protocol)
+    assert settings_of(flown, protocol)["SAMPLES"] == "7"
+    assert "--samples" not in mission_command(without, protocol)
+    words = mission_command(flown, protocol)
+    assert words[words.index("--samples") + 1] == "7"

@@ -10,7 +10,7 @@ from mission.points import all_points
 from testbed.containers import services_of
 from testbed.errors import UserError
 from testbed.profiles.run_plan import Gate
-from testbed.sensors import read_gates, sensor_profiles, sensor_settings, sensor_words
+from testbed.sensors import closed_links, read_gates, sensor_profiles, sensor_settings, sensor_words
 from testbed.topology import read_topology
 
 
@@ -24,7 +24,7 @@ def test_a_sensor_stands_at_its_drones_point_and_reaches_50_m() -> None:
 
 def test_every_gate_is_a_link() -> None:
     links = {link.name for link in read_topology(sensors=True).links}
-    assert {gate.link for gate in read_gates()} == {name for name in links if name.startswith("sense:")}
+    assert closed_links(read_gates()).keys() == {name for name in links if name.startswith("sense:")}
 
 
 @pytest.mark.parametrize("text", ["", "range_m: near\npoints: {}", "range_m: 50\npoints: {1: {latitude_deg: 47}}"])
