@@ -82,8 +82,12 @@ def changes(
 def tell(ask: Ask, wanted: Change) -> None:
     """Have `net` do it. Raises DockerError with what it says against it."""
     said = ask(wanted.command).strip()
-    if said:  # it says nothing when it has done it
-        raise DockerError(f"{wanted.link}: {said.splitlines()[-1]}")
+    try:
+        answer = json.loads(said)
+    except ValueError:
+        answer = {"error": said.splitlines()[-1] if said else "no answer"}
+    if not answer.get("ok"):
+        raise DockerError(f"{wanted.link}: {answer.get('error', said)}")
 
 
 def _check(name: str, state: LinkPlan, typed: Mapping[str, str]) -> None:

@@ -91,10 +91,12 @@ def test_what_net_says_against_a_change_is_told() -> None:
 
     def ask(command: list[str]) -> str:
         asked.append(command)
-        return ""
+        return json.dumps({"ok": True})
 
     tell(ask, change)
     assert asked[0][:5] == ["net", "change", "wan:gs:up", "loss=0.2", "--kernel"]
     assert json.loads(asked[0][5]) == [list(words) for words in change.kernel]
-    with pytest.raises(DockerError, match="wan:gs:up: net: the links are not shaped"):
-        tell(lambda command: "net: the links are not shaped\n", change)
+    with pytest.raises(DockerError, match="wan:gs:up: the links are not shaped"):
+        tell(lambda command: json.dumps({"error": "the links are not shaped"}), change)
+    with pytest.raises(DockerError, match="wan:gs:up: ConnectionRefusedError"):
+        tell(lambda command: "Traceback\nConnectionRefusedError\n", change)
