@@ -19,7 +19,7 @@ PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help scenario-1 scenario-2 scenario-3 scenario-4 arms up down report test check bench docs sitl doctor lock clean venv containers tools
+.PHONY: help scenario-1 scenario-2 scenario-3 scenario-4 arms links up down report test check bench docs sitl doctor lock clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -30,6 +30,9 @@ scenario-3: ## Only up and down (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-4: ## As 2, and at its point each collects what a sensor measures there (SAMPLES= ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-1 scenario-2 scenario-3 scenario-4: containers
 	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' --samples '$(SAMPLES)' $(FACTORS)
+
+links: containers ## Probe the links of all profiles, configured beside measured, without flying (PROFILE=lte,sik)
+	@$(PYTHON) -m testbed links --profile '$(if $(filter file,$(origin PROFILE)),,$(PROFILE))' --shaper '$(SHAPER)'
 
 arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES=)
 	@$(PYTHON) -m testbed arms

@@ -18,6 +18,7 @@ from .containers import Containers, only_run
 from .errors import DockerError, TestbedError
 from .experiments import ARMS, DEFAULT_SAMPLES, EXPERIMENTS, FACTORS, PROTOCOLS, make_plan, one_protocol
 from .flights import by_hand, settings_of
+from .link_check import check_profiles
 from .links import plan_links, start_clock, write_plan
 from .live_links import changes, read_live_plan, tell
 from .metrics import measure_series, read_metrics, verdict
@@ -184,6 +185,19 @@ def link(
             tell(ask, change)
             said = [f"{option} {value}" for option, value in typed.items()] + (["closed"] if closed else [])
             typer.echo(f"{change.link}: {', '.join(said) or 'as planned'}")
+
+
+@app.command()
+def links(
+    profiles: Annotated[str, typer.Option("--profile", help="Whose links, a list with commas; empty: all.")] = "",
+    shaper: Annotated[str, typer.Option(help=SHAPER_HELP)] = SHAPERS[0],
+    results: Annotated[Path, typer.Option(help="Folder for the results.")] = RESULTS,
+) -> None:
+    """Probe the links of profiles, without flying; configured beside measured. Exit code 1 where a figure is off."""
+    with _errors_as_lines():
+        only_run()
+        if not check_profiles(profiles, shaper, results.absolute(), _console()):
+            raise typer.Exit(1)
 
 
 @app.command()

@@ -41,6 +41,10 @@ FASTEST_BPS = 200_000_000
 """More than that is 20,000 full frames a second, which a machine that also shapes and captures may not keep up with."""
 LOSSIEST = 0.9
 PAUSE_S = 0.03
+LOAD_LOSSES, LOAD_FRAMES = 8, (2_000, 8_000)
+"""As many frames as lose 8, at which none lost at all is out of the interval, within these bounds."""
+LOAD_FRAMES_S, LOAD_SHARE, LONGEST_LOAD_S = 6_000, 0.8, 20.0
+"""All links together a second; of each rate; how long at most."""
 _WIDEST_JITTER = 4
 """A delay reaches four jitters beyond its mean."""
 
@@ -118,9 +122,29 @@ def make_schedule(plan: Plan, topology: Topology, closed: Mapping[str, str], onl
     return Schedule(tuple(flows), round(length_s, 3), unprobed)
 
 
+def make_load(plan: Plan, topology: Topology, closed: Mapping[str, str]) -> Schedule:
+    """Frames on every link that loses some, so that the shaper's counters show how many; nothing is measured."""
+    wanted = [name for name, link in plan.links.items() if link.loss and not _closed(name, closed)]
+    ends, flows = _Ends(topology), list[Flow]()
+    for number, name in enumerate(wanted):
+        link = plan.links[name]
+        ways = 1 if link.shared_with is None else 2
+        every_s = max(len(wanted) / LOAD_FRAMES_S, ways * _sending_s(link, SMALLEST_FRAME) / LOAD_SHARE)
+        fewest, most = LOAD_FRAMES
+        count = min(max(fewest, min(most, math.ceil(LOAD_LOSSES / link.loss))), int(LONGEST_LOAD_S / every_s))
+        at_s = round(every_s * number / len(wanted), 6)
+        flows.append(Flow(number, name, LOAD, *ends.of(name), at_s, 1, round(every_s, 9), count, SMALLEST_FRAME))
+    length_s = max((_arrived_s(flow, plan.links[flow.link]) for flow in flows), default=0.0)
+    return Schedule(tuple(flows), round(length_s, 3))
+
+
+def _closed(name: str, closed: Mapping[str, str]) -> str | None:
+    return closed.get(name.rpartition(":")[0]) or closed.get(name)
+
+
 def _unprobed(plan: Plan, closed: Mapping[str, str]) -> Iterator[tuple[tuple[str, str], str]]:
     for name, link in plan.links.items():
-        why = closed.get(name.rpartition(":")[0]) or closed.get(name)
+        why = _closed(name, closed)
         if why is None and arriving(link) < 1 - LOSSIEST:
             why = f"loses {1 - arriving(link):.0%} of what is sent"
         if why is not None:

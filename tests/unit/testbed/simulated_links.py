@@ -41,7 +41,7 @@ class SimulatedNodes:
         self._lock = threading.Condition()
         self._asked: dict[str, dict[str, Any]] = {}
         self._answers: dict[str, str] = {}
-        self._network = Network(parse_plan(plan.to_data(), "plan"))
+        self.network = Network(parse_plan(plan.to_data(), "plan"))
 
     def run(self, node: str, command: list[str]) -> str:
         with self._lock:
@@ -60,9 +60,9 @@ class SimulatedNodes:
         self.rounds += 1
         if self.rounds <= self._late:
             answer = json.dumps({"late_ms": 25.0, "overflowed": 0, "sent": {}, "arrived": {}})
-            self._answers = dict.fromkeys(self._asked, answer)
+            self._answers |= dict.fromkeys(self._asked, answer)
         else:
-            self._answers = {node: json.dumps(found) for node, found in self._cross().items()}
+            self._answers |= {node: json.dumps(found) for node, found in self._cross().items()}
         self._asked = {}
         self._lock.notify_all()
 
@@ -80,7 +80,8 @@ class SimulatedNodes:
         }
         waiting: dict[Any, deque[tuple[int, str, dict[str, Any], int]]] = defaultdict(deque)
 
-        def arrive(fate: int, due_ns: int, sent_ns: int, to: str, flow: dict[str, Any], number: int) -> None:
+        def arrive(link: Any, fate: int, due_ns: int, sent_ns: int, to: str, flow: dict[str, Any], number: int) -> None:
+            link.counters.left += fate != DROP
             if fate != DROP and not fate & CORRUPT and not self._lost(number):
                 came = found[to]["arrived"][str(flow["flow"])]
                 came["count"] += 1
@@ -88,20 +89,20 @@ class SimulatedNodes:
                     came["rows"].append([number, sent_ns, due_ns - self._offset_ns])
 
         def turns(now_ns: int) -> None:
-            for each in self._network.turns:
+            for each in self.network.turns:
                 for link, due_ns, fate in each.advance(now_ns):
-                    arrive(fate, due_ns, *waiting[link].popleft())
+                    arrive(link, fate, due_ns, *waiting[link].popleft())
 
         for sent_ns, node, place, number in frames:
             flow = self._asked[node]["flows"][place]
             to = names[flow["to"]]
-            link = self._network.links[str(self._topology.link_of(node, to))]
+            link = self.network.links[str(self._topology.link_of(node, to))]
             turns(self._offset_ns + sent_ns)
             due_ns, fate = link.arrive(self._offset_ns + sent_ns, flow["bytes"])
             if fate == WAIT:
                 waiting[link].append((sent_ns, to, flow, number))
             else:
-                arrive(fate, due_ns, sent_ns, to, flow, number)
+                arrive(link, fate, due_ns, sent_ns, to, flow, number)
         turns(NEVER_NS)
         return found
 

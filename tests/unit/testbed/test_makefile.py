@@ -39,3 +39,9 @@ def test_one_fleet_is_up_at_a_time_and_it_is_mqttxt_unless_somebody_says_otherwi
     assert _typed("up", "PROTOCOLS=mavlink")["--protocol"] == "mavlink"
     assert _typed("up", PROTOCOLS="mavlink")["--protocol"] == "mavlink"
     assert _typed("up", "PROTOCOLS=mqttxt,mavlink")["--protocol"] == "mqttxt,mavlink"
+
+
+def test_the_links_of_all_profiles_are_probed_unless_somebody_names_some() -> None:
+    assert _typed("links")["--profile"] == ""
+    assert _typed("links", "PROFILE=lte,sik")["--profile"] == "lte,sik"
+    assert _typed("links", PROFILE="lte")["--profile"] == "lte"
