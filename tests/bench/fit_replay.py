@@ -1,0 +1,108 @@
+"""Recorded streams through real links of the testbed's topology: what the shaper counts, beside the simulation."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from testbed.profiles.resolve import Plan
+from testbed.topology import FLEET, Topology
+from tests.bench.fit_network import PYTHON, REPOSITORY, ShapedNetwork
+from tests.bench.fit_search import SETTLED_NS, with_rates
+from tests.bench.fit_simulation import DOWN, Crossed, Losses, Offered, losses, run
+from tests.bench.fit_streams import ROOT, Streams
+
+FOLDER = ROOT / ".cache" / "fit" / "replay"
+SENDER = f"{REPOSITORY}/tests/bench/fit_sender.py"
+LEAD_S = 2.0
+SILENCE_S = 3.0
+WAYS = ("air", "backhaul", "wan")
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A replay beside its simulation; `counted` and `worked_out` are shares lost on each link of a class in the queue.
+
+    measured, expected  losses of frames sent once queues had filled
+    counted             by the shaper's counters, from the first frame on: lost end to end, and over all links
+    late_ms             how late the latest frame was sent
+    void                why the shaper says that the run does not count
+    """
+
+    measured: Losses
+    expected: Losses
+    counted: tuple[float, float]
+    worked_out: tuple[float, float]
+    late_ms: int
+    void: str | None
+
+
+@contextmanager
+def network(topology: Topology) -> Iterator[ShapedNetwork]:
+    """The nodes, and none of them afterwards."""
+    made = ShapedNetwork(topology)
+    try:
+        yield made.up()
+    finally:
+        made.down()
+
+
+def replay(made: ShapedNetwork, streams: Streams, plan: Plan, air_bps: int, wan_bps: int) -> Replayed:
+    """Send the streams from their drones to the ground station, on the plan's links with these rates."""
+    rated = replace(plan, links=with_rates(plan.links, air_bps, wan_bps))
+    offered = Offered(streams, FLEET)
+    crossed = run(offered, rated.links, plan.seed)
+    with made.shaping(rated), ThreadPoolExecutor(len(streams) + 1) as threads:
+        listening = made.nodes["gs"].exec_run([PYTHON, SENDER, "receive", str(SILENCE_S)], stream=True).output
+        assert next(listening).startswith(b"listening")
+        receiving = threads.submit(b"".join, listening)
+        begin_ns = time.monotonic_ns() + round(LEAD_S * 1e9)
+        sending = [threads.submit(_send, made, drone, streams, begin_ns) for drone in streams]
+        late_ms = max(future.result() for future in sending)
+        come = json.loads(receiving.result())
+    numbers = {drone: come.get(made.address(f"uav{drone}"), []) for drone in streams}
+    counters = made.counters()
+    return Replayed(
+        measured=losses(offered, _as_crossed(offered, crossed, numbers), SETTLED_NS),
+        expected=losses(offered, crossed, SETTLED_NS),
+        counted=_counted(counters["links"]),
+        worked_out=_counted({name: _as_counters(link) for name, link in crossed.items()}),
+        late_ms=late_ms,
+        void=counters["void"],
+    )
+
+
+def _send(made: ShapedNetwork, drone: int, streams: Streams, begin_ns: int) -> int:
+    file = f"uav{drone}.json"
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    (FOLDER / file).write_text(json.dumps([frame[:2] for frame in streams[drone]]))
+    inside = f"{REPOSITORY}/{FOLDER.relative_to(ROOT)}/{file}"
+    return int(made.output(f"uav{drone}", [PYTHON, SENDER, "send", inside, made.address("gs"), str(begin_ns)]))
+
+
+def _counted(links: Mapping[str, Mapping[str, int]]) -> tuple[float, float]:
+    """Shares lost of what came onto the air, and of what came onto any link, of the links on the way up."""
+    left: Counter[str] = Counter()
+    lost: Counter[str] = Counter()
+    for name, link in links.items():
+        kind = name.partition(":")[0]
+        if name == DOWN or (kind != "wan" and name.endswith(":up")):
+            left[kind] += link["left"]
+            lost[kind] += link["queue"] + link["random"]
+    return 1 - left["wan"] / (left["air"] + lost["air"]), lost.total() / (left.total() + lost.total())
+
+
+def _as_counters(link: Crossed) -> dict[str, int]:
+    return {"left": len(link.left), "queue": link.queue, "random": link.random}
+
+
+def _as_crossed(offered: Offered, crossed: Mapping[str, Crossed], come: Mapping[int, Any]) -> dict[str, Crossed]:
+    """The simulation's links, with what really came at the end of the last."""
+    arrived = [offered.by_drone[drone][number] for drone, numbers in come.items() for number in numbers]
+    return {**crossed, DOWN: replace(crossed[DOWN], left=arrived)}

@@ -1,0 +1,170 @@
+"""What autopilots stream, frame by frame: recorded from the stand-in's processes, or worked out with exact ticks."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import selectors
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from sitl.fleet import DroneConfig
+from sitl.vehicle import Vehicle
+
+ROOT = Path(__file__).resolve().parents[2]
+HEADERS = 14 + 20 + 8
+"""Ethernet, IPv4 and UDP. A router forwards one message a datagram, as the autopilot sends."""
+TICK_NS = 10_000_000
+WARM_UP_S = 8.0
+"""From the first datagram until all fly at their height."""
+_SO_TIMESTAMPNS = 35
+_TIMESPEC = struct.Struct("@ll")
+_SO_RCVBUFFORCE = 33
+_KINDS = {number: message.msgname for number, message in mavlink.mavlink_map.items()}
+
+
+class Frame(NamedTuple):
+    """A datagram as an Ethernet frame without FCS; times count from the recording's begin."""
+
+    t_ns: int
+    size: int
+    kind: str
+
+
+Streams = Mapping[int, tuple[Frame, ...]]
+"""By drone, in the order of time."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """A drone's stream in figures."""
+
+    frames_s: float
+    kbit_s: float
+    size_bytes: float
+
+
+def load_of(stream: tuple[Frame, ...]) -> Load:
+    """The mean load from the first frame to the last."""
+    span_s = (stream[-1].t_ns - stream[0].t_ns) / 1e9
+    size = sum(frame.size for frame in stream)
+    return Load(len(stream) / span_s, size * 8 / span_s / 1000, size / len(stream))
+
+
+def exact(chosen: str, seconds: float, system: int = 1, start_ns: int = 0) -> tuple[Frame, ...]:
+    """The stand-in's own messages in flight, with every tick in its place; the first WARM_UP_S are left out."""
+    vehicle, codec = Vehicle(DroneConfig(system), [chosen]), mavlink.MAVLink(None, system, 1)
+    frames = []
+    for tick in range(round((seconds + WARM_UP_S) * 1e9) // TICK_NS):
+        now_ns = tick * TICK_NS
+        vehicle.advance(now_ns / 1e9)
+        if tick == 100:
+            for wanted in _take_off(system):
+                vehicle.handle(0, wanted)
+        for message in vehicle.streamed(0, now_ns / 1e9):
+            size = len(message.pack(codec)) + HEADERS
+            codec.seq = (codec.seq + 1) % 256
+            if now_ns >= WARM_UP_S * 1e9:
+                frames.append(Frame(now_ns - round(WARM_UP_S * 1e9) + start_ns, size, message.get_type()))
+    return tuple(frames)
+
+
+def record(chosen: str, drones: int, seconds: float) -> Streams:
+    """What processes of the stand-in in flight send to loopback, by the kernel's receive times."""
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        sockets = {drone: stack.enter_context(_receiver()) for drone in range(1, drones + 1)}
+        for drone, come in sockets.items():
+            stack.enter_context(_flying(chosen, drone, come.getsockname()[1], folder))
+        began_ns = _start(sockets) + round(WARM_UP_S * 1e9)
+        found = _listen(sockets, began_ns, began_ns + round(seconds * 1e9))
+    return {drone: tuple(frames) for drone, frames in found.items()}
+
+
+def write(path: Path, streams: Streams) -> None:
+    """As JSON: for each drone its frames as [t_ns, size, kind]."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(dict(streams)))
+
+
+def read(path: Path) -> Streams:
+    """What `write` wrote."""
+    return {
+        int(drone): tuple(Frame(*frame) for frame in frames) for drone, frames in json.loads(path.read_text()).items()
+    }
+
+
+def _take_off(system: int) -> Iterator[mavlink.MAVLink_message]:
+    """Arm, and take off, as messages of a ground station that came in."""
+    sender, receiver = mavlink.MAVLink(None, 245, 190), mavlink.MAVLink(None)
+    for command, first in ((400, 1.0), (22, 0.0)):
+        message = mavlink.MAVLink_command_long_message(system, 1, command, 0, first, 0, 0, 0, 0, 0, 1000.0)
+        yield from receiver.parse_buffer(message.pack(sender))
+
+
+@contextlib.contextmanager
+def _receiver() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as come:
+        come.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        with contextlib.suppress(PermissionError):
+            come.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, 8 << 20)
+        come.bind(("127.0.0.1", 0))
+        come.setblocking(False)
+        yield come
+
+
+@contextlib.contextmanager
+def _flying(chosen: str, drone: int, port: int, folder: str) -> Iterator[None]:
+    options = ["--system", str(drone), "--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--streams", chosen]
+    command = [sys.executable, "-m", "sitl", "fly", *options, "--events", f"{folder}/{drone}.jsonl"]
+    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
+def _start(sockets: Mapping[int, socket.socket]) -> int:
+    """Answer each drone's first datagram with arm and takeoff; when the last was answered, in the clock's ns."""
+    for drone, come in sockets.items():
+        come.setblocking(True)
+        come.settimeout(30)
+        _, autopilot = come.recvfrom(2048)
+        for message in _take_off(drone):
+            come.sendto(message.get_msgbuf(), autopilot)
+        come.setblocking(False)
+    return time.time_ns()
+
+
+def _listen(sockets: Mapping[int, socket.socket], begin_ns: int, end_ns: int) -> dict[int, list[Frame]]:
+    found: dict[int, list[Frame]] = {drone: [] for drone in sockets}
+    with selectors.DefaultSelector() as selector:
+        for drone, come in sockets.items():
+            selector.register(come, selectors.EVENT_READ, found[drone])
+        while time.time_ns() < end_ns:
+            for key, _ in selector.select(timeout=0.5):
+                assert isinstance(key.fileobj, socket.socket)
+                _take(key.fileobj, key.data, begin_ns, end_ns)
+    return found
+
+
+def _take(come: socket.socket, frames: list[Frame], begin_ns: int, end_ns: int) -> None:
+    """Everything that waits at a socket."""
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            data, ancillary, _, _ = come.recvmsg(2048, 64)
+            seconds, nanoseconds = _TIMESPEC.unpack(ancillary[0][2])
+            t_ns = seconds * 1_000_000_000 + nanoseconds
+            if begin_ns <= t_ns < end_ns:
+                kind = _KINDS[int.from_bytes(data[7:10], "little")]
+                frames.append(Frame(t_ns - begin_ns, len(data) + HEADERS, kind))
