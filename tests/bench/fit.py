@@ -115,7 +115,8 @@ def _replayed(made: ShapedNetwork, streams: Streams, plan: Plan, rates: Rates) -
     )
     yield (
         f"{len(streams)} replayed, air {rates[0] / 1000:.0f} and wan {rates[1] / 1000:.0f} kbit/s: "
-        f"lost by the shaper's counters {measured}; simulated {expected}; sent {found.late_ms} ms late at most; void: {found.void}"
+        f"lost by the shaper's counters {measured}; simulated {expected}; "
+        f"sent {found.late_ms} ms late at most; void: {found.void}"
     )
     for state, kind in STATES.items():
         yield (
