@@ -197,7 +197,10 @@ def _queue_handle(link: Directed) -> str:
 
 
 def _impairments(link: Directed, step: int) -> str:
-    """What netem is told; a change leaves corruption and rate as they are unless they are named, so they always are."""
+    """What netem is told; a change leaves corruption and rate as they are unless they are named, so they always are.
+
+    A closed link doubles nothing: of a frame that is lost and doubled at once, netem sends one on.
+    """
     _, state, closed = link.states[step]
     words = [f"limit {link.limit}"]
     if state.delay_us:
@@ -209,7 +212,7 @@ def _impairments(link: Directed, step: int) -> str:
         words.append(f"reorder {_percent(state.reorder)}")
     loss = 1.0 if closed else state.loss
     words += [f"loss {_percent(loss)}"] if loss else []
-    words += [f"duplicate {_percent(state.duplicate)}"] if state.duplicate else []
+    words += [f"duplicate {_percent(state.duplicate)}"] if state.duplicate and not closed else []
     if link.has_corruption:
         words.append(f"corrupt {_percent(state.corrupt)}")
     if link.has_jitter and not state.reordering:

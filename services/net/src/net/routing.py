@@ -13,14 +13,16 @@ from socket import socket
 import typer
 
 from .captures import Capture, stop_all, write_counts
+from .emulator.plan import PlanError
 from .ending import Ending
 from .hops import parse_links, route_by_hops
 from .interfaces import NetError, Port, check_rights, parse_nodes, read_ports, turn_off_offloads
 from .shaping.attend import Attendant
-from .shaping.choice import choose
+from .shaping.choice import Choice, choose
 from .shaping.emulated import EmulatedLinks
 from .shaping.journal import Journal
-from .shaping.run_plan import read_run_plan
+from .shaping.kernel import KernelLinks
+from .shaping.run_plan import RunPlan, read_run_plan
 
 WATCH_S = 1.0
 
@@ -42,12 +44,7 @@ def route(captures: Path, links: Path | None, control: Path, ready_file: Path) -
         attendant = None
         if run is not None and links is not None:
             choice = choose(run)
-            folder = links
-
-            def make(journal: Journal) -> EmulatedLinks | None:
-                return None if choice.shaper == "none" else EmulatedLinks(folder, journal)
-
-            attendant = Attendant(folder, run, choice, make)
+            attendant = Attendant(links, run, choice, _maker(choice, links, run, ports))
             stack.callback(attendant.end)
             watched |= attendant.serve(control)
         running = _capture(ports, captures)
@@ -57,6 +54,24 @@ def route(captures: Path, links: Path | None, control: Path, ready_file: Path) -
         ready_file.touch()
         typer.echo(f"net: capturing towards {', '.join(port.node for port in ports)}")
         _watch(ending, watched, running, attendant)
+
+
+def _maker(
+    choice: Choice, folder: Path, run: RunPlan, ports: Sequence[Port]
+) -> Callable[[Journal], KernelLinks | EmulatedLinks | None]:
+    def make(journal: Journal) -> KernelLinks | EmulatedLinks | None:
+        if choice.shaper == "none":
+            return None
+        if choice.shaper == "netem":
+            return KernelLinks(folder, run, ports, journal)
+        try:
+            return EmulatedLinks(folder, journal)
+        except PlanError:
+            raise
+        except NetError as error:
+            raise NetError(f"no shaper: {choice.why}; by NFQUEUE: {error}") from error
+
+    return make
 
 
 def _capture(ports: Sequence[Port], folder: Path) -> list[Capture]:

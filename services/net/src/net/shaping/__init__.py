@@ -3,7 +3,7 @@
 run_plan   the file that the host wrote
 choice     which shaper there can be
 emulated   the emulator, a process of its own
-kernel     netem, by commands (with readback and tallies)
+kernel     netem, by commands (kernel_plan, commands), read back (readback) and counted (tallies)
 gates      links that are open while a drone is near
 server     changes by hand
 journal    everything that changed, and when

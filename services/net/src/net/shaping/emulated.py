@@ -24,8 +24,6 @@ USAGE = 2
 class EmulatedLinks:
     """Ready, with every link shaped, once it is made. Raises NetError."""
 
-    kind = "nfqueue"
-
     def __init__(self, folder: Path, journal: Journal) -> None:
         self._journal = journal
         self._channel, given = Channel.pair()

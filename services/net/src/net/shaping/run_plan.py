@@ -10,7 +10,7 @@ from typing import Any
 from ..emulator.plan import DIRECTIONS, Plan, Settings, is_number, mapping, parse_plan, read_json, wrong
 
 VERSION = 1
-SHAPERS = ("auto", "nfqueue")
+SHAPERS = ("auto", "netem", "nfqueue")
 FIELDS = ("version", "shaper", "always", "plan", "kernel", "gates")
 
 

@@ -1,0 +1,122 @@
+"""What the kernel counted, as the emulator counts: which drops were the queue's, which drawn, which a closed link's.
+
+Of a netem only one number of drops is known. So it is read whenever a link is closed or opened, and what was dropped in
+between is what the link was at that time. What netem doubled is what left, waits or was dropped beyond what entered it;
+what it turned or sent ahead is not counted by the kernel, and null.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a link's numbers are: its device, its mark, the interface it leaves by, and its queue's handle, if any."""
+
+    device: str
+    mark: str
+    out: str
+    queue: str | None
+
+
+@dataclass
+class Tally:
+    """One link's numbers so far."""
+
+    place: Place
+    closed: bool = False
+    left: int = 0
+    waiting: int = 0
+    random: int = 0
+    refused: int = 0
+    """By being closed."""
+    delayed: int = 0
+    """What came to the second stage."""
+    queue_left: int = 0
+    queue_drops: int = 0
+    queue_waiting: int = 0
+
+    def read_delay(self, shown: Mapping[str, Any]) -> None:
+        """The second stage's netem as it is now, before the link is closed or opened."""
+        drops = int(shown["drops"]) - self.random - self.refused
+        if self.closed:
+            self.refused += drops
+        else:
+            self.random += drops
+        self.left, self.waiting = int(shown["packets"]), int(shown["qlen"])
+
+    def read_queue(self, shown: Mapping[str, Any]) -> None:
+        """The first stage's netem as it is now."""
+        self.queue_left, self.queue_drops = int(shown["packets"]), int(shown["drops"])
+        self.queue_waiting = int(shown["qlen"])
+
+    def to_data(self) -> dict[str, int | None]:
+        """In the emulator's words."""
+        entered = self.delayed if self.place.queue is None else self.queue_left + self.queue_drops + self.queue_waiting
+        doubled = self.left + self.waiting + self.random + self.refused - self.delayed
+        return {
+            "entered": entered,
+            "entered_bytes": None,
+            "left": self.left,
+            "queue": self.queue_drops,
+            "random": self.random,
+            "closed": self.refused,
+            "refused": 0,
+            "overload": 0,
+            "duplicated": max(0, doubled),
+            "corrupted": None,
+            "reordered": None,
+        }
+
+
+class Tallies:
+    """All links'."""
+
+    def __init__(self, places: Mapping[str, Place]) -> None:
+        self.links = {name: Tally(place) for name, place in places.items()}
+        self._by_device = {tally.place.device: tally for tally in self.links.values()}
+        self._by_queue = {tally.place.queue: tally for tally in self.links.values() if tally.place.queue is not None}
+        self._outs = list(dict.fromkeys(tally.place.out for tally in self.links.values()))
+
+    def shows(self) -> list[list[str]]:
+        """The commands whose answers `read` takes."""
+        filters = [["tc", "filter", "show", "dev", out, "egress"] for out in self._outs]
+        return [["tc", "qdisc", "show"], *filters]
+
+    def read(self, shown: Sequence[Any]) -> None:
+        """What they showed, in the same order."""
+        self.read_qdiscs(shown[0])
+        by_place = {(tally.place.out, tally.place.mark): tally for tally in self.links.values()}
+        for out, content in zip(self._outs, shown[1:], strict=True):
+            for item in content:
+                options = item.get("options", {})
+                if "fw" in options and "actions" in options:
+                    tally = by_place[out, options["fw"]["mark"]]
+                    tally.delayed = int(options["actions"][0]["stats"]["packets"])
+
+    def read_qdiscs(self, shown: Sequence[Mapping[str, Any]], device: str | None = None) -> None:
+        """Netems of all devices, or of one where what is shown does not say which."""
+        for item in shown:
+            if item["kind"] != "netem":
+                continue
+            if item["handle"] in self._by_queue:
+                self._by_queue[item["handle"]].read_queue(item)
+            else:
+                self._by_device[device or item["dev"]].read_delay(item)
+
+    def report(self, profile: str, void: str | None) -> dict[str, Any]:
+        """The counters file's content."""
+        links = {name: tally.to_data() for name, tally in self.links.items()}
+        return {
+            "version": VERSION,
+            "shaper": "netem",
+            "profile": profile,
+            "links": links,
+            "late_ms": None,
+            "void": void,
+        }
