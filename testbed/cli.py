@@ -27,6 +27,8 @@ from .packets_view.cli import packets
 from .profiles import cli as profiles
 from .profiles.run_plan import SHAPERS
 from .progress import ConsoleProgress
+from .report.compare import result_of
+from .report.compare_page import print_comparison, write_comparison
 from .report.html import write_report
 from .report.terminal import print_summary
 from .results import live_attempt, new_series, open_series
@@ -116,6 +118,22 @@ def judge(
             typer.echo(str(answer))
         if not all(answer.met for answer in answers):
             raise typer.Exit(1)
+
+
+@app.command()
+def compare(
+    first: Annotated[Path, typer.Argument(help="A: the folder of a series, as results/scenario-1/latest.")],
+    second: Annotated[Path, typer.Argument(help="B: another one.")],
+    html: Annotated[Path, typer.Option(help="Where the page goes.")] = RESULTS / "compare.html",
+) -> None:
+    """Set two results beside each other, and say in what they differ."""
+    with _errors_as_lines():
+        both = [open_series(path) for path in (first, second)]
+        results = [result_of(name, one, measure_series(one)) for name, one in zip("AB", both, strict=True)]
+        console = _console()
+        print_comparison(results[0], results[1], console)
+        write_comparison(results[0], results[1], html)
+        console.print(f"page: {_shown(html)}", soft_wrap=True, markup=False)
 
 
 @app.command()

@@ -15,12 +15,17 @@ from .figures.per_link import per_link
 from .gallery import Seen
 
 
-def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any]) -> dict[str, Any]:
-    """`measured` is its entry in `metrics.json`, None for a void one."""
+def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any], repeat: int = 0) -> dict[str, Any]:
+    """`measured` is its entry in `metrics.json`, None for a void one.
+
+    `repeat` is how often the attempt had been flown before: what was void was flown again under the same number.
+    """
     manifest = attempt.manifest()
     side = metrics["protocols"][attempt.protocol]
-    measured = next((entry for entry in side["attempts"] if entry["attempt"] == attempt.number), None)
-    void = next((entry for entry in side["void"] if entry["attempt"] == attempt.number), None)
+    voids = [entry for entry in side["void"] if entry["attempt"] == attempt.number]
+    void = voids[repeat] if repeat < len(voids) else None
+    counted = (entry for entry in side["attempts"] if entry["attempt"] == attempt.number)
+    measured = next(counted, None) if void is None else None
     events = attempt.events()
     captures = manifest.get("captures", [])
     seen, own = None, None
@@ -33,7 +38,9 @@ def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any]) -> dict[s
         "number": attempt.number,
         "protocol": attempt.protocol,
         "name": words.name_of(attempt.protocol),
-        "id": f"{attempt.protocol}-{attempt.number}",
+        "id": f"{attempt.protocol}-{attempt.number}"
+        + (f"-void-{repeat + 1}" if void is not None and measured is None else ""),
+        "label": f"{attempt.number}{f', repeat {repeat}' if repeat else ''}",
         "manifest": manifest,
         "measured": measured,
         "trouble": _trouble(measured, void, events),

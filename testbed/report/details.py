@@ -80,7 +80,7 @@ def links_of(shown: Shown) -> list[tuple[str, dict[str, tuple[dict[str, Any], di
 
 def place_of_link(name: str) -> tuple[int, str]:
     """Where a link or one of its directions comes in a list: wan, backhaul, air, sense."""
-    return _place(name.split(":")[0], _CLASSES), name
+    return _place(name.split(":")[0], _CLASSES), name.replace(":down", ":~")  # up before down
 
 
 def by_layer(layers: dict[str, int]) -> dict[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,16 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
 
     Returns the page's path.
     """
-    attempts = [attempt_page.page_of(series, attempt, metrics) for attempt in series.attempts()]
-    attempts.sort(key=lambda one: (list(dict(words.sides(metrics))).index(one["protocol"]), one["number"]))
+    flown: Counter[tuple[str, int]] = Counter()
+    attempts = []
+    for attempt in series.attempts():
+        name = attempt.protocol, attempt.number
+        attempts.append(attempt_page.page_of(series, attempt, metrics, flown[name]))
+        flown[name] += 1
+    order = [protocol for protocol, _ in words.sides(metrics)]
+    attempts.sort(key=lambda one: (order.index(one["protocol"]), one["number"]))
     shown = comparison.shown(metrics)
-    of = {p: next(a for a in attempts if (a["protocol"], a["number"]) == (p, shown[p]["attempt"])) for p in shown}
+    of = {p: next(a for a in attempts if a["protocol"] == p and a["measured"] is shown[p]) for p in shown}
     seen = {p: attempt_page.seen_of(of[p]) for p in shown}
     commands = list(dict.fromkeys(command for attempt in of.values() for command in attempt["commands"]))
     figures = gallery.figures_of(metrics, shown, seen, _links(series), commands)

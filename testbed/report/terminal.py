@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from rich import box
@@ -10,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..results import Series
-from . import comparison, details, factors, sentences, words
+from . import beside, comparison, details, factors, sentences, words
 
 MOST_STREAMS = 8
 ROOM_FOR_BOTH = 105
@@ -27,9 +28,13 @@ def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> 
     for line in _flown(series, metrics):
         console.print(line, soft_wrap=True, markup=False)
     console.print(comparison_table(metrics))
+    if beside.rows(metrics):
+        console.print(thesis_table(metrics))
     if any(len(side["attempts"]) + len(side["void"]) > 1 for side in metrics["protocols"].values()):
         console.print(attempts_table(metrics))
     shown = comparison.shown(metrics)
+    if details.measured_links(shown):
+        console.print(measured_table(shown))
     for part in [shown] if console.width >= ROOM_FOR_BOTH else [{name: one} for name, one in shown.items()]:
         console.print(links_table(part))
     if "mavlink" in shown:
@@ -55,6 +60,50 @@ def comparison_table(metrics: dict[str, Any]) -> Table:
         ratio = f"{words.ratio(row.ratio)}×" if row.ratio is not None else words.NOTHING
         table.add_row(row.name, *cells, *([ratio] if len(sides) > 1 else []))
     return table
+
+
+def thesis_table(metrics: dict[str, Any]) -> Table:
+    """Means here beside the thesis's, a row a metric; what to know about its figures is on the page."""
+    rows = beside.rows(metrics)
+    table = _table("means here, and the thesis's (what to know before comparing is in the report)")
+    table.add_column("")
+    for protocol in rows[0].cells:
+        table.add_column(words.name_of(protocol), justify="right")
+        table.add_column("thesis", justify="right")
+    if rows[0].ratio is not None:
+        table.add_column("ratio", justify="right")
+        table.add_column("thesis", justify="right")
+    for row in rows:
+        pairs = [*row.cells.values(), *([row.ratio] if row.ratio is not None else [])]
+        table.add_row(row.name, *(text for pair in pairs for text in (pair.here, pair.thesis)))
+    return table
+
+
+def measured_table(shown: details.Shown) -> Table:
+    """Each directed link as configured and as measured by each side's attempt: delay, rate, random loss."""
+    table = _table("links as configured / measured")
+    table.add_column("link")
+    for protocol in shown:
+        for heading in ("delay", "rate", "loss"):
+            table.add_column(f"{words.name_of(protocol)}\n{heading}", justify="right")
+    for name, by in details.measured_links(shown):
+        cells = [_measured(by[protocol].get(figure), text) for protocol in shown for figure, text in _FIGURES]
+        table.add_row(name, *cells)
+    return table
+
+
+_FIGURES: tuple[tuple[str, Callable[[float], str]], ...] = (
+    ("delay_ms", words.short_delay),
+    ("rate_bps", words.bit_rate),
+    ("loss", words.share),
+)
+
+
+def _measured(one: details.Measured | None, text: Callable[[float], str]) -> str:
+    if one is None or (one.configured is None and one.measured is None):
+        return words.NOTHING
+    both = (one.configured, one.measured)
+    return " / ".join(words.NOTHING if value is None else text(value) for value in both)
 
 
 def attempts_table(metrics: dict[str, Any]) -> Table:

@@ -148,7 +148,9 @@ def in_words(count: int) -> str:
 
 
 def listed(parts: list[str]) -> str:
-    """'a', 'a and b', 'a, b and c'."""
+    """'a', 'a and b', 'a, b and c'; nothing of nothing."""
+    if not parts:
+        return ""
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 

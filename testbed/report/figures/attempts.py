@@ -136,8 +136,7 @@ def scenarios(packets: Scenarios, sizes: Scenarios, slips: frozenset[tuple[str, 
         shows="Packets and bytes of every scenario: measured here beside what the thesis printed.",
         note=(
             "Filled: measured here, a mark an attempt. Hollow: what the thesis printed, means of ten. Both scales are "
-            "logarithmic."
-            + (" Struck through: a figure of the thesis that is a slip; see the caveats above." if slips else "")
+            "logarithmic." + (" Struck through: a figure that the thesis's own packets contradict." if slips else "")
         ),
         draw=lambda width: _draw_scenarios(packets, sizes, slips, width),
         header=("what", "scenario", "protocol", "source", "value"),

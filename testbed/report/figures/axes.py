@@ -10,6 +10,8 @@ from .. import words
 from .draw import TEXT, Drawing, width_of
 
 Tick = tuple[float, str]
+_OVER = 14.0
+"""By so many pixels the name of a tick may stand out beyond its axis."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def bottom(drawing: Drawing, scale: Scale, ticks: Sequence[Tick], y: float, top:
         if top is not None:
             drawing.line((x, top), (x, y), "edge")
         half = width_of(name) / 2
-        first, last = x - half < scale.start - 6, x + half > scale.end + 6
+        first, last = x - half < scale.start - _OVER, x + half > scale.end + _OVER
         anchor = "start" if first else "end" if last else "middle"
         drawing.text(x - 2 if first else x + 2 if last else x, y + TEXT + 4, name, anchor=anchor)
 

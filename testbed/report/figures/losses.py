@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .. import words
-from .axes import Scale, bottom, steps
+from .axes import Scale, bottom, legend, steps
 from .draw import TEXT, Drawing, width_of
 from .figure import Figure
 
@@ -17,7 +17,7 @@ CAUSES = {
     "corrupted": "a bit was turned",
     "unknown": "cause unknown",
 }
-_SHADES = {"random": "l1", "queue": "l2", "closed": "l4", "overload": "bad", "corrupted": "l3", "unknown": "l5"}
+_SHADES = {"random": "l1", "queue": "l2", "closed": "l0", "overload": "bad", "corrupted": "l3", "unknown": "l5"}
 
 
 @dataclass(frozen=True)
@@ -86,14 +86,15 @@ def _draw(sides: Links, names: list[str], causes: list[str], width: float) -> Dr
     bar, left = 13.0, 128.0
     row = len(sides) * (bar + 2) + 10
     lines = _legend_lines(causes, width)
-    top = 8.0 + 20 * len(lines)
+    top = 30.0 + 20 * len(lines)
     drawing = Drawing(width, top + row * len(names) + 22)
-    for number, line in enumerate(lines):
+    legend(drawing, list(sides), 0, 13)
+    for number, line in enumerate(lines, 1):
         for cause, x in line:
             drawing.rect(x, 4 + 20 * number, 11, 11, _SHADES[cause])
             drawing.text(x + 17, 14 + 20 * number, CAUSES[cause])
     most = max(links[name].share for links in sides.values() for name in names if name in links)
-    room = width_of("100 %  10,000 of 100,000", TEXT - 1) if width > 600 else width_of("100 %  10,000", TEXT - 1)
+    room = width_of("100 % (10,000 of 100,000)" if width > 600 else "0 of 10,000", TEXT - 1)
     share = Scale(0, most, left, width - room)
     ticks = steps(100 * most, lambda v: f"{v:g} %", 5 if width > 600 else 3)
     bottom(drawing, share, [(value / 100, name) for value, name in ticks], top + row * len(names) - 4, top - 4)
@@ -112,8 +113,8 @@ def _draw(sides: Links, names: list[str], causes: list[str], width: float) -> Dr
                     tip = f"{words.name_of(protocol)}, {name}: {count:,} of {one.entered:,}, {CAUSES[cause]}"
                     drawing.rect(x, at, max(end - x, 0.8), bar, _SHADES[cause], tip=tip)
                     x = end
-            told = f"{words.percent(100 * one.share)}  {one.frames:,}" if one.frames else f"0 of {one.entered:,}"
-            told += f" of {one.entered:,}" if one.frames and width > 600 else ""
+            told = f"{words.percent(100 * one.share)}" if one.frames else f"0 of {one.entered:,}"
+            told += f" ({one.frames:,} of {one.entered:,})" if one.frames and width > 600 else ""
             drawing.text(x + 6, at + bar - 2.5, told, "soft", size=TEXT - 1)
         drawing.line((left, y - 3), (left, y + row - 7), "faint")
     return drawing

@@ -54,7 +54,7 @@ def topology(links: list[Link], profile: str, shaper: str) -> Figure | None:
         note=(
             f"Profile {profile}, {shaped}. ↑ is towards the cloud. "
             + (
-                "Delay one way, rate and loss as the probes measured them before the run."
+                "Delay one way and rate as probes measured them before the run, loss as it was counted in the run."
                 if measured
                 else "Delay one way, rate and loss as they were configured."
                 if known

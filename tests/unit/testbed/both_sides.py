@@ -56,6 +56,45 @@ def entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]:
     } | changed
 
 
+LINKS = ("wan:gs", "backhaul:fog1", "backhaul:fog2", *(f"air:uav{drone}" for drone in DRONES))
+
+
+def rich_entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]:
+    """An attempt over shaped links, with everything that `metrics.json` can have."""
+    slow = 2.0 if protocol == "mavlink" else 1.0
+    lost = {"random": 4, "queue": 20 if protocol == "mavlink" else 0, "closed": 1}
+    figures = {
+        "delay_ms": {"configured": 25.0, "measured": 25.2},
+        "rate_bps": {"configured": 1_450_000, "measured": 1_448_000},
+        "loss": {"configured": 0.01, "measured": 0.011},
+    }
+    ways = [f"{name}:{way}" for name in LINKS for way in ("up", "down")]
+    several = {name: {"bytes": SIZES[protocol] // 4, "packets": PACKETS[protocol] // 4} for name in PURPOSES}
+    summary = {"n": 1200, "mean": 30.0 * slow, "p50": 28.0 * slow, "p90": 44.0 * slow, "p99": 90.0 * slow, "max": 91.0}
+    seconds = round(MISSION_S[protocol])
+    return (
+        entry(protocol, number)
+        | {
+            "mission_s": MISSION_S[protocol] + number / 10,
+            "delay_ms": {name: [30.0 * slow + n + number for n in range(6)] for name in ("arm", "takeoff", "land")},
+            "delay_app_ms": {name: [40.0 * slow + n for n in range(6)] for name in ("arm", "takeoff", "land")},
+            "state_delay_ms": {"battery": {"captures": summary, "app": None if slow > 1 else summary}},
+            "message_sizes": {"arm": {"n": 6, "mean": 86.0, "min": 86, "max": 90, "share": 86.0, "ack_bytes": 66.0}},
+            "size_histogram": {"40-79": PACKETS[protocol] // 2, "80-159": PACKETS[protocol] // 3, "1280-2559": 2},
+            "purposes": several,
+            "load": {"fog1": {"uav1": [900] * seconds}, "fog2": {"uav4": [0] * seconds}, "total": [900] * seconds},
+            "losses": {"links": {name: lost for name in ways if name.startswith("air")}},
+            "links_measured": dict.fromkeys(ways, figures),
+            "memory_bytes": dict.fromkeys(CPU[protocol], 40000000),
+            "notes": ["air:uav1:up: the shaper counts 25 frames lost, the captures 24"],
+        }
+        | changed
+    )
+
+
+PURPOSES = ("command", "result", "state", "acknowledgement")
+
+
 def mavlink(dropped: int = 3) -> dict[str, Any]:
     """The MAVLink side's own numbers."""
     streams = []

@@ -1,0 +1,145 @@
+"""Headless Chromium over its debugging pipe: how a page fits a width, in light or dark, and what it complains of."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+ANSWER_S = 60.0
+
+
+def chromium() -> str | None:
+    """The browser's path; None where there is none."""
+    return next((found for name in CHROMIUM if (found := shutil.which(name))), None)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A page as it was shown."""
+
+    width: int
+    scroll_width: int
+    wider: tuple[str, ...]
+    """Elements that stand out on the right, without those in a box that scrolls."""
+    background: str
+    ink: str
+    text_sizes: tuple[float, ...]
+    """Sizes at which the visible figures' text is shown, in pixels."""
+    visible_figures: int
+
+
+_MEASURE = """(() => {
+  const wide = document.documentElement.clientWidth;
+  const scrolls = e => { for (let p = e; p; p = p.parentElement)
+    if (['auto', 'scroll'].includes(getComputedStyle(p).overflowX)) return true; return false; };
+  const wider = [...document.body.querySelectorAll('*')]
+    .filter(e => e.getBoundingClientRect().right > wide + 1 && !scrolls(e))
+    .map(e => e.tagName + '.' + (e.getAttribute('class') || '') + ' ' + (e.textContent || '').slice(0, 30));
+  const seen = [...document.querySelectorAll('figure svg')].filter(e => e.getBoundingClientRect().width > 0);
+  const sizes = seen.flatMap(s => { const shown = s.getBoundingClientRect().width / s.viewBox.baseVal.width;
+    return [...s.querySelectorAll('text')].map(t => parseFloat(getComputedStyle(t).fontSize) * shown); });
+  const style = getComputedStyle(document.body);
+  return {scroll: document.documentElement.scrollWidth, wider, background: style.backgroundColor, ink: style.color,
+    sizes, figures: seen.length};
+})()"""
+
+
+@dataclass
+class Browser:
+    """One Chromium for many pages; `said` are console messages, exceptions and what could not be loaded."""
+
+    path: str
+    said: list[str] = field(default_factory=list)
+    _loaded: int = 0
+    _session: str | None = None
+
+    def __enter__(self) -> Browser:
+        self._folder = tempfile.TemporaryDirectory()
+        read_theirs, self._write = os.pipe()
+        self._read, write_theirs = os.pipe()
+        options = (
+            *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars"),
+            *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+            *("--remote-debugging-pipe", f"--user-data-dir={self._folder.name}", "about:blank"),
+        )
+        command = f'exec "$@" 3<&{read_theirs} 4>&{write_theirs}'
+        self._process = subprocess.Popen(
+            ["bash", "-c", command, "bash", self.path, *options],
+            pass_fds=(read_theirs, write_theirs),
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(read_theirs)
+        os.close(write_theirs)
+        self._rest, self._number = b"", 0
+        target = next(t for t in self._ask("Target.getTargets")["targetInfos"] if t["type"] == "page")
+        self._session = self._ask("Target.attachToTarget", targetId=target["targetId"], flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self._ask(f"{domain}.enable")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._process.terminate()
+        self._process.wait(20)
+        os.close(self._read)
+        os.close(self._write)
+        self._folder.cleanup()
+
+    def look(self, page: Path, width: int, dark: bool = False) -> Look:
+        """Show a page at a width in CSS pixels, whole."""
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+        self._ask("Emulation.setDeviceMetricsOverride", **size)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self._ask("Emulation.setEmulatedMedia", features=[scheme])
+        loaded = self._loaded
+        self._ask("Page.navigate", url=page.resolve().as_uri())
+        while self._loaded == loaded:
+            self._next()
+        found = self._ask("Runtime.evaluate", expression=_MEASURE, returnByValue=True)["result"]["value"]
+        return Look(
+            *(width, found["scroll"], tuple(found["wider"]), found["background"], found["ink"]),
+            *(tuple(found["sizes"]), found["figures"]),
+        )
+
+    def _ask(self, method: str, **params: Any) -> dict[str, Any]:
+        self._number += 1
+        message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._write, json.dumps(message).encode() + b"\0")
+        while True:
+            told = self._next()
+            if told.get("id") == self._number:
+                assert "error" not in told, told
+                found: dict[str, Any] = told["result"]
+                return found
+
+    def _next(self) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            ready, _, _ = select.select([self._read], [], [], ANSWER_S)
+            assert ready, "Chromium says nothing"
+            more = os.read(self._read, 1 << 20)
+            assert more, "Chromium ended"
+            self._rest += more
+        line, self._rest = self._rest.split(b"\0", 1)
+        told: dict[str, Any] = json.loads(line)
+        method, params = told.get("method", ""), told.get("params", {})
+        if method == "Page.loadEventFired":
+            self._loaded += 1
+        if method == "Runtime.consoleAPICalled":
+            self.said.append(str([one.get("value") for one in params["args"]]))
+        if method == "Runtime.exceptionThrown":
+            self.said.append(params["exceptionDetails"]["text"])
+        if method == "Log.entryAdded":
+            self.said.append(params["entry"]["text"])
+        if method == "Network.requestWillBeSent" and not params["request"]["url"].startswith(("file:", "data:")):
+            self.said.append(f"asked for {params['request']['url']}")
+        return told
