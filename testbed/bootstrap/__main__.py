@@ -9,7 +9,7 @@ from .docker import compose_command, daemon_answers, ensure_docker, version
 from .images import BASE, IMAGES_NEED_MIB, NODE, ensure_images, has_image, node_is_current
 from .machine import ensure_machine, has_qemu, machine_is_current
 from .steps import ROOT, BootstrapError, check_python
-from .tools import ensure_tshark, has_tshark, tshark_version
+from .tools import chromium, ensure_chromium, ensure_tshark, has_tshark, tshark_version
 from .venv import ensure_venv, lock, venv_is_current
 
 
@@ -22,6 +22,7 @@ def containers() -> None:
 def tools() -> None:
     """What only the tests need."""
     ensure_tshark()
+    ensure_chromium()
     ensure_machine()
 
 
@@ -39,6 +40,7 @@ def doctor() -> None:
         ("base image", daemon and has_image(BASE), BASE, "make containers"),
         ("node image", daemon and node_is_current(), NODE, "make containers"),
         ("tshark, for tests", has_tshark(), tshark_version() if has_tshark() else "", "apt-get install tshark"),
+        ("Chromium, for tests", chromium() is not None, chromium() or "", "apt-get install chromium"),
         ("QEMU, for tests", has_qemu(), "", "apt-get install qemu-system-x86"),
         ("kernel for tests", machine_is_current(), ".cache/machine", "make tools"),
     ]

@@ -1,10 +1,26 @@
-"""Programs that only the tests need: tshark, which counts the same captures as the packets table."""
+"""Programs that only the tests need: tshark, which counts the same captures as the packets table, and a Chromium, in
+which the report is shown.
+"""
 
 from __future__ import annotations
 
 import shutil
 
 from .steps import apt_install, run
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+"""The names that it has, on one system or another."""
+
+
+def ensure_chromium() -> None:
+    """Make sure that a Chromium is installed."""
+    if chromium() is None:
+        apt_install(["chromium"], "the tests show the report in Chromium, which is not installed")
+
+
+def chromium() -> str | None:
+    """Where it is; None where it is not."""
+    return next((found for name in CHROMIUM if (found := shutil.which(name))), None)
 
 
 def ensure_tshark() -> None:

@@ -84,7 +84,8 @@ def losses_of(shown: details.Shown, seen: dict[str, Seen]) -> dict[str, dict[str
     found: dict[str, dict[str, Lost]] = {}
     for protocol, attempt in shown.items():
         per = seen[protocol].per_link
-        entered = per.entered if per is not None else {}
+        in_mission = {name: count["packets"] for name, count in attempt["links"].items()}
+        entered = (per.entered if per is not None else {}) or in_mission  # where the captures are gone
         by_link = (attempt.get("losses") or {}).get("links", {})
         found[protocol] = {
             name: Lost(count, {cause: n for cause in CAUSES if (n := by_link.get(name, {}).get(cause, 0))})

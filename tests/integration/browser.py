@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import select
-import shutil
 import subprocess
 import tempfile
 from dataclasses import dataclass, field
@@ -13,13 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 ANSWER_S = 60.0
-
-
-def chromium() -> str | None:
-    """The browser's path; None where there is none."""
-    return next((found for name in CHROMIUM if (found := shutil.which(name))), None)
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browser import Browser, chromium
+from browser import Browser
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "testbed"))
 
 from both_sides import entry, failed, make_series, rich_entry
 
+from testbed.bootstrap.tools import chromium
 from testbed.report.compare import result_of
 from testbed.report.compare_page import write_comparison
 from testbed.report.html import write_report
@@ -50,7 +51,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     path = chromium()
-    assert path is not None
+    assert path is not None, "there is no Chromium: make tools"
     with Browser(path) as started:
         yield started
 
@@ -73,7 +74,7 @@ def test_a_page_fits_its_width_and_complains_of_nothing(
 
 def test_each_figure_is_there_once_at_every_width(browser: Browser, pages: dict[str, Path]) -> None:
     page = pages["full"].read_text()
-    figures = len(re.findall(r'-wide-title"', page))
+    figures = len(re.findall(r' id="[a-z0-9-]+-wide-title"', page))
     assert figures >= 11
     closed = len(re.findall(r"<details><summary>MAVLink|<details><summary>MQTT-XT", page))
     for width in (PHONE, DESK):

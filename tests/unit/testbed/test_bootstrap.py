@@ -137,6 +137,17 @@ def test_tshark_is_installed_only_where_it_is_missing(monkeypatch: pytest.Monkey
     assert asked == [["tshark"]]
 
 
+def test_chromium_is_installed_only_where_it_has_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[list[str]] = []
+    monkeypatch.setattr(tools, "apt_install", lambda packages, why: asked.append(packages))
+    monkeypatch.setattr(tools.shutil, "which", lambda name: "/usr/bin/it" if name == "google-chrome" else None)
+    tools.ensure_chromium()
+    assert asked == []
+    monkeypatch.setattr(tools.shutil, "which", lambda _: None)
+    tools.ensure_chromium()
+    assert asked == [["chromium"]]
+
+
 def test_tsharks_version_is_found_behind_what_it_tells_root(monkeypatch: pytest.MonkeyPatch) -> None:
     said = 'Running as user "root" and group "root". This could be dangerous.\nTShark (Wireshark) 4.4.7 (Git v4).\n'
     monkeypatch.setattr(tools, "run", lambda _: said)
