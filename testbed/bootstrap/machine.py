@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import lzma
+import os
 import re
 import shutil
 import stat
@@ -77,9 +78,10 @@ def _key() -> str:
 
 def _make(scratch: Path) -> None:
     packed, tree = scratch / "tree.tar", scratch / "tree"
+    mode = ("--mode=chrootless",) if os.geteuid() else ()  # for others than root, and refused to root
     run(
         [
-            *("mmdebstrap", "--quiet", "--variant=extract", "--architectures=amd64"),
+            *("mmdebstrap", "--quiet", *mode, "--variant=extract", "--architectures=amd64"),
             *(f"--include={','.join(PACKAGES)}", RELEASE, str(packed)),
         ]
     )
