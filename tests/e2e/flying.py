@@ -64,8 +64,8 @@ class Run:
     def interrupt(self) -> None:
         self._process.send_signal(signal.SIGINT)
 
-    def wait(self) -> int:
-        return self._process.wait(200)
+    def wait(self, limit_s: float = 500) -> int:
+        return self._process.wait(limit_s)
 
     @property
     def latest(self) -> Path:

@@ -13,7 +13,7 @@ from flying import Run, attempt_over, containers
 
 from sitl.streams import RATES_HZ
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 
 KILL_ROUTER = """
 import os, pathlib, signal
