@@ -71,9 +71,10 @@ def test_events_wait_for_the_start_and_count_from_it(link: ShapedLink) -> None:
         start_ns = next(event["t_ns"] for event in found if event.get("event") == "start")
         (closed_ns,) = (event["t_ns"] for event in found if event.get("change") == {"closed": True})
         assert closed_ns - start_ns >= 1_000_000_000
+        assert len(running.flow(100, 200, 100, silence_s=0.4)) == 100
         content = running.end()
     assert content["shaper"] == "nfqueue"
-    assert content["links"][UP]["left"] == 300
+    assert (content["at_start"][UP]["left"], content["links"][UP]["left"]) == (300, 400)
 
 
 def test_a_link_is_changed_by_hand_and_back(link: ShapedLink) -> None:

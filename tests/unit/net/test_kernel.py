@@ -153,6 +153,7 @@ def test_what_a_closed_link_dropped_is_told_from_what_was_drawn(
 ) -> None:
     outage = EventPlan(2.0, UP, 1.0, {"closed": True})
     bench = Bench(tmp_path, plan_of(outage, rate_bps=1_000_000, queue_packets=9, loss=0.1), monkeypatch)
+    bench.tc.count(DEVICE, packets=7, drops=1)
     bench.links.start(1000 * S)
     bench.tc.count(DEVICE, packets=90, drops=10)
     bench.at(2.0)
@@ -165,6 +166,8 @@ def test_what_a_closed_link_dropped_is_told_from_what_was_drawn(
     counted = bench.counters()
     assert (counted["random"], counted["closed"], counted["queue"], counted["left"]) == (21, 25, 5, 180)
     assert (counted["entered"], counted["duplicated"], counted["overload"]) == (236, 0, 0)
+    at_start = json.loads((tmp_path / "counters.json").read_text())["at_start"][UP]
+    assert (at_start["left"], at_start["random"], at_start["closed"]) == (7, 1, 0)
 
 
 def test_without_a_rate_what_enters_is_what_comes_to_the_delay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,15 +17,27 @@ LATE_LIMIT_MS = 10.0
 """Later than this at p99, and the links were not those of the plan: three times what is asked of a quiet machine."""
 
 
+def by_link(links: Sequence[Link], drops: Mapping[int, int]) -> dict[str, dict[str, int]]:
+    """What each link counted so far; `drops` are the kernel's, by queue, which is the link's place."""
+    for queue, link in enumerate(links):
+        link.counters.overload = drops.get(queue, 0)
+    return {link.name: asdict(link.counters) for link in links}
+
+
 def report(
-    profile: str, links: Sequence[Link], drops: Mapping[int, int], overruns: int, late: Lateness, held: int
+    profile: str,
+    links: Sequence[Link],
+    drops: Mapping[int, int],
+    overruns: int,
+    late: Lateness,
+    held: int,
+    at_start: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The file's content; `drops` are the kernel's, by queue, which is the link's place.
+    """The file's content: totals, and what they were when the links' clock began.
 
     `void` is None, or why the run does not count.
     """
-    for queue, link in enumerate(links):
-        link.counters.overload = drops.get(queue, 0)
+    counted = by_link(links, drops)
     lost = {link.name: link.counters.overload for link in links if link.counters.overload}
     p99_ms = late.quantile_ms(0.99)
     void = None
@@ -38,7 +50,8 @@ def report(
         "version": VERSION,
         "shaper": "nfqueue",
         "profile": profile,
-        "links": {link.name: asdict(link.counters) for link in links},
+        "links": counted,
+        "at_start": at_start,
         "held": held,
         "late_ms": {
             "p50": late.quantile_ms(0.5),

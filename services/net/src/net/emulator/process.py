@@ -21,6 +21,7 @@ from .network import Network, Step
 from .nfqueue import Queues
 from .plan import Plan
 from .shaper import Shaper
+from .timing import Lateness
 from .urgency import hurry
 
 
@@ -46,9 +47,19 @@ def shape(
         writer = counts.Writer(counters_file)
         links = list(network.links.values())
 
+        at_start: dict[str, Any] = {}
+
+        def drops() -> dict[int, int]:
+            return nfqueue.read_drops(nfqueue.COUNTS_FILE.read_text())
+
+        def start(at_ns: int) -> None:
+            network.start(at_ns)
+            shaper.late = Lateness()  # what was late before is calibration's affair
+            at_start.update(counts.by_link(links, drops()))
+
         def report() -> dict[str, Any]:
-            drops = nfqueue.read_drops(nfqueue.COUNTS_FILE.read_text())
-            return counts.report(plan.profile, links, drops, shaper.overruns, shaper.late, shaper.held)
+            late, held = shaper.late, shaper.held
+            return counts.report(plan.profile, links, drops(), shaper.overruns, late, held, at_start or None)
 
         def tick() -> None:
             with _written("--counters", counters_file):
@@ -56,10 +67,10 @@ def shape(
 
         heard: dict[socket.socket, Callable[[], None]] = {ending.wake: ending.drain}
         if channel is not None:
-            listener = _Listener(channel, network, shaper, queues, ways, ending)
+            listener = _Listener(channel, network, shaper, queues, ways, ending, start)
             heard[channel.socket] = listener.hear
         else:
-            network.start(0)
+            start(0)
         rules.apply(ways)
         try:
             tick()
@@ -92,7 +103,9 @@ class _Listener:
         queues: Queues,
         ways: Sequence[rules.Way],
         ending: Ending,
+        start: Callable[[int], None],
     ) -> None:
+        self._start = start
         self._channel, self._network, self._shaper = channel, network, shaper
         self._queues, self._ways, self._ending = queues, ways, ending
 
@@ -107,7 +120,7 @@ class _Listener:
     def _do(self, order: Mapping[str, Any]) -> list[dict[str, Any]]:
         """The profile's event that is in force from here on, if the order lets go of a link."""
         if "start_ns" in order:
-            self._network.start(self._shaper.since_zero_ns(order["start_ns"]))
+            self._start(self._shaper.since_zero_ns(order["start_ns"]))
             return []
         name = order["link"]
         if "shut" in order:

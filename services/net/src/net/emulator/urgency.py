@@ -1,8 +1,9 @@
 """Puts the emulator before other programs: a packet's time is over whether or not the machine is busy.
 
-SCHED_FIFO, which any ordinary program makes way for, needs CAP_SYS_NICE, and a kernel that gives a container a share of
-real time; a nice value below 0 needs CAP_SYS_NICE too. Where neither is to be had it goes on as it is: the counters
-tell how late packets were.
+SCHED_FIFO, which any ordinary program makes way for, needs CAP_SYS_NICE, and a kernel that gives a container real time
+(one with CONFIG_RT_GROUP_SCHED does not). A nice value below 0 needs CAP_SYS_NICE too; it counts within the container
+only, against the captures: between containers it is `cpu_shares` that counts. Without either it goes on as it is, and
+the counters tell how late packets were.
 """
 
 from __future__ import annotations

@@ -135,8 +135,8 @@ def _are_words(value: object) -> bool:
 
 
 def _nothing_counted(run: RunPlan) -> Mapping[str, Any]:
-    profile = run.plan.profile
-    return {"version": 1, "shaper": "none", "profile": profile, "links": {}, "late_ms": None, "void": None}
+    nothing: Mapping[str, Any] = {"links": {}, "at_start": {}, "late_ms": None, "void": None}
+    return {"version": 1, "shaper": "none", "profile": run.plan.profile, **nothing}
 
 
 def _machine() -> Mapping[str, str]:

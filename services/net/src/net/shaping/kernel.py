@@ -54,6 +54,7 @@ class KernelLinks:
         for name, state in self._state.items():
             self._tallies.links[name].closed = state.closed
         self._start_s: float | None = None
+        self._at_start: Mapping[str, Any] | None = None
         self._count_s = 0.0
         carry_out(self._plan.begin, runner, "kernel.begin")
         self.checked: Mapping[str, Any] = read_back(self._plan.begin, runner)
@@ -62,6 +63,8 @@ class KernelLinks:
     def start(self, at_ns: int) -> None:
         """The links' clock runs from that moment (unix time) on."""
         self._start_s = time.monotonic() - (time.time_ns() - at_ns) / 1e9
+        self._tallies.read(carry_out(self._tallies.shows(), self._runner, "count"))
+        self._at_start = self._tallies.by_link()
 
     def attend(self) -> float | None:
         """Carry out what is due, and count once a second; in how many seconds there is something to do again."""
@@ -151,7 +154,7 @@ class KernelLinks:
         void = f"the kernel dropped frames before the links: {lost}" if lost else None
         fresh = self._file.with_suffix(".new")
         try:
-            fresh.write_text(json.dumps(self._tallies.report(self._profile, void)) + "\n")
+            fresh.write_text(json.dumps(self._tallies.report(self._profile, void, self._at_start)) + "\n")
             fresh.replace(self._file)
         except OSError as error:
             raise NetError(f"{self._file}: {error.strerror}; expected a file that can be written") from error

@@ -109,14 +109,18 @@ class Tallies:
             else:
                 self._by_device[device or item["dev"]].read_delay(item)
 
-    def report(self, profile: str, void: str | None) -> dict[str, Any]:
-        """The counters file's content."""
-        links = {name: tally.to_data() for name, tally in self.links.items()}
+    def by_link(self) -> dict[str, dict[str, int | None]]:
+        """What each link counted so far."""
+        return {name: tally.to_data() for name, tally in self.links.items()}
+
+    def report(self, profile: str, void: str | None, at_start: Mapping[str, Any] | None) -> dict[str, Any]:
+        """The counters file's content: totals, and what they were when the links' clock began."""
         return {
             "version": VERSION,
             "shaper": "netem",
             "profile": profile,
-            "links": links,
+            "links": self.by_link(),
+            "at_start": at_start,
             "late_ms": None,
             "void": void,
         }
