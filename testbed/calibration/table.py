@@ -1,7 +1,7 @@
 """Links as measured, for people: of each class and direction the link that is furthest off, configured beside measured.
 
-`python -m testbed.calibration.table results/links/latest/links.json docs/links.md` puts the table of a saved check
-between the page's markers.
+`python -m testbed.calibration.table results/links/latest/links.json docs/links.md` puts the table of saved checks, one
+file or more, between the page's markers.
 """
 
 from __future__ import annotations
@@ -76,5 +76,6 @@ def _shown(figure: str, value: float) -> str:
 
 
 if __name__ == "__main__":
-    saved, written = (Path(word) for word in sys.argv[1:3])
-    write_into(written, markdown(document_rows(json.loads(saved.read_text(encoding="utf-8")))))
+    *saved, written = (Path(word) for word in sys.argv[1:])
+    documents = [json.loads(path.read_text(encoding="utf-8")) for path in saved]
+    write_into(written, markdown([row for document in documents for row in document_rows(document)]))
