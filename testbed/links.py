@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .calibration import Calibration, check_losses
+from .calibration import Calibration, Loss, measure_losses
 from .errors import ResultsError
 from .experiments import Plan
 from .profiles.resolve import Plan as LinkPlan
@@ -61,7 +61,8 @@ def write_calibration(folder: Path, calibration: Calibration) -> dict[str, Any]:
 def void_reason(folder: Path, links: LinkPlan) -> str | None:
     """Why the links of a flown attempt were not those of its plan; None when they were, or none was shaped.
 
-    The shaper kept up, and what it lost at random is what the plan says, as far as chance allows.
+    The shaper kept up, and what it lost at random is what the plan says, as far as chance allows; it is kept beside
+    what the probes found.
     """
     try:
         if read_shaper(folder)["shaper"] == "none":
@@ -69,10 +70,19 @@ def void_reason(folder: Path, links: LinkPlan) -> str | None:
         counters = read_counters(folder)
         changes = read_json_lines(folder / EVENTS, frozenset({"t_ns"}))
         by_hand = {event["link"] for event in changes if event.get("cause") == "hand"}
+        losses = measure_losses(links, counters, by_hand)
+        _keep_losses(folder, losses)
     except ResultsError as error:
         return f"what the links did cannot be read: {error}"
     void: str | None = counters["void"]
-    return void or "; ".join(check_losses(links, counters, by_hand)) or None
+    return void or "; ".join(loss.off for loss in losses if loss.off is not None) or None
+
+
+def _keep_losses(folder: Path, losses: Sequence[Loss]) -> None:
+    found = read_json(folder / CALIBRATION)
+    for loss in losses:
+        found["links"].setdefault(loss.link, {})["loss"] = loss.to_data()
+    write_json(folder / CALIBRATION, found)
 
 
 def read_counters(folder: Path) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from testbed import runner
 from testbed.calibration.calibrate import Calibration, Check
 from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, TestbedError, UserError
 from testbed.experiments import make_plan
-from testbed.results import Series, new_series
+from testbed.results import Series, new_series, read_json
 from testbed.runner import Ended, Interrupted, run_series
 from testbed.topology import read_topology
 
@@ -216,9 +216,12 @@ def test_random_loss_that_chance_does_not_explain_makes_an_attempt_void(tmp_path
             link = {"random": 40, "left": 1000}
             path.write_text(json.dumps(json.loads(path.read_text()) | {"links": {"air:uav1:up": link}}))
 
-    _, endings, _ = _fly(tmp_path, Lossy([TAKEOFF]))
+    path, endings, _ = _fly(tmp_path, Lossy([TAKEOFF]))
     assert endings[0].status == "void"
     assert "air:uav1:up" in str(endings[0].reason)
+    kept = read_json(Series(path).attempts()[0].path / "links" / "calibration.json")
+    loss = kept["links"]["air:uav1:up"]["loss"]
+    assert (loss["configured"], loss["measured"], loss["lost"]) == (0.0, 40 / 1040, 40)
 
 
 def test_a_void_attempt_is_repeated_before_its_other_protocol_is_flown_for_nothing(tmp_path: Path) -> None:
