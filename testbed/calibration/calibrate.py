@@ -114,7 +114,7 @@ def calibrate(
     off: tuple[str, ...] = ()
     again: tuple[str, ...] = ()
     while only and rounds < ROUNDS:
-        schedule = make_schedule(plan, topology, closed or {}, only)
+        schedule = make_schedule(plan, topology, closed or {}, only, rounds)
         arrived = run_schedule(schedule, run_in_node)
         rounds, again = rounds + 1, again + off
         for check in checks_of(plan, schedule, arrived, only):
@@ -231,11 +231,11 @@ def _rate_check(link: LinkPlan, flow: Flow, came: Arrivals) -> Check:
     if flow.overfills:
         measured = estimate.rate_when_overfilled(came.rows, flow.burst, flow.frame_bytes, share)
         paced_s = (flow.count - flow.burst) * flow.every_s
-        interval = rate_bps(link, round(paced_s * (link.rate_bps or 0) / 8 / flow.frame_bytes))
+        interval = rate_bps(link, round(paced_s * (link.rate_bps or 0) / 8 / flow.frame_bytes), paced_s)
     else:
         measured = estimate.rate_when_received(came.rows, flow.frame_bytes)
         lasts_s = flow.count * flow.frame_bytes * 8 / (link.rate_bps or 1)
-        interval = rate_bps(link, flow.count, _slope_error(link, lasts_s))
+        interval = rate_bps(link, flow.count, lasts_s, _slope_error(link, lasts_s))
     return Check(flow.link, "rate_bps", link.rate_bps, measured, *_bounds(interval), *came.counts)
 
 

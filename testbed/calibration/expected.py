@@ -105,15 +105,15 @@ class Delays:
         return (self._at(share + _STEP) - self._at(share - _STEP)) / (2 * _STEP)
 
 
-def rate_bps(link: LinkPlan, frames: int, chance: float = 0.0) -> Interval:
+def rate_bps(link: LinkPlan, frames: int, seconds: float, chance: float = 0.0) -> Interval:
     """For a rate that is read off about so many frames; `chance` is the standard error of jitter, as a share.
 
-    Two frames at the ends, 2 % for the clocks and for what a busy machine does, and the frames that get lost.
+    2 %, two frames and a busy machine's 2 ms at the two ends, and the frames that get lost.
     """
     rate = float(link.rate_bps or 0)
     share = arriving(link)
     thinned = math.sqrt(1.2 * (1 - share) / (share * frames))
-    spare = 0.02 + 2 / frames + WIDTH * math.hypot(thinned, chance)
+    spare = 2 * RELATIVE + 2 / frames + LATE_MS / 1e3 / seconds + WIDTH * math.hypot(thinned, chance)
     return Interval(rate, rate * (1 - spare), rate * (1 + spare))
 
 

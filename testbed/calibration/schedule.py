@@ -32,6 +32,7 @@ RATE_S = 1.0
 """What a rate probe may take, its queue's filling included, where 40 small frames fit into it."""
 FEWEST_FRAMES, ENOUGH_FRAMES = 40, 150
 BRIEFEST_S = 0.06
+"""Twice and four times that where it is probed again: a busy computer's pauses at the two ends weigh less then."""
 SMALLEST_RATE_FRAME = 80
 LONGEST_FILL_S = 3.0
 UNSTEADY_S = 0.004
@@ -101,8 +102,13 @@ class Schedule:
         return {"run": run, "begin_ns": begin_ns, "end_s": self.length_s, "flows": flows}
 
 
-def make_schedule(plan: Plan, topology: Topology, closed: Mapping[str, str], only: frozenset[str]) -> Schedule:
-    """Probe the links in `only`; `closed` says of links, as sense:uav1, why nothing goes through them."""
+def make_schedule(
+    plan: Plan, topology: Topology, closed: Mapping[str, str], only: frozenset[str], again: int = 0
+) -> Schedule:
+    """Probe the links in `only`; `closed` says of links, as sense:uav1, why nothing goes through them.
+
+    `again` is how often they were probed before.
+    """
     unprobed = dict(_unprobed(plan, closed))
     wanted = [name for name in plan.links if name in only and (name, DELAY) not in unprobed]
     ends = _Ends(topology)
@@ -114,7 +120,8 @@ def make_schedule(plan: Plan, topology: Topology, closed: Mapping[str, str], onl
     for group in _rate_groups(plan, rated):
         last_s = free_s
         for name in group:
-            flow = _rate_flow(plan.links[name], ends.of(name), len(flows), name, free_s + PAUSE_S)
+            briefest_s = BRIEFEST_S * 2**again
+            flow = _rate_flow(plan.links[name], ends.of(name), len(flows), name, free_s + PAUSE_S, briefest_s)
             flows.append(flow)
             last_s = max(last_s, flow.sent_s + _drain_s(flow, plan.links[name]))
         free_s = last_s
@@ -209,7 +216,9 @@ def _rate_groups(plan: Plan, names: list[str]) -> Iterator[list[str]]:
     yield from ([name] for name in names if name not in slow)
 
 
-def _rate_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: str, at_s: float) -> Flow:
+def _rate_flow(
+    link: LinkPlan, ends: tuple[str, str, str], number: int, name: str, at_s: float, briefest_s: float
+) -> Flow:
     assert link.queue_packets is not None
     at_s = round(at_s, 6)
     if not _can_fill(link):
@@ -217,6 +226,7 @@ def _rate_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: st
         count = min(link.queue_packets, max(FEWEST_FRAMES, min(wanted, 1_000)))
         return Flow(number, name, RATE, *ends, at_s, count, 0.0, count, SMALLEST_RATE_FRAME)
     size, frames = _rate_size(link)
+    frames = max(frames, math.ceil(briefest_s / _sending_s(link, size)))
     every_s = _sending_s(link, size) / OFFER
     burst = math.ceil(OVERFILL * link.queue_packets) + SPARE_FRAMES
     count = burst + math.ceil(frames * OFFER)
@@ -236,8 +246,7 @@ def _rate_size(link: LinkPlan) -> tuple[int, int]:
     size = int(bits / 8 / (link.queue_packets + ENOUGH_FRAMES))
     size = max(SMALLEST_RATE_FRAME, min(LARGEST_FRAME, size))
     frames = int(bits / 8 / size) - link.queue_packets
-    frames = max(FEWEST_FRAMES, min(ENOUGH_FRAMES, frames), math.ceil(BRIEFEST_S / _sending_s(link, size)))
-    return size, frames
+    return size, max(FEWEST_FRAMES, min(ENOUGH_FRAMES, frames))
 
 
 def _sending_s(link: LinkPlan, frame_bytes: int) -> float:

@@ -115,6 +115,6 @@ def test_frames_that_skip_their_delay_are_expected_to() -> None:
 def test_what_loss_and_turned_bits_take_widens_the_rates_tolerance() -> None:
     lossy = LinkPlan(1_000_000, 50, loss=0.1, corrupt=0.1)
     assert arriving(lossy) == pytest.approx(0.81)
-    steady, thinned = rate_bps(LinkPlan(1_000_000, 50), 150), rate_bps(lossy, 150)
-    assert steady.highest == pytest.approx(1_000_000 * (1 + 0.02 + 2 / 150))
+    steady, thinned = rate_bps(LinkPlan(1_000_000, 50), 150, 0.5), rate_bps(lossy, 150, 0.5)
+    assert steady.highest == pytest.approx(1_000_000 * (1 + 0.02 + 2 / 150 + 0.002 / 0.5))
     assert thinned.highest > steady.highest * 1.1

@@ -99,3 +99,13 @@ def test_a_deep_queue_is_not_filled() -> None:
     flow = of_links(LinkPlan(64_000, 5_000))[UP, RATE]
     assert not flow.overfills
     assert flow.count == flow.burst <= 5_000
+
+
+def test_a_fast_rate_that_is_probed_again_is_probed_for_longer() -> None:
+    plan = plan_of(LinkPlan(50_000_000, 100))
+    first, third = (
+        next(flow for flow in make_schedule(plan, TWO, {}, frozenset([UP]), again).flows if flow.purpose == RATE)
+        for again in (0, 2)
+    )
+    assert first.sent_s - first.at_s >= 0.06
+    assert third.sent_s - third.at_s >= 0.24
