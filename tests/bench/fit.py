@@ -109,14 +109,14 @@ def _replayed(made: ShapedNetwork, streams: Streams, plan: Plan, rates: Rates) -
         found = fit_replay.replay(made, streams, plan, *rates)
         if found.void is None:
             break
-    measured, expected = (
+    measured, expected, planned = (
         f"{_percent(end_to_end)} end to end and {_percent(over_all)} over all links"
-        for end_to_end, over_all in (found.counted, found.worked_out)
+        for end_to_end, over_all in (found.counted, found.worked_out, found.planned)
     )
     yield (
         f"{len(streams)} replayed, air {rates[0] / 1000:.0f} and wan {rates[1] / 1000:.0f} kbit/s: "
-        f"lost by the shaper's counters {measured}; simulated {expected}; "
-        f"sent {found.late_ms} ms late at most; void: {found.void}"
+        f"lost by the shaper's counters {measured}; simulated {expected}, "
+        f"with the recording's times {planned}; sent {found.late_ms} ms late at most; void: {found.void}"
     )
     for state, kind in STATES.items():
         yield (

@@ -60,7 +60,7 @@ class ShapedNetwork:
             if node != first:
                 self._networks[node].connect(self.nodes["net"], ipv4_address=f"{subnet}.2")
             self.nodes[node] = self._container(
-                f"{mark}-{node}", node, 3, cap_add=["NET_ADMIN"], sysctls={"net.ipv4.ip_forward": "1"}
+                f"{mark}-{node}", node, 3, cap_add=["NET_ADMIN", "SYS_NICE"], sysctls={"net.ipv4.ip_forward": "1"}
             )
         for container in self.nodes.values():
             container.start()

@@ -16,7 +16,7 @@ from testbed.topology import FLEET, Topology
 from tests.bench.fit_network import PYTHON, REPOSITORY, ShapedNetwork
 from tests.bench.fit_search import SETTLED_NS, with_rates
 from tests.bench.fit_simulation import DOWN, Crossed, Losses, Offered, losses, run
-from tests.bench.fit_streams import ROOT, Streams
+from tests.bench.fit_streams import ROOT, Frame, Streams
 
 FOLDER = ROOT / ".cache" / "fit" / "replay"
 SENDER = f"{REPOSITORY}/tests/bench/fit_sender.py"
@@ -27,10 +27,12 @@ WAYS = ("air", "backhaul", "wan")
 
 @dataclass(frozen=True)
 class Replayed:
-    """A replay beside its simulation; `counted` and `worked_out` are shares lost on each link of a class in the queue.
+    """A replay beside the simulation of what was really sent, at the times at which a busy machine sent it.
 
     measured, expected  losses of frames sent once queues had filled
     counted             by the shaper's counters, from the first frame on: lost end to end, and over all links
+    worked_out          the same, simulated
+    planned             the same of the recording's own times
     late_ms             how late the latest frame was sent
     void                why the shaper says that the run does not count
     """
@@ -39,6 +41,7 @@ class Replayed:
     expected: Losses
     counted: tuple[float, float]
     worked_out: tuple[float, float]
+    planned: tuple[float, float]
     late_ms: int
     void: str | None
 
@@ -56,34 +59,41 @@ def network(topology: Topology) -> Iterator[ShapedNetwork]:
 def replay(made: ShapedNetwork, streams: Streams, plan: Plan, air_bps: int, wan_bps: int) -> Replayed:
     """Send the streams from their drones to the ground station, on the plan's links with these rates."""
     rated = replace(plan, links=with_rates(plan.links, air_bps, wan_bps))
-    offered = Offered(streams, FLEET)
-    crossed = run(offered, rated.links, plan.seed)
     with made.shaping(rated), ThreadPoolExecutor(len(streams) + 1) as threads:
         listening = made.nodes["gs"].exec_run([PYTHON, SENDER, "receive", str(SILENCE_S)], stream=True).output
         assert next(listening).startswith(b"listening")
         receiving = threads.submit(b"".join, listening)
         begin_ns = time.monotonic_ns() + round(LEAD_S * 1e9)
-        sending = [threads.submit(_send, made, drone, streams, begin_ns) for drone in streams]
-        late_ms = max(future.result() for future in sending)
+        sending = {drone: threads.submit(_send, made, drone, streams[drone], begin_ns) for drone in streams}
+        sent = {drone: future.result() for drone, future in sending.items()}
         come = json.loads(receiving.result())
+    offered = Offered(sent, FLEET)
+    crossed = run(offered, rated.links, plan.seed)
     numbers = {drone: come.get(made.address(f"uav{drone}"), []) for drone in streams}
     counters = made.counters()
     return Replayed(
         measured=losses(offered, _as_crossed(offered, crossed, numbers), SETTLED_NS),
         expected=losses(offered, crossed, SETTLED_NS),
         counted=_counted(counters["links"]),
-        worked_out=_counted({name: _as_counters(link) for name, link in crossed.items()}),
-        late_ms=late_ms,
+        worked_out=_counted(_counters_of(crossed)),
+        planned=_counted(_counters_of(run(Offered(streams, FLEET), rated.links, plan.seed))),
+        late_ms=max(_late_ns(sent[drone], streams[drone]) for drone in streams) // 1_000_000,
         void=counters["void"],
     )
 
 
-def _send(made: ShapedNetwork, drone: int, streams: Streams, begin_ns: int) -> int:
+def _send(made: ShapedNetwork, drone: int, stream: tuple[Frame, ...], begin_ns: int) -> tuple[Frame, ...]:
+    """The stream as it was sent."""
     file = f"uav{drone}.json"
     FOLDER.mkdir(parents=True, exist_ok=True)
-    (FOLDER / file).write_text(json.dumps([frame[:2] for frame in streams[drone]]))
+    (FOLDER / file).write_text(json.dumps([frame[:2] for frame in stream]))
     inside = f"{REPOSITORY}/{FOLDER.relative_to(ROOT)}/{file}"
-    return int(made.output(f"uav{drone}", [PYTHON, SENDER, "send", inside, made.address("gs"), str(begin_ns)]))
+    said = made.output(f"uav{drone}", [PYTHON, SENDER, "send", inside, made.address("gs"), str(begin_ns)])
+    return tuple(frame._replace(t_ns=t_ns) for frame, t_ns in zip(stream, json.loads(said), strict=True))
+
+
+def _late_ns(sent: tuple[Frame, ...], planned: tuple[Frame, ...]) -> int:
+    return max(one.t_ns - other.t_ns for one, other in zip(sent, planned, strict=True))
 
 
 def _counted(links: Mapping[str, Mapping[str, int]]) -> tuple[float, float]:
@@ -98,8 +108,11 @@ def _counted(links: Mapping[str, Mapping[str, int]]) -> tuple[float, float]:
     return 1 - left["wan"] / (left["air"] + lost["air"]), lost.total() / (left.total() + lost.total())
 
 
-def _as_counters(link: Crossed) -> dict[str, int]:
-    return {"left": len(link.left), "queue": link.queue, "random": link.random}
+def _counters_of(crossed: Mapping[str, Crossed]) -> dict[str, dict[str, int]]:
+    """The shaper's, as far as they are needed."""
+    return {
+        name: {"left": len(link.left), "queue": link.queue, "random": link.random} for name, link in crossed.items()
+    }
 
 
 def _as_crossed(offered: Offered, crossed: Mapping[str, Crossed], come: Mapping[int, Any]) -> dict[str, Crossed]:

@@ -1,0 +1,60 @@
+"""The thesis profile's fit holds on the real shaper: what a replayed stream loses there is what the simulation says."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+from shaped_link import PYTHON, READY_TIMEOUT_S, SUBNETS, UP, Emulator, ShapedLink
+
+from testbed.profiles.reading import read_profile
+from testbed.profiles.resolve import resolve
+from testbed.topology import ROOT, read_topology
+from tests.bench.fit_simulation import cross
+from tests.bench.fit_streams import exact
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(120)]
+SENDER = "/repository/tests/bench/fit_sender.py"
+SECONDS = 6.0
+TOLERANCE = 0.01
+"""Of all frames. The simulation is of the times at which frames were really sent, so a busy machine is no excuse."""
+
+
+def test_one_uavs_stream_loses_on_the_real_air_what_the_simulation_says() -> None:
+    plan = resolve(read_profile("thesis"), read_topology(), "scenario-1", 1)
+    air = plan.links["air:uav1:up"]
+    stream = exact("px4-onboard", SECONDS)
+    file = ROOT / ".cache" / "fit" / "one-uav.json"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps([frame[:2] for frame in stream]))
+    link = ShapedLink()
+    try:
+        with link.up().shaping(asdict(air)) as emulator:
+            inside = str(Path("/repository") / file.relative_to(ROOT))
+            begin_ns = time.monotonic_ns() + 200_000_000
+            said = link.output("gs", [PYTHON, SENDER, "send", inside, f"{SUBNETS['cloud']}.3", str(begin_ns)])
+            found = _counts_of_all(emulator)
+    finally:
+        link.down()
+    sent = [
+        (t_ns, frame.size, number) for number, (t_ns, frame) in enumerate(zip(json.loads(said), stream, strict=True))
+    ]
+    expected = cross(UP, air, sent, plan.seed)
+    assert found["overload"] == 0
+    assert found["entered"] == len(stream)
+    assert expected.queue > 0.08 * len(stream), "the profile overfills the way up"
+    assert found["queue"] == pytest.approx(expected.queue, abs=len(stream) * TOLERANCE)
+
+
+def _counts_of_all(emulator: Emulator) -> dict[str, int]:
+    """What the way up counted once nothing is on its way."""
+    deadline = time.monotonic() + READY_TIMEOUT_S
+    while True:
+        found: dict[str, int] = emulator.counters()["links"][UP]
+        if found["entered"] == found["left"] + found["queue"] + found["random"] > 0:
+            return found
+        assert time.monotonic() < deadline, found
+        time.sleep(0.1)
