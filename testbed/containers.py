@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any
@@ -33,6 +34,14 @@ LOCK = Path(tempfile.gettempdir()) / "mqttxt-testbed.lock"
 SERVICE_LABEL = "com.docker.compose.service"
 PROJECT_LABEL = "com.docker.compose.project"
 NODE_USER = "1000:1000"
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What a service has used: CPU seconds, and bytes of memory at the time of asking (None: the daemon tells none)."""
+
+    cpu_s: float
+    memory_bytes: int | None
 
 
 class Containers:
@@ -143,12 +152,12 @@ class Containers:
         """Image ids by name."""
         return {tag: container.image.id for container in self._all() for tag in container.image.tags}
 
-    def cpu_seconds(self) -> dict[str, float]:
-        """CPU seconds that each service has used so far."""
+    def usage(self) -> dict[str, Usage]:
+        """What each service has used so far."""
         running = [container for container in self._all() if container.status == "running"]
         with ThreadPoolExecutor(len(running) or 1) as pool:  # the daemon takes a second for each
-            used = list(pool.map(_cpu_seconds, running))
-        return {container.labels[SERVICE_LABEL]: round(s, 2) for container, s in zip(running, used, strict=True)}
+            used = list(pool.map(lambda container: usage_of(container.stats(stream=False, one_shot=True)), running))
+        return {container.labels[SERVICE_LABEL]: each for container, each in zip(running, used, strict=True)}
 
     def versions(self) -> dict[str, str]:
         """Versions of what runs the containers."""
@@ -235,9 +244,13 @@ def compose_command() -> list[str]:
     raise DockerError("neither `docker compose` nor docker-compose is installed; type: make doctor")
 
 
-def _cpu_seconds(container: Any) -> float:
-    usage = container.stats(stream=False, one_shot=True)["cpu_stats"]["cpu_usage"]["total_usage"]
-    return float(usage) / 1e9
+def usage_of(stats: dict[str, Any]) -> Usage:
+    """Out of the daemon's stats; memory is what `docker stats` shows: without file pages that can be had back."""
+    memory = stats.get("memory_stats", {})
+    reclaimable = memory.get("stats", {})
+    spare = reclaimable.get("total_inactive_file", reclaimable.get("inactive_file", 0))  # cgroup 1, 2
+    used = max(0, memory["usage"] - spare) if "usage" in memory else None
+    return Usage(round(stats["cpu_stats"]["cpu_usage"]["total_usage"] / 1e9, 2), used)
 
 
 def _read_lines(chunks: Iterator[bytes], lines: Queue[str | None]) -> None:

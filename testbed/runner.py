@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from . import links as link_files
 from .calibration import calibrate
-from .containers import Containers
+from .containers import Containers, Usage
 from .errors import ContainerDied, DockerError, FleetError, TestbedError, UserError
 from .experiments import Plan
 from .flights import mission_command, settings_of
@@ -182,7 +182,10 @@ def _fleet_up(
         yield
     finally:
         with _signals_wait(), progress.phase("ending the containers"):
-            manifest["cpu_s"] = _take_down(containers, attempt)
+            used = _take_down(containers, attempt)
+            manifest["cpu_s"] = {service: each.cpu_s for service, each in used.items()}
+            memory = {service: each.memory_bytes for service, each in used.items()}
+            manifest["memory_bytes"] = {service: count for service, count in memory.items() if count is not None}
 
 
 def _start_network(containers: Containers, nodes: list[str]) -> None:
@@ -230,17 +233,17 @@ def _progress_line(line: str) -> dict[str, Any] | None:
     return found if isinstance(found, dict) and {"step", "drones"} <= set(found) else None
 
 
-def _take_down(containers: Containers, attempt: Attempt) -> dict[str, float]:
+def _take_down(containers: Containers, attempt: Attempt) -> dict[str, Usage]:
     """End the network first, so that its captures are whole; then save the logs, then everything else.
 
-    Each is done although another failed (a full disk, a container that is gone). Returns the CPU seconds of each
-    service.
+    Each is done although another failed (a full disk, a container that is gone). Returns what each service
+    used.
     """
     with contextlib.ExitStack() as last_first:
         last_first.callback(containers.down)
         last_first.callback(containers.save_logs, attempt.path / "logs")
         last_first.callback(containers.stop, "net")
-        return containers.cpu_seconds()
+        return containers.usage()
 
 
 @contextlib.contextmanager

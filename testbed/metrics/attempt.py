@@ -12,7 +12,7 @@ from ..results import Attempt
 from ..validity import unsound_reason
 from . import delays, mavlink, mqttxt, timeline
 from .causes import losses
-from .notes import clock_step, notes
+from .notes import clock_step, notes, unsent_note
 from .shaping import Shaping, read_shaping
 from .sizes import message_sizes
 from .statistics import loss_of
@@ -73,6 +73,9 @@ def _measured(
     by_cause = losses(packets, shaping.counters)
     foreign = count_foreign(packets, window)
     named = side.name_messages(packets.messages, ways.drones)
+    described = mavlink.describe(packets, ways, window, shared) if is_mavlink else None
+    said = notes(packets, shaping, by_cause, window, foreign)
+    said += unsent_note(described["unsent"]) if described is not None else []
     return {
         "window": {"start_ns": window.start_ns, "seconds": round(window.seconds, 6)},
         "size_bytes": sum(link.bytes for link in links.values()),
@@ -96,7 +99,7 @@ def _measured(
         "load": timeline.load(packets, ways, window),
         "traffic": timeline.over_time(packets, window),
         "mqtt": count_mqtt(packets, window),
-        "mavlink": mavlink.describe(packets, ways, window, shared) if is_mavlink else None,
+        "mavlink": described,
         "links": {
             name: {"packets": link.packets, "bytes": link.bytes, "lost": link.lost, "layers": dict(link.layers)}
             for name, link in sorted(links.items())
@@ -105,7 +108,7 @@ def _measured(
         "before_mission": count_before(packets, window),
         "foreign": foreign,
         "truncated": list(packets.truncated),
-        "notes": notes(packets, shaping, by_cause, window, foreign),
+        "notes": said,
     }
 
 
@@ -146,7 +149,7 @@ NOT_FLOWN: dict[str, Any] = {
     **{"frames_per_call": {}, "message_sizes": {}, "size_histogram": {}, "layers": {}, "purposes": {}},
     **{"retransmissions": {"packets": 0, "bytes": 0, "needless": 0, "links": {}}, "load": {}, "traffic": {}},
     **{"mqtt": {}, "mavlink": None, "links": {}, "links_events": []},
-    **{"before_mission": {"packets": 0, "bytes": 0}, "foreign": {}, "truncated": []},
+    **{"before_mission": {"packets": 0, "bytes": 0, "other": 0}, "foreign": {}, "truncated": []},
 }
 """What there is to say of an attempt whose mission never began."""
 

@@ -20,6 +20,7 @@ STATE_MESSAGES = {
 }
 """What carries which state; GLOBAL_POSITION_INT carries the heading too and counts once."""
 _COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
+_SEQUENCES = 256
 _STATION_SYSTEM = 245
 """MAVSDK's own system id."""
 
@@ -137,7 +138,18 @@ def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> dict
             for up in (True, False)
         ],
         "own_heartbeats": int(in_window["own"].sum()),
+        "unsent": _unsent(in_window, ways),
     }
+
+
+def _unsent(messages: pl.DataFrame, ways: Ways) -> dict[str, int]:
+    """By drone how many messages never entered its link, as its sequence numbers show: its own router or its socket
+    had no room for them. 256 in a row do not show."""
+    own = messages.filter(_by_its_drone(ways))
+    missing = (pl.col("sequence").diff() - 1) % _SEQUENCES
+    gaps = own.group_by("system", "component", maintain_order=True).agg(missing.fill_null(0).sum().alias("missing"))
+    counts = gaps.group_by("system").agg(pl.col("missing").sum()).filter(pl.col("missing") > 0).sort("system")
+    return {str(drone): int(count) for drone, count in counts.iter_rows()}
 
 
 def _states(messages: pl.DataFrame, ways: Ways, window: Window) -> pl.DataFrame:

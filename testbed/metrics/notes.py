@@ -37,6 +37,14 @@ def notes(
     return [*said, *shaping.notes, *disagreements(losses, shaping.is_shaped)]
 
 
+def unsent_note(unsent: Mapping[str, int]) -> list[str]:
+    """What drones sent and their own queues dropped, which no capture has."""
+    each = ", ".join(f"{count} of drone {drone}" for drone, count in unsent.items())
+    return (
+        [f"messages dropped before they entered a link, by sequence numbers, of unknown kinds: {each}"] if each else []
+    )
+
+
 def clock_step(packets: Packets, logs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str | None:
     """By how much the clock was set back during the attempt, where captures or events show it; None if it was not.
 

@@ -44,16 +44,16 @@ def measure_series(series: Series) -> dict[str, Any]:
         "notes": differences(flown),
     }
     measured = _measure(series, flown, unreadable)
-    links_void = {
-        attempt.number: shaping.void
+    links_void = {  # by folder: a repeated attempt makes a pair with the other side's repeated one
+        attempt.path.name: shaping.void
         for (attempt, _), shaping in zip(flown, shapings, strict=True)
         if shaping.void is not None
     }
     for attempt in series.attempts():
         side = document["protocols"].setdefault(attempt.protocol, {"attempts": [], "void": []})
         entry = measured[attempt]
-        if entry["status"] == "completed" and attempt.number in links_void:
-            entry |= {"status": "void", "reason": f"in its pair of attempts {links_void[attempt.number]}"}
+        if entry["status"] == "completed" and attempt.path.name in links_void:
+            entry |= {"status": "void", "reason": f"in its pair of attempts {links_void[attempt.path.name]}"}
         if entry["status"] == "void":
             side["void"].append({"attempt": attempt.number, "reason": entry["reason"]})
         else:

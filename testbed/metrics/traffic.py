@@ -51,9 +51,10 @@ def count_links(packets: Packets, window: Window) -> dict[str, LinkCount]:
 
 
 def count_before(packets: Packets, window: Window) -> dict[str, int]:
-    """Frames and bytes on all links before the window."""
+    """Frames and bytes on all links before the window; `other` are frames of no message, such as the links' probes."""
     early = packets.frames.filter(pl.col("t_ns") < window.start_ns)
-    return {"packets": len(early), "bytes": int(early["size"].sum())}
+    own = early.filter(pl.col("purpose").cast(pl.String) != "other")
+    return {"packets": len(own), "bytes": int(own["size"].sum()), "other": len(early) - len(own)}
 
 
 def count_foreign(packets: Packets, window: Window) -> dict[str, int]:

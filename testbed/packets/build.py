@@ -71,11 +71,9 @@ def build(attempt: Attempt) -> Built:
         truncated += [path.name] if capture.truncated else []
     parts = parts or [_read_part(tree, "", 0, empty_capture(), None)]
 
-    entered = _joined([part.entered for part in parts])
-    order = np.argsort(entered["t_ns"], kind="stable")
-    entered = {name: values[order] for name, values in entered.items()}
-    left = _joined([part.left for part in parts])
-    left = {name: values[np.argsort(left["t_ns"], kind="stable")] for name, values in left.items()}
+    counts = [len(part.entered["t_ns"]) for part in parts]
+    entered, order = _in_order(_joined([part.entered for part in parts]))
+    left, _ = _in_order(_joined([part.left for part in parts]))
     place = match(entered["key"], entered["t_ns"], left["key"], left["t_ns"])
     entered["left_ns"] = np.append(left["t_ns"], NOWHERE)[place]
 
@@ -86,35 +84,41 @@ def build(attempt: Attempt) -> Built:
 
     row_of = np.empty_like(order)
     row_of[order] = np.arange(len(order))
-    firsts = np.cumsum([0, *(len(part.entered["t_ns"]) for part in parts)])
+    firsts = np.cumsum([0, *counts])
     bodies = {
         int(row_of[first + local]): body
         for first, part in zip(firsts, parts, strict=False)
         for local, body in part.bodies.items()
     }
+    strays = stray_rows(nodes, _joined([part.strays for part in parts]))
     found = [part.mavlink for part in parts]
+    del parts  # from here on memory is what the table itself takes, and each step gives back what it has used
     rows = np.concatenate([row_of[first + each.datagram] for first, each in zip(firsts, found, strict=False)])
     segments = _mqtt_segments(entered, bodies)
     directions = _mqtt_directions(segments)
-    tables = [mavlink_rows(found, rows, entered["left_ns"]), mqtt_rows(directions)]
-    messages = pl.concat(tables).sort("frame", maintain_order=True)
-    messages = messages.with_columns(purposes.of_messages(messages, tree.drones))
     payload_bytes = np.zeros(len(order), dtype=np.int64)
     np.add.at(payload_bytes, rows, np.concatenate([each.payload_size for each in found]))
+    messages = pl.concat([mavlink_rows(found, rows, entered["left_ns"]), mqtt_rows(directions)])
+    del found, rows, order, row_of
+    messages = messages.sort("frame", maintain_order=True)
+    messages = messages.with_columns(purposes.of_messages(messages, tree.drones))
     for direction in directions:
         payload_bytes[list(direction.payload_bytes)] = list(direction.payload_bytes.values())
+    duplicates = _copies(entered["key"], left["key"])
+    unmatched = len(left["t_ns"]) - int((place != NOWHERE).sum())
+    del left, place
     frames = frame_rows(tree, nodes, entered, messages, payload_bytes)
     frames = frames.with_columns(
         _frame_purposes(frames["purpose"], entered, directions), _repeats(len(frames), segments.values())
     )
+    del entered
     told = frames.select(pl.col("t_ns", "link").gather(messages["frame"]))
-    strays = stray_rows(nodes, _joined([part.strays for part in parts]))
     return Built(
         pl.concat([frames, strays]),
         messages.with_columns(told).select(MESSAGE_SCHEMA.names()),
         tuple(truncated),
-        len(left["t_ns"]) - int((place != NOWHERE).sum()),
-        _copies(entered["key"], left["key"]),
+        unmatched,
+        duplicates,
         until_ns,
         steps_back_ns,
     )
@@ -222,22 +226,33 @@ def _mqtt_directions(segments: dict[tuple[int, ...], list[Segment]]) -> list[Dir
 def _frame_purposes(of_first: pl.Series, entered: Columns, directions: list[Direction]) -> pl.Series:
     """The purpose of each frame: that of its first message, else of what it goes on with, or of TCP itself."""
     is_mqtt, flags = entered["protocol"] == MQTT, entered["flags"]
-    bare = np.where(flags & _OPENS_OR_ENDS, "upkeep", np.where(entered["body"] == 0, "acknowledgement", "other"))
-    otherwise = np.where(is_mqtt, bare, "other").astype(object)
-    for direction in directions:
-        for row, packet in direction.carried.items():
-            otherwise[row] = purposes.of_packet(packet.kind, packet.topic)
-    rest = pl.Series(otherwise, dtype=pl.String).cast(pl.Categorical())
-    return of_first.zip_with(of_first.is_not_null(), rest).alias("purpose")
+    rows = np.flatnonzero(of_first.is_null().to_numpy())
+    goes_on = {row: packet for direction in directions for row, packet in direction.carried.items()}
+    found = []
+    for row in rows.tolist():
+        if row in goes_on:
+            found.append(purposes.of_packet(goes_on[row].kind, goes_on[row].topic))
+        elif not is_mqtt[row]:
+            found.append("other")
+        elif flags[row] & _OPENS_OR_ENDS:
+            found.append("upkeep")
+        else:
+            found.append("acknowledgement" if entered["body"][row] == 0 else "other")
+    return of_first.scatter(rows, pl.Series(found, dtype=pl.Categorical())).alias("purpose")
 
 
 def _repeats(count: int, segments: Iterable[list[Segment]]) -> pl.Series:
     """Of each frame whether TCP sent its bytes before, and whether it had to."""
-    found: list[str | None] = [None] * count
-    for direction in segments:
-        for row, kind in retransmissions(direction).items():
-            found[row] = kind
-    return pl.Series("repeats", found, dtype=pl.Categorical())
+    found = {row: kind for direction in segments for row, kind in retransmissions(direction).items()}
+    kinds = pl.Series(list(found.values()), dtype=pl.Categorical())
+    nothing = pl.Series("repeats", [None], dtype=pl.Categorical()).new_from_index(0, count)
+    return nothing.scatter(list(found), kinds) if found else nothing
+
+
+def _in_order(columns: Columns) -> tuple[Columns, Ints]:
+    """The columns in the order of time, and which places that order has; what is given is used up."""
+    order = np.argsort(columns["t_ns"], kind="stable")
+    return {name: columns.pop(name)[order] for name in list(columns)}, order
 
 
 def _joined(parts: list[Columns]) -> Columns:

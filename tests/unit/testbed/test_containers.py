@@ -9,11 +9,12 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from testbed import containers
-from testbed.containers import Containers, services_of
+from testbed.containers import Containers, Usage, services_of, usage_of
 from testbed.errors import DockerError, FleetError
 from testbed.sensors import SENSOR_PROFILES
 
@@ -130,3 +131,17 @@ def test_a_second_run_is_told_who_flies(tmp_path: Path, monkeypatch: pytest.Monk
             containers.only_run()
         first.stdin.close()
     containers.only_run()
+
+
+@pytest.mark.parametrize(
+    ("memory", "used"),
+    [
+        ({"usage": 5000, "stats": {"inactive_file": 1000}}, 4000),
+        ({"usage": 5000, "stats": {"total_inactive_file": 2000, "inactive_file": 1000}}, 3000),
+        ({"usage": 5000}, 5000),
+        ({}, None),
+    ],
+)
+def test_memory_is_counted_without_pages_that_can_be_had_back(memory: dict[str, Any], used: int | None) -> None:
+    stats = {"cpu_stats": {"cpu_usage": {"total_usage": 1_234_567_890}}, "memory_stats": memory}
+    assert usage_of(stats) == Usage(1.23, used)

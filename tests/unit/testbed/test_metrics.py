@@ -46,7 +46,7 @@ def test_every_number_of_a_tiny_attempt(tmp_path: Path) -> None:
     assert measured["delay_ms"] == {"arm": [2.5]}  # by the capture at uav1: 2 ms and half a millisecond of air
     assert measured["outcomes"] == {"1": [{"command": "arm", "word": "completed", "reason": None, "after_ms": 10.0}]}
     assert measured["mqtt"] == {"publish": 6}
-    assert measured["before_mission"] == {"packets": 1, "bytes": 54}
+    assert measured["before_mission"] == {"packets": 1, "bytes": 54, "other": 0}
     assert measured["foreign"] == {"arp": 1}
     assert measured["truncated"] == []
     assert measured["frames_per_call"] == {"arm": 1.0}

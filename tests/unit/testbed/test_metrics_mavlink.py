@@ -199,3 +199,19 @@ def test_one_side_alone_has_no_ratio(series: Series) -> None:
     make_attempt(series)
     make_attempt(series, number=2, status="failed", reason="takeoff: drone 1: denied")
     assert measure_series(series)["ratios"] == {}
+
+
+def test_what_a_drones_own_queue_dropped_shows_in_its_sequence_numbers(series: Series) -> None:
+    chain, station = Chain((1, 2)), sender(245, 190)
+    chain.send(T0, packed(station, long_command(400, 1, 1.0)), 1, up=False)
+    for drone, sequences in ((1, (254, 255, 2, 3)), (2, (7, 8, 9))):
+        link = sender(drone)
+        for number, sequence in enumerate(sequences):
+            link.seq = sequence
+            chain.send(T0 + (number + 1) * SECOND, packed(link, HEARTBEAT), drone, up=True)
+    found = measured(series, chain, [call(1, "arm", 1, T0 - 500)])
+    assert found["mavlink"]["unsent"] == {"1": 2}
+    assert found["notes"] == [
+        "messages dropped before they entered a link, by sequence numbers, of unknown kinds: 2 of drone 1"
+    ]
+    assert found["message_loss"]["states"] == 0.0

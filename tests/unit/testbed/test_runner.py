@@ -15,6 +15,7 @@ import pytest
 
 from testbed import runner
 from testbed.calibration.calibrate import Calibration, Check
+from testbed.containers import Usage
 from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, TestbedError, UserError
 from testbed.experiments import make_plan
 from testbed.results import Series, new_series, read_json
@@ -85,8 +86,8 @@ class Fleet:
             raise self._raises
         return self._code
 
-    def cpu_seconds(self) -> dict[str, float]:
-        return {"gs": 1.0}
+    def usage(self) -> dict[str, Usage]:
+        return {"gs": Usage(1.0, 4096), "net": Usage(2.0, None)}
 
     def stop(self, service: str) -> None:
         self.did.append(f"stop {service}")
@@ -149,7 +150,7 @@ def test_a_run_goes_up_flies_and_ends_the_captures_before_the_rest(tmp_path: Pat
     manifest = _manifest(tmp_path)
     assert manifest["status"] == "completed"
     assert manifest["versions"]["mosquitto"] == "2.0.21"
-    assert manifest["cpu_s"] == {"gs": 1.0}
+    assert (manifest["cpu_s"], manifest["memory_bytes"]) == ({"gs": 1.0, "net": 2.0}, {"gs": 4096})
     assert (tmp_path / "scenario-1" / "latest").resolve() == path.resolve()
 
 
@@ -253,7 +254,7 @@ def test_what_shapes_the_links_and_their_seed_are_in_the_manifest(tmp_path: Path
     assert json.loads(plan.read_text())["plan"]["seed"] == manifest["seeds"]["links"]
 
 
-@pytest.mark.parametrize("broken", ["cpu_seconds", "stop", "save_logs"])
+@pytest.mark.parametrize("broken", ["usage", "stop", "save_logs"])
 def test_the_containers_end_although_the_disk_is_full(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
 ) -> None:
