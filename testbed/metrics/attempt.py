@@ -36,6 +36,7 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
         status, reason = "void", unsound
     return {
         "attempt": attempt.number,
+        "repeat": attempt.repeat,
         "status": status,
         "reason": reason,
         "mission_s": round(window.seconds, 3) if window is not None and status == "completed" else None,
@@ -70,7 +71,7 @@ def _measured(
     links = count_links(packets, window)
     entered = sum(link.packets for link in links.values())
     lost = sum(link.lost for link in links.values())
-    by_cause = losses(packets, shaping.counters)
+    by_cause = losses(packets, shaping.counters, shaping.start_ns)
     foreign = count_foreign(packets, window)
     named = side.name_messages(packets.messages, ways.drones)
     described = mavlink.describe(packets, ways, window, shared) if is_mavlink else None

@@ -16,17 +16,21 @@ TOLERANCE_FRAMES = 2
 """By so many frames of a link both may differ: its first and last ones, which one of them saw and the other not."""
 
 
-def losses(packets: Packets, counters: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Frames lost in the whole run, as the shaper counts them: over all links by cause, and for each link.
+def losses(packets: Packets, counters: Mapping[str, Any] | None, start_ns: int | None = None) -> dict[str, Any]:
+    """Frames lost since the links' start, as the shaper counts them: over all links by cause, and for each link.
 
     `captured` is the captures' own count of frames that entered and did not leave unchanged; what of it no cause
-    explains is `unknown`. Without counters all of it is.
+    explains is `unknown`. Without counters all of it is. `start_ns` is when the mission let the links' clock begin:
+    `at_start` in the counters is what was counted until then, which is left out, as the links' probes are in it. None:
+    there was no such moment, and the whole run is counted.
     """
     told = counters["links"] if counters is not None else {}
-    captured = _lost_by_link(packets)
+    before = (counters or {}).get("at_start") or {} if start_ns is not None else {}
+    captured = _lost_by_link(packets, start_ns or 0)
     links = {}
     for name in sorted({*told, *captured}):
-        entry = {cause: int(told.get(name, {}).get(cause, 0)) for cause in CAUSES}
+        mine, earlier = told.get(name, {}), before.get(name, {})
+        entry = {cause: max(0, int(mine.get(cause, 0)) - int(earlier.get(cause, 0))) for cause in CAUSES}
         seen = captured.get(name, 0)
         entry[UNKNOWN] = max(0, seen - sum(entry.values()))
         links[name] = {**entry, "captured": seen}
@@ -47,6 +51,10 @@ def disagreements(found: Mapping[str, Any], shaped: bool) -> list[str]:
     return said
 
 
-def _lost_by_link(packets: Packets) -> dict[str, int]:
-    found = packets.frames.filter("lost").group_by(pl.col("link").cast(pl.String)).len()
+def _lost_by_link(packets: Packets, since_ns: int) -> dict[str, int]:
+    found = (
+        packets.frames.filter(pl.col("lost") & (pl.col("t_ns") >= since_ns))
+        .group_by(pl.col("link").cast(pl.String))
+        .len()
+    )
     return dict(found.iter_rows())

@@ -34,6 +34,8 @@ def notes(
     strays = packets.unmatched - packets.duplicates
     if strays and not packets.truncated:
         said.append(f"{strays} frames left a link that nobody saw entering it as they were")
+    if shaping.is_shaped and shaping.measured and shaping.start_ns is None:
+        said.append("losses by cause have those of the links' probes in them")
     return [*said, *shaping.notes, *disagreements(losses, shaping.is_shaped)]
 
 

@@ -55,7 +55,8 @@ def measure_series(series: Series) -> dict[str, Any]:
         if entry["status"] == "completed" and attempt.path.name in links_void:
             entry |= {"status": "void", "reason": f"in its pair of attempts {links_void[attempt.path.name]}"}
         if entry["status"] == "void":
-            side["void"].append({"attempt": attempt.number, "reason": entry["reason"]})
+            repeat = {"repeat": attempt.repeat} if attempt.repeat else {}
+            side["void"].append({"attempt": attempt.number, **repeat, "reason": entry["reason"]})
         else:
             side["attempts"].append(entry)
     document["ratios"] = ratios(document["protocols"])
@@ -121,7 +122,8 @@ def _unread(attempt: Attempt, manifest: dict[str, Any], reason: str) -> dict[str
     if manifest["status"] != "failed":
         return {"status": "void", "reason": reason}
     told = {name: manifest.get(name, {}) for name in ("cpu_s", "memory_bytes")}
-    head = {"attempt": attempt.number, "status": "failed", "reason": manifest["reason"], "mission_s": None}
+    head = {"attempt": attempt.number, "repeat": attempt.repeat, "status": "failed", "reason": manifest["reason"]}
+    head |= {"mission_s": None}
     return {**head, **NOT_FLOWN, "notes": [reason], "outcomes": {}, "links_measured": {}, **told}
 
 

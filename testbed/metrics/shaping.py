@@ -40,6 +40,13 @@ class Shaping:
         """Whether a shaper counted what the links lost."""
         return self.counters is not None and self.counters.get("shaper") != "none"
 
+    @property
+    def start_ns(self) -> int | None:
+        """When the links' clock began, if the shaper counted until then too; None where it told neither."""
+        if not (self.counters or {}).get("at_start"):
+            return None
+        return next((int(event["t_ns"]) for event in self.events if event.get("event") == "start"), None)
+
     def events_since(self, window: Window) -> list[dict[str, Any]]:
         """What changed links, with `t_s` since the window's begin in place of the clock's time."""
         return [

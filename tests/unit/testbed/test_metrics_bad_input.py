@@ -134,3 +134,13 @@ def test_an_empty_capture_beside_whole_ones_takes_nothing_from_them(series: Seri
     (found,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
     assert found["packets"] == 7
     assert found["notes"] == ["frames from or to addresses of no node are not counted: 1 mqtt"]
+
+
+def test_an_attempt_that_was_flown_again_stands_beside_the_void_one(series: Series) -> None:
+    first = series.attempts()[0].path
+    shutil.copytree(first, first.with_name("attempt-01-repeat-1"), ignore=shutil.ignore_patterns("*.parquet"))
+    told = json.loads((first / "manifest.json").read_text())
+    write_json(first / "manifest.json", told | {"status": "void", "reason": "the links were off"})
+    side = measure_series(series)["protocols"]["mqttxt"]
+    assert side["void"] == [{"attempt": 1, "reason": "the links were off"}]
+    assert [(one["attempt"], one["repeat"], one["packets"]) for one in side["attempts"]] == [(1, 1, 7)]

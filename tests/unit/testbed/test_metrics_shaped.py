@@ -79,6 +79,28 @@ def test_where_shaper_and_captures_disagree_it_is_said(series: Series) -> None:
     assert found["losses"]["links"]["air:uav1:up"]["unknown"] == 1
 
 
+def test_what_the_probes_lost_is_not_the_missions(series: Series) -> None:
+    attempt = make_attempt(series)
+    probe = bytearray(frame("gs", "cloud", b"probe", 40, (5005, 5006)))
+    gs = attempt.path / "pcap" / "gs.pcap"
+    write_pcap(gs, [(T0 - 2 * SECOND, bytes(probe)), (T0, frame("gs", "cloud", publish("fog1/reachable", b"1"), 1))])
+    found = measured(series)
+    assert found["before_mission"] == {"packets": 0, "bytes": 0, "other": 1}
+    calibration = {"version": 1, "links": {"wan:gs:up": {}}, "off": []}
+    write_links(attempt, calibration=calibration, counters=counters(wan_gs_up={"queue": 50, "random": 1}))
+    assert "losses by cause have those of the links' probes in them" in measured(series)["notes"]
+    at_start = {"wan:gs:up": {"queue": 50}}
+    write_links(
+        attempt,
+        counters=counters(wan_gs_up={"queue": 50, "random": 1}) | {"at_start": at_start},
+        events=[{"t_ns": T0 - SECOND, "event": "start"}],
+    )
+    after = measured(series)
+    assert (after["losses"]["queue"], after["losses"]["random"]) == (0, 1)
+    assert after["losses"]["links"]["wan:gs:up"]["captured"] == 1
+    assert not any("probes" in note or "shaper counts" in note for note in after["notes"])
+
+
 def test_a_shaper_that_did_not_keep_up_makes_both_attempts_of_the_number_void(series: Series) -> None:
     attempt = make_attempt(series)
     write_links(attempt, counters=counters("the emulator did not keep up: 31.0 ms late at p99"))
