@@ -8,7 +8,7 @@ from typing import Any
 
 from ..metrics import mission_window
 from ..packets import load
-from ..results import Attempt, Series
+from ..results import Attempt, Series, read_json
 from . import sentences, words
 from .figures.flights import Flights, flights, flights_of
 from .figures.per_link import per_link
@@ -47,6 +47,7 @@ def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any], repeat: i
         "folder": attempt.path.relative_to(series.path).as_posix(),
         "files": [path.relative_to(series.path).as_posix() for path in _files(attempt)],
         "attempt": attempt,
+        "late_ms": _object(attempt.path / "links" / "counters.json").get("late_ms"),
         "flights": seen,
         "own_flights": own,
         "events": events,
@@ -62,6 +63,26 @@ def seen_of(page: dict[str, Any]) -> Seen:
     window = _window(attempt, page["measured"], page["events"])
     flown: Flights | None = page["flights"]
     return Seen(flown, per_link(load(attempt), *window) if window is not None else None)
+
+
+def with_losses(attempt: Attempt, measured: dict[str, Any]) -> dict[str, Any]:
+    """Its entry with each link's random loss beside what the probes measured: as planned, and as the shaper counted it
+    of the frames that could be lost at random. Unchanged where the shaper left no counts.
+    """
+    plan, counters = (_object(attempt.path / "links" / name) for name in ("plan.json", "counters.json"))
+    planned = plan.get("plan", {}).get("links", {})
+    links = {name: dict(figures) for name, figures in measured.get("links_measured", {}).items()}
+    for name, counted in counters.get("links", {}).items():
+        frames = counted.get("random", 0) + counted.get("left", 0)
+        share = counted.get("random", 0) / frames if frames else None
+        if name in links and name in planned and "loss" not in links[name]:
+            links[name]["loss"] = {"configured": planned[name].get("loss"), "measured": share}
+    return measured | {"links_measured": links}
+
+
+def _object(path: Path) -> dict[str, Any]:
+    """A JSON object, empty where there is none."""
+    return read_json(path) if path.exists() else {}
 
 
 def flown_at(attempts: list[dict[str, Any]]) -> str:
@@ -100,9 +121,8 @@ def _trouble(
 ) -> dict[str, Any] | None:
     """Why an attempt failed or does not count, how far it came, which captures were cut off, what else to know."""
     truncated = measured.get("truncated", []) if measured is not None else []
-    said = [note for note in (measured or {}).get("notes", []) if not any(note.startswith(name) for name in truncated)]
     status = "void" if measured is None else measured["status"]
-    if status == "completed" and not truncated and not said:
+    if status == "completed" and not truncated:
         return None
     reason = measured["reason"] if measured is not None else void["reason"] if void is not None else None
     first, _, rest = (reason or "").strip().partition("\n")
@@ -118,7 +138,6 @@ def _trouble(
         "begun": any(event["event"] == "mission_start" for event in events),
         "words": sentences.not_completed(measured["outcomes"], reason or "") if measured is not None else [],
         "truncated": truncated,
-        "notes": said,
     }
 
 

@@ -33,6 +33,7 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
     shown = comparison.shown(metrics)
     of = {p: next(a for a in attempts if a["protocol"] == p and a["measured"] is shown[p]) for p in shown}
     seen = {p: attempt_page.seen_of(of[p]) for p in shown}
+    shown = {p: attempt_page.with_losses(of[p]["attempt"], one) for p, one in shown.items()}
     commands = list(dict.fromkeys(command for attempt in of.values() for command in attempt["commands"]))
     figures = gallery.figures_of(metrics, shown, seen, _links(series), commands)
     page = (
@@ -46,6 +47,7 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
             finding=sentences.finding(metrics),
             basis=sentences.basis(metrics),
             troubles=[attempt for attempt in attempts if attempt["trouble"]],
+            remarks=[attempt for attempt in attempts if attempt["measured"] and attempt["measured"].get("notes")],
             **_conditions(metrics, attempts),
             protocols=[protocol for protocol, _ in words.sides(metrics)],
             completion=comparison.completion(metrics),

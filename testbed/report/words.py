@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 PROTOCOL_NAMES = {"mqttxt": "MQTT-XT", "mavlink": "MAVLink"}
-EXPERIMENT_NAMES = {"scenario-1": "Scenario 1"}
-EXPERIMENT_WHAT = {"scenario-1": "arm, take off to 10 m, hold for 15 s, land, all disarmed"}
+EXPERIMENT_NAMES = {f"scenario-{number}": f"Scenario {number}" for number in (1, 2, 3, 4)}
+EXPERIMENT_WHAT = {
+    "scenario-1": "arm, take off to 10 m, hold for 15 s, land, all disarmed",
+    "scenario-2": "arm, take off, fly to a point of one's own, return and land, all disarmed",
+    "scenario-3": "arm, take off, land, all disarmed",
+    "scenario-4": "as scenario 2, with readings of a sensor carried to the ground station from each point",
+}
 NOTHING = "–"
+_ITS_OWN_NAME = re.compile(r"^scenario-\d+ failed: ")
+"""With what the mission begins a reason; where it is shown this has been said."""
 _IN_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
@@ -159,5 +167,8 @@ def first_line(reason: str | None, most: int = 120) -> str:
     line = (reason or "no reason given").strip().splitlines()[0].rstrip()
     if line.endswith(":"):  # what follows it, as 'its last log lines', is not shown
         line = line[: line.rfind(";")] if ";" in line else line
-    line = line.rstrip(" :;.")
-    return line if len(line) <= most else line[: most - 1].rstrip() + "…"
+    line = _ITS_OWN_NAME.sub("", line.rstrip(" :;."))
+    if len(line) <= most:
+        return line
+    whole = line[: most - 1].rpartition("; " if "; " in line[most // 2 : most - 1] else " ")[0] or line[: most - 1]
+    return whole.rstrip(" ;,") + " …"

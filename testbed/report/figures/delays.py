@@ -113,7 +113,7 @@ def _panels(
     narrow = width < 600
     columns = 1 if narrow else min(len(kinds), 3)
     rows = -(-len(kinds) // columns)
-    left, gap, top, tall = 52.0, 26.0, 44.0, high + 52
+    left, gap, top, tall = 52.0, 32.0, 44.0, high + 52
     drawing = Drawing(width, top + rows * tall - 14)
     protocols = dict.fromkeys(protocol for by in kinds.values() for protocol in by)
     legend(drawing, [p for p in words.PROTOCOL_NAMES if p in protocols], 0, 13)

@@ -61,7 +61,7 @@ def _both_ways(rates: Rates) -> Rates:
 def _draw(panels: dict[str, dict[str, tuple[int, ...]]], seconds: dict[str, float], width: float) -> Drawing:
     narrow = width < 600
     columns = 1 if narrow else 3
-    left, gap, top = 62.0, 22.0, 44.0
+    left, gap, top = 62.0, 36.0, 44.0
     high = 56.0 if narrow else _HIGH
     tall = high + 34
     rows = -(-len(panels) // columns)
