@@ -170,7 +170,8 @@ def _draw_call(drawing: Drawing, side: Flights, call: Call, time: Scale, y: floa
     start, end = time(call.start_s), time(side.end_s if call.end_s is None else call.end_s)
     after = "" if call.end_s is None else f" after {call.end_s - call.start_s:.2f} s"
     tip = f"{words.name_of(side.protocol)}: {call.command} at {call.start_s:.2f} s, {call.word}{after}"
-    drawing.rect(start, y, max(end - start, 1.5), strip, side.protocol if call.ok else "bad", 0.55 if call.ok else 0.9, tip)
+    role, opacity = (side.protocol, 0.55) if call.ok else ("bad", 0.9)
+    drawing.rect(start, y, max(end - start, 1.5), strip, role, opacity, tip)
     drawing.line((start, y - 1), (start, y + strip + 1), "ink", 1.3)
 
 
