@@ -8,7 +8,7 @@ from typing import Any
 
 from ..metrics import mission_window
 from ..packets import load
-from ..results import Attempt, Series, read_json
+from ..results import Attempt, Series, read_json, read_json_lines
 from . import sentences, words
 from .figures.flights import Flights, flights, flights_of
 from .figures.per_link import per_link
@@ -62,7 +62,17 @@ def seen_of(page: dict[str, Any]) -> Seen:
     attempt: Attempt = page["attempt"]
     window = _window(attempt, page["measured"], page["events"])
     flown: Flights | None = page["flights"]
-    return Seen(flown, per_link(load(attempt), *window) if window is not None else None)
+    if window is None:
+        return Seen(flown, None)
+    return Seen(flown, per_link(load(attempt), *window, _losses_counted_from_ns(attempt)))
+
+
+def _losses_counted_from_ns(attempt: Attempt) -> int:
+    """When the links' clock began, if the shaper says what it had counted until then (probes, mostly); else 0."""
+    if not _object(attempt.path / "links" / "counters.json").get("at_start"):
+        return 0
+    events = read_json_lines(attempt.path / "links" / "events.jsonl", frozenset({"t_ns"}))
+    return next((int(event["t_ns"]) for event in events if event.get("event") == "start"), 0)
 
 
 def with_losses(attempt: Attempt, measured: dict[str, Any]) -> dict[str, Any]:

@@ -23,6 +23,8 @@ class Look:
     scroll_width: int
     wider: tuple[str, ...]
     """Elements that stand out on the right, without those in a box that scrolls."""
+    cut: tuple[str, ...]
+    """Elements of which a part is hidden behind a box that scrolls: on paper it cannot be reached."""
     background: str
     ink: str
     text_sizes: tuple[float, ...]
@@ -40,8 +42,10 @@ _MEASURE = """(() => {
   const seen = [...document.querySelectorAll('figure svg')].filter(e => e.getBoundingClientRect().width > 0);
   const sizes = seen.flatMap(s => { const shown = s.getBoundingClientRect().width / s.viewBox.baseVal.width;
     return [...s.querySelectorAll('text')].map(t => parseFloat(getComputedStyle(t).fontSize) * shown); });
+  const cut = [...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1)
+    .map(e => (e.textContent || '').trim().slice(0, 40));
   const style = getComputedStyle(document.body);
-  return {scroll: document.documentElement.scrollWidth, wider, background: style.backgroundColor, ink: style.color,
+  return {scroll: document.documentElement.scrollWidth, wider, cut, background: style.backgroundColor, ink: style.color,
     sizes, figures: seen.length};
 })()"""
 
@@ -86,19 +90,19 @@ class Browser:
         os.close(self._write)
         self._folder.cleanup()
 
-    def look(self, page: Path, width: int, dark: bool = False) -> Look:
-        """Show a page at a width in CSS pixels, whole."""
+    def look(self, page: Path, width: int, dark: bool = False, paper: bool = False) -> Look:
+        """Show a page at a width in CSS pixels, whole, as on a screen or as on paper."""
         size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
         self._ask("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        self._ask("Emulation.setEmulatedMedia", features=[scheme])
+        self._ask("Emulation.setEmulatedMedia", features=[scheme], media="print" if paper else "screen")
         loaded = self._loaded
         self._ask("Page.navigate", url=page.resolve().as_uri())
         while self._loaded == loaded:
             self._next()
         found = self._ask("Runtime.evaluate", expression=_MEASURE, returnByValue=True)["result"]["value"]
         return Look(
-            *(width, found["scroll"], tuple(found["wider"]), found["background"], found["ink"]),
+            *(width, found["scroll"], tuple(found["wider"]), tuple(found["cut"]), found["background"], found["ink"]),
             *(tuple(found["sizes"]), found["figures"]),
         )
 

@@ -25,6 +25,8 @@ pytestmark = [
     pytest.mark.skipif(chromium() is None, reason="no Chromium; `make tools` has it"),
 ]
 PHONE, DESK = 400, 1200
+A4 = 688
+"""Pixels between the margins of 14 mm."""
 LEAST_TEXT = 9.0
 """Pixels below which a figure's text cannot be read."""
 
@@ -70,6 +72,14 @@ def test_a_page_fits_its_width_and_complains_of_nothing(
     assert min(look.text_sizes, default=LEAST_TEXT) >= LEAST_TEXT
     assert (_light(look.background) < 0.1) == dark
     assert _contrast(look.ink, look.background) > 7
+
+
+@pytest.mark.parametrize("name", ["full", "lone failure", "comparison"])
+def test_on_paper_a_page_is_whole_and_light(browser: Browser, pages: dict[str, Path], name: str) -> None:
+    look = browser.look(pages[name], A4, dark=True, paper=True)
+    assert look.wider == ()
+    assert look.cut == ()
+    assert _light(look.background) > 0.9
 
 
 def test_each_figure_is_there_once_at_every_width(browser: Browser, pages: dict[str, Path]) -> None:

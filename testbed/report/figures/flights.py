@@ -139,7 +139,7 @@ def _rows(side: Flights) -> list[tuple[str | float | None, ...]]:
 
 def _draw(sides: list[Flights], drones: list[str], width: float) -> Drawing:
     narrow = width < 600
-    left, right = (64.0 if narrow else 78.0), width - 8.0
+    left, right = (64.0 if narrow else 78.0), width - 14.0
     strip, lift = 6.0, 30.0 if narrow else 36.0
     lane = lift + 12 + len(sides) * (strip + 3)
     top = 10.0 + 24 * len(sides)

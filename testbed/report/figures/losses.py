@@ -51,8 +51,9 @@ def losses(sides: Links) -> Figure | None:
         title="Loss by cause",
         shows=f"Share of the frames that entered each link and did not leave it. {said(sides)}",
         note=(
-            "Of the frames that entered a link in the whole run, those that never left it; the number behind a bar is "
-            "how many of how many. Links on which nothing was lost are left out. Up is towards the cloud."
+            "Of the frames that entered a link, those that never left it, from the links' start to the end of the "
+            "captures; the number behind a bar is how many of how many. Links on which nothing was lost are left out. "
+            "Up is towards the cloud."
         ),
         draw=lambda width: _draw(sides, names, causes, width),
         header=("protocol", "link", "entered", *CAUSES),

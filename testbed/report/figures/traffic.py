@@ -71,7 +71,7 @@ def _draw(panels: dict[str, dict[str, tuple[int, ...]]], seconds: dict[str, floa
     longest = max(len(values) for by in panels.values() for values in by.values())
     low, most = log_bounds([value for by in panels.values() for values in by.values() for value in values], _LEAST)
     low = max(low, _LEAST)
-    wide = (width - left - (columns - 1) * gap - 10) / columns
+    wide = (width - left - (columns - 1) * gap - 14) / columns
     for place, (name, by) in enumerate(panels.items()):
         x, y = left + (place % columns) * (wide + gap), top + (place // columns) * tall
         drawing.text(x, y - 8, name, "ink", bold=True, size=TEXT - 0.5)
