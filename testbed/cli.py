@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.table import Table
 
 from .containers import Containers, only_run
-from .errors import DockerError, TestbedError
-from .experiments import ARMS, DEFAULT_SAMPLES, EXPERIMENTS, FACTORS, PROTOCOLS, make_plan, one_protocol
+from .errors import DockerError, TestbedError, UserError
+from .experiments import ARMS, DEFAULT_SAMPLES, EXPERIMENTS, FACTORS, PROTOCOLS, Plan, make_plan, one_protocol
 from .flights import by_hand, settings_of
 from .link_check import check_profiles
 from .links import plan_links, start_clock, write_plan
@@ -76,21 +76,23 @@ def run(
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
         plan = make_plan(experiment, attempts, arm, profile, protocols, factors, shaper, samples)
-        for protocol in plan.protocols:
-            settings_of(plan, protocol)  # what is wrong with it is said before anything is written
-        console = _console()
-        only_run()
-        series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile.name)
-        try:
-            endings = run_series(plan, series, ConsoleProgress(console))
-        except DockerError:
-            if any(attempt.was_flown for attempt in series.attempts()):
-                _report(series.path, console)
-            raise
-        metrics = _report(series.path, console)
-        counted = [attempt["status"] for side in metrics["protocols"].values() for attempt in side["attempts"]]
-        if counted != ["completed"] * len(endings):
-            raise typer.Exit(1)
+        _run(plan, results)
+
+
+@app.command()
+def fly(
+    mission: Annotated[str, typer.Argument(help="A Python file with `async def mission(fleet, steps)`.")],
+    attempts: Annotated[str, typer.Option(help="How often.")] = "1",
+    arm: Annotated[str, typer.Option(help=f"How the fleet talks: {', '.join(ARMS)}.")] = "thesis",
+    profile: Annotated[str, typer.Option(help=PROFILE_HELP)] = "ideal",
+    protocols: Annotated[str, typer.Option(help="Over what, a list; empty: mqttxt,mavlink.")] = "",
+    results: Annotated[Path, typer.Option(help="Folder for the results.")] = RESULTS,
+) -> None:
+    """Fly a mission of your own, as `run` flies a scenario."""
+    with _errors_as_lines():
+        if not mission.endswith(".py"):
+            raise UserError(f"{mission}: expected a Python file, or for a scenario: testbed run {mission}")
+        _run(make_plan(mission, attempts, arm, profile, protocols), results)
 
 
 @app.command()
@@ -246,6 +248,25 @@ def _shown(target: Path) -> str:
     if latest.exists() and latest.resolve() == target.parent:
         target = latest / target.name
     return str(target.relative_to(Path.cwd()) if target.is_relative_to(Path.cwd()) else target)
+
+
+def _run(plan: Plan, results: Path) -> None:
+    """Fly, measure and report a plan."""
+    for protocol in plan.protocols:
+        settings_of(plan, protocol)  # what is wrong with it is said before anything is written
+    console = _console()
+    only_run()
+    series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile.name)
+    try:
+        endings = run_series(plan, series, ConsoleProgress(console))
+    except DockerError:
+        if any(attempt.was_flown for attempt in series.attempts()):
+            _report(series.path, console)
+        raise
+    metrics = _report(series.path, console)
+    counted = [attempt["status"] for side in metrics["protocols"].values() for attempt in side["attempts"]]
+    if counted != ["completed"] * len(endings):
+        raise typer.Exit(1)
 
 
 @contextlib.contextmanager

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 from .errors import UserError
 from .profiles.reading import Profile, read_profile
@@ -11,6 +13,7 @@ from .profiles.resolve import resolve
 from .profiles.run_plan import SHAPERS
 from .topology import read_topology
 
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,59}")
 EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3", "scenario-4")
 WITH_SENSORS = ("scenario-4",)
 DEFAULT_SAMPLES, MOST_SAMPLES = 30, 600
@@ -71,7 +74,10 @@ ARMS = {
 
 @dataclass(frozen=True)
 class Plan:
-    """What a person asked for, checked; `factors` are the arm's, but for those that were set by themselves."""
+    """What a person asked for, checked; `factors` are the arm's, but for those that were set by themselves.
+
+    `mission` is the file of a mission of one's own; the experiment is called after it then.
+    """
 
     experiment: str
     attempts: int
@@ -81,6 +87,7 @@ class Plan:
     protocols: tuple[str, ...]
     shaper: str = SHAPERS[0]
     samples: int = DEFAULT_SAMPLES
+    mission: Path | None = None
 
     @property
     def has_sensors(self) -> bool:
@@ -110,11 +117,15 @@ def make_plan(
 ) -> Plan:
     """A plan from what a person typed.
 
-    `profile` is a name, or the path of a file; `protocols` a list with commas, all of them when empty; `overrides` are
-    factors by their names, the arm's where they are empty. Raises UserError naming the option, or the profile's file
-    and field, the value and what was expected.
+    `experiment` is a name, or the path of a mission's .py file; `profile` a name, or the path of a file; `protocols` a
+    list with commas, all of them when empty; `overrides` are factors by their names, the arm's where they are empty.
+    Raises UserError naming the option, or the profile's file and field, the value and what was expected.
     """
-    _one_of("scenario", experiment, EXPERIMENTS)
+    mission = Path(experiment).absolute() if experiment.endswith(".py") else None
+    if mission is None:
+        _one_of("scenario", experiment, EXPERIMENTS)
+    else:
+        experiment = _name_of(mission)
     _one_of("ARM", arm, tuple(ARMS))
     _one_of("SHAPER", shaper, SHAPERS)
     chosen = tuple(part.strip() for part in protocols.split(",")) if protocols.strip() else PROTOCOLS
@@ -130,7 +141,7 @@ def make_plan(
         links, read_topology(sensors=experiment in WITH_SENSORS), experiment, 1
     )  # a link that does not exist is said now
     flown = tuple(dict.fromkeys(chosen))
-    return Plan(experiment, int(attempts), ARMS[arm], factors, links, flown, shaper, int(samples))
+    return Plan(experiment, int(attempts), ARMS[arm], factors, links, flown, shaper, int(samples), mission)
 
 
 def one_protocol(text: str) -> str:
@@ -138,6 +149,15 @@ def one_protocol(text: str) -> str:
     if text not in PROTOCOLS:
         raise UserError(f"PROTOCOLS={text}: expected {' or '.join(PROTOCOLS)}, one of them")
     return text
+
+
+def _name_of(mission: Path) -> str:
+    """What results of a mission of one's own are called. Raises UserError where it cannot be read or is no name."""
+    if not mission.is_file():
+        raise UserError(f"{mission}: expected a Python file with `async def mission(fleet, steps)`")
+    if not _NAME.fullmatch(mission.stem) or mission.stem in EXPERIMENTS:
+        raise UserError(f"{mission}: expected a name of lower-case letters, digits, - and _ that no scenario has")
+    return mission.stem
 
 
 def _factors(arm: Arm, overrides: Mapping[str, str]) -> Factors:

@@ -17,6 +17,8 @@ CLOUD_HOST = CLOUD_URL.removeprefix("mqtt://").partition(":")[0]
 STATION_HOST = "198.18.0.3"
 FIRST_PORT = 14540
 """MAVSDK's port of a shared chain; that of drone N alone is N more."""
+MISSION_FILE = "mission.py"
+"""The copy of a mission of one's own in its attempt's folder."""
 EVENTS = "/run-dir/events.jsonl"
 LINK_BY_HAND = ".venv/bin/python -m testbed link air:uav3 --loss 20%"
 LINKS_START = "/run-dir/links/start"
@@ -46,7 +48,8 @@ def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, 
 def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str]:
     """What flies the plan's experiment over a protocol, run in the ground station's node."""
     fleet = ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in FLEET.items())
-    command = ["mission", "fly", plan.experiment, "--protocol", protocol, "--fleet", fleet, "--events", events]
+    flown = plan.experiment if plan.mission is None else f"/run-dir/{MISSION_FILE}"
+    command = ["mission", "fly", flown, "--protocol", protocol, "--fleet", fleet, "--events", events]
     command += ["--links-start", LINKS_START] if events == EVENTS else []
     command += sensor_words(protocol, plan.samples) if plan.has_sensors else []
     factors = plan.factors

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from .calibration import calibrate
 from .containers import Containers, Usage
 from .errors import ContainerDied, DockerError, FleetError, TestbedError, UserError
 from .experiments import Plan
-from .flights import mission_command, settings_of
+from .flights import MISSION_FILE, mission_command, settings_of
 from .manifest import describe, mosquitto_version
 from .profiles.resolve import Plan as LinkPlan
 from .profiles.run_plan import Gate
@@ -113,6 +114,8 @@ def _void_together(flown: dict[Attempt, Ended]) -> None:
 
 def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
     settings = settings_of(plan, attempt.protocol)
+    if plan.mission is not None:
+        shutil.copyfile(plan.mission, attempt.path / MISSION_FILE)
     topology = read_topology(sensors=plan.has_sensors)
     gates = read_gates() if plan.has_sensors else ()
     links = link_files.plan_links(plan, topology, attempt.number)

@@ -191,7 +191,7 @@ async def _fly(options: Options, fleet: Fleet, log: EventLog, sensors: Sensors) 
     """Fly a mission to its end; returns its steps."""
     reaching = asyncio.create_task(sensors.come_into_reach())
     try:
-        assert await flight.fly(options, fleet, log) is None
+        assert await flight.fly(options, scenarios.scenario_4, fleet, log) is None
     finally:
         reaching.cancel()
         sensors.close()
@@ -266,3 +266,27 @@ async def test_scenario_4_over_mqttxt(tmp_path: Path, system: SensorSystem, near
         _assert_flown(tmp_path, drone, point)
     commands = [(event["command"], event["drone"]) for event in _events(options) if event["event"] == "command"]
     assert commands == [("arm", None), ("takeoff", None), ("goto", 1), ("goto", 2), ("return", None)]
+
+
+async def test_the_pages_own_mission_flies(tmp_path: Path, low_fleet: Path) -> None:
+    """The program of docs/own-missions.md as it stands, on the drones of one fog."""
+    page = (ROOT / "docs" / "own-missions.md").read_text()
+    program = tmp_path / "search.py"
+    program.write_text(page.split("```python\n")[1].split("```")[0])
+    system = System(tmp_path, fleet_file=low_fleet)
+    for drone in DRONES:
+        system.uavs[drone] = system.make_uav(drone, system.fog.url, None, None, "--endurance-s", "700")
+    where = ["--fleet", "1:1,2", "--cloud", system.cloud.url, "--events", str(tmp_path / "events.jsonl")]
+    flying = Process(tmp_path, "mission", "mission", "fly", str(program), *where)
+    try:
+        system.start()
+        assert await asyncio.to_thread(flying.start().wait, 110) == 0, flying.log.read_text()
+    finally:
+        flying.kill()
+        system.close()
+    events = _lines(tmp_path / "events.jsonl")
+    steps = [event["name"] for event in events if event["event"] == "step_done" and event["ok"]]
+    assert steps == ["arm", "takeoff", "goto", "goto", "goto", "return", "disarmed"]
+    chosen = [event["chosen"] for event in events if event["event"] == "psmi"]
+    assert chosen[:2] == [1, 2], "the first two places are the drones' own"
+    assert flying.log.read_text().count("looked at 47.397") == 3

@@ -13,6 +13,7 @@ from mission import flight
 from mission.events import EventLog
 from mission.fleet import MissionError, Reading, Result, Status
 from mission.options import Options
+from mission.scenarios import scenario_1
 
 
 class Fleet:
@@ -49,7 +50,7 @@ class Fleet:
 async def _fly(tmp_path: Path, fleet: Fleet, **options: Any) -> tuple[str | None, list[dict[str, Any]]]:
     log = EventLog(tmp_path / "events.jsonl", StringIO())
     flown = Options("scenario-1", "mqttxt", {1: (1,)}, "", "1", "on-change", (), "px4-onboard", "one-by-one", **options)
-    reason = await flight.fly(flown, fleet, log)  # type: ignore[arg-type]
+    reason = await flight.fly(flown, scenario_1, fleet, log)  # type: ignore[arg-type]
     log.close()
     return reason, [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
 

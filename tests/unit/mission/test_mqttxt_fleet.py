@@ -15,7 +15,7 @@ from mission import mqttxt_fleet
 from mission.events import EventLog
 from mission.fleet import MissionError, Point, Result
 from mission.mqttxt_fleet import NEEDED_STATES, MqttxtFleet
-from mqttxt import Command, Goto, Outcome, Return, Stream, Word
+from mqttxt import Command, Goto, Outcome, PsmiList, Return, Stream, Word
 from mqttxt.messages import CommandId
 
 FOGS = {1: (1, 2), 2: (4,)}
@@ -80,6 +80,14 @@ class Station:
 
     async def connect(self, fogs: dict[int, Any], limit_s: float) -> list[Fog]:
         return [Fog(number, self.asked, self._answers) for number in fogs]
+
+    async def best(self, command: Command, fogs: list[int]) -> AsyncIterator[Outcome | PsmiList]:
+        self.asked.append((tuple(fogs), command))
+        key = CommandId(1, 7)
+        yield PsmiList(2, key, (), (), 4)
+        if self._answers.get(4) is not None:
+            yield Outcome(key, 2, 4, command.name, Word.ACCEPTED)
+            yield Outcome(key, 2, 4, command.name, self._answers[4] or Word.FAILED)
 
     async def wait_until(self, condition: Callable[[], bool], limit_s: float) -> None:
         assert condition()
@@ -152,3 +160,22 @@ async def test_each_drone_is_sent_to_its_own_point_and_all_return_by_broadcast(
     events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
     commands = [(event["call"], event["command"], event["drone"]) for event in events if event["event"] == "command"]
     assert commands == [(1, "goto", 1), (2, "goto", 2), (3, "goto", 4), (4, "return", None), (5, "return", None)]
+
+
+@pytest.mark.parametrize("word", [Word.COMPLETED, None])
+async def test_the_fogs_choose_who_flies_to_a_point(
+    word: Word | None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    station = Station({4: word})
+    monkeypatch.setattr(mqttxt_fleet, "GroundStation", station)
+    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(tmp_path / "events.jsonl", StringIO()))
+    await fleet.connect(5)
+    if word is None:
+        with pytest.raises(MissionError, match=r"^goto_best: no drone can fly there$"):
+            await fleet.goto_best(Point(47.0, 8.0, 10.0))
+    else:
+        assert await fleet.goto_best(Point(47.0, 8.0, 10.0)) == Result(4, "completed")
+    await fleet.close()
+    assert station.asked == [((1, 2), Goto(47.0, 8.0, 10.0))]
+    events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
+    assert [event["chosen"] for event in events if event["event"] == "psmi"] == [4]

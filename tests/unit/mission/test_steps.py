@@ -46,6 +46,10 @@ class Fleet:
         self.asked.append(dict(points))
         return self._answer("goto", Status(armed=True, mode="hold", altitude_m=10.0, landed="in_air"))
 
+    async def goto_best(self, point: Point) -> Result:
+        self.asked.append(point)
+        return self._answer("best", self._now)[0]
+
     async def return_home(self) -> list[Result]:
         return self._answer("return", Status(armed=False, mode="return", altitude_m=0.0, landed="on_ground"))
 
@@ -143,6 +147,15 @@ async def test_a_sensor_that_never_comes_into_range_is_named(log: EventLog, monk
     with pytest.raises(MissionError) as failure:
         await Steps(fleet, log, samples=2).collect()
     assert str(failure.value) == "collect: not done within 0.05 s (drone 2: 0 temperature, 0 light of 2 each)"
+
+
+async def test_the_drone_that_went_is_told_and_one_that_did_not_arrive_fails_the_step(log: EventLog) -> None:
+    point = Point(47.0, 8.0, 10.0)
+    fleet = Fleet(best=[Result(2, "completed")])
+    assert await Steps(fleet, log).goto_best(point, limit_s=5) == 2
+    assert fleet.asked == [point, "best"]
+    with pytest.raises(MissionError, match=r"^goto: drone 1: failed \(mode_changed\)$"):
+        await Steps(Fleet(best=[Result(1, "failed", "mode_changed")]), log).goto_best(point, limit_s=5)
 
 
 async def test_a_drone_that_does_not_arrive_fails_scenario_2(log: EventLog) -> None:

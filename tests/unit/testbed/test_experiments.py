@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -184,3 +185,28 @@ def test_sensors_are_told_of_only_where_they_are_flown_to(protocol: str) -> None
     assert "--samples" not in mission_command(without, protocol)
     words = mission_command(flown, protocol)
     assert words[words.index("--samples") + 1] == "7"
+
+
+def test_a_mission_of_ones_own_is_called_after_its_file(tmp_path: Path) -> None:
+    mission = tmp_path / "search-2.py"
+    mission.touch()
+    plan = make_plan(str(mission))
+    assert (plan.experiment, plan.mission, plan.has_sensors) == ("search-2", mission, False)
+    assert mission_command(plan, "mqttxt")[2] == "/run-dir/mission.py"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("none.py", "none.py: expected a Python file with `async def mission(fleet, steps)`"),
+        ("My mission.py", "expected a name of lower-case letters, digits, - and _ that no scenario has"),
+        ("scenario-1.py", "expected a name of lower-case letters, digits, - and _ that no scenario has"),
+    ],
+)
+def test_a_mission_that_is_none_is_named(tmp_path: Path, name: str, said: str) -> None:
+    if name != "none.py":
+        (tmp_path / name).touch()
+    with pytest.raises(UserError) as error:
+        make_plan(str(tmp_path / name))
+    assert str(error.value).startswith(str(tmp_path / name))
+    assert said in str(error.value)

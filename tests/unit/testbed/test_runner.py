@@ -154,6 +154,32 @@ def test_a_run_goes_up_flies_and_ends_the_captures_before_the_rest(tmp_path: Pat
     assert (tmp_path / "scenario-1" / "latest").resolve() == path.resolve()
 
 
+def test_a_mission_of_ones_own_is_copied_to_where_its_node_sees_it(tmp_path: Path) -> None:
+    mission = tmp_path / "search.py"
+    mission.write_text("async def mission(fleet, steps): ...\n")
+    plan, fleet = make_plan(str(mission), protocols="mqttxt"), Fleet([])
+    series = new_series(tmp_path, plan.experiment, plan.label, plan.profile.name)
+    assert run_series(plan, series, Quiet(), fleet) == [Ended("completed")]
+    (copy,) = tmp_path.glob("search/*/*/mqttxt/attempt-01/mission.py")
+    assert copy.read_text() == mission.read_text()
+    assert fleet.commands[0][2] == "/run-dir/mission.py"
+
+
+def test_with_sensors_their_nodes_run_their_links_are_gated_and_not_probed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unprobed: list[Any] = []
+    monkeypatch.setattr(runner, "calibrate", lambda *told: unprobed.append(told[3]) or CALIBRATED)
+    plan, fleet = make_plan("scenario-4", protocols="mqttxt"), Fleet([])
+    series = new_series(tmp_path, plan.experiment, plan.label, plan.profile.name)
+    run_series(plan, series, Quiet(), fleet)
+    (path,) = tmp_path.glob("scenario-4/*/*/mqttxt/attempt-01/links/plan.json")
+    gated = {gate["link"] for gate in json.loads(path.read_text())["gates"]}
+    assert gated == set(unprobed[0]) == {f"sense:uav{drone}" for drone in range(1, 7)}
+    (path,) = tmp_path.glob("scenario-4/*/*/mqttxt/attempt-01/manifest.json")
+    assert len(json.loads(path.read_text())["topology"]["nodes"]) == 16
+
+
 def test_a_failed_mission_keeps_its_reason_and_the_series_goes_on(tmp_path: Path) -> None:
     _, endings, _ = _fly(tmp_path, Fleet(["mission: scenario-1 failed: arm: drone 3: denied"], code=1), attempts="2")
     assert endings == [Ended("failed", "scenario-1 failed: arm: drone 3: denied")] * 2

@@ -16,6 +16,7 @@ from .events import EventLog
 from .fleet import Fleet
 from .mqttxt_fleet import MqttxtFleet
 from .options import COMMANDINGS, PROTOCOLS, STATES, STREAMS, Options, parse_fleet, parse_urls
+from .own import SUFFIX, mission_of
 from .points import points_of
 from .scenarios import SCENARIOS, WITH_POINTS, WITH_SENSORS
 from .steps import SAMPLES
@@ -30,7 +31,7 @@ def about() -> None:
 
 @app.command()
 def fly(
-    scenario: Annotated[str, typer.Argument(help=f"One of {', '.join(SCENARIOS)}.")],
+    scenario: Annotated[str, typer.Argument(help=f"One of {', '.join(SCENARIOS)}, or a .py file of your own.")],
     fleet: Annotated[str, typer.Option(help="Fogs and their drones, as 1:1,2,3;2:4,5,6.")],
     events: Annotated[Path, typer.Option(help="File for what happens, JSON lines.")],
     protocol: Annotated[str, typer.Option(help=f"One of {', '.join(PROTOCOLS)}.")] = "mqttxt",
@@ -72,15 +73,16 @@ def fly(
             sensor_broker=sensor_broker,
             links_start=links_start,
         )
-        options.check(tuple(SCENARIOS), WITH_SENSORS)
+        options.check((scenario,) if scenario.endswith(SUFFIX) else tuple(SCENARIOS), WITH_SENSORS)
         if scenario in WITH_POINTS:
             points_of(drone for drones in options.fleet.values() for drone in drones)
+        mission = mission_of(scenario)
         log = EventLog(events)
         flying = make_fleet(options, log)
     except (ValueError, OSError) as error:
         typer.echo(f"mission: {error}", err=True)
         raise typer.Exit(2) from None
-    reason = asyncio.run(flight.fly(options, flying, log))
+    reason = asyncio.run(flight.fly(options, mission, flying, log))
     log.close()
     if reason is not None:
         typer.echo(f"mission: {scenario} failed: {reason}", err=True)

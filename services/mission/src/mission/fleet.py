@@ -82,6 +82,12 @@ class Fleet(Protocol):
     async def goto(self, points: Mapping[int, Point]) -> list[Result]:
         """Each drone of `points` flies to its own; completed on arrival."""
 
+    async def goto_best(self, point: Point) -> Result:
+        """The drone that arrives first flies there: completed on arrival, with the drone that it was.
+
+        MQTT-XT's activators choose (PSMI). Raises MissionError where the protocol has no such choice, or nobody can.
+        """
+
     async def return_home(self) -> list[Result]:
         """Back to the takeoff point and down; completed when landed and disarmed."""
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from .events import EventLog
 from .fleet import Fleet, MissionError
 from .options import Options
-from .scenarios import SCENARIOS
+from .own import Mission
 from .series import compare, read_measured, write
 from .steps import Steps
 
 CONNECT_LIMIT_S = 30.0
 
 
-async def fly(options: Options, fleet: Fleet, log: EventLog) -> str | None:
+async def fly(options: Options, mission: Mission, fleet: Fleet, log: EventLog) -> str | None:
     """Fly it; returns why it failed, None when it did not. The clock of the links begins with the mission."""
     reason = None
     try:
@@ -20,7 +20,7 @@ async def fly(options: Options, fleet: Fleet, log: EventLog) -> str | None:
         log.write("mission_start", scenario=options.scenario, drones=list(fleet.drones))
         if options.links_start is not None:
             options.links_start.touch()
-        await SCENARIOS[options.scenario](fleet, Steps(fleet, log, options.samples))
+        await mission(fleet, Steps(fleet, log, options.samples))
     except MissionError as error:
         reason = str(error)
     finally:

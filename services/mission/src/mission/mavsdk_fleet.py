@@ -140,6 +140,10 @@ class MavsdkFleet:
 
         return await self._command_each("goto", ask, {drone: goto_goal(point) for drone, point in points.items()})
 
+    async def goto_best(self, point: Point) -> Result:
+        """Raises MissionError: over MAVLink nobody chooses among drones."""
+        raise MissionError("goto_best: MAVLink has no choice among drones; expected the protocol mqttxt")
+
     async def return_home(self) -> list[Result]:
         return await self._command("return", lambda drone: drone.action.return_to_launch(), return_goal())
 

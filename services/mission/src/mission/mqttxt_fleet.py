@@ -99,6 +99,25 @@ class MqttxtFleet:
         asked = [self._to_drone(drone, _goto(point)) for drone, point in points.items()]
         return await self._all("goto", asked)
 
+    async def goto_best(self, point: Point) -> Result:
+        """Each fog says in what time its drones would arrive; the lists are in the events as `psmi`."""
+        call, last = self._log.next_call(), None
+        self._log.write("command", call=call, command=Goto.name, fog=None, drone=None)
+        try:
+            async for event in self._station.best(_goto(point), list(self._wanted)):
+                if isinstance(event, Outcome):
+                    self._note(call, event)
+                    last = event if event.is_last else last
+                else:
+                    listed = [candidate.drone for candidate in event.listed]
+                    self._log.write("psmi", call=call, fog=event.fog, drones=listed, chosen=event.chosen)
+        except MqttxtError as error:
+            raise MissionError(f"goto_best: {error}") from error
+        if last is None or last.drone is None:
+            why = f"{last.word.label} ({last.reason})" if last is not None else "no drone can fly there"
+            raise MissionError(f"goto_best: {why}")
+        return Result(last.drone, last.word.label, last.reason)
+
     async def return_home(self) -> list[Result]:
         return await self._broadcast(Return())
 

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 
 from .events import EventLog
-from .fleet import Fleet, MissionError, Result
+from .fleet import Fleet, MissionError, Point, Result
 from .series import KINDS
 
 PROGRESS_S = 1.0
@@ -34,6 +34,14 @@ class Steps:
             failed += [f"drone {drone}: no answer" for drone in self._fleet.drones if drone not in answered]
             if failed:
                 raise MissionError(f"{name}: {'; '.join(failed)}")
+
+    async def goto_best(self, point: Point, limit_s: float) -> int:
+        """Send the drone that arrives first; returns which it was. Raises MissionError unless it arrives."""
+        async with self._step("goto", limit_s):
+            result = await self._fleet.goto_best(point)
+            if not result.completed:
+                raise MissionError(str(result))
+        return result.drone
 
     async def hold(self, seconds: float) -> None:
         """Stay where they are; raises MissionError when a drone does not."""
