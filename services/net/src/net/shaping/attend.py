@@ -120,7 +120,7 @@ class Attendant:
         link, change, words = request["link"], request["change"], request.get("kernel", [])
         if self._links is None:
             raise NetError(f"{link}: links are not shaped in this run; expected `always` in plan.json")
-        if link not in self._run.plan.links:
+        if not isinstance(link, str) or link not in self._run.plan.links:
             raise PlanError(f"link {link!r}: expected one of {', '.join(self._run.plan.links)}")
         if change is not None:
             change = parse_change(self._run.plan.links, link, change, link)
