@@ -10,8 +10,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ..results import Series
+from ..results import Attempt, Series
 from . import beside, comparison, details, factors, sentences, words
+from .attempt_page import with_losses
 
 MOST_STREAMS = 8
 ROOM_FOR_BOTH = 105
@@ -33,8 +34,9 @@ def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> 
     if any(len(side["attempts"]) + len(side["void"]) > 1 for side in metrics["protocols"].values()):
         console.print(attempts_table(metrics))
     shown = comparison.shown(metrics)
-    if details.measured_links(shown):
-        console.print(measured_table(shown))
+    measured = {p: with_losses(_attempt_of(series, p, one["attempt"]), one) for p, one in shown.items()}
+    if details.measured_links(measured):
+        console.print(measured_table(measured))
     for part in [shown] if console.width >= ROOM_FOR_BOTH else [{name: one} for name, one in shown.items()]:
         console.print(links_table(part))
     if "mavlink" in shown:
@@ -65,7 +67,7 @@ def comparison_table(metrics: dict[str, Any]) -> Table:
 def thesis_table(metrics: dict[str, Any]) -> Table:
     """Means here beside the thesis's, a row a metric; what to know about its figures is on the page."""
     rows = beside.rows(metrics)
-    table = _table("means here, and the thesis's (what to know before comparing is in the report)")
+    table = _table("means here, and the thesis's (the report says what to know)")
     table.add_column("")
     for protocol in rows[0].cells:
         table.add_column(words.name_of(protocol), justify="right")
@@ -80,15 +82,22 @@ def thesis_table(metrics: dict[str, Any]) -> Table:
 
 
 def measured_table(shown: details.Shown) -> Table:
-    """Each directed link as configured and as measured by each side's attempt: delay, rate, random loss."""
-    table = _table("links as configured / measured")
+    """Links by kind and way: as configured, and the least and the most that was measured on any of them, over both."""
+    table = _table("links as configured, and as measured")
     table.add_column("link")
-    for protocol in shown:
-        for heading in ("delay", "rate", "loss"):
-            table.add_column(f"{words.name_of(protocol)}\n{heading}", justify="right")
+    for heading in ("delay", "measured", "rate", "measured", "loss", "measured"):
+        table.add_column(heading, justify="right")
+    kinds: dict[str, list[dict[str, details.Measured]]] = {}
     for name, by in details.measured_links(shown):
-        cells = [_measured(by[protocol].get(figure), text) for protocol in shown for figure, text in _FIGURES]
-        table.add_row(name, *cells)
+        kind, _, way = name.split(":")
+        kinds.setdefault(f"{kind} {way}", []).extend(by.values())
+    for kind, links in kinds.items():
+        cells = []
+        for figure, text in _FIGURES:
+            known = [link[figure] for link in links if figure in link]
+            cells.append(_span([one.configured for one in known], text))
+            cells.append(_span([one.measured for one in known], text))
+        table.add_row(kind, *cells)
     return table
 
 
@@ -99,11 +108,13 @@ _FIGURES: tuple[tuple[str, Callable[[float], str]], ...] = (
 )
 
 
-def _measured(one: details.Measured | None, text: Callable[[float], str]) -> str:
-    if one is None or (one.configured is None and one.measured is None):
+def _span(values: list[float | None], text: Callable[[float], str]) -> str:
+    """'40 ms', '39 ms to 41 ms'; a dash where nothing is known, or a rate is unlimited."""
+    known = [value for value in values if value is not None]
+    if not known:
         return words.NOTHING
-    both = (one.configured, one.measured)
-    return " / ".join(words.NOTHING if value is None else text(value) for value in both)
+    least, most = text(min(known)), text(max(known))
+    return least if least == most else f"{least} to {most}"
 
 
 def attempts_table(metrics: dict[str, Any]) -> Table:
@@ -188,6 +199,11 @@ def _print_mavlink(attempt: dict[str, Any], console: Console) -> None:
         dropped = [f"{entry['node']} {entry['way']} {entry['dropped']:,}" for entry in ways if entry["dropped"]]
         said = f"dropped {', '.join(dropped)}" if dropped else "dropped none"
         console.print(f"routers {said} of {sum(entry['in'] for entry in ways):,} messages", soft_wrap=True)
+
+
+def _attempt_of(series: Series, protocol: str, number: int) -> Attempt:
+    """The flight that counts under a number: the last one, where void ones were flown again."""
+    return [one for one in series.attempts() if (one.protocol, one.number) == (protocol, number)][-1]
 
 
 def _flown(series: Series, metrics: dict[str, Any]) -> list[Text]:

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from both_sides import entry, failed, make_series
+from both_sides import entry, failed, make_series, rich_entry
 from rich.console import Console
 
 from testbed.report import comparison, details, factors, sentences
+from testbed.report.attempt_page import with_losses
 from testbed.report.html import write_report
 from testbed.report.terminal import print_summary
-from testbed.results import Series, new_series
+from testbed.results import Series, new_series, write_json
 
 ROUTER_DIED = "router-fog1 ended with exit code 1; its last log lines:\n    chain of uav2: mavp2p <ended>"
 
@@ -222,6 +223,35 @@ def test_nothing_is_broken_over_lines_on_a_terminal_of_80_columns(series: Series
     assert ["frames lost", "0 of 1,700 (< 0.18 %)", "0 of 450,500 (< 0.00067 %)", "–"] in _cells(shown)
     assert ["air:uav6", "94 / 94", "8.11 kB / 8.11 kB", "0"] in _cells(shown)
     assert ["air:uav6", "25,027 / 25,027", "2.34 MB / 2.34 MB", "0"] in _cells(shown)
+
+
+def test_the_terminal_sets_links_and_the_thesis_beside_what_was_measured(series: Series) -> None:
+    metrics = make_series(series, ("mqttxt", rich_entry("mqttxt")), ("mavlink", rich_entry("mavlink")))
+    shown = _cells(terminal_of(series, metrics, width=80))
+    assert ["air up", "25 ms", "25 ms", "1.45 Mbit/s", "1.45 Mbit/s", "1 %", "1.1 %"] in shown
+    assert ["packets", "1,700", "7,716", "450,500", "512,827", "265×", "66×"] in shown
+
+
+def test_random_loss_is_what_the_shaper_counted_of_what_could_be_lost(series: Series) -> None:
+    make_series(series, ("mqttxt", entry("mqttxt")))
+    attempt = series.attempts()[0]
+    counted = {"random": 5, "left": 95, "queue": 900, "closed": 3}
+    write_json(attempt.path / "links" / "counters.json", {"links": {"air:uav1:up": counted}})
+    write_json(attempt.path / "links" / "plan.json", {"plan": {"links": {"air:uav1:up": {"loss": 0.04}}}})
+    found = with_losses(attempt, rich_entry("mqttxt", links_measured={"air:uav1:up": {}}))
+    assert found["links_measured"]["air:uav1:up"]["loss"] == {"configured": 0.04, "measured": 0.05}
+
+
+def test_attempts_that_were_not_flown_alike_are_said(series: Series) -> None:
+    make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")))
+    manifests = [attempt.manifest() for attempt in series.attempts()]
+    assert factors.mixed(manifests) == []
+    manifests[0]["revision"]["commit"] = "decaf"
+    manifests[0]["configuration"]["qos"] = 1
+    assert factors.mixed(manifests) == [
+        "The attempts were flown at 2 different revisions; each one's is among its conditions.",
+        "The attempts were not all flown alike: qos was 0 and 1.",
+    ]
 
 
 def test_what_a_router_drops_is_named(series: Series) -> None:
