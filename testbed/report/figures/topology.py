@@ -137,9 +137,9 @@ def _draw_tree(links: list[Link], measured: bool, width: float) -> Drawing:
         _draw_labels(drawing, station, place[station.lower][0] + 14, heights[root], measured)
     for link in order:
         (x, y), (to_x, to_y) = place[link.upper], place[link.lower]
-        bend = x + 34
+        bend = x + (34 if step > 240 else 16)
         drawing.path([(x, y), (bend, y), (bend, to_y), (to_x, to_y)], "faint", 1.3)
-        _draw_labels(drawing, link, bend + 10, to_y, measured)
+        _draw_labels(drawing, link, bend + 6, to_y, measured)
     for node, (x, y) in place.items():
         drawing.dot((x, y), "ink", 5)
         outer = node in leaves
