@@ -57,7 +57,7 @@ def figures_of(
         ),
         _scenarios(metrics, done),
         mission_time(*_missions(metrics)),
-        losses(losses_of(shown, seen)),
+        losses(losses_of(shown, seen), all(one.per_link.since_start for one in seen.values() if one.per_link)),
         parts("layers", "Bytes by layer", _LAYERS_NOTE, [*(n for n, _ in details.LAYERS), "other"], _layers(shown)),
         parts("purposes", "Bytes by purpose", _PURPOSES_NOTE, PURPOSE_NAMES, _purposes(shown)),
     ]

@@ -40,8 +40,11 @@ Links = dict[str, dict[str, Lost]]
 """By protocol and directed link."""
 
 
-def losses(sides: Links) -> Figure | None:
-    """None where nothing was lost: then a sentence says so."""
+def losses(sides: Links, since_start: bool) -> Figure | None:
+    """None where nothing was lost: then a sentence says so.
+
+    `since_start`: counted from the links' start on, else in the whole run.
+    """
     names = [name for name in _names(sides) if any(links[name].frames for links in sides.values() if name in links)]
     if not names:
         return None
@@ -51,9 +54,14 @@ def losses(sides: Links) -> Figure | None:
         title="Loss by cause",
         shows=f"Share of the frames that entered each link and did not leave it. {said(sides)}",
         note=(
-            "Of the frames that entered a link, those that never left it, from the links' start to the end of the "
-            "captures; the number behind a bar is how many of how many. Links on which nothing was lost are left out. "
-            "Up is towards the cloud."
+            "Of the frames that entered a link, those that never left it, "
+            + (
+                "from the links' start to the end of the captures"
+                if since_start
+                else "in the whole run, probes included"
+            )
+            + "; the number behind a bar is how many of how many. Links on which nothing was lost are left out. Up is "
+            "towards the cloud."
         ),
         draw=lambda width: _draw(sides, names, causes, width),
         header=("protocol", "link", "entered", *CAUSES),

@@ -16,11 +16,12 @@ SECOND_NS = 1_000_000_000
 @dataclass(frozen=True)
 class PerLink:
     """By directed link: `rates`, the bytes that entered it in each second of the mission; `entered`, its frames from
-    when losses were counted on.
+    when losses were counted on, which is the links' start (`since_start`) or the first capture.
     """
 
     rates: dict[str, tuple[int, ...]]
     entered: dict[str, int]
+    since_start: bool
 
 
 def per_link(packets: Packets, start_ns: int, seconds: float, counted_from_ns: int = 0) -> PerLink:
@@ -38,4 +39,4 @@ def per_link(packets: Packets, start_ns: int, seconds: float, counted_from_ns: i
         at = np.minimum(own["second"].to_numpy(), count - 1)
         sums = np.bincount(at, weights=own["size"].to_numpy(), minlength=count)
         rates[name] = tuple(int(value) for value in sums)
-    return PerLink(rates, entered)
+    return PerLink(rates, entered, counted_from_ns > 0)

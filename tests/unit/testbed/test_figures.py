@@ -120,9 +120,10 @@ def test_loss_is_named_by_its_cause_and_none_draws_nothing() -> None:
     assert losses.said(sides) == (
         "Lost were over MAVLink 20 of 210 frames (2 drawn at random and 18 no room in the queue)."
     )
-    assert losses.losses({"mavlink": {"air:uav1:down": losses.Lost(10, {})}}) is None
-    figure = losses.losses(sides)
+    assert losses.losses({"mavlink": {"air:uav1:down": losses.Lost(10, {})}}, True) is None
+    figure = losses.losses(sides, False)
     assert figure is not None
+    assert "in the whole run, probes included" in figure.note
     assert (rows_of(figure)[0]["queue"], rows_of(figure)[0]["entered"]) == ("18", "200")
 
 
