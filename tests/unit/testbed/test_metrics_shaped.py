@@ -57,7 +57,7 @@ def call(name: str, t_ns: int, number: int = 1, drone: int = 1) -> dict[str, Any
 def test_without_a_shaper_the_cause_of_a_loss_is_unknown(series: Series) -> None:
     make_attempt(series)  # loses one frame on air:uav1:up, and one on wan:gs:up before the mission
     losses = measured(series)["losses"]
-    one = {"random": 0, "queue": 0, "closed": 0, "overload": 0, "corrupted": 0, "unknown": 1, "captured": 1}
+    one = {"random": 0, "queue": 0, "closed": 0, "overload": 0, "corrupted": 0, "unknown": 1, "captured": 1, "open": 0}
     assert losses["links"] == {"air:uav1:up": one, "wan:gs:up": one}
     assert (losses["unknown"], losses["captured"], losses["random"]) == (2, 2, 0)
 
@@ -77,6 +77,20 @@ def test_where_shaper_and_captures_disagree_it_is_said(series: Series) -> None:
     found = measured(series)
     assert found["notes"] == ["wan:gs:up: the shaper counts 4 frames lost, the captures 1"]
     assert found["losses"]["links"]["air:uav1:up"]["unknown"] == 1
+
+
+def test_frames_that_were_under_way_at_the_end_may_be_lost_or_not(series: Series) -> None:
+    attempt = make_attempt(series)
+    frames = [(T0, frame("gs", "cloud", publish("fog1/reachable", b"1"), 1))]
+    end = T0 + 10 * SECOND  # the mission's last event
+    late = [(end - SECOND // n, frame("gs", "cloud", publish("fog1/reachable", b"1"), 1 + n)) for n in (2, 3, 4, 5, 6)]
+    write_pcap(attempt.path / "pcap" / "gs.pcap", frames + late)
+    write_pcap(attempt.path / "pcap" / "cloud.pcap", [(T0 + SECOND, frames[0][1])])
+    write_links(attempt, counters=counters(wan_gs_up={"queue": 5}))
+    found = measured(series)
+    link = found["losses"]["links"]["wan:gs:up"]
+    assert (link["queue"], link["captured"], link["open"], link["unknown"]) == (5, 0, 5, 0)
+    assert not any("shaper counts" in note for note in found["notes"])
 
 
 def test_what_the_probes_lost_is_not_the_missions(series: Series) -> None:
