@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import fmean, median, pstdev, quantiles
 from typing import Any
 
-from .rounds import JITTERED, LARGE, WIDE, Flow, Round
+from .rounds import JITTERED, LARGE, WIDE, Flow, Round, topology
 from .statistics import beyond, ks_distance, ks_limit, mean_limit, overtaken, share_limit
 
 BEYOND = 1.5
@@ -42,8 +42,9 @@ class Row:
 class Came:
     """What came of a flow over one shaper's links."""
 
-    def __init__(self, flow: Flow, data: Mapping[str, Any]) -> None:
+    def __init__(self, flow: Flow, data: Mapping[str, Any], counted: Mapping[str, Any] | None) -> None:
         self.flow = flow
+        self.queue_drops, self.random_drops = (counted["queue"], counted["random"]) if counted else (0, 0)
         self.sent: int = data["sent"]
         self.rows = [tuple(row) for row in data["rows"]]
         self.sound = [(number, sent_us, came_us) for number, sent_us, came_us, sound in self.rows if sound]
@@ -83,7 +84,11 @@ def compare(chosen: Sequence[Round], kernel: Mapping[str, Any], emulator: Mappin
     came: dict[str, Pair] = {}
     for each, one, other in zip(chosen, kernel["rounds"], emulator["rounds"], strict=True):
         for flow, by_kernel, by_emulator in zip(each.flows, one["flows"], other["flows"], strict=True):
-            came[flow.name] = Came(flow, by_kernel), Came(flow, by_emulator)
+            link = topology().link_of(flow.source, flow.destination)
+            came[flow.name] = (
+                Came(flow, by_kernel, one["counters"]["links"].get(link)),
+                Came(flow, by_emulator, other["counters"]["links"].get(link)),
+            )
     return {name: list(_compare(name)(name, came)) for name in features(chosen) if name in came}
 
 
@@ -123,6 +128,11 @@ def _mean(name: str, pair: Pair, late_ms: float = LATE_MS) -> Row:
     deviation = max(pstdev(came.delays_ms) for came in pair)
     limit = mean_limit(deviation, len(pair[0].numbers), len(pair[1].numbers)) + late_ms
     return _close(name, "delay, mean", (fmean(pair[0].delays_ms), fmean(pair[1].delays_ms)), limit)
+
+
+def _queue_drops(name: str, pair: Pair) -> Row:
+    shares = [100 * each.queue_drops / each.sent for each in pair]
+    return _close(name, "dropped by the queue, counted", (shares[0], shares[1]), 0.5, "%")
 
 
 def _median(name: str, pair: Pair, tolerance_ms: float) -> Row:
@@ -198,7 +208,7 @@ def _overload(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
     """A full queue's delay is known to a frame, half of which is as good as none."""
     pair = came[name]
     yield _rate(name, pair, 0.005)
-    yield _close(name, "frames lost", (100 * pair[0].missing, 100 * pair[1].missing), 0.5, "%")
+    yield _queue_drops(name, pair)
     yield _median(name, pair, pair[0].flow.size * 8 / 1000 / 2 + LATE_MS)
 
 
@@ -212,7 +222,10 @@ def _rate_and_loss(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:
     """What is lost has used the rate."""
     pair = came[name]
     yield _rate(name, pair, share_limit(0.2, *(len(each.numbers) for each in pair)) / 0.8)
-    yield _lost(name, pair)
+    yield _queue_drops(name, pair)
+    shares = [each.random_drops / (each.sent - each.queue_drops) for each in pair]
+    sizes = [each.sent - each.queue_drops for each in pair]
+    yield _share(name, "lost at random, counted", (shares[0], shares[1]), (sizes[0], sizes[1]))
 
 
 def _distribution(name: str, came: Mapping[str, Pair]) -> Iterator[Row]:

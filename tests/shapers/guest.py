@@ -18,6 +18,7 @@ import heapq
 import json
 import os
 import select
+import signal
 import socket
 import struct
 import subprocess
@@ -40,7 +41,9 @@ LIBC = ctypes.CDLL(None, use_errno=True)
 SILENCE_NS = 1_500_000_000
 READY_TIMEOUT_S = 60.0
 RESULTS = "/dev/vport0p1"
-_ERROR = 255
+FAILED = 255
+COUNT_EVERY_S = 1000.0
+"""netem's driver starts a process for it, which the machine takes long to carry out; it counts at the end as well."""
 
 
 def main() -> None:
@@ -87,13 +90,13 @@ def output(command: list[str], text: str | None = None) -> str:
 
 def run(job: dict[str, Any]) -> list[dict[str, Any]]:
     nodes = Nodes(job["nodes"], job["links"])
-    shaper: Any = (Netem if job["shaper"] == "netem" else Nfqueue)(nodes)
+    shaper: Shaper = (Netem if job["shaper"] == "netem" else Nfqueue)(nodes)
     found = []
     for each in job["rounds"]:
         began_s = time.monotonic()
         shaper.begin(each["plan"], each["kernel"])
         rows = Flows(nodes, each["flows"]).run()
-        counters = shaper.end(each["kernel"])
+        counters = shaper.end()
         came = sum(len(flow["rows"]) for flow in rows)
         print(f"round {each['name']}: {came} datagrams, {time.monotonic() - began_s:.1f} s", flush=True)
         found.append({"flows": rows, "counters": counters})
@@ -219,52 +222,23 @@ class Flows:
         )
 
 
-class Netem:
-    """The plan's commands; their devices and classes read back, with what they counted."""
-
-    def __init__(self, nodes: Nodes) -> None:
-        self._ports = {f"@{port.node}": port.interface for port in nodes.ports}
-
-    def begin(self, _: Any, kernel: dict[str, Any]) -> None:
-        self._carry_out(kernel["begin"])
-        self._shown = output(["tc", "-json", "qdisc", "show"])
-        begin_s = time.monotonic()
-        self._timed = os.fork()
-        if not self._timed:
-            for at_s, words in kernel["timed"]:
-                time.sleep(max(0.0, begin_s + at_s - time.monotonic()))
-                self._carry_out([words])
-            os._exit(0)
-
-    def end(self, kernel: dict[str, Any]) -> dict[str, Any]:
-        os.kill(self._timed, 9)
-        os.waitpid(self._timed, 0)
-        counted = output(["tc", "-s", "-json", "qdisc", "show"])
-        self._carry_out(kernel["end"])
-        return {"qdiscs": json.loads(self._shown), "counted": json.loads(counted)}
-
-    def _carry_out(self, commands: list[list[str]]) -> None:
-        for words in commands:
-            output([self._ports.get(word, word) for word in words])
-
-
-class Nfqueue:
-    """The emulator in a process of its own, ahead of all others."""
+class Shaper:
+    """What shapes, in a process of its own and ahead of all others; `end` returns what it counted."""
 
     def __init__(self, nodes: Nodes) -> None:
         self._nodes = nodes
         self._folder = Path("/tmp/shaping")
         self._folder.mkdir()
 
-    def begin(self, plan: Any, _: Any) -> None:
+    def begin(self, plan: Any, kernel: Any) -> None:
         ready = self._folder / "ready"
         ready.unlink(missing_ok=True)
         pid = os.fork()
         if not pid:
-            code = _ERROR
+            code = FAILED
             try:
                 os.setpriority(os.PRIO_PROCESS, 0, -20)
-                self._shape(plan, ready)
+                self.shape(plan, kernel, ready)
                 code = 0
             except Exception:
                 traceback.print_exc()
@@ -275,22 +249,51 @@ class Nfqueue:
         deadline_s = time.monotonic() + READY_TIMEOUT_S
         while not ready.exists():
             if time.monotonic() > deadline_s or os.waitpid(pid, os.WNOHANG)[0]:
-                raise RuntimeError("the emulator does not start; see the console")
+                raise RuntimeError("the shaper does not start; see the console")
             time.sleep(0.01)
 
-    def _shape(self, plan: Any, ready: Path) -> None:
+    def shape(self, plan: Any, kernel: Any, ready: Path) -> None:
+        raise NotImplementedError
+
+    def end(self) -> dict[str, Any]:
+        os.kill(self._pid, signal.SIGTERM)
+        _, status = os.waitpid(self._pid, 0)
+        if status:
+            raise RuntimeError(f"the shaper ended with {status}; see the console")
+        counters: dict[str, Any] = json.loads((self._folder / "counters.json").read_text())
+        return counters
+
+
+class Netem(Shaper):
+    """The plan's commands, read back once they are carried out, and changed at their times."""
+
+    def shape(self, plan: Any, kernel: Any, ready: Path) -> None:
+        from net.emulator.plan import parse_plan
+        from net.ending import Ending
+        from net.shaping import kernel as driver
+        from net.shaping.journal import Journal
+        from net.shaping.run_plan import RunPlan
+
+        driver.COUNT_EVERY_S = COUNT_EVERY_S
+        with Ending() as ending:
+            run = RunPlan("netem", False, parse_plan(plan, "job"), kernel, ())
+            links = driver.KernelLinks(self._folder, run, self._nodes.ports, Journal(self._folder / "events.jsonl"))
+            print(f"read back: {links.checked}", flush=True)
+            links.start(time.time_ns())
+            ready.touch()
+            while not ending.has_come():
+                select.select([ending.wake], (), (), links.attend())
+            links.end()
+
+
+class Nfqueue(Shaper):
+    """The emulator."""
+
+    def shape(self, plan: Any, kernel: Any, ready: Path) -> None:
         from net.emulator.plan import parse_plan
         from net.emulator.process import shape
 
         shape(parse_plan(plan, "job"), self._nodes.ports, self._nodes.pairs, self._folder / "counters.json", ready)
-
-    def end(self, _: Any) -> dict[str, Any]:
-        os.kill(self._pid, 15)
-        _, status = os.waitpid(self._pid, 0)
-        if status:
-            raise RuntimeError(f"the emulator ended with {status}; see the console")
-        counters: dict[str, Any] = json.loads((self._folder / "counters.json").read_text())
-        return counters
 
 
 main()

@@ -205,7 +205,7 @@ def job(shaper: str, chosen: Sequence[Round]) -> dict[str, Any]:
             {
                 "name": each.name,
                 "plan": each.plan.to_data(),
-                "kernel": asdict(commands_of(each.plan, there)),
+                "kernel": commands_of(each.plan, there).to_data(),
                 "flows": [{**asdict(flow), "size": flow.size - ETHERNET_BYTES} for flow in each.flows],
             }
             for each in chosen
