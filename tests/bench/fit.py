@@ -2,7 +2,7 @@
 
 Both stream sets are recorded from six stand-ins in flight (FIT_RECORDINGS names a folder of earlier recordings to use
 instead), fitted by simulation, and replayed through real links by the shaper, one drone and six. Not among the figures
-of `make bench`: it takes about ten minutes, and needs Docker and the node image for the last part.
+of `make bench`: it takes about ten minutes or more, and needs Docker and the node image for the last part.
 """
 
 from __future__ import annotations
