@@ -28,7 +28,7 @@ from .validity import void_reason
 
 MISSION_OVER = {0: "completed", 1: "failed"}
 BAD_INPUT = 2
-MISSION_LIMIT_S = 1200.0
+MISSION_LIMIT_S = 1500.0
 """More than the limits of all steps of a mission together: what takes longer hangs."""
 MOST_REPEATS = 2
 """How often the attempts of a number are flown again, because one of them was void."""
