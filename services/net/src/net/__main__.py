@@ -45,9 +45,7 @@ def _one_line() -> Iterator[None]:
 def route(
     captures: Annotated[Path, typer.Option(help="Folder for one pcap a node and captures.json.")],
     ready_file: Annotated[Path, typer.Option(help="File that is made once everything is shaped and captured.")],
-    links: Annotated[
-        Path | None, typer.Option(help="Folder with the links' plan.json; nothing is shaped without.")
-    ] = None,
+    links: Annotated[Path, typer.Option(help="Folder with the links' plan.json.")],
     control: Annotated[Path, typer.Option(help="Socket for changes by hand.")] = SOCKET,
 ) -> None:
     """Route between all nodes, hop by hop, shape every link and capture at each node, until SIGTERM or SIGINT."""

@@ -27,9 +27,9 @@ from .shaping.run_plan import RunPlan, read_run_plan
 WATCH_S = 1.0
 
 
-def route(captures: Path, links: Path | None, control: Path, ready_file: Path) -> None:
+def route(captures: Path, links: Path, control: Path, ready_file: Path) -> None:
     """Until SIGTERM or SIGINT. Raises NetError, PlanError where the plan of the links cannot be carried out."""
-    run = None if links is None else read_run_plan(links / "plan.json")
+    run = read_run_plan(links / "plan.json")
     check_rights()
     if Path("/proc/sys/net/ipv4/ip_forward").read_text().strip() != "1":
         raise NetError("net.ipv4.ip_forward is off; expected the sysctl of compose.yaml")
@@ -41,12 +41,10 @@ def route(captures: Path, links: Path | None, control: Path, ready_file: Path) -
     route_by_hops(ports, pairs)
     with Ending() as ending, ExitStack() as stack:
         watched: dict[socket, Callable[[], None]] = {ending.wake: ending.drain}
-        attendant = None
-        if run is not None and links is not None:
-            choice = choose(run)
-            attendant = Attendant(links, run, choice, _maker(choice, links, run, ports))
-            stack.callback(attendant.end)
-            watched |= attendant.serve(control)
+        choice = choose(run)
+        attendant = Attendant(links, run, choice, _maker(choice, links, run, ports))
+        stack.callback(attendant.end)
+        watched |= attendant.serve(control)
         running = _capture(ports, captures)
         stack.callback(lambda: write_counts(stop_all(running), captures / "captures.json"))
         for capture in running:
@@ -86,14 +84,14 @@ def _watch(
     ending: Ending,
     watched: dict[socket, Callable[[], None]],
     running: Sequence[Capture],
-    attendant: Attendant | None,
+    attendant: Attendant,
 ) -> None:
     watch_s = time.monotonic()
     with selectors.DefaultSelector() as selector:
         for source, act in watched.items():
             selector.register(source, selectors.EVENT_READ, act)
         while not ending.has_come():
-            wait_s = WATCH_S if attendant is None else attendant.attend()
+            wait_s = attendant.attend()
             if time.monotonic() >= watch_s:
                 watch_s = time.monotonic() + WATCH_S
                 for capture in running:
