@@ -42,11 +42,8 @@ def document_rows(document: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def write_into(page: Path, table: str) -> None:
     """Between the markers. Raises ValueError where there are none."""
-    text, found = re.subn(
-        f"(?s)(?<={re.escape(BEGIN)}\n).*?(?={re.escape(END)})",
-        lambda _: f"{table}\n",
-        page.read_text(encoding="utf-8"),
-    )
+    block = re.compile(f"{re.escape(BEGIN)}\n.*?{re.escape(END)}", re.DOTALL)
+    text, found = block.subn(lambda _: f"{BEGIN}\n{table}\n{END}", page.read_text(encoding="utf-8"))
     if found != 1:
         raise ValueError(f"{page}: expected {BEGIN} and {END} once")
     page.write_text(text, encoding="utf-8")

@@ -147,11 +147,12 @@ def test_what_did_not_arrive_is_not_left_blank() -> None:
 def test_the_table_of_a_saved_check_goes_between_a_pages_markers(tmp_path: Path) -> None:
     _, _, saved = checked(tmp_path, SimulatedNetwork(), "ideal")
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
-    write_into(page, markdown(document_rows(saved)))
-    lines = page.read_text().splitlines()
-    assert lines[:4] == ["before", BEGIN, f"| {' | '.join(HEAD)} |", "|" + " --- |" * len(HEAD)]
-    assert lines[-2:] == [END, "after"]
+    for old in ("", "old\n"):
+        page.write_text(f"before\n{BEGIN}\n{old}{END}\n<!-- measured: others -->\nkept\n{END}\n")
+        write_into(page, markdown(document_rows(saved)))
+        lines = page.read_text().splitlines()
+        assert lines[:4] == ["before", BEGIN, f"| {' | '.join(HEAD)} |", "|" + " --- |" * len(HEAD)]
+        assert lines[-4:] == [END, "<!-- measured: others -->", "kept", END]
     assert "| ideal | air up | 0.0 → " in page.read_text()
     page.write_text("no markers")
     with pytest.raises(ValueError, match="expected <!-- measured: links -->"):
