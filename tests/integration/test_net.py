@@ -12,6 +12,9 @@ import pytest
 from scapy.utils import RawPcapReader
 
 from testbed.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL, Containers
+from testbed.links import write_plan
+from testbed.profiles.reading import read_profile
+from testbed.profiles.resolve import resolve
 from testbed.topology import read_topology
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(180)]
@@ -26,9 +29,12 @@ NANOSECONDS_MAGIC = (0xA1B23C4D).to_bytes(4, "little")
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    for path in (folder, folder / "pcap", folder / "sitl"):
+    for path in (folder, folder / "pcap", folder / "sitl", folder / "links"):
         path.mkdir(exist_ok=True)
         path.chmod(0o777)
+    topology = read_topology()
+    links = resolve(read_profile("ideal"), topology, "scenario-1", 1)
+    write_plan(folder / "links", links, topology, "auto")
     return folder
 
 
@@ -36,7 +42,8 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def fleet(run_dir: Path) -> Iterator[Containers]:
     made = Containers("mqttxt", run_dir, {"QOS": "0"})
     try:
-        made.up()
+        made.down()
+        made.start()
         yield made
     finally:
         made.down()
