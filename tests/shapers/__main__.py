@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from mqttxt.wire.tables import table
 
 from .comparison import Row, compare
 from .machine import Machine
-from .rounds import job, rounds
+from .rounds import Round, job, rounds
 
 BEGIN, END = "<!-- measured: shapers -->", "<!-- end -->"
 
@@ -20,6 +22,11 @@ def main(page: Path) -> int:
     with tempfile.TemporaryDirectory() as folder:
         machines = [Machine(Path(folder) / shaper, job(shaper, chosen)) for shaper in ("netem", "nfqueue")]
         kernel, emulator = (machine.result() for machine in machines)
+    return write(page, chosen, kernel, emulator)
+
+
+def write(page: Path, chosen: list[Round], kernel: Mapping[str, Any], emulator: Mapping[str, Any]) -> int:
+    """The exit code: 1 where something is apart."""
     rows = [row for found in compare(chosen, kernel, emulator).values() for row in found]
     text = page.read_text(encoding="utf-8")
     before, _, rest = text.partition(BEGIN)
@@ -36,7 +43,7 @@ def table_of(rows: list[Row]) -> str:
     cells, last = [], ""
     for row in rows:
         feature, last = ("" if row.feature == last else row.feature), row.feature
-        numbers = (f"{number:.2g} {row.unit}".strip() for number in (row.difference, row.tolerance))
+        numbers = (f"{float(f'{number:.2g}'):g} {row.unit}".strip() for number in (row.difference, row.tolerance))
         cells.append((feature, row.statistic, row.kernel, row.emulator, *numbers))
     return table(("link", "statistic", "kernel", "emulator", "apart", "tolerance"), cells)
 
