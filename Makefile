@@ -1,4 +1,6 @@
 ATTEMPTS ?= 1
+# How many tests run at a time: most of them wait most of their time.
+WORKERS ?= 4
 ARM ?= thesis
 PROFILE ?= ideal
 SHAPER ?= auto
@@ -46,9 +48,9 @@ down: containers ## End what `make up` started
 report: venv ## Make metrics and report of the newest results again, without Docker
 	@$(PYTHON) -m testbed report results/*/latest
 
-test: containers tools ## Run every check and every test (about 25 minutes)
+test: containers tools ## Run every check and every test, WORKERS= at a time
 	@$(MAKE) --no-print-directory lint
-	@$(PYTHON) -m pytest
+	@$(PYTHON) -m pytest --numprocesses '$(WORKERS)' --dist loadgroup --no-loadscope-reorder
 
 check: venv lint ## Format, lint, types, import rules and unit tests, in under a minute
 	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long'

@@ -22,19 +22,24 @@ ROOT = Path(__file__).resolve().parents[2]
 FLEET_FILE = ROOT / "services" / "sitl" / "fleet.yaml"
 NODE_IMAGE = "mqttxt-testbed/node:latest"
 PATIENCE_S = 30.0
-_PORTS = (20_000, 32_000)
+_WORKER, _WORKERS = (
+    int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]),
+    int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1)),
+)
+_PORTS = range(20_000 + _WORKER % _WORKERS, 32_000, _WORKERS)
+"""This process's own, where several workers run the tests."""
 _RANDOM = random.SystemRandom()
 _given: set[int] = set()
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """A port of loopback that nobody uses now, and that nobody was given before.
+    """A port of loopback that nobody uses now, and that nobody was given before, by another worker neither.
 
     Not one of those that the system gives to clients: a connection could take it before its owner does, or while
     that is restarted.
     """
     while True:
-        port = _RANDOM.randrange(*_PORTS)
+        port = _RANDOM.choice(_PORTS)
         if port in _given:
             continue
         with socket.socket(socket.AF_INET, kind) as sock, contextlib.suppress(OSError):

@@ -33,6 +33,7 @@ class Sent:
     latest_ns: int = 0
     late_ms: int | None = None
     words: list[Word] = field(default_factory=list)
+    last_words: int = 0
     refused_in_time: bool = False
 
 
@@ -66,6 +67,7 @@ class Salvo:
                 if not command.words:
                     self.sent.append(command)
                 command.words.append(outcome.word)
+                command.last_words += outcome.is_last  # the truth that settles an `unconfirmed` is none
                 command.late_ms = command.late_ms or outcome.late_ms
                 if outcome.word is Word.EXPIRED and time.time_ns() < command.latest_ns:
                     command.refused_in_time = True
@@ -74,7 +76,7 @@ class Salvo:
 
     def verdict(self, what: str) -> Counter[str]:
         """Asserts that none was late, twice, elsewhere, or without exactly one last word; returns the counts."""
-        wrong = [command for command in self.sent if sum(word.is_last for word in command.words) != 1]
+        wrong = [command for command in self.sent if command.last_words != 1]
         assert not wrong, f"not one last word: {wrong}"
         latest = {(command.drone, command.x): command.latest_ns for command in self.sent}
         executed = [

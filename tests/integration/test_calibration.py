@@ -15,7 +15,7 @@ from testbed.calibration.schedule import make_load
 from testbed.profiles.resolve import LinkPlan, Plan
 from testbed.topology import Link, Node, Topology
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(120)]
 TOPOLOGY = Topology(
     tuple(Node(name, f"{subnet}.3") for name, subnet in SUBNETS.items()), (Link("wan:gs", "gs", "cloud"),)
 )

@@ -20,7 +20,7 @@ from mqttxt.conformance.registry import Finding, Verdict
 from mqttxt.conformance.uav import UavTarget, check_uav
 from mqttxt.io.address import BrokerAddress
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(240)]
 
 BROKEN = str(Path(__file__).parent / "broken_roles.py")
 UAV_VARIANTS = {

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from processes import NODE_IMAGE, ROOT, Process, free_port, wait_until
@@ -31,9 +32,12 @@ def mavproxy() -> Path:
     assert version is not None
     wheel = folder / f"mavproxy-{version[1]}-py3-none-any.whl"
     if not wheel.exists():
-        options = ["--quiet", "--require-hashes", "--no-deps", "--only-binary", ":all:", "--dest", str(folder)]
-        pip = [sys.executable, "-m", "pip", "download", *options, "--requirement", str(REQUIREMENTS)]
-        subprocess.run(pip, check=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder) as new:  # another worker may be at it too
+            options = ["--quiet", "--require-hashes", "--no-deps", "--only-binary", ":all:", "--dest", new]
+            pip = [sys.executable, "-m", "pip", "download", *options, "--requirement", str(REQUIREMENTS)]
+            subprocess.run(pip, check=True)
+            (Path(new) / wheel.name).replace(wheel)
     return wheel
 
 

@@ -17,7 +17,7 @@ from testbed.profiles.reading import read_profile
 from testbed.profiles.resolve import resolve
 from testbed.topology import read_topology
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(180)]
 OFFLOADS = ("tcp-segmentation-offload", "generic-segmentation-offload", "generic-receive-offload", "tx-checksumming")
 PINGS = 5
 PING_SIZE = 777

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import shutil
 import socket
 from collections.abc import Iterator
@@ -23,7 +24,9 @@ from tests.e2e.agreement import Nodes, assert_pymavlink_agrees, assert_tshark_ag
 
 pytestmark = pytest.mark.integration
 
-ADDRESSES = {"gs": "127.0.0.32", "cloud": "127.0.0.33", "fog1": "127.0.0.34", "uav1": "127.0.0.35"}
+NETWORK = f"127.{secrets.randbelow(250) + 2}.{secrets.randbelow(256)}"
+"""Of loopback, this process's own: captures hold all that comes and goes there."""
+ADDRESSES = {name: f"{NETWORK}.{last}" for last, name in enumerate(("gs", "cloud", "fog1", "uav1"), 32)}
 LINKS = (("wan:gs", "gs", "cloud"), ("backhaul:fog1", "fog1", "cloud"), ("air:uav1", "uav1", "fog1"))
 PORT = 1883
 
