@@ -1,4 +1,4 @@
-"""How tests share a machine where several workers run them (`pytest -n`): what has to be alone comes last, alone."""
+"""How tests share a machine: no example has a time limit, and of several workers the last has what is to be alone."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ import os
 from collections.abc import Generator
 
 import pytest
+from hypothesis import HealthCheck, settings
 from xdist import is_xdist_worker
 
+# How long an example takes says how busy the machine is.
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 _turn: int | None = None
 """A worker's lock: each shares it until it has nothing left to do; who has the tests that run alone waits for that."""
 

@@ -16,7 +16,7 @@ from testbed.topology import ROOT, read_topology
 from tests.bench.fit_simulation import cross
 from tests.bench.fit_streams import exact
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(120)]
 SENDER = "/repository/tests/bench/fit_sender.py"
 SECONDS = 6.0
 TOLERANCE = 0.01
