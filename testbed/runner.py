@@ -107,7 +107,8 @@ def _void_together(flown: dict[Attempt, Ended]) -> None:
         return
     for attempt, ended in flown.items():
         if ended.status != "void":
-            flown[attempt] = Ended("void", f"{void.protocol} was void in the same attempt")
+            failed = f"; this one had failed: {ended.reason}" if ended.status == "failed" else ""
+            flown[attempt] = Ended("void", f"{void.protocol} was void in the same attempt{failed}")
             path = attempt.path / "manifest.json"
             write_json(path, read_json(path) | {"status": "void", "reason": flown[attempt].reason})
 

@@ -251,6 +251,27 @@ def test_random_loss_that_chance_does_not_explain_makes_an_attempt_void(tmp_path
     assert (loss["configured"], loss["measured"], loss["lost"]) == (0.0, 40 / 1040, 40)
 
 
+def test_a_failure_beside_a_void_attempt_is_void_and_says_so(tmp_path: Path) -> None:
+    class LateAfterFailure(Fleet):
+        def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+            yield from super().execute(service, command, limit_s=limit_s)
+            if self.profiles == ["mqttxt"]:
+                yield "mission: scenario-1 failed: arm: drone 3: denied"
+                return 1
+            return 0
+
+        def count_links(self, void: str | None = None) -> None:
+            super().count_links("the emulator did not keep up" if self.profiles == ["mqttxt", "mavlink"] else None)
+
+    path, endings, _ = _fly(tmp_path, LateAfterFailure([TAKEOFF]), protocols="mqttxt,mavlink")
+    assert endings == [Ended("completed")] * 2
+    first = Series(path).attempts()[2].manifest()
+    assert first["status"] == "void"
+    assert first["reason"] == (
+        "mavlink was void in the same attempt; this one had failed: scenario-1 failed: arm: drone 3: denied"
+    )
+
+
 def test_a_void_attempt_is_repeated_before_its_other_protocol_is_flown_for_nothing(tmp_path: Path) -> None:
     fleet = Fleet([TAKEOFF], dropped=1)
     _fly(tmp_path, fleet, protocols="mqttxt,mavlink")
