@@ -50,7 +50,7 @@ report: venv ## Make metrics and report of the newest results again, without Doc
 
 test: containers tools ## Run every check and every test, WORKERS= at a time
 	@$(MAKE) --no-print-directory lint
-	@$(PYTHON) -m pytest --numprocesses '$(WORKERS)' --dist loadgroup --no-loadscope-reorder
+	@$(PYTHON) -m pytest --numprocesses '$(WORKERS)' --dist loadfile --no-loadscope-reorder
 
 check: venv lint ## Format, lint, types, import rules and unit tests, in under a minute
 	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long'

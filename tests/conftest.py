@@ -14,24 +14,17 @@ from xdist import is_xdist_worker
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 _turn: int | None = None
-"""A worker's lock: each shares it until it has nothing left to do; who has the tests that run alone waits for that."""
+"""A worker's lock: all share it until nothing is left for them but what is to be alone; then one has it at a time."""
 
 
 def _is_alone(item: pytest.Item) -> bool:
     return any(item.get_closest_marker(name) for name in ("alone", "e2e"))
 
 
-def _place(item: pytest.Item) -> tuple[bool, bool, bool]:
-    is_grouped, waits = (item.get_closest_marker(name) is not None for name in ("xdist_group", "integration"))
-    return _is_alone(item), not is_grouped, not waits
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The long begin first, the quick ones fill what is left, and one worker gets all that run alone at the end."""
-    items.sort(key=_place)
-    for item in filter(_is_alone, items):
-        item.add_marker(pytest.mark.xdist_group("alone"))
+    """The long begin first, the quick ones fill what is left, and what is to be alone is left for the end."""
+    items.sort(key=lambda item: (_is_alone(item), item.get_closest_marker("integration") is None))
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
@@ -43,7 +36,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Before its fixtures and its time limit begin, a test that runs alone waits for the other workers."""
+    """Before the fixtures and the time limit of a test that runs alone begin, its worker waits for the others."""
     if _turn is not None and _is_alone(item):
         fcntl.flock(_turn, fcntl.LOCK_EX)
     return (yield)

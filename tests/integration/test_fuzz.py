@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from processes import ROOT
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(420)]
 
 CODEC_RUNS = 100_000
 ROLE_EXAMPLES = 300
@@ -26,7 +26,7 @@ def _output(command: list[str], **environment: str) -> str:
         stderr=subprocess.STDOUT,
         text=True,
         errors="replace",
-        timeout=110,
+        timeout=400,
         check=False,
     )
     assert done.returncode == 0, done.stdout[-4000:]
@@ -43,6 +43,6 @@ def test_no_bytes_get_anything_but_a_message_or_a_reason_out_of_the_codecs(tmp_p
 
 def test_roles_stand_ten_times_as_much(tmp_path: Path) -> None:
     tests = "tests/unit/mqttxt/test_fuzz_roles.py"
-    options = ["-q", "-p", "no:cacheprovider", "--timeout=100"]
+    options = ["-q", "-p", "no:cacheprovider", "--timeout=380"]
     said = _output([sys.executable, "-m", "pytest", *options, tests], FUZZ_EXAMPLES=str(ROLE_EXAMPLES))
     assert " passed" in said

@@ -22,7 +22,6 @@ from testbed.results import new_series
 
 pytestmark = [
     pytest.mark.integration,
-    pytest.mark.xdist_group("pages"),
     pytest.mark.skipif(chromium() is None, reason="no Chromium; `make tools` has it"),
 ]
 PHONE, DESK = 400, 1200

@@ -15,7 +15,7 @@ from tests.shapers.comparison import Row, compare, features
 from tests.shapers.machine import Machine
 from tests.shapers.rounds import job, rounds
 
-pytestmark = [pytest.mark.integration, pytest.mark.xdist_group("machines"), pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 ROUNDS = rounds()
 
 
