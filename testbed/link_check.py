@@ -26,7 +26,7 @@ from .errors import ContainerDied, TestbedError
 from .experiments import PROTOCOLS
 from .links import read_counters, read_shaper, write_plan
 from .manifest import revision
-from .profiles.reading import profile_names, read_profile
+from .profiles.reading import profile_names, read_profile, shown
 from .profiles.resolve import Plan, resolve
 from .progress import ConsoleProgress
 from .results import write_json
@@ -85,7 +85,7 @@ def check_profiles(
         found.append(_check(plan, topology, run_dir, containers, progress))
         write_json(folder / DOCUMENT, _document(found))
     _print(found, console)
-    console.print(f"saved: {folder / DOCUMENT}", soft_wrap=True, markup=False)
+    console.print(f"saved: {shown(folder / DOCUMENT)}", soft_wrap=True, markup=False)
     return not any(each.off for each in found)
 
 
