@@ -53,7 +53,7 @@ test: containers tools ## Run every check and every test, WORKERS= at a time
 	@$(PYTHON) -m pytest --numprocesses '$(WORKERS)' --dist loadfile --no-loadscope-reorder
 
 check: venv lint ## Format, lint, types, import rules and unit tests, in under a minute
-	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long'
+	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long' --numprocesses 2 --dist loadfile
 
 lint: venv
 	@.venv/bin/ruff format --check --quiet . && .venv/bin/ruff check --quiet .
