@@ -9,7 +9,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ import docker
 from docker.errors import APIError, DockerException
 from requests.exceptions import RequestException
 
-from .errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError
+from .errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError, TestbedError
 from .experiments import PROTOCOLS
 from .overrides import compose_files
 from .sensors import SENSOR_PROFILES
@@ -214,6 +214,20 @@ class Containers:
             reasons = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()
             failure = FleetError if words[0] == "up" else DockerError
             raise failure(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
+
+
+def start_network(containers: Containers, nodes: Sequence[str]) -> None:
+    """Start the network and its nodes, and nothing on them.
+
+    Raises TestbedError where the links cannot be shaped: nothing could be flown then.
+    """
+    try:
+        containers.start("net", *nodes)
+    except ContainerDied as error:
+        said = containers.last_words("net")
+        if said is None:
+            raise
+        raise TestbedError(f"the links cannot be shaped: {said}") from error
 
 
 def services_of(profiles: tuple[str, ...], path: Path = COMPOSE_FILE) -> list[str]:

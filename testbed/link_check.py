@@ -21,15 +21,14 @@ from .calibration import Calibration, Loss, calibrate, measure_losses
 from .calibration.calibrate import RunInNode, run_schedule
 from .calibration.schedule import make_load
 from .calibration.table import HEAD, rows_of
-from .containers import Containers
-from .errors import ContainerDied, TestbedError
+from .containers import Containers, start_network
 from .experiments import PROTOCOLS
 from .links import read_counters, read_shaper, write_plan
 from .manifest import revision
 from .profiles.reading import profile_names, read_profile, shown
 from .profiles.resolve import Plan, resolve
 from .progress import ConsoleProgress
-from .results import write_json
+from .results import live_attempt, point, write_json
 from .topology import Topology, read_topology
 
 VERSION = 1
@@ -79,7 +78,7 @@ def check_profiles(
     progress = ConsoleProgress(console)
     found: list[Checked] = []
     for plan in plans:
-        run_dir = _new_run_dir(folder / Path(plan.profile).stem)
+        run_dir = live_attempt(folder / Path(plan.profile).stem, PROTOCOLS[0]).path
         write_plan(run_dir / "links", plan, topology, shaper)
         containers = make_containers(PROTOCOLS[0], run_dir, {})
         found.append(_check(plan, topology, run_dir, containers, progress))
@@ -112,11 +111,7 @@ def _network(containers: Containers, nodes: Sequence[str], what: str, progress: 
     try:
         with progress.phase(what):
             containers.down()
-            try:
-                containers.start("net", *nodes)
-            except ContainerDied as error:
-                said = containers.last_words("net")
-                raise error if said is None else TestbedError(f"the links cannot be shaped: {said}") from error
+            start_network(containers, nodes)
         yield containers.output
     finally:
         containers.down()
@@ -149,16 +144,5 @@ def _new_folder(results: Path) -> Path:
     """results/links/<utc>, and `latest` pointing to it. Raises OSError."""
     folder = results / EXPERIMENT / datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     folder.mkdir(parents=True)
-    fresh = folder.parent / ".latest.new"
-    fresh.unlink(missing_ok=True)
-    fresh.symlink_to(folder.name)
-    fresh.replace(folder.parent / "latest")
+    point(folder.parent / "latest", folder)
     return folder
-
-
-def _new_run_dir(path: Path) -> Path:
-    """A folder that the network's container writes into."""
-    for name in ("", "links", "pcap", "sitl"):
-        (path / name).mkdir(parents=True, exist_ok=True)
-        (path / name).chmod(0o777)
-    return path

@@ -16,11 +16,18 @@ from .experiments import Plan
 from .profiles.resolve import Plan as LinkPlan
 from .profiles.resolve import resolve
 from .profiles.run_plan import Gate, run_plan
-from .results import read_json, read_json_lines, write_json
+from .results import (
+    LINKS_CALIBRATION,
+    LINKS_COUNTERS,
+    LINKS_EVENTS,
+    LINKS_PLAN,
+    LINKS_SHAPER,
+    LINKS_START,
+    read_json,
+    read_json_lines,
+    write_json,
+)
 from .topology import Topology
-
-PLAN, SHAPER, CALIBRATION, START = "plan.json", "shaper.json", "calibration.json", "start"
-COUNTERS, EVENTS = "counters.json", "events.jsonl"
 
 
 def plan_links(plan: Plan, topology: Topology, number: int) -> LinkPlan:
@@ -38,23 +45,23 @@ def write_plan(
     gates: Sequence[Gate] = (),
 ) -> None:
     """Tell `net`; `always` lets it take every link in hand, also those that it has nothing to do with yet."""
-    write_json(folder / PLAN, run_plan(links, topology, shaper=shaper, always=always, gates=gates))
+    write_json(folder / LINKS_PLAN, run_plan(links, topology, shaper=shaper, always=always, gates=gates))
 
 
 def start_clock(folder: Path) -> None:
     """Let the time of the plan's events begin; in a run the mission does so itself."""
-    (folder / START).touch()
+    (folder / LINKS_START).touch()
 
 
 def read_shaper(folder: Path) -> dict[str, Any]:
     """What shapes the links and why that, as `net` says once all are shaped. Raises ResultsError."""
-    return read_json(folder / SHAPER)
+    return read_json(folder / LINKS_SHAPER)
 
 
 def write_calibration(folder: Path, calibration: Calibration) -> dict[str, Any]:
     """Keep what the probes found; returns it as it is kept."""
     found = calibration.to_data()
-    write_json(folder / CALIBRATION, found)
+    write_json(folder / LINKS_CALIBRATION, found)
     return found
 
 
@@ -68,7 +75,7 @@ def void_reason(folder: Path, links: LinkPlan) -> str | None:
         if read_shaper(folder)["shaper"] == "none":
             return None
         counters = read_counters(folder)
-        changes = read_json_lines(folder / EVENTS, frozenset({"t_ns"}))
+        changes = read_json_lines(folder / LINKS_EVENTS, frozenset({"t_ns"}))
         by_hand = {event["link"] for event in changes if event.get("cause") == "hand"}
         losses = measure_losses(links, counters, by_hand)
         _keep_losses(folder, losses)
@@ -79,12 +86,12 @@ def void_reason(folder: Path, links: LinkPlan) -> str | None:
 
 
 def _keep_losses(folder: Path, losses: Sequence[Loss]) -> None:
-    found = read_json(folder / CALIBRATION)
+    found = read_json(folder / LINKS_CALIBRATION)
     for loss in losses:
         found["links"].setdefault(loss.link, {})["loss"] = loss.to_data()
-    write_json(folder / CALIBRATION, found)
+    write_json(folder / LINKS_CALIBRATION, found)
 
 
 def read_counters(folder: Path) -> dict[str, Any]:
     """What each link did, by the shaper's own count. Raises ResultsError."""
-    return read_json(folder / COUNTERS)
+    return read_json(folder / LINKS_COUNTERS)

@@ -17,8 +17,12 @@ METRICS = "metrics.json"
 REPORT = "report.html"
 MANIFEST_VERSION = 1
 CUT_OFF = "the run was cut off"
-FOLDERS = ("pcap", "sitl", "logs", "links")
+LINKS = "links"
+FOLDERS = ("pcap", "sitl", "logs", LINKS)
 """What an attempt's folder has, and the containers may write to."""
+LINKS_PLAN, LINKS_SHAPER, LINKS_CALIBRATION = "plan.json", "shaper.json", "calibration.json"
+LINKS_COUNTERS, LINKS_EVENTS, LINKS_START = "counters.json", "events.jsonl", "start"
+"""What is in the folder LINKS."""
 _ATTEMPT = re.compile(r"attempt-(?P<number>\d\d)(-repeat-(?P<repeat>\d))?")
 _MANIFEST_FIELDS: dict[str, type] = {
     **dict.fromkeys(("experiment", "arm", "profile", "status", "shaper"), str),
@@ -128,9 +132,12 @@ def new_attempt(series: Series, protocol: str, number: int, repeat: int = 0) -> 
 
 
 def live_attempt(path: Path, protocol: str) -> Attempt:
-    """The folder of a fleet that is flown by hand; nothing is left in it of what was said of links before."""
+    """A folder for what is no attempt of a series, as a fleet flown by hand.
+
+    Nothing is left in it of what was said of links before.
+    """
     _make_folders(path)
-    for left in (path / "links").iterdir():
+    for left in (path / LINKS).iterdir():
         left.unlink()
     return Attempt(path, protocol, 1)
 
@@ -142,12 +149,16 @@ def _make_folders(path: Path, *, exist_ok: bool = True) -> None:
 
 
 def point_latest(series: Series) -> None:
-    """Make `results/<experiment>/latest` point to a series, at no time to nothing."""
-    experiment = series.path.parent.parent
-    fresh = experiment / ".latest.new"
+    """Make `results/<experiment>/latest` point to a series."""
+    point(series.path.parent.parent / "latest", series.path)
+
+
+def point(link: Path, target: Path) -> None:
+    """Make a link point to a folder, at no time to nothing."""
+    fresh = link.with_name(f".{link.name}.new")
     fresh.unlink(missing_ok=True)
-    fresh.symlink_to(os.path.relpath(series.path, experiment))
-    fresh.replace(experiment / "latest")
+    fresh.symlink_to(os.path.relpath(target, link.parent))
+    fresh.replace(link)
 
 
 def open_series(path: Path) -> Series:

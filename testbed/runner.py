@@ -14,8 +14,8 @@ from typing import Any, Protocol
 
 from . import links as link_files
 from .calibration import calibrate
-from .containers import Containers, Usage
-from .errors import ContainerDied, DockerError, FleetError, TestbedError, UserError
+from .containers import Containers, Usage, start_network
+from .errors import DockerError, FleetError, TestbedError, UserError
 from .experiments import Plan
 from .flights import MISSION_FILE, mission_command, settings_of
 from .manifest import describe, mosquitto_version
@@ -168,7 +168,7 @@ def _fleet_up(
         nodes = [node.name for node in topology.nodes]
         with progress.phase(f"starting the network and its {len(nodes)} nodes"):
             containers.down()
-            _start_network(containers, nodes)
+            start_network(containers, nodes)
         shaper = link_files.read_shaper(folder)
         manifest |= {"shaper": shaper["shaper"], "shaping": shaper}
         with progress.phase("calibrating the links"):
@@ -190,17 +190,6 @@ def _fleet_up(
             manifest["cpu_s"] = {service: each.cpu_s for service, each in used.items()}
             memory = {service: each.memory_bytes for service, each in used.items()}
             manifest["memory_bytes"] = {service: count for service, count in memory.items() if count is not None}
-
-
-def _start_network(containers: Containers, nodes: list[str]) -> None:
-    """Raises TestbedError where the links cannot be shaped: no attempt could be flown then."""
-    try:
-        containers.start("net", *nodes)
-    except ContainerDied as error:
-        said = containers.last_words("net")
-        if said is None:
-            raise
-        raise TestbedError(f"the links cannot be shaped: {said}") from error
 
 
 def _mission(command: list[str], containers: Containers, attempt: Attempt, progress: Progress) -> Ended:

@@ -9,11 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ResultsError
-from ..results import Attempt, read_json, read_json_lines
+from ..results import (
+    LINKS,
+    LINKS_CALIBRATION,
+    LINKS_COUNTERS,
+    LINKS_EVENTS,
+    LINKS_PLAN,
+    Attempt,
+    read_json,
+    read_json_lines,
+)
 from .window import Window
-
-LINKS = "links"
-COUNTERS, CALIBRATION, EVENTS, PLAN = "counters.json", "calibration.json", "events.jsonl", "plan.json"
 
 
 @dataclass(frozen=True)
@@ -63,11 +69,11 @@ def read_shaping(attempt: Attempt) -> Shaping:
     """Never raises: a file that is damaged is said in `notes`, and left out."""
     folder = attempt.path / LINKS
     notes: list[str] = []
-    counters = _links_of(folder / COUNTERS, notes)
-    calibration = _links_of(folder / CALIBRATION, notes)
-    plan = _object(folder / PLAN, notes)
+    counters = _links_of(folder / LINKS_COUNTERS, notes)
+    calibration = _links_of(folder / LINKS_CALIBRATION, notes)
+    plan = _object(folder / LINKS_PLAN, notes)
     try:
-        events = read_json_lines(folder / EVENTS, needed=frozenset({"t_ns"}))
+        events = read_json_lines(folder / LINKS_EVENTS, needed=frozenset({"t_ns"}))
     except ResultsError as error:
         events = []
         notes.append(str(error))

@@ -12,6 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 from processes import Broker, Container, System
+from shaped_link import ShapedLink
 
 MOST_SHOWN = 4000
 """Characters of the end of each log that a failed test shows."""
@@ -49,6 +50,16 @@ def system(tmp_path: Path) -> Iterator[System]:
         yield made.start()
     finally:
         made.close()
+
+
+@pytest.fixture(scope="module")
+def link() -> Iterator[ShapedLink]:
+    """Two nodes and the network between them, in containers."""
+    made = ShapedLink()
+    try:
+        yield made.up()
+    finally:
+        made.down()
 
 
 @pytest.fixture

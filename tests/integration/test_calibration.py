@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import asdict
 
 import pytest
@@ -21,15 +20,6 @@ TOPOLOGY = Topology(
 )
 FAST = LinkPlan(20_000_000, 100, delay_us=30_000, jitter_us=5_000, loss=0.02)
 SLOW = LinkPlan(128_000, 10, delay_us=10_000)
-
-
-@pytest.fixture(scope="module")
-def link() -> Iterator[ShapedLink]:
-    made = ShapedLink()
-    try:
-        yield made.up()
-    finally:
-        made.down()
 
 
 def plan_of(up: LinkPlan, down: LinkPlan) -> Plan:

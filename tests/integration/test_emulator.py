@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterator
 from statistics import median, quantiles
 from typing import Any
 
@@ -18,15 +17,6 @@ WIDE_999 = 3.29
 LATE_MS = 2.0
 """What a busy machine may add to a delay in the median."""
 WHOLE_RUN_S = 3600.0
-
-
-@pytest.fixture(scope="module")
-def link() -> Iterator[ShapedLink]:
-    made = ShapedLink()
-    try:
-        yield made.up()
-    finally:
-        made.down()
 
 
 def within(count: int, frames: int, share: float) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from statistics import median
 from typing import Any
 
@@ -15,15 +15,6 @@ pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(12
 OK = '{"ok": true}\n'
 GATE = {"link": "wan:gs", "drone": 1, "latitude_deg": 47.4, "longitude_deg": 8.5, "range_m": 50.0}
 STEADY = {"delay_us": 20_000}
-
-
-@pytest.fixture(scope="module")
-def link() -> Iterator[ShapedLink]:
-    made = ShapedLink()
-    try:
-        yield made.up()
-    finally:
-        made.down()
 
 
 def eventually(condition: Callable[[], bool], within_s: float = 5.0) -> None:
