@@ -120,6 +120,17 @@ def _completed(*drones: int) -> list[Result]:
     return [Result(drone, "completed") for drone in drones]
 
 
+async def test_a_takeoff_altitude_that_is_not_told_at_first_is_asked_for_again(sky: Sky) -> None:
+    (port,) = _ports(1).values()
+    sky.fly(1, port)
+    sky.control("sitl1", {"set": {"mute": ["PARAM_VALUE"]}})
+    fleet = sky.fleet({1: port})
+    connecting = asyncio.create_task(fleet.connect(CONNECT_S))
+    await eventually(lambda: "(takeoff altitude: parameter_error)" in str(fleet._missing()), "asked in vain")
+    sky.control("sitl1", {"set": {"mute": []}})
+    await connecting
+
+
 @pytest.mark.parametrize(
     ("commanding", "streams", "altitude_m"),
     [("one-by-one", "px4-onboard", 10.0), ("concurrent", "five-states", LOW_M), ("concurrent", "px4-gcs", LOW_M)],

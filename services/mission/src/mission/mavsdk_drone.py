@@ -30,7 +30,10 @@ LOST_S = 10.0
 LOCATION_LOG_S = 0.75
 """Fifty locations a second are too many for the events; of those that come once a second none is left out."""
 FIVE_STATES_HZ = 1.0
-_AGAIN = (TelemetryResult.TIMEOUT, TelemetryResult.BUSY, ActionResult.TIMEOUT, ActionResult.BUSY)
+_AGAIN = (
+    *(TelemetryResult.TIMEOUT, TelemetryResult.BUSY, ActionResult.TIMEOUT, ActionResult.BUSY),
+    ActionResult.PARAMETER_ERROR,  # MAVSDK's Action says so of a parameter that was not told in time, too
+)
 
 
 class Calls:
@@ -77,6 +80,7 @@ class MavsdkDrone:
         self.heartbeats = HeartbeatCount()
         self.takeoff_altitude_m: float | None = None
         self.is_set_up = False
+        self.unanswered: str | None = None
         self.is_connected = True
         self.is_lost = False
         self._calls = calls
@@ -94,7 +98,7 @@ class MavsdkDrone:
     async def set_up(self) -> None:
         """Ask for what has to be streamed and read the takeoff altitude; raises MissionError when it is refused.
 
-        A request that is not answered is repeated until cancelled.
+        A request that is not answered is repeated until cancelled; `unanswered` is the last such and how it ended.
         """
         if self._streams == "five-states":
             await self._ask("BATTERY_STATUS", lambda: self._telemetry.set_rate_battery(FIVE_STATES_HZ))
@@ -152,8 +156,9 @@ class MavsdkDrone:
             try:
                 return await self._calls.run(ask())
             except (TelemetryError, ActionError) as error:
+                self.unanswered = f"{what}: {error.result.name.lower()}"
                 if error.result not in _AGAIN:
-                    raise MissionError(f"drone {self.number}: {what}: {error.result.name.lower()}") from error
+                    raise MissionError(f"drone {self.number}: {self.unanswered}") from error
 
     def _listeners(self) -> list[Coroutine[Any, Any, None]]:
         telemetry = self._telemetry

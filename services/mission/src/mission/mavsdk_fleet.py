@@ -213,7 +213,7 @@ class MavsdkFleet:
             elif not drone.is_connected:
                 found.append(f"drone {number} appeared, but its heartbeats stopped")
             elif not drone.is_set_up:
-                found.append(f"drone {number} does not answer")
+                found.append(f"drone {number} does not answer" + (f" ({drone.unanswered})" if drone.unanswered else ""))
             elif drone.view.missing:
                 found.append(f"drone {number} has not told {', '.join(drone.view.missing)}")
             elif not drone.heartbeats.is_one:

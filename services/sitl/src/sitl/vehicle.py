@@ -66,8 +66,9 @@ class Vehicle:
 
     def handle(self, link: int, message: Any) -> list[Output]:
         """Answer a message that came in on a link; one for another system has no answer."""
-        if not self._is_for_us(message):
-            return []
+        return self._unmuted(self._answer(link, message)) if self._is_for_us(message) else []
+
+    def _answer(self, link: int, message: Any) -> list[Output]:
         kind = message.get_type()
         if kind in ("PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"):
             return [Reply(answer) for answer in self.autopilot.parameters.on_message(message)]
@@ -83,10 +84,10 @@ class Vehicle:
         is_command = kind in ("COMMAND_LONG", "COMMAND_INT")
         steps = self.progress.take(message, self.autopilot.now_s) if is_command else None
         if steps is not None:
-            return self._unmuted(steps)
+            return steps
         if is_command and message.command in _REQUESTS:
-            return self._unmuted([commands.received(message), *self._request(link, message)])
-        return self._unmuted(commands.handle(self.autopilot, message))
+            return [commands.received(message), *self._request(link, message)]
+        return commands.handle(self.autopilot, message)
 
     def control(self, request: Any) -> tuple[dict[str, Any], list[Output]]:
         """Answer the side channel with the state after it; raises SitlError for what it does not know."""
