@@ -64,7 +64,8 @@ class Containers:
         """
         self._compose("up", "--detach", "--no-build", "--no-recreate", *services)
         deadline = time.monotonic() + timeout_s
-        while waiting := self._unhealthy():
+        healthy: set[str] = set()
+        while waiting := self._unhealthy(healthy):
             self.check_alive()
             if time.monotonic() > deadline:
                 raise ContainerUnhealthy(self._describe(waiting[0], f"not healthy within {timeout_s:.0f} s"))
@@ -178,11 +179,15 @@ class Containers:
                 return container
         raise DockerError(f"no container of service {service} runs")
 
-    def _unhealthy(self) -> list[Any]:
+    def _unhealthy(self, healthy: set[str]) -> list[Any]:
+        """Those that are not healthy yet, by the ids of those that are, to which it adds."""
         found = self._all()
         if not found:
             raise DockerError("compose started no container")
-        return [c for c in found if c.attrs["State"].get("Health", {}).get("Status") not in (None, "healthy")]
+        asked = [container for container in found if container.id not in healthy]
+        with ThreadPoolExecutor(len(asked) or 1) as pool:
+            healthy |= {c.id for c, answer in zip(asked, pool.map(is_healthy, asked), strict=True) if answer}
+        return [container for container in asked if container.id not in healthy]
 
     def _describe(self, container: Any, what: str) -> str:
         tail = container.logs(tail=LOG_LINES).decode(errors="replace").strip()
@@ -256,6 +261,21 @@ def compose_command() -> list[str]:
     if shutil.which("docker-compose"):
         return ["docker-compose"]
     raise DockerError("neither `docker compose` nor docker-compose is installed; type: make doctor")
+
+
+def is_healthy(container: Any) -> bool:
+    """Whether a container is healthy, or has nothing that says so.
+
+    Docker first looks after a whole interval, which is seconds; until then its test is run here.
+    """
+    status = container.attrs["State"].get("Health", {}).get("Status")
+    if status != "starting" or container.status != "running":
+        return status in (None, "healthy")
+    kind, *words = container.attrs["Config"]["Healthcheck"]["Test"]
+    try:
+        return bool(container.exec_run(words if kind == "CMD" else ["sh", "-c", *words]).exit_code == 0)
+    except APIError:  # it has ended meanwhile
+        return False
 
 
 def usage_of(stats: dict[str, Any]) -> Usage:

@@ -145,3 +145,32 @@ def test_a_second_run_is_told_who_flies(tmp_path: Path, monkeypatch: pytest.Monk
 def test_memory_is_counted_without_pages_that_can_be_had_back(memory: dict[str, Any], used: int | None) -> None:
     stats = {"cpu_stats": {"cpu_usage": {"total_usage": 1_234_567_890}}, "memory_stats": memory}
     assert usage_of(stats) == Usage(1.23, used)
+
+
+class _Tested:
+    """A container with a health test that ends with an exit code; `ran` is what was run in it."""
+
+    def __init__(self, health: str | None, test: list[str], exit_code: int = 0, status: str = "running") -> None:
+        self.status = status
+        state = {} if health is None else {"Health": {"Status": health}}
+        self.attrs = {"State": state, "Config": {"Healthcheck": {"Test": test}}}
+        self.ran: list[list[str]] = []
+        self._exit_code = exit_code
+
+    def exec_run(self, words: list[str]) -> SimpleNamespace:
+        self.ran.append(words)
+        return SimpleNamespace(exit_code=self._exit_code)
+
+
+@pytest.mark.parametrize(("exit_code", "expected"), [(0, True), (1, False)])
+def test_a_container_that_Docker_has_not_looked_at_is_asked_itself(exit_code: int, expected: bool) -> None:
+    asked = _Tested("starting", ["CMD", "test", "-e", "/run/ready"], exit_code)
+    in_a_shell = _Tested("starting", ["CMD-SHELL", "test -e /run/ready"], exit_code)
+    assert [containers.is_healthy(asked), containers.is_healthy(in_a_shell)] == [expected, expected]
+    assert [asked.ran, in_a_shell.ran] == [[["test", "-e", "/run/ready"]], [["sh", "-c", "test -e /run/ready"]]]
+
+
+def test_a_container_that_Docker_has_looked_at_or_that_ended_is_not_asked() -> None:
+    known = [_Tested(None, []), _Tested("healthy", []), _Tested("unhealthy", []), _Tested("starting", [], 0, "exited")]
+    assert [containers.is_healthy(container) for container in known] == [True, True, False, False]
+    assert not any(container.ran for container in known)
