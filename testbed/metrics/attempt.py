@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from typing import Any
 
-import polars as pl
-
 from ..packets import Packets, load
 from ..results import Attempt
 from ..validity import unsound_reason
 from . import delays, mavlink, mqttxt, timeline
 from .causes import losses
+from .exchange import count_messages
+from .message_set import measure_kinds
 from .notes import clock_step, notes, unsent_note
 from .shaping import Shaping, read_shaping
 from .sizes import message_sizes
-from .statistics import loss_of
 from .traffic import count_before, count_foreign, count_links, count_mqtt
 from .ways import STATION, Ways
 from .window import Window, arm_asked_ns, mission_window
@@ -109,33 +108,9 @@ def _measured(
         "before_mission": count_before(packets, window),
         "foreign": foreign,
         "truncated": list(packets.truncated),
+        "message_set": measure_kinds(packets, ways, window, events, exchange, is_mavlink),
         "notes": said,
     }
-
-
-def count_messages(sent: pl.DataFrame, until_ns: dict[int, int]) -> dict[str, dict[str, Any]]:
-    """By name how many were sent and lost, and for each drone.
-
-    What has not come is `open`, not lost, if it left so late that no message of its name was as slow as the time that
-    was left until the capture at its far end ended; `until_ns` is when that was, by drone.
-    """
-    found: dict[str, dict[str, Any]] = {}
-    for (name,), group in sorted(sent.group_by("name", maintain_order=True)):
-        longest = (group["arrived_ns"] - group["t_ns"]).max() or 0
-        by_drone: dict[str, dict[str, int]] = {}
-        for drone, t_ns, arrived_ns in group.sort("drone").select("drone", "t_ns", "arrived_ns").iter_rows():
-            count = by_drone.setdefault(str(drone), {"sent": 0, "lost": 0, "open": 0})
-            count["sent"] += 1
-            if arrived_ns is None:
-                is_open = t_ns is not None and t_ns + longest > until_ns.get(drone, 0)
-                count["open" if is_open else "lost"] += 1
-        total = {key: sum(count[key] for count in by_drone.values()) for key in ("sent", "lost", "open")}
-        found[str(name)] = {
-            **loss_of(total["sent"], total["lost"], total["open"]),
-            "open": total["open"],
-            "drones": by_drone,
-        }
-    return found
 
 
 def _share(kinds: dict[str, dict[str, Any]]) -> float | None:
@@ -150,7 +125,7 @@ NOT_FLOWN: dict[str, Any] = {
     **{"frames_per_call": {}, "message_sizes": {}, "size_histogram": {}, "layers": {}, "purposes": {}},
     **{"retransmissions": {"packets": 0, "bytes": 0, "needless": 0, "links": {}}, "load": {}, "traffic": {}},
     **{"mqtt": {}, "mavlink": None, "links": {}, "links_events": []},
-    **{"before_mission": {"packets": 0, "bytes": 0, "other": 0}, "foreign": {}, "truncated": []},
+    **{"before_mission": {"packets": 0, "bytes": 0, "other": 0}, "foreign": {}, "truncated": [], "message_set": None},
 }
 """What there is to say of an attempt whose mission never began."""
 

@@ -19,14 +19,14 @@ STATE_MESSAGES = {
     **{"VFR_HUD": "groundspeed", "HEARTBEAT": "flight_mode"},
 }
 """What carries which state; GLOBAL_POSITION_INT carries the heading too and counts once."""
-_COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
+COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 _SEQUENCES = 256
 _STATION_SYSTEM = 245
 """MAVSDK's own system id."""
 
 
 @dataclass(frozen=True)
-class _Call:
+class Call:
     """How a call is told by its command: MAV_CMD, and what its first parameters must be (None: anything)."""
 
     command: int
@@ -51,26 +51,26 @@ class _Call:
 
 
 _SET_MODE = 176
-_HOLD = _Call(_SET_MODE, (None, 4.0, 3.0))
-CALLS: dict[str, _Call] = {
-    "arm": _Call(MAV_CMD_ARM, (1.0,)),
-    "disarm": _Call(MAV_CMD_ARM, (0.0,)),
-    "takeoff": _Call(22),
-    "land": _Call(21),
-    "goto": _Call(192),
+_HOLD = Call(_SET_MODE, (None, 4.0, 3.0))
+CALLS: dict[str, Call] = {
+    "arm": Call(MAV_CMD_ARM, (1.0,)),
+    "disarm": Call(MAV_CMD_ARM, (0.0,)),
+    "takeoff": Call(22),
+    "land": Call(21),
+    "goto": Call(192),
     "hold": _HOLD,
-    "return": _Call(_SET_MODE, (None, 4.0, 5.0)),
-    "offboard": _Call(_SET_MODE, (None, 6.0)),
+    "return": Call(_SET_MODE, (None, 4.0, 5.0)),
+    "offboard": Call(_SET_MODE, (None, 6.0)),
 }
 """The command of each call (MAV_CMD; DO_SET_MODE with PX4's main and sub mode)."""
-_BESIDE = {"goto": _HOLD}
+BESIDE = {"goto": _HOLD}
 """What MAVSDK sends for a call before the command itself."""
 
 
 def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str, Any]]) -> Exchange:
     """What the mission's messages say. A call was received if any copy of its command reached its drone."""
     calls = [call for call in calls_in(events, window) if call["command"] in CALLS]
-    commands = packets.messages.filter(pl.col("kind").cast(pl.String).is_in(_COMMANDS)).with_columns(
+    commands = packets.messages.filter(pl.col("kind").cast(pl.String).is_in(COMMANDS)).with_columns(
         pl.col("link").cast(pl.String)
     )
     leaving = commands.filter(pl.col("link").is_in(ways.leaving(STATION))).to_dicts()
@@ -84,7 +84,7 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
         name, drone, until_ns = str(call["command"]), call["drone"], _until(calls, number)
         own = [m for m in leaving if m["target_system"] == drone and call["t_ns"] <= m["t_ns"] < until_ns]
         sent = [m for m in own if CALLS[name].fits(m)]
-        frames[name] += len([m for m in own if CALLS[name].fits(m) or (name in _BESIDE and _BESIDE[name].fits(m))])
+        frames[name] += len([m for m in own if CALLS[name].fits(m) or (name in BESIDE and BESIDE[name].fits(m))])
         keys = {_key_of(m) for m in sent}
         copies = [m["left_ns"] for m in arrived.get(drone, []) if _key_of(m) in keys and m["left_ns"] >= call["t_ns"]]
         first = sent[0] if sent else {"t_ns": None, "frame": None}
@@ -100,7 +100,7 @@ def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame
     """The rows of commands, their ACKs and the five states in the messages table, and the name of each kind."""
     kind = pl.col("kind").cast(pl.String)
     rows = messages.with_row_index("row").with_columns(pl.col("row").cast(pl.Int64))
-    is_command = kind.is_in(_COMMANDS)
+    is_command = kind.is_in(COMMANDS)
     names = [
         pl.when(kind.is_in(list(STATE_MESSAGES)) & pl.col("system").is_in(list(drones))).then(
             kind.replace_strict(STATE_MESSAGES, default=None, return_dtype=pl.String)

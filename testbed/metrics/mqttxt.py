@@ -53,12 +53,13 @@ def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame
     rows = messages.with_row_index("row").filter(pl.col("body").is_not_null() & pl.col("topic").is_not_null())
     found = []
     for row, topic, body in rows.select("row", "topic", "body").iter_rows():
-        name = _kind_of(topic, body)
+        name = kind_of(topic, body)
         found += [(row, name)] if name is not None else []
     return pl.DataFrame(found, schema={"row": pl.Int64(), "name": pl.String()}, orient="row")
 
 
-def _kind_of(topic: str, body: bytes) -> str | None:
+def kind_of(topic: str, body: bytes) -> str | None:
+    """What a PUBLISH is: a command's name, `NAME result`, a state's name, or `states` for a bundle."""
     *before, last = topic.split("/")
     if last == "commands":
         command = _command(body)
@@ -132,7 +133,7 @@ def _states(publishes: pl.DataFrame, time: str, relayed: bool) -> pl.DataFrame:
         for at, row, topic, body in publishes.filter(pl.col("topic").is_not_null())
         .select(time, "frame", "topic", "body")
         .iter_rows()
-        for key in _state_keys(topic, body, relayed)
+        for key in state_keys(topic, body, relayed)
     ]
     return pl.DataFrame(rows, schema={**_STATE, time: pl.Int64(), "frame": pl.Int64()}, orient="row")
 
@@ -146,7 +147,7 @@ def _command(payload: bytes) -> tuple[int, int, str] | None:
     return (message.gs_session, message.seq, message.command.name)
 
 
-def _state_keys(topic: str, payload: bytes, relayed: bool) -> Iterator[tuple[int, str, int]]:
+def state_keys(topic: str, payload: bytes, relayed: bool) -> Iterator[tuple[int, str, int]]:
     """(drone, state, origin stamp) of each state in a message: what names a state from end to end."""
     levels = topic.split("/")
     try:

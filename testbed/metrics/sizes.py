@@ -29,7 +29,7 @@ def message_sizes(packets: Packets, named: pl.DataFrame, window: Window) -> dict
         .join(frames.select("frame", "size", "link", "flow", "left_ns"), on="frame", how="left")
         .sort("name", "row")
     )
-    costs = own.join(_acknowledgements(frames), on="frame", how="left", maintain_order="left")
+    costs = own.join(acknowledgements(frames, pl.col("messages") > 0), on="frame", how="left", maintain_order="left")
     found = {}
     for (name,), group in costs.group_by("name", maintain_order=True):
         size, share = group["size"], (group["size"] * group["part"]).to_list()
@@ -45,21 +45,22 @@ def message_sizes(packets: Packets, named: pl.DataFrame, window: Window) -> dict
     return found
 
 
-def _acknowledgements(frames: pl.DataFrame) -> pl.DataFrame:
-    """For each frame of MQTT that carried bytes and left its link, the bytes of what acknowledged it.
+def acknowledgements(frames: pl.DataFrame, carrying: pl.Expr) -> pl.DataFrame:
+    """For each frame of MQTT that carried bytes and left its link, the frame that acknowledged it (`answer`) and the
+    bytes that this cost (`ack`). `frames` has a column `frame` with each one's row; `carrying` are those asked about.
 
     TCP acknowledges with the next frame that enters the way back: a bare one is the cost of all that it answers, a
     PUBACK is its own frame's, and what carries anything else costs nothing more.
     """
     mqtt = frames.filter(pl.col("protocol").cast(pl.String) == "mqtt").select(
-        *("frame", "t_ns", "left_ns", "size", "messages"),
+        *("frame", "t_ns", "left_ns", "size", "messages", "begins"),
         *(pl.col(name).cast(pl.String) for name in ("link", "flow", "purpose")),
     )
     back = {"up": "down", "down": "up"}
     link = pl.col("link").str.split(":")
     reverse = pl.col("flow").str.split(">")
     sent = (
-        mqtt.filter(pl.col("messages") > 0, pl.col("left_ns").is_not_null())
+        mqtt.filter(carrying, pl.col("left_ns").is_not_null())
         .select(
             "frame",
             pl.col("left_ns").alias("at"),
@@ -74,4 +75,4 @@ def _acknowledgements(frames: pl.DataFrame) -> pl.DataFrame:
     ).sort("at", maintain_order=True)
     found = sent.join_asof(answers, on="at", by=["link", "flow"], strategy="forward", check_sortedness=False)
     shared = found.filter(pl.col("answer").is_not_null()).with_columns(pl.len().over("answer").alias("answered"))
-    return shared.select("frame", (pl.col("cost") / pl.col("answered")).alias("ack"))
+    return shared.select("frame", "answer", (pl.col("cost") / pl.col("answered")).alias("ack"))

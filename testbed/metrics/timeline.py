@@ -56,8 +56,12 @@ def over_time(packets: Packets, window: Window) -> dict[str, list[int]]:
 
 def sizes(packets: Packets, window: Window) -> dict[str, int]:
     """Frames that entered any link in the window, by Wireshark's bins; empty bins are left out."""
-    own = packets.frames.filter(window.entered)["size"].to_numpy()
-    place = np.searchsorted(np.array(_BINS), own, side="right") - 1
+    return histogram(packets.frames.filter(window.entered)["size"])
+
+
+def histogram(sizes: pl.Series) -> dict[str, int]:
+    """How many of these sizes are in each of Wireshark's bins; empty bins are left out."""
+    place = np.searchsorted(np.array(_BINS), sizes.to_numpy(), side="right") - 1
     counts = np.bincount(place, minlength=len(_BINS)).tolist()
     return {_bin_name(number): count for number, count in enumerate(counts) if count}
 

@@ -113,7 +113,8 @@ class _Missing(UserError):
 
 
 def _numbers(tree: Any, path: list[str], requirement: Requirement, below: str = "") -> list[float] | None:
-    """The number at a path, or all of a list of numbers; None where nothing was measured."""
+    """The number at a path, or all of a list of numbers but for the lost ones' nulls; None where nothing was
+    measured."""
     so_far = [below] if below else []
     for name in path:
         if tree is None:
@@ -128,7 +129,7 @@ def _numbers(tree: Any, path: list[str], requirement: Requirement, below: str = 
         so_far.append(name)
     if tree is None:
         return None
-    values = tree if isinstance(tree, list) else [tree]
+    values = [value for value in tree if value is not None] if isinstance(tree, list) else [tree]
     if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
         known = list(tree) if isinstance(tree, dict) else _places(tree)
         raise _nowhere(requirement, ".".join(so_far), "", known)

@@ -109,7 +109,9 @@ def build(attempt: Attempt) -> Built:
     del left, place
     frames = frame_rows(tree, nodes, entered, messages, payload_bytes)
     frames = frames.with_columns(
-        _frame_purposes(frames["purpose"], entered, directions), _repeats(len(frames), segments.values())
+        _frame_purposes(frames["purpose"], entered, directions),
+        _repeats(len(frames), segments.values()),
+        _begins(frames["messages"], directions),
     )
     del entered
     told = frames.select(pl.col("t_ns", "link").gather(messages["frame"]))
@@ -247,6 +249,13 @@ def _repeats(count: int, segments: Iterable[list[Segment]]) -> pl.Series:
     kinds = pl.Series(list(found.values()), dtype=pl.Categorical())
     nothing = pl.Series("repeats", [None], dtype=pl.Categorical()).new_from_index(0, count)
     return nothing.scatter(list(found), kinds) if found else nothing
+
+
+def _begins(messages: pl.Series, directions: list[Direction]) -> pl.Series:
+    """Of each frame the row of the one in which the message begins that its own first byte belongs to."""
+    own = pl.Series("begins", np.arange(len(messages)), dtype=pl.Int64()).set(messages == 0, None)
+    found = {row: packet.row for direction in directions for row, packet in direction.carried.items()}
+    return own.scatter(list(found), list(found.values())) if found else own
 
 
 def _in_order(columns: Columns) -> tuple[Columns, Ints]:

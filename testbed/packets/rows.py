@@ -22,7 +22,7 @@ FRAME_SCHEMA = pl.Schema({
     **{"t_ns": _INT, "left_ns": _INT, "link": _CAT, "source": _CAT, "destination": _CAT, "size": _INT},
     **{"ethernet": _INT, "ip": _INT, "transport": _INT, "protocol_bytes": _INT, "payload": _INT},
     **{"protocol": _CAT, "flow": _CAT, "messages": _INT, "kind": _CAT, "key": pl.UInt64()},
-    **{"node": _CAT, "offset": _INT, "purpose": _CAT, "repeats": _CAT, "lost": pl.Boolean()},
+    **{"node": _CAT, "offset": _INT, "purpose": _CAT, "repeats": _CAT, "lost": pl.Boolean(), "begins": _INT},
 })  # fmt: skip
 MESSAGE_SCHEMA = pl.Schema({
     **{"frame": _INT, "t_ns": _INT, "left_ns": _INT, "link": _CAT, "protocol": _CAT, "kind": _CAT, "bytes": _INT},
@@ -103,6 +103,7 @@ def frame_rows(
             "messages": np.bincount(at, minlength=count),
             **{name: pl.concat([messages[name], _nothing(name)]).gather(first) for name in ("kind", "purpose")},
             "repeats": pl.Series([None] * count, dtype=_CAT),
+            "begins": pl.Series([None] * count, dtype=_INT),
         },
         schema_overrides={"messages": _INT},
     ).select(FRAME_SCHEMA.names())

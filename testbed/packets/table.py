@@ -25,6 +25,7 @@ version of the table has changed. Times are nanoseconds since the epoch, sizes b
 | `offset` | i64 | … and where in that file its first byte is |
 | `purpose` | categorical | of its first message, else of the one that it goes on with, or of TCP itself |
 | `repeats` | categorical or null | of a TCP retransmission: `needed` if a link had lost some of it, else `needless` |
+| `begins` | i64 or null | the row of the frame in which the message begins that its first byte belongs to; null: none |
 
 `messages` (sorted by `t_ns`, and by their order within a frame):
 
@@ -62,7 +63,7 @@ from ..results import Attempt
 from .build import Built, build
 from .rows import FRAME_SCHEMA, MESSAGE_SCHEMA
 
-VERSION = 4
+VERSION = 5
 """Rises with every change of a column's meaning or of how it is made."""
 FRAMES, MESSAGES = "packets.parquet", "messages.parquet"
 _ABOUT = "testbed"

@@ -195,6 +195,7 @@ def make_mavlink_attempt(
     disarmed_s: float,
     mac: bool = True,
     routers: str = "per-uav",
+    **changed: Any,
 ) -> Attempt:
     """The attempt's folder with what the chain's captures have; every drone disarms `disarmed_s` after T0."""
     attempt = new_attempt(series, "mavlink", number)
@@ -205,7 +206,7 @@ def make_mavlink_attempt(
     cpu_s = {"gs": 1.5, "router-gs": 0.25}
     write_json(
         attempt.path / "manifest.json",
-        manifest(protocol="mavlink", topology=topology, cpu_s=cpu_s, configuration={"chain": routers}),
+        manifest(protocol="mavlink", topology=topology, cpu_s=cpu_s, configuration={"chain": routers}, **changed),
     )
     for node, frames in chain.captures.items():
         write_capture(attempt.path / "pcap" / f"{node}.pcap", frames)

@@ -1,0 +1,121 @@
+"""The message set: of each of its ten kinds what went over the links for it, how long it took, and what was lost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ..packets import Packets
+from ..packets.pcap import Ints
+from .exchange import Exchange, count_messages
+from .message_kinds import own_mavlink, own_mqttxt, setpoints
+from .message_spans import Kind, kinds_of
+from .sizes import acknowledgements, message_sizes
+from .statistics import loss_of
+from .timeline import histogram
+from .ways import STATION, Ways
+from .window import Window, is_message_set
+
+_SAME_MESSAGE = {"heading": "location"}
+"""Over MAVLink one message carries both, and end to end it is known by the second's name."""
+_BETWEEN = ":"
+"""Between a kind and the name of one of its own messages, while all kinds are measured together."""
+_COUNTED = ("sent", "lost", "share", "below", "open")
+
+
+def measure_kinds(
+    packets: Packets, ways: Ways, window: Window, events: list[dict[str, Any]], exchange: Exchange, is_mavlink: bool
+) -> dict[str, dict[str, Any]] | None:
+    """By kind, in the order in which they were flown; None for a mission that is no message set."""
+    if not is_message_set(events):
+        return None
+    drones = {drone for event in events if event["event"] == "mission_start" for drone in event["drones"]}
+    frames, messages = _numbered(packets.frames, "frame"), _numbered(packets.messages, "row")
+    answers = acknowledgements(frames, pl.col("begins").is_not_null()).select("frame", "answer")
+    t_ns, said_ns = frames["t_ns"].to_numpy(), messages["t_ns"].to_numpy()
+    same = _SAME_MESSAGE if is_mavlink else {}
+    found, all_own = {}, []
+    for kind in kinds_of(events):
+        rows, said = kind.rows_within(t_ns), messages[kind.rows_within(said_ns)]
+        own = own_mavlink(said, kind.name, drones) if is_mavlink else own_mqttxt(said, kind.name, ways)
+        all_own.append(own.with_columns((pl.lit(kind.name + _BETWEEN) + pl.col("name")).alias("name")))
+        carrying = said.join(own, on="row", how="semi")["frame"]
+        alone = np.intersect1d(rows, _with_answers(carrying, frames[rows], answers))
+        found[kind.name] = {
+            "form": kind.form,
+            "asked": kind.asked,
+            "received": kind.received,
+            "reasons": kind.reasons,
+            "seconds": round(kind.seconds, 6),
+            "with_states": _traffic(frames[rows]),
+            "alone": _traffic(frames[alone]),
+            "setpoints": _setpoints(frames, said, ways) if kind.name == "offboard" else None,
+            "message_bytes": {},
+            **_end_to_end(kind, same.get(kind.name, kind.name), packets, ways, exchange),
+            "frames_per_call": exchange.frames_per_call.get(kind.name) if kind.form == "command" else None,
+            "delay_app_ms": [call.took_ms for call in kind.calls] if kind.calls else list(kind.ages_ms),
+            "size_histogram": histogram(frames["size"].gather(rows)),
+        }
+    named = pl.concat(all_own) if all_own else pl.DataFrame(schema={"row": pl.Int64(), "name": pl.String()})
+    for name, measured in message_sizes(packets, named, window).items():
+        kind_name, _, message = name.partition(_BETWEEN)
+        found[kind_name]["message_bytes"][message] = measured
+    return found
+
+
+def _with_answers(carrying: pl.Series, within: pl.DataFrame, answers: pl.DataFrame) -> Ints:
+    """The frames that carry own messages, or go on with one, or acknowledge either."""
+    own = set(carrying.to_list())
+    goes_on = within.filter(pl.col("begins").is_in(list(own)))["frame"].to_list()
+    own |= set(goes_on)
+    acks = within.filter(pl.col("purpose").cast(pl.String) == "acknowledgement").select(pl.col("frame").alias("answer"))
+    answering = answers.filter(pl.col("frame").is_in(list(own))).join(acks, on="answer", how="semi")["answer"]
+    return np.array(sorted(own | set(answering.to_list())), dtype=np.int64)
+
+
+def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: Exchange) -> dict[str, Any]:
+    """How many of the kind's messages were sent and lost, and how long each took, in their order; null: lost.
+
+    `name` is what `exchange` calls them.
+    """
+    if kind.form == "command":
+        sent = _of_calls(kind, exchange.commands)
+        until_ns = {drone: packets.until_ns[node] for drone, node in ways.drones.items()}
+    else:
+        sent = exchange.states.filter(kind.entered, pl.col("name") == name).sort("t_ns", maintain_order=True)
+        until_ns = dict.fromkeys(ways.drones, packets.until_ns[STATION])
+    named = sent.with_columns(pl.lit(name).alias("name"))
+    counted = count_messages(named, until_ns).get(name) or {**loss_of(0, 0), "open": 0}
+    took = ((sent["arrived_ns"] - sent["t_ns"]) / 1e6).round(3).to_list()
+    return {**{field: counted[field] for field in _COUNTED}, "delay_ms": took}
+
+
+def _of_calls(kind: Kind, commands: pl.DataFrame) -> pl.DataFrame:
+    """A row for each call: the first of its command's messages that left the station, with nulls where none did."""
+    own = commands.filter(pl.col("name") == kind.name, pl.col("t_ns").is_not_null()).sort("t_ns", maintain_order=True)
+    made = np.array([call.t_ns for call in kind.calls], dtype=np.int64)
+    left_ns = own["t_ns"].to_numpy()
+    firsts = np.searchsorted(left_ns, made, "left")
+    nexts = np.append(made[1:], kind.end_ns + 1)
+    rows = [
+        int(first) if first < len(left_ns) and left_ns[first] < following else None
+        for first, following in zip(firsts, nexts, strict=True)
+    ]
+    wanted = pl.DataFrame({"row": rows}, schema={"row": pl.Int64()})
+    drone = commands["drone"].first()
+    joined = wanted.join(_numbered(own, "row"), on="row", how="left", maintain_order="left").drop("row")
+    return joined.with_columns(pl.col("drone").fill_null(drone))
+
+
+def _setpoints(frames: pl.DataFrame, said: pl.DataFrame, ways: Ways) -> dict[str, int]:
+    return _traffic(frames.filter(pl.col("frame").is_in(setpoints(said, ways)["frame"].unique().to_list())))
+
+
+def _traffic(frames: pl.DataFrame) -> dict[str, int]:
+    return {"packets": len(frames), "bytes": int(frames["size"].sum())}
+
+
+def _numbered(table: pl.DataFrame, name: str) -> pl.DataFrame:
+    return table.with_row_index(name).with_columns(pl.col(name).cast(pl.Int64))

@@ -1,0 +1,167 @@
+"""The message set as the mission flew it: when each kind was on, its calls or values, and what came of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ..packets.pcap import Ints
+
+GOOD_WORDS = frozenset({"accepted", "in_progress", "completed"})
+"""First words about a call that say the autopilot took the command."""
+NO_WORD = "no word about it"
+NOT_IN_TIME = "not received in time"
+
+Event = dict[str, Any]
+Span = tuple[int, int]
+"""From when to when, nanoseconds, both ends within."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """An API call: when it was made, when its first word came (None: none did), and what it failed by (None: not)."""
+
+    t_ns: int
+    heard_ns: int | None
+    failure: str | None
+
+    @property
+    def took_ms(self) -> float | None:
+        """From the call to the word that the autopilot took it; None where there was no such word."""
+        if self.heard_ns is None or self.failure is not None:
+            return None
+        return round((self.heard_ns - self.t_ns) / 1e6, 3)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of message while it was on. `form` is command or state, `asked` how many it was to have been.
+
+    `received` are calls that the autopilot took, or values that came; `spans` is what is counted of it: each call up
+    to its first word, or all of a state's time.
+    """
+
+    name: str
+    form: str
+    asked: int
+    start_ns: int
+    end_ns: int
+    received: int
+    reasons: dict[str, int]
+    spans: tuple[Span, ...]
+    calls: tuple[Call, ...] = ()
+    ages_ms: tuple[float, ...] = ()
+    """Of a state's values how old each was at most when the program was told it, where the protocol tells."""
+
+    @property
+    def seconds(self) -> float:
+        return sum(end - start for start, end in self.spans) / 1e9
+
+    @property
+    def entered(self) -> pl.Expr:
+        """Of a row of packets or messages: whether it entered its link while the kind was on, spans or not."""
+        return pl.col("t_ns").is_between(self.start_ns, self.end_ns)
+
+    def rows_within(self, t_ns: Ints) -> Ints:
+        """Which of some times, given in their order, are within the spans: their places."""
+        if not self.spans:
+            return np.empty(0, dtype=np.int64)
+        starts, ends = np.array(self.spans, dtype=np.int64).T
+        firsts, lasts = np.searchsorted(t_ns, starts, "left"), np.searchsorted(t_ns, ends, "right")
+        rows = [np.arange(first, last) for first, last in zip(firsts, lasts, strict=True)]
+        return np.unique(np.concatenate(rows)).astype(np.int64)
+
+
+def kinds_of(events: list[Event]) -> list[Kind]:
+    """The kinds in the order in which they were flown; empty for a mission of another sort."""
+    return [_kind(part) for part in _parts(events)]
+
+
+@dataclass
+class _Part:
+    """The events of a kind, from its `kind` to its `kind_done`, or to what came last before the next one."""
+
+    begin: Event
+    end_ns: int
+    done: Event | None = None
+    events: list[Event] = field(default_factory=list)
+
+
+def _parts(events: list[Event]) -> Iterator[_Part]:
+    part: _Part | None = None
+    for event in events:
+        if event["event"] == "kind":
+            if part is not None:
+                yield part
+            part = _Part(event, int(event["t_ns"]))
+        elif part is not None:
+            part.end_ns = int(event["t_ns"])
+            if event["event"] == "kind_done":
+                part.done = event
+                yield part
+                part = None
+            else:
+                part.events.append(event)
+    if part is not None:
+        yield part
+
+
+def _kind(part: _Part) -> Kind:
+    return _command(part) if part.begin["form"] == "command" else _state(part)
+
+
+def _command(part: _Part) -> Kind:
+    calls = tuple(_calls(part))
+    return Kind(
+        name=str(part.begin["name"]),
+        form="command",
+        asked=int(part.begin["count"]),
+        start_ns=int(part.begin["t_ns"]),
+        end_ns=part.end_ns,
+        received=sum(call.failure is None for call in calls),
+        reasons=dict(sorted(Counter(call.failure for call in calls if call.failure is not None).items())),
+        spans=tuple((call.t_ns, call.heard_ns if call.heard_ns is not None else part.end_ns) for call in calls),
+        calls=calls,
+    )
+
+
+def _state(part: _Part) -> Kind:
+    name, start_ns = str(part.begin["name"]), int(part.begin["t_ns"])
+    values = [event for event in part.events if event["event"] == "value" and event["name"] == name]
+    missing = int(part.done["missing"]) if part.done is not None else 0
+    return Kind(
+        name=name,
+        form="state",
+        asked=int(part.begin["count"]),
+        start_ns=start_ns,
+        end_ns=part.end_ns,
+        received=len(values),
+        reasons={NOT_IN_TIME: missing} if missing else {},
+        spans=((start_ns, part.end_ns),),
+        ages_ms=tuple(float(value["age_ms"]) for value in values if value.get("age_ms") is not None),
+    )
+
+
+def _calls(part: _Part) -> Iterator[Call]:
+    """The kind's calls, each with its first word."""
+    words: dict[int, Event] = {}
+    for event in part.events:
+        if event["event"] == "outcome":
+            words.setdefault(event["call"], event)
+    made = [e for e in part.events if e["event"] == "command" and e["command"] == part.begin["name"]]
+    for number, call in enumerate(made):
+        word = words.get(call["call"])
+        if word is None:  # what is counted of it ends with the next thing that the mission did
+            later = [e for e in part.events if e["t_ns"] > call["t_ns"] and e["event"] in ("reset", "command")]
+            heard_ns = int(later[0]["t_ns"]) if later and number + 1 < len(made) else None
+            yield Call(int(call["t_ns"]), heard_ns, NO_WORD)
+            continue
+        failure = None
+        if word["word"] not in GOOD_WORDS:
+            failure = f"{word['word']}: {word['reason']}" if word["reason"] else str(word["word"])
+        yield Call(int(call["t_ns"]), int(word["t_ns"]), failure)
