@@ -33,6 +33,7 @@ from .report.html import write_report
 from .report.terminal import print_summary
 from .results import live_attempt, new_series, open_series
 from .runner import run_series
+from .summary.cli import summary
 from .topology import ROOT, read_topology
 
 RESULTS = ROOT / "results"
@@ -284,6 +285,7 @@ def _errors_as_lines() -> Iterator[None]:
 
 
 app.command()(_errors_as_lines()(packets))
+app.command()(_errors_as_lines()(summary))
 _profiles = typer.Typer(invoke_without_command=True, callback=_errors_as_lines()(profiles.profiles))
 _profiles.command()(_errors_as_lines()(profiles.show))
 app.add_typer(_profiles, name="profiles")

@@ -1,0 +1,130 @@
+"""A cell's numbers: what its series says in one row, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+from ..report import comparison, words
+from ..report.compare import change
+from .cells import SIDES, Cell
+
+NOT_FLOWN = "not flown"
+COLUMNS = {
+    "completed": "completed",
+    "packets": "packets",
+    "bytes": "bytes",
+    "rate": "bytes a second",
+    "mission": "mission time",
+    "change": "change",
+    "commands lost": "commands lost",
+    "states lost": "states lost",
+    "frames lost": "frames lost",
+    "delay": "command delay",
+    "delay ratio": "MQTT-XT's / MAVLink's",
+}
+"""What a row of a cell has, with its heading; where both sides are in a column, MQTT-XT is the first."""
+READING = (
+    "In each column MQTT-XT comes first, then MAVLink. Packets and bytes: how many times those of MQTT-XT MAVLink "
+    "needed for the mission, made only where both sides completed an attempt, as is the change of the mission time "
+    "(MQTT-XT's against MAVLink's). Bytes a second are over every attempt that counts, so that a failed one, which "
+    "ends early, can be compared too. Medians of the attempts; losses are of all completed attempts together, and "
+    "where nothing was lost the 95 % bound is beside it. Command delay: from the ground station to the drone, by "
+    "capture."
+)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A row: its arm, the text of each column, and the cell, None where it was not flown.
+
+    `packets`, `bytes` and `mission` are MAVLink's over MQTT-XT's, None where there is no ratio to make.
+    """
+
+    arm: str
+    texts: dict[str, str]
+    cell: Cell | None = None
+    packets: float | None = None
+    bytes: float | None = None
+    mission: float | None = None
+
+
+def not_flown(arm: str) -> Numbers:
+    """The row of a cell that has no finished series."""
+    return Numbers(arm, {name: NOT_FLOWN if name == "completed" else "" for name in COLUMNS})
+
+
+def numbers_of(cell: Cell) -> Numbers:
+    """The row of a cell."""
+    rows = {row.name: row for row in comparison.rows(cell.metrics)}
+    ratios = cell.metrics["ratios"]
+    packets, size, mission = (ratios.get(name) for name in ("packets", "size", "mission"))
+    delay = rows["delay of commands"].ratio
+    texts = {
+        "completed": _both(cell, rows["completed"], NOT_FLOWN),
+        "packets": _times(packets),
+        "bytes": _times(size),
+        "rate": _rates(cell),
+        "mission": _both(cell, rows["mission time"]),
+        "change": change(1 / mission) if mission else words.NOTHING,
+        **{name: _losses(cell, name.split()[0]) for name in ("commands lost", "states lost", "frames lost")},
+        "delay": _both(cell, rows["delay of commands"]),
+        "delay ratio": words.digits(1 / delay) if delay else words.NOTHING,
+    }
+    return Numbers(cell.arm, texts, cell, packets, size, mission)
+
+
+def troubles(cell: Cell) -> list[str]:
+    """A line for each reason for which attempts failed, and one for what is void and was not made good."""
+    said = []
+    for protocol, done in comparison.completion(cell.metrics).items():
+        name = words.name_of(protocol)
+        for reason, attempts in done.failed:
+            said.append(f"{name}, {_numbered(attempts)} failed: {reason}")
+        counted = {attempt["attempt"] for attempt in cell.metrics["protocols"][protocol]["attempts"]}
+        for reason, attempts in done.void:
+            left = tuple(number for number in dict.fromkeys(attempts) if number not in counted)
+            if left:
+                said.append(f"{name}, {_numbered(left)} void: {reason}")
+    return said
+
+
+def rate_of(cell: Cell, protocol: str, amount: Callable[[dict[str, Any]], float]) -> float | None:
+    """The median of an amount a second over the windows of all attempts that count, failed ones too."""
+    attempts = cell.metrics["protocols"].get(protocol, {"attempts": []})["attempts"]
+    found = [amount(one) / one["window"]["seconds"] for one in attempts if one["window"] and one["window"]["seconds"]]
+    return median(found) if found else None
+
+
+def _rates(cell: Cell) -> str:
+    rates = {protocol: rate_of(cell, protocol, lambda one: float(one["size_bytes"])) for protocol in SIDES}
+    ratio = comparison.quotient(rates["mavlink"], rates["mqttxt"])
+    said = " / ".join(words.size(rates[protocol]) for protocol in SIDES)
+    return said if ratio is None else f"{said} ({_times(ratio)})"
+
+
+def _losses(cell: Cell, what: str) -> str:
+    """A share of each side: '0 (< 0.44 %) / 23 %'."""
+    pooled = cell.metrics["statistics"]["losses"][what]
+    return " / ".join(_loss(pooled.get(protocol)) for protocol in SIDES)
+
+
+def _loss(pooled: dict[str, Any] | None) -> str:
+    if pooled is None or pooled["share"] is None:
+        return words.NOTHING
+    return words.share(pooled["share"]) if pooled["share"] else f"0 (< {words.share(pooled['below'])})"
+
+
+def _both(cell: Cell, row: comparison.Row, missing: str = words.NOTHING) -> str:
+    return " / ".join(row.cells[protocol].text if protocol in row.cells else missing for protocol in SIDES)
+
+
+def _times(ratio: float | None) -> str:
+    return words.NOTHING if ratio is None else f"{words.ratio(ratio)}×"
+
+
+def _numbered(attempts: tuple[int, ...]) -> str:
+    plural = "attempt" if len(attempts) == 1 else "attempts"
+    return f"{plural} {words.listed([str(number) for number in attempts])}"

@@ -1,0 +1,76 @@
+"""Finished series made by hand: a results folder whose metrics.json is whole, without captures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from both_sides import rich_entry
+
+from testbed.metrics.attempt import NOT_FLOWN
+from testbed.metrics.series import ratios, schema_error
+from testbed.metrics.statistics import loss_of, statistics
+from testbed.results import METRICS, REPORT, Series, write_json
+
+NAME = "20260101T000000Z"
+
+
+def attempt(protocol: str, number: int = 1, lost: int = 0, **changed: Any) -> dict[str, Any]:
+    """A completed attempt in which 18 commands and 100 states were sent, `lost` of the states in vain."""
+    entry = {**NOT_FLOWN, **rich_entry(protocol, number)}
+    entry["window"] = {"start_ns": 0, "seconds": entry["mission_s"]}
+    entry["messages"] = {"commands": {"arm": _kind(18, 0)}, "states": {"battery": _kind(100, lost)}}
+    entry["losses"] = None
+    entry["links_measured"] = {}
+    return entry | changed
+
+
+def gave_up(protocol: str, reason: str, number: int = 1) -> dict[str, Any]:
+    """A failed attempt, of which ten seconds were counted."""
+    window = {"start_ns": 0, "seconds": 10.0}
+    return attempt(protocol, number, status="failed", reason=reason, mission_s=None, window=window, size_bytes=100_000)
+
+
+def finished(
+    root: Path,
+    mqttxt: list[dict[str, Any]],
+    mavlink: list[dict[str, Any]],
+    *,
+    experiment: str = "scenario-1",
+    arm: str = "thesis",
+    profile: str = "ideal",
+    name: str = NAME,
+    void: tuple[tuple[int, str], ...] = (),
+    **changed: Any,
+) -> Series:
+    """A series that was measured; `void` are attempts of both protocols that do not count."""
+    series = Series(root / experiment / f"{arm}-{profile}" / name)
+    series.path.mkdir(parents=True)
+    voids = [{"attempt": number, "reason": reason} for number, reason in void]
+    sides = {"mavlink": mavlink, "mqttxt": mqttxt}
+    protocols = {p: {"attempts": flown, "void": voids} for p, flown in sides.items() if flown or void}
+    document = {
+        "version": 1,
+        "experiment": experiment,
+        "arm": arm.partition("+")[0],
+        "profile": profile,
+        "revision": "c0ffee",
+        "shaper": "none",
+        "protocols": protocols,
+        "ratios": ratios(protocols),
+        "statistics": statistics(protocols),
+        "notes": [],
+    } | changed
+    assert schema_error(document) is None
+    write_json(series.path / METRICS, document)
+    (series.path / REPORT).write_text("<!doctype html><title>report</title>")
+    return series
+
+
+def both(number: int = 1) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """One completed attempt of each side."""
+    return [attempt("mqttxt", number)], [attempt("mavlink", number)]
+
+
+def _kind(sent: int, lost: int) -> dict[str, Any]:
+    return {**loss_of(sent, lost), "open": 0, "drones": {"1": {"sent": sent, "lost": lost, "open": 0}}}

@@ -1,0 +1,220 @@
+"""All experiments, arms and profiles beside each other: which series counts, its numbers, the thesis's claims."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from finished import attempt, both, finished, gave_up
+from typer.testing import CliRunner
+
+from testbed.cli import app
+from testbed.errors import UserError
+from testbed.results import METRICS, write_json
+from testbed.summary import claims
+from testbed.summary.cells import Cell, find_cells
+from testbed.summary.markdown import fill
+from testbed.summary.numbers import numbers_of, troubles
+from testbed.summary.overview import overviews
+
+MARKED = "Before.\n\n<!-- summary:{name} -->\nold\n<!-- /summary -->\n\nAfter.\n"
+
+
+def only_cell(root: Path) -> Cell:
+    (cell,) = find_cells([root]).cells
+    return cell
+
+
+def filled(root: Path, name: str = "scenario-1") -> str:
+    document = root / "document.md"
+    document.write_text(MARKED.format(name=name))
+    fill(document, find_cells([root]).cells)
+    return document.read_text()
+
+
+def judged(cell: Cell) -> dict[str, str]:
+    return {claim.heading: str(claim.judge(cell)) for claim in claims.claims()}
+
+
+def test_the_newest_finished_series_of_a_cell_counts(tmp_path: Path) -> None:
+    finished(tmp_path, *both(), name="20260101T000000Z")
+    newest = finished(tmp_path, *both(), name="20260102T000000Z")
+    unfinished = newest.path.with_name("20260103T000000Z")
+    (unfinished / "mqttxt" / "attempt-01").mkdir(parents=True)
+    assert only_cell(tmp_path).name == "scenario-1/thesis-ideal/20260102T000000Z"
+
+
+def test_a_series_of_both_counts_before_a_newer_one_of_one_side(tmp_path: Path) -> None:
+    finished(tmp_path, *both(), name="20260101T000000Z")
+    finished(tmp_path, [attempt("mqttxt")], [], name="20260102T000000Z")
+    assert only_cell(tmp_path).series.path.name == "20260101T000000Z"
+
+
+def test_several_results_folders_are_one_table(tmp_path: Path) -> None:
+    finished(tmp_path / "a", *both(), name="20260102T000000Z")
+    finished(tmp_path / "b", *both(), name="20260101T000000Z")
+    finished(tmp_path / "b", *both(), profile="lte")
+    found = find_cells([tmp_path / "a", tmp_path / "b"]).cells
+    assert [(cell.profile, cell.series.path.name) for cell in found] == [
+        ("ideal", "20260102T000000Z"),
+        ("lte", "20260101T000000Z"),
+    ]
+
+
+def test_metrics_of_another_version_are_named_and_an_older_series_counts(tmp_path: Path) -> None:
+    finished(tmp_path, *both(), name="20260101T000000Z")
+    newer = finished(tmp_path, *both(), name="20260102T000000Z")
+    write_json(newer.path / METRICS, {"version": 0})
+    found = find_cells([tmp_path])
+    assert [cell.series.path.name for cell in found.cells] == ["20260101T000000Z"]
+    assert len(found.unread) == 1
+    assert f"type: testbed report {newer.path}" in found.unread[0]
+
+
+def test_a_row_has_both_sides_and_their_ratios(tmp_path: Path) -> None:
+    lossy = [attempt("mavlink", lost=23)]
+    finished(tmp_path, [attempt("mqttxt")], lossy)
+    row = numbers_of(only_cell(tmp_path))
+    assert row.texts == {
+        "completed": "1 of 1 / 1 of 1",
+        "packets": "265×",
+        "bytes": "288×",
+        "rate": "3.99 kB / 697 kB (175×)",
+        "mission": "36.6 s / 60.3 s",
+        "change": "−39 %",
+        "commands lost": "0 (< 17 %) / 0 (< 17 %)",
+        "states lost": "0 (< 3 %) / 23 %",
+        "frames lost": "0 (< 0.18 %) / 0 (< 0.00067 %)",
+        "delay": "34 ms / 64 ms",
+        "delay ratio": "0.53",
+    }
+
+
+def test_a_side_that_never_completes_makes_no_ratio_but_has_its_rate(tmp_path: Path) -> None:
+    failures = [gave_up("mavlink", "arm: drone 2: unconfirmed", number) for number in (1, 2)]
+    finished(tmp_path, [attempt("mqttxt", number) for number in (1, 2)], failures)
+    cell = only_cell(tmp_path)
+    row = numbers_of(cell)
+    assert row.texts["completed"] == "2 of 2 / 0 of 2"
+    assert (row.texts["packets"], row.texts["bytes"], row.texts["change"]) == ("–", "–", "–")
+    assert row.texts["rate"].endswith("/ 10.0 kB (2.5×)")
+    assert row.texts["mission"].endswith("/ –")
+    assert row.texts["states lost"].endswith("/ –")
+    assert troubles(cell) == ["MAVLink, attempts 1 and 2 failed: arm: drone 2: unconfirmed"]
+
+
+def test_what_stayed_void_is_said_and_what_was_made_good_is_not(tmp_path: Path) -> None:
+    finished(tmp_path, *both(), void=((1, "a link was off"), (2, "a link was off")))
+    assert troubles(only_cell(tmp_path)) == [
+        "MQTT-XT, attempt 2 void: a link was off",
+        "MAVLink, attempt 2 void: a link was off",
+    ]
+
+
+def test_claims_hold_or_do_not_by_their_figures(tmp_path: Path) -> None:
+    purposes = {"command": 4_000, "state": 1_000, "acknowledgement": 1_000}
+    leaner = {name: {"bytes": count, "packets": 1} for name, count in purposes.items()}
+    purposes = {"command": 10_000, "state": 90_000}
+    busier = {name: {"bytes": count, "packets": 1} for name, count in purposes.items()}
+    finished(
+        tmp_path,
+        [attempt("mqttxt", mission_s=40.0, window={"start_ns": 0, "seconds": 40.0}, purposes=leaner)],
+        [attempt("mavlink", lost=30, mission_s=50.0, window={"start_ns": 0, "seconds": 50.0}, purposes=busier)],
+    )
+    assert judged(only_cell(tmp_path)) == {
+        "commands: 5 times fewer bytes": "no: 2.1×",
+        "states: 20 times fewer bytes": "yes: 60×",
+        "missions 30 % shorter": "no: 20 % shorter",
+        "MQTT-XT loses 2 % at most": "yes: 0 of 118",
+        "MAVLink loses 20 %": "yes: 25 % of 118",
+    }
+
+
+def test_a_claim_without_completed_attempts_on_both_sides_is_left_open(tmp_path: Path) -> None:
+    finished(tmp_path, [attempt("mqttxt")], [gave_up("mavlink", "denied")])
+    said = judged(only_cell(tmp_path))
+    assert said["commands: 5 times fewer bytes"] == said["missions 30 % shorter"] == said["MAVLink loses 20 %"] == "–"
+    assert said["MQTT-XT loses 2 % at most"].startswith("yes")
+
+
+def test_every_arm_has_a_row_flown_or_not_and_profiles_come_as_people_ask(tmp_path: Path) -> None:
+    for profile in ("3g", "lossy", "ideal"):
+        finished(tmp_path, *both(), profile=profile)
+    finished(tmp_path, *both(), arm="thesis+qos-1", profile="ideal")
+    (overview,) = overviews(find_cells([tmp_path]).cells)
+    assert [block.profile for block in overview.blocks] == ["ideal", "lossy", "3g"]
+    rows = {row.arm: row.texts["completed"] for row in overview.blocks[0].rows}
+    assert list(rows)[:3] == ["thesis", "thesis+qos-1", "thesis-concurrent"]
+    assert rows["direct"] == "not flown"
+    assert "thesis" in overview.missing
+    assert "lossy" not in overview.missing
+
+
+def test_a_table_in_a_document_is_written_between_its_markers(tmp_path: Path) -> None:
+    finished(tmp_path, [attempt("mqttxt")], [gave_up("mavlink", "a | b * c")])
+    text = filled(tmp_path)
+    assert text.startswith("Before.\n\n<!-- summary:scenario-1 -->\n\n**Profile `ideal`**\n")
+    assert text.endswith("\n\n<!-- /summary -->\n\nAfter.\n")
+    assert "| `thesis` | 1 of 1 / 0 of 1 | – |" in text
+    assert "| `direct` | not flown |" in text
+    assert "`thesis`, MAVLink, attempt 1 failed: a \\| b \\* c." in text
+    assert "old" not in text
+
+
+def test_filling_a_document_twice_changes_nothing(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    text = filled(tmp_path)
+    document = tmp_path / "document.md"
+    fill(document, find_cells([tmp_path]).cells)
+    assert document.read_text() == text
+
+
+def test_an_experiment_that_was_not_flown_says_so(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    assert "Not flown on any profile." in filled(tmp_path, "scenario-2")
+    assert "Not flown." in filled(tmp_path, "scenario-2-claims")
+
+
+def test_the_series_behind_the_numbers_are_named_with_their_revision(tmp_path: Path) -> None:
+    finished(tmp_path, *both(), notes=["flown with changes that are in no revision: mqttxt 1"])
+    text = filled(tmp_path, "scenario-1-series")
+    assert "| `scenario-1/thesis-ideal/20260101T000000Z` | c0ffee | none | flown with changes" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("nothing\n", "expected <!-- summary:NAME --> and <!-- /summary -->; NAME: scenario-1, scenario-1-claims"),
+        ("<!-- summary:x -->\n<!-- /summary -->\n", "summary:x: expected one of scenario-1, scenario-1-claims"),
+        ("<!-- summary:scenario-1 -->\n", "expected <!-- /summary --> on a line after every"),
+        (
+            "<!-- summary:scenario-1 -->\n<!-- summary:scenario-2 -->\n<!-- /summary -->\n",
+            "summary:scenario-1: expected <!-- /summary --> before the next table",
+        ),
+    ],
+)
+def test_a_document_with_wrong_markers_is_left_as_it_is(tmp_path: Path, text: str, said: str) -> None:
+    finished(tmp_path, *both())
+    document = tmp_path / "document.md"
+    document.write_text(text)
+    with pytest.raises(UserError) as caught:
+        fill(document, find_cells([tmp_path]).cells)
+    assert said in str(caught.value)
+    assert document.read_text() == text
+
+
+def test_a_folder_that_is_none_or_has_nothing_finished_is_said_in_one_line(tmp_path: Path) -> None:
+    missing = CliRunner().invoke(app, ["summary", str(tmp_path / "none")])
+    assert (missing.exit_code, missing.stderr.count("\n")) == (2, 1)
+    assert "expected a results folder" in missing.stderr
+    empty = CliRunner().invoke(app, ["summary", str(tmp_path)])
+    assert (empty.exit_code, empty.stderr) == (1, f"testbed: {tmp_path}: expected a finished series in it\n")
+
+
+def test_the_command_fills_a_document(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    document = tmp_path / "document.md"
+    document.write_text(MARKED.format(name="scenario-1"))
+    result = CliRunner().invoke(app, ["summary", str(tmp_path), "--markdown", str(document)])
+    assert (result.exit_code, result.stdout) == (0, f"{document}: scenario-1\n")
+    assert "265×" in document.read_text()
