@@ -9,13 +9,14 @@ from typing import Any
 
 from ..report import thesis, words
 from ..report.comparison import completed, quotient
+from . import losses
 from .cells import Cell
 from .numbers import rate_of
 
 READING = (
     "Bytes of commands (with their results, for the whole mission, of completed attempts) and of states (a second, of "
     "all attempts that count): MAVLink's over MQTT-XT's, each with its part of the acknowledgements. Loss: of commands "
-    "and states of completed attempts, those of which no copy arrived. A dash: nothing to judge by."
+    "and states of all attempts that count, those of which no copy arrived. A dash: nothing to judge by."
 )
 
 
@@ -90,12 +91,10 @@ def _shorter(cell: Cell, claimed: float) -> Judged:
 
 def _loses(cell: Cell, protocol: str, most: float | None = None, least: float | None = None) -> Judged:
     """Against percents: at most, or at least."""
-    pooled = [cell.metrics["statistics"]["losses"][what].get(protocol) for what in ("commands", "states")]
-    known = [one for one in pooled if one is not None and one["share"] is not None]
-    lost = sum(one["lost"] for one in known)
-    sent = sum(round(one["lost"] / one["share"]) if one["share"] else one["sent"] for one in known)
-    if not sent:
+    attempts = cell.metrics["protocols"].get(protocol, {"attempts": []})["attempts"]
+    found = losses.loss(attempts, "commands") + losses.loss(attempts, "states")
+    if not found.known:
         return Judged(None)
-    percent = 100 * lost / sent
+    percent = 100 * found.lost / found.known
     holds = (most is None or percent <= most) and (least is None or percent >= least)
-    return Judged(holds, f"{words.percent(percent) if lost else '0'} of {sent:,}")
+    return Judged(holds, f"{words.percent(percent) if found.lost else '0'} of {found.known:,}")

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..report import comparison, words
 from ..report.compare import change
+from . import losses
 from .cells import SIDES, Cell
 
 NOT_FLOWN = "not flown"
@@ -30,8 +31,9 @@ READING = (
     "In each column MQTT-XT comes first, then MAVLink. Packets and bytes: how many times those of MQTT-XT MAVLink "
     "needed for the mission, made only where both sides completed an attempt, as is the change of the mission time "
     "(MQTT-XT's against MAVLink's). Bytes a second are over every attempt that counts, so that a failed one, which "
-    "ends early, can be compared too. Medians of the attempts; losses are of all completed attempts together, and "
-    "where nothing was lost the 95 % bound is beside it. Command delay: from the ground station to the drone, by "
+    "ends early, can be compared too. Medians of the attempts; losses are of all completed attempts together, "
+    f"with {losses.FAILED} of failed ones until they gave up, and where nothing was lost the 95 % bound is beside it. "
+    "Command delay: from the ground station to the drone, by "
     "capture."
 )
 
@@ -63,17 +65,28 @@ def numbers_of(cell: Cell) -> Numbers:
     packets, size, mission = (ratios.get(name) for name in ("packets", "size", "mission"))
     delay = rows["delay of commands"].ratio
     texts = {
-        "completed": _both(cell, rows["completed"], NOT_FLOWN),
+        "completed": completed_of(cell),
         "packets": _times(packets),
         "bytes": _times(size),
         "rate": _rates(cell),
         "mission": _both(cell, rows["mission time"]),
         "change": change(1 / mission) if mission else words.NOTHING,
-        **{name: _losses(cell, name.split()[0]) for name in ("commands lost", "states lost", "frames lost")},
+        **{f"{kind} lost": losses.both_sides(cell, kind) for kind in losses.KINDS},
         "delay": _both(cell, rows["delay of commands"]),
         "delay ratio": words.digits(1 / delay) if delay else words.NOTHING,
     }
     return Numbers(cell.arm, texts, cell, packets, size, mission)
+
+
+def attempts_of(cell: Cell, protocol: str) -> str:
+    """How many attempts of a side were completed, of how many; with those that are void: '2 of 3 (1 void)'."""
+    row = comparison.rows(cell.metrics)[0]
+    return row.cells[protocol].text if protocol in row.cells else NOT_FLOWN
+
+
+def completed_of(cell: Cell) -> str:
+    """The same of both sides."""
+    return " / ".join(attempts_of(cell, protocol) for protocol in SIDES)
 
 
 def troubles(cell: Cell) -> list[str]:
@@ -105,20 +118,8 @@ def _rates(cell: Cell) -> str:
     return said if ratio is None else f"{said} ({_times(ratio)})"
 
 
-def _losses(cell: Cell, what: str) -> str:
-    """A share of each side: '0 (< 0.44 %) / 23 %'."""
-    pooled = cell.metrics["statistics"]["losses"][what]
-    return " / ".join(_loss(pooled.get(protocol)) for protocol in SIDES)
-
-
-def _loss(pooled: dict[str, Any] | None) -> str:
-    if pooled is None or pooled["share"] is None:
-        return words.NOTHING
-    return words.share(pooled["share"]) if pooled["share"] else f"0 (< {words.share(pooled['below'])})"
-
-
-def _both(cell: Cell, row: comparison.Row, missing: str = words.NOTHING) -> str:
-    return " / ".join(row.cells[protocol].text if protocol in row.cells else missing for protocol in SIDES)
+def _both(cell: Cell, row: comparison.Row) -> str:
+    return " / ".join(row.cells[protocol].text if protocol in row.cells else words.NOTHING for protocol in SIDES)
 
 
 def _times(ratio: float | None) -> str:

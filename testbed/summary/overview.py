@@ -32,6 +32,11 @@ class Overview:
     blocks: tuple[Block, ...]
     missing: tuple[str, ...]
 
+    def on(self, profile: str) -> Overview:
+        """The part of one profile."""
+        blocks = tuple(block for block in self.blocks if block.profile == profile)
+        return Overview(self.experiment, blocks, () if blocks else (profile,))
+
     @property
     def cells(self) -> tuple[Cell, ...]:
         return tuple(row.cell for block in self.blocks for row in block.rows if row.cell is not None)

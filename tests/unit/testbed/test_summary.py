@@ -25,7 +25,7 @@ def only_cell(root: Path) -> Cell:
     return cell
 
 
-def filled(root: Path, name: str = "scenario-1") -> str:
+def filled(root: Path, name: str = "numbers:scenario-1") -> str:
     document = root / "document.md"
     document.write_text(MARKED.format(name=name))
     fill(document, find_cells([root]).cells)
@@ -99,7 +99,7 @@ def test_a_side_that_never_completes_makes_no_ratio_but_has_its_rate(tmp_path: P
     assert (row.texts["packets"], row.texts["bytes"], row.texts["change"]) == ("–", "–", "–")
     assert row.texts["rate"].endswith("/ 10.0 kB (2.5×)")
     assert row.texts["mission"].endswith("/ –")
-    assert row.texts["states lost"].endswith("/ –")
+    assert row.texts["states lost"] == "0 (< 1.5 %) / 0 (< 1.5 %)†"
     assert troubles(cell) == ["MAVLink, attempts 1 and 2 failed: arm: drone 2: unconfirmed"]
 
 
@@ -133,8 +133,9 @@ def test_claims_hold_or_do_not_by_their_figures(tmp_path: Path) -> None:
 def test_a_claim_without_completed_attempts_on_both_sides_is_left_open(tmp_path: Path) -> None:
     finished(tmp_path, [attempt("mqttxt")], [gave_up("mavlink", "denied")])
     said = judged(only_cell(tmp_path))
-    assert said["commands: 5 times fewer bytes"] == said["missions 30 % shorter"] == said["MAVLink loses 20 %"] == "–"
+    assert said["commands: 5 times fewer bytes"] == said["missions 30 % shorter"] == "–"
     assert said["MQTT-XT loses 2 % at most"].startswith("yes")
+    assert said["MAVLink loses 20 %"] == "no: 0 of 118"
 
 
 def test_every_arm_has_a_row_flown_or_not_and_profiles_come_as_people_ask(tmp_path: Path) -> None:
@@ -153,7 +154,7 @@ def test_every_arm_has_a_row_flown_or_not_and_profiles_come_as_people_ask(tmp_pa
 def test_a_table_in_a_document_is_written_between_its_markers(tmp_path: Path) -> None:
     finished(tmp_path, [attempt("mqttxt")], [gave_up("mavlink", "a | b * c")])
     text = filled(tmp_path)
-    assert text.startswith("Before.\n\n<!-- summary:scenario-1 -->\n\n**Profile `ideal`**\n")
+    assert text.startswith("Before.\n\n<!-- summary:numbers:scenario-1 -->\n\n**Profile `ideal`**\n")
     assert text.endswith("\n\n<!-- /summary -->\n\nAfter.\n")
     assert "| `thesis` | 1 of 1 / 0 of 1 | – |" in text
     assert "| `direct` | not flown |" in text
@@ -171,25 +172,55 @@ def test_filling_a_document_twice_changes_nothing(tmp_path: Path) -> None:
 
 def test_an_experiment_that_was_not_flown_says_so(tmp_path: Path) -> None:
     finished(tmp_path, *both())
-    assert "Not flown on any profile." in filled(tmp_path, "scenario-2")
-    assert "Not flown." in filled(tmp_path, "scenario-2-claims")
+    assert "Not flown on `ideal`, `thesis`, `lte`, `lossy`," in filled(tmp_path, "numbers:scenario-2")
+    for kind in ("claims", "bytes", "series"):
+        assert "-->\n\nNot flown.\n" in filled(tmp_path, f"{kind}:scenario-2")
 
 
 def test_the_series_behind_the_numbers_are_named_with_their_revision(tmp_path: Path) -> None:
     finished(tmp_path, *both(), notes=["flown with changes that are in no revision: mqttxt 1"])
-    text = filled(tmp_path, "scenario-1-series")
-    assert "| `scenario-1/thesis-ideal/20260101T000000Z` | c0ffee | none | flown with changes" in text
+    text = filled(tmp_path, "series:scenario-1")
+    assert "| `scenario-1/thesis-ideal/20260101T000000Z` | c0ffee | none | 1 of 1 / 1 of 1 | flown with changes" in text
+
+
+def test_the_bytes_of_each_side_are_shared_out_by_purpose_and_by_layer(tmp_path: Path) -> None:
+    purposes = {"state": {"bytes": 300, "packets": 1}, "acknowledgement": {"bytes": 100, "packets": 1}}
+    layers = {"payload": 200, "mqtt": 40, "tcp": 80, "ip": 48, "ethernet": 32}
+    finished(tmp_path, [attempt("mqttxt", purposes=purposes, layers=layers)], [gave_up("mavlink", "denied")])
+    lines = filled(tmp_path, "bytes:scenario-1:ideal").splitlines()
+    assert "| arm |  | completed | bytes a second | command | result | state | acknowledgement | payload |" in lines[6]
+    assert lines[8].startswith("| `thesis` | MQTT-XT | 1 of 1 | 3.99 kB | – | – | 75 % | 25 % | 50 % | 10 % | 20 % |")
+    assert lines[9].startswith("| `thesis` | MAVLink | 0 of 1 | 10.0 kB | 25 % | 25 % |")
+
+
+def test_a_table_of_one_profile_has_only_that_one(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    finished(tmp_path, *both(), profile="lte")
+    text = filled(tmp_path, "numbers:scenario-1:lte")
+    assert "**Profile `lte`**" in text
+    assert "ideal" not in text
+    assert "Not flown on `3g`." in filled(tmp_path, "numbers:scenario-1:3g")
+
+
+def test_how_to_read_a_kind_of_table_is_said_once_in_a_document(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    document = tmp_path / "document.md"
+    document.write_text(MARKED.format(name="claims:scenario-1") + MARKED.format(name="claims:scenario-2"))
+    fill(document, find_cells([tmp_path]).cells)
+    assert document.read_text().count(claims.READING) == 1
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("nothing\n", "expected <!-- summary:NAME --> and <!-- /summary -->; NAME: scenario-1, scenario-1-claims"),
-        ("<!-- summary:x -->\n<!-- /summary -->\n", "summary:x: expected one of scenario-1, scenario-1-claims"),
-        ("<!-- summary:scenario-1 -->\n", "expected <!-- /summary --> on a line after every"),
+        ("nothing\n", "expected tables' markers in it, as <!-- summary:numbers:scenario-1 --> and <!-- /summary -->"),
+        ("<!-- summary:x:y -->\n<!-- /summary -->\n", "summary:x:y: 'x': expected one of numbers, claims, bytes"),
+        ("<!-- summary:claims:y -->\n<!-- /summary -->\n", "'y': expected one of scenario-1, scenario-2"),
+        ("<!-- summary:bytes:scenario-1:z -->\n<!-- /summary -->\n", "'z': expected one of ideal, 3g, bursty"),
+        ("<!-- summary:numbers:scenario-1 -->\n", "expected <!-- /summary --> on a line after every"),
         (
-            "<!-- summary:scenario-1 -->\n<!-- summary:scenario-2 -->\n<!-- /summary -->\n",
-            "summary:scenario-1: expected <!-- /summary --> before the next table",
+            "<!-- summary:claims:scenario-1 -->\n<!-- summary:claims:scenario-2 -->\n<!-- /summary -->\n",
+            "summary:claims:scenario-1: expected <!-- /summary --> before the next table",
         ),
     ],
 )
@@ -214,7 +245,7 @@ def test_a_folder_that_is_none_or_has_nothing_finished_is_said_in_one_line(tmp_p
 def test_the_command_fills_a_document(tmp_path: Path) -> None:
     finished(tmp_path, *both())
     document = tmp_path / "document.md"
-    document.write_text(MARKED.format(name="scenario-1"))
+    document.write_text(MARKED.format(name="numbers:scenario-1"))
     result = CliRunner().invoke(app, ["summary", str(tmp_path), "--markdown", str(document)])
-    assert (result.exit_code, result.stdout) == (0, f"{document}: scenario-1\n")
+    assert (result.exit_code, result.stdout) == (0, f"{document}: numbers:scenario-1\n")
     assert "265×" in document.read_text()
