@@ -8,7 +8,7 @@ from typing import Any
 from ..packets import Packets, load
 from ..results import Attempt
 from ..validity import unsound_reason
-from . import delays, mavlink, mqttxt, timeline
+from . import delays, mavlink, mqttxt, readings, timeline
 from .causes import losses
 from .exchange import count_messages
 from .message_set import measure_kinds
@@ -44,6 +44,7 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
             if packets is None or window is None
             else _measured(attempt, manifest, packets, window, events, shaping)
         ),
+        **readings.measure(attempt, manifest, packets, window, shaping),
         "outcomes": outcomes(events),
         "links_measured": shaping.measured,
         "cpu_s": manifest.get("cpu_s", {}),
@@ -72,7 +73,7 @@ def _measured(
     lost = sum(link.lost for link in links.values())
     by_cause = losses(packets, shaping.counters, shaping.start_ns)
     foreign = count_foreign(packets, window)
-    named = side.name_messages(packets.messages, ways.drones)
+    named = pl.concat([side.name_messages(packets.messages, ways.drones), readings.name_readings(packets.messages)])
     described = mavlink.describe(packets, ways, window, shared) if is_mavlink else None
     said = notes(packets, shaping, by_cause, window, foreign)
     said += unsent_note(described["unsent"]) if described is not None else []
