@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from typing import Any
 
+import polars as pl
+
 from ..packets import Packets, load
 from ..results import Attempt
 from ..validity import unsound_reason
