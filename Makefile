@@ -7,6 +7,7 @@ SHAPER ?= auto
 PROTOCOLS ?= mqttxt,mavlink
 ENCODING ?= cbor
 SAMPLES ?= 30
+COUNT ?= 10
 # Factors, each by itself; empty: the arm's.
 STREAMS ?=
 COMMANDING ?=
@@ -21,17 +22,18 @@ PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help scenario-1 scenario-2 scenario-3 scenario-4 arms links up down report test check bench docs sitl doctor lock clean venv containers tools
+.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 arms links up down report test check bench docs sitl doctor lock clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
+messages: ## Ten kinds of messages with one drone, COUNT of each (COUNT= ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-1: ## Fly scenario 1 over both: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE=lte PROTOCOLS=)
 scenario-2: ## The same with a point of its own for each drone, and the way back (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-3: ## Only up and down (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-4: ## As 2, and at its point each collects what a sensor measures there (SAMPLES= ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
-scenario-1 scenario-2 scenario-3 scenario-4: containers
-	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' --samples '$(SAMPLES)' $(FACTORS)
+messages scenario-1 scenario-2 scenario-3 scenario-4: containers
+	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' --samples '$(SAMPLES)' --count '$(COUNT)' $(FACTORS)
 
 links: containers ## Probe the links of all profiles, configured beside measured, without flying (PROFILE=lte,sik)
 	@$(PYTHON) -m testbed links --profile '$(if $(filter file,$(origin PROFILE)),,$(PROFILE))' --shaper '$(SHAPER)'

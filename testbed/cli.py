@@ -16,7 +16,17 @@ from rich.table import Table
 
 from .containers import Containers, only_run
 from .errors import DockerError, TestbedError, UserError
-from .experiments import ARMS, DEFAULT_SAMPLES, EXPERIMENTS, FACTORS, PROTOCOLS, Plan, make_plan, one_protocol
+from .experiments import (
+    ARMS,
+    DEFAULT_COUNT,
+    DEFAULT_SAMPLES,
+    EXPERIMENTS,
+    FACTORS,
+    PROTOCOLS,
+    Plan,
+    make_plan,
+    one_protocol,
+)
 from .flights import by_hand, settings_of
 from .link_check import check_profiles
 from .links import plan_links, start_clock, write_plan
@@ -71,12 +81,13 @@ def run(
     chain: Annotated[str, typer.Option(help=_factor_help("chain"))] = "",
     states: Annotated[str, typer.Option(help=_factor_help("states"))] = "",
     samples: Annotated[str, typer.Option(help="Scenario 4: values of each series.")] = str(DEFAULT_SAMPLES),
+    count: Annotated[str, typer.Option(help="messages: how many of each kind.")] = str(DEFAULT_COUNT),
     results: Annotated[Path, typer.Option(help="Folder for the results.")] = RESULTS,
 ) -> None:
     """Fly an experiment, measure it, and write its report. Exit code 0 only if every attempt was completed."""
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
-        plan = make_plan(experiment, attempts, arm, profile, protocols, factors, shaper, samples)
+        plan = make_plan(experiment, attempts, arm, profile, protocols, factors, shaper, samples, count)
         _run(plan, results)
 
 

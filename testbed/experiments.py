@@ -14,10 +14,13 @@ from .profiles.run_plan import SHAPERS
 from .topology import read_topology
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,59}")
-EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3", "scenario-4")
+MESSAGES = "messages"
+EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3", "scenario-4", MESSAGES)
 WITH_SENSORS = ("scenario-4",)
 DEFAULT_SAMPLES, MOST_SAMPLES = 30, 600
 """Values of each series that a sensor measures, one a second."""
+DEFAULT_COUNT, MOST_COUNT = 10, 1000
+"""Messages of each kind in the message set."""
 PROTOCOLS = ("mqttxt", "mavlink")
 MOST_ATTEMPTS = 99
 
@@ -88,6 +91,12 @@ class Plan:
     shaper: str = SHAPERS[0]
     samples: int = DEFAULT_SAMPLES
     mission: Path | None = None
+    count: int = DEFAULT_COUNT
+
+    @property
+    def is_message_set(self) -> bool:
+        """Whether one UAV flies, message by message."""
+        return self.experiment == MESSAGES
 
     @property
     def has_sensors(self) -> bool:
@@ -114,6 +123,7 @@ def make_plan(
     overrides: Mapping[str, str] | None = None,
     shaper: str = SHAPERS[0],
     samples: str = str(DEFAULT_SAMPLES),
+    count: str = str(DEFAULT_COUNT),
 ) -> Plan:
     """A plan from what a person typed.
 
@@ -123,7 +133,7 @@ def make_plan(
     """
     mission = Path(experiment).absolute() if experiment.endswith(".py") else None
     if mission is None:
-        _one_of("scenario", experiment, EXPERIMENTS)
+        _one_of("experiment", experiment, EXPERIMENTS)
     else:
         experiment = _name_of(mission)
     _one_of("ARM", arm, tuple(ARMS))
@@ -135,13 +145,16 @@ def make_plan(
         raise UserError(f"ATTEMPTS={attempts}: expected a whole number from 1 to {MOST_ATTEMPTS}")
     if not samples.isascii() or not samples.isdecimal() or not 1 <= int(samples) <= MOST_SAMPLES:
         raise UserError(f"SAMPLES={samples}: expected a whole number from 1 to {MOST_SAMPLES}")
+    if not count.isascii() or not count.isdecimal() or not 1 <= int(count) <= MOST_COUNT:
+        raise UserError(f"COUNT={count}: expected a whole number from 1 to {MOST_COUNT}")
     factors = _factors(ARMS[arm], overrides or {})
     links = read_profile(profile)
     resolve(
         links, read_topology(sensors=experiment in WITH_SENSORS), experiment, 1
     )  # a link that does not exist is said now
     flown = tuple(dict.fromkeys(chosen))
-    return Plan(experiment, int(attempts), ARMS[arm], factors, links, flown, shaper, int(samples), mission)
+    values = (ARMS[arm], factors, links, flown, shaper, int(samples), mission, int(count))
+    return Plan(experiment, int(attempts), *values)
 
 
 def one_protocol(text: str) -> str:

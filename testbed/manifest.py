@@ -40,7 +40,7 @@ def describe(
         "status": "running",
         "reason": None,
         "revision": revision(),
-        "configuration": {**asdict(plan.factors), **settings},
+        "configuration": {**asdict(plan.factors), **settings, **({"count": plan.count} if plan.is_message_set else {})},
         "seeds": {"sitl": SITL_SEED, "links": links.seed},
         "shaper": "none",  # until `net` says what shapes the links
         "host": {

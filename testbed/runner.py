@@ -17,7 +17,7 @@ from .calibration import calibrate
 from .containers import Containers, Usage, start_network
 from .errors import DockerError, FleetError, TestbedError, UserError
 from .experiments import Plan
-from .flights import MISSION_FILE, mission_command, settings_of
+from .flights import MISSION_FILE, limit_s_of, mission_command, profile_of, remove_sockets, settings_of
 from .manifest import describe, mosquitto_version
 from .profiles.resolve import Plan as LinkPlan
 from .profiles.run_plan import Gate
@@ -28,8 +28,6 @@ from .validity import void_reason
 
 MISSION_OVER = {0: "completed", 1: "failed"}
 BAD_INPUT = 2
-MISSION_LIMIT_S = 1500.0
-"""More than the limits of all steps of a mission together: what takes longer hangs."""
 MOST_REPEATS = 2
 """How often the attempts of a number are flown again, because one of them was void."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
@@ -126,9 +124,10 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     write_json(attempt.path / "manifest.json", manifest)
     ended = Ended("failed", "interrupted")
     try:
-        containers = make_containers(attempt.protocol, attempt.path, settings)
+        containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings)
         with _fleet_up(containers, attempt, manifest, links, gates, progress):
-            ended = _mission(mission_command(plan, attempt.protocol), containers, attempt, progress)
+            command = mission_command(plan, attempt.protocol)
+            ended = _mission(command, limit_s_of(plan), containers, attempt, progress)
     except Interrupted:
         raise
     except LinksOff as error:
@@ -192,9 +191,9 @@ def _fleet_up(
             manifest["memory_bytes"] = {service: count for service, count in memory.items() if count is not None}
 
 
-def _mission(command: list[str], containers: Containers, attempt: Attempt, progress: Progress) -> Ended:
+def _mission(command: list[str], limit_s: float, containers: Containers, attempt: Attempt, progress: Progress) -> Ended:
     """Fly it; what it prints beside its progress is in logs/mission.log."""
-    lines = containers.execute("gs", command, limit_s=MISSION_LIMIT_S)
+    lines = containers.execute("gs", command, limit_s=limit_s)
     said = last = ""
     with (attempt.path / "logs" / "mission.log").open("w", encoding="utf-8") as log:
         while True:
@@ -233,6 +232,7 @@ def _take_down(containers: Containers, attempt: Attempt) -> dict[str, Usage]:
     used.
     """
     with contextlib.ExitStack() as last_first:
+        last_first.callback(remove_sockets, attempt.path)
         last_first.callback(containers.down)
         last_first.callback(containers.save_logs, attempt.path / "logs")
         last_first.callback(containers.stop, "net")

@@ -28,7 +28,7 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
     [
         (
             {"scenario": "scenario-9"},
-            "scenario 'scenario-9': expected one of scenario-1, scenario-2, scenario-3, scenario-4",
+            "scenario 'scenario-9': expected one of scenario-1, scenario-2, scenario-3, scenario-4, messages",
         ),
         ({"protocol": "pigeon"}, "--protocol 'pigeon': expected one of mqttxt, mavlink"),
         ({"qos": "2"}, "--qos '2': expected one of 0, 1"),
@@ -73,6 +73,13 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
                 **{"protocol": "mavlink", "mavlink": "udpin://0.0.0.0:14540", "sensor-broker": "here"},
             },
             "--sensor-broker 'here': expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]",
+        ),
+        ({"scenario": "messages"}, "--fleet: 3 drones: expected one for messages, as 1:1"),
+        ({"scenario": "messages", "fleet": "1:1", "count": "0"}, "--count 0: expected 1 to 1000"),
+        ({"scenario": "messages", "fleet": "1:1", "count": "1001"}, "--count 1001: expected 1 to 1000"),
+        (
+            {"scenario": "messages", "fleet": "1:1"},
+            "messages: expected --control, the control socket of the autopilot's stand-in",
         ),
         ({"fleet": "1;2"}, "--fleet '1;2': expected FOG:DRONE,DRONE;FOG:DRONE, as 1:1,2,3;2:4,5,6"),
         ({"fleet": "1:1,2;2:2"}, "--fleet '1:1,2;2:2': expected each fog and each drone once"),

@@ -33,6 +33,13 @@ def test_a_shared_chain_has_one_router_for_all_and_a_direct_one_none() -> None:
     assert read_chain("direct", (1, 2), {}) == ()
 
 
+def test_drones_that_do_not_fly_have_no_router_and_nobody_waits_for_them() -> None:
+    (router,) = read_chain("per-uav", (1, 2), {"PER_UAV": PER_UAV}, only=(1,))
+    assert (router.drones, router.arguments[-1]) == ((1,), "--hb-systemid=221")
+    (shared,) = read_chain("shared", (1, 2), {"SHARED": SHARED}, only=(1,))
+    assert shared.drones == (1,)
+
+
 @pytest.mark.parametrize(
     ("chain", "said"),
     [

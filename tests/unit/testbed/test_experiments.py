@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 
 from testbed.errors import UserError
 from testbed.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
-from testbed.flights import by_hand, mission_command, settings_of
+from testbed.flights import by_hand, limit_s_of, mission_command, profile_of, remove_sockets, settings_of
 from testbed.profiles.reading import profile_names
 from testbed.topology import COMPOSE_FILE, ROOT
 
@@ -138,7 +139,11 @@ def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
         ({"samples": "many"}, "SAMPLES=many: expected a whole number from 1 to 600"),
         (
             {"experiment": "scenario-9"},
-            "scenario=scenario-9: expected one of scenario-1, scenario-2, scenario-3, scenario-4",
+            "experiment=scenario-9: expected one of scenario-1, scenario-2, scenario-3, scenario-4, messages",
+        ),
+        *(
+            ({"experiment": "messages", "count": text}, f"COUNT={text}: expected a whole number from 1 to 1000")
+            for text in ("0", "1001", "-1", "1.5", "ten", "٣", "")
         ),
         ({"attempts": "0"}, "ATTEMPTS=0: expected a whole number from 1 to 99"),
         ({"attempts": "x"}, "ATTEMPTS=x: expected a whole number from 1 to 99"),
@@ -185,6 +190,40 @@ def test_sensors_are_told_of_only_where_they_are_flown_to(protocol: str) -> None
     assert "--samples" not in mission_command(without, protocol)
     words = mission_command(flown, protocol)
     assert words[words.index("--samples") + 1] == "7"
+
+
+def test_the_message_set_is_flown_by_one_drone_whose_autopilot_can_be_put_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = make_plan("messages", count="7")
+    assert profile_of(plan, "mavlink") == "mavlink-one"
+    settings = settings_of(plan, "mavlink")
+    assert (settings["ONLY_FLAG"], settings["CONTROL_DIR"]) == ("--only 1", "/run-dir/sitl")
+    for protocol in ("mqttxt", "mavlink"):
+        words = mission_command(plan, protocol)
+        named = {word: after for word, after in pairwise(words) if word.startswith("--")}
+        assert named["--fleet"] == "1:1"
+        assert named["--count"] == "7"
+        assert named["--control"] == "/run-dir/sitl/uav1.sock"
+    assert named["--mavlink"] == "udpin://127.0.0.1:14541"
+    monkeypatch.setenv("AUTOPILOT", "px4")
+    with pytest.raises(UserError, match="AUTOPILOT=px4: expected none: only the stand-in can be put back each time"):
+        settings_of(plan, "mavlink")
+
+
+def test_a_scenario_knows_nothing_of_the_message_set() -> None:
+    plan = make_plan("scenario-1", count="7")
+    assert profile_of(plan, "mavlink") == "mavlink"
+    assert not {"ONLY_FLAG", "CONTROL_DIR"} & set(settings_of(plan, "mavlink"))
+    assert "--count" not in mission_command(plan, "mqttxt")
+    assert limit_s_of(plan) < limit_s_of(make_plan("messages", count="1"))
+
+
+def test_control_sockets_that_were_left_are_removed_and_nothing_else(tmp_path: Path) -> None:
+    folder = tmp_path / "sitl"
+    folder.mkdir()
+    for name in ("uav1.sock", "uav1.jsonl"):
+        (folder / name).touch()
+    remove_sockets(tmp_path)
+    assert [path.name for path in folder.iterdir()] == ["uav1.jsonl"]
 
 
 def test_a_mission_of_ones_own_is_called_after_its_file(tmp_path: Path) -> None:

@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 import yaml
 
+from testbed.containers import services_of
 from testbed.errors import UserError
+from testbed.experiments import PROTOCOLS
 from testbed.sensors import sensor_settings
 from testbed.topology import COMPOSE_FILE, read_topology
 
@@ -117,12 +119,25 @@ def test_each_drone_talks_to_its_own_fog_and_its_own_autopilot(services: dict[st
 
 
 def test_both_protocols_have_the_same_nodes_and_nothing_else_in_common(services: dict[str, Any]) -> None:
-    profiles = {name: set(service["profiles"]) for name, service in services.items()}
-    both = {name for name, found in profiles.items() if found == {"mqttxt", "mavlink"}}
+    profiles = {name: {*PROTOCOLS} & set(service["profiles"]) for name, service in services.items()}
+    both = {name for name, found in profiles.items() if found == {*PROTOCOLS}}
     assert both == {"net", *(node.name for node in read_topology().nodes), *(f"sitl{drone}" for drone in DRONES)}
     roles = {name: str(services[name]["command"]) for name in services if profiles[name] == {"mavlink"}}
     assert sorted(roles) == sorted(f"router-{node.name}" for node in read_topology().nodes)
     assert all(command.startswith("router ") for command in roles.values())
+
+
+@pytest.mark.parametrize(
+    ("protocol", "roles"),
+    [
+        ("mqttxt", ["broker", "activator1", "client1"]),
+        ("mavlink", ["router-gs", "router-cloud", "router-fog1", "router-uav1"]),
+    ],
+)
+def test_the_message_set_has_every_node_and_what_runs_for_uav1(protocol: str, roles: list[str]) -> None:
+    nodes = ["net", *(node.name for node in read_topology().nodes)]
+    assert services_of((f"{protocol}-one",)) == [*nodes, "sitl1", *roles]
+    assert set(services_of((f"{protocol}-one",))) < set(services_of((protocol,)))
 
 
 @pytest.mark.parametrize("chain", ["PER_UAV", "SHARED"])

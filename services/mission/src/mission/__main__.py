@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -13,13 +15,16 @@ from mqttxt import ConfigurationError
 
 from . import flight
 from .events import EventLog
-from .fleet import Fleet
+from .fleet import Fleet, MessageFleet
+from .message_set import MessageSet
 from .mqttxt_fleet import MqttxtFleet
-from .options import COMMANDINGS, PROTOCOLS, STATES, STREAMS, Options, parse_fleet, parse_urls
-from .own import SUFFIX, mission_of
+from .mqttxt_messages import MqttxtMessageFleet
+from .options import COMMANDINGS, MESSAGES, PROTOCOLS, STATES, STREAMS, Options, parse_fleet, parse_urls
+from .own import SUFFIX, Mission, mission_of
 from .points import points_of
 from .scenarios import SCENARIOS, WITH_POINTS, WITH_SENSORS
-from .steps import SAMPLES
+from .side_channel import SideChannel
+from .steps import SAMPLES, Steps
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -31,7 +36,9 @@ def about() -> None:
 
 @app.command()
 def fly(
-    scenario: Annotated[str, typer.Argument(help=f"One of {', '.join(SCENARIOS)}, or a .py file of your own.")],
+    scenario: Annotated[
+        str, typer.Argument(help=f"One of {', '.join((*SCENARIOS, MESSAGES))}, or a .py file of your own.")
+    ],
     fleet: Annotated[str, typer.Option(help="Fogs and their drones, as 1:1,2,3;2:4,5,6.")],
     events: Annotated[Path, typer.Option(help="File for what happens, JSON lines.")],
     protocol: Annotated[str, typer.Option(help=f"One of {', '.join(PROTOCOLS)}.")] = "mqttxt",
@@ -51,6 +58,8 @@ def fly(
     sensor_broker: Annotated[
         str, typer.Option(help="mavlink: the broker where readings arrive, mqtt://HOST[:PORT].")
     ] = "",
+    count: Annotated[int, typer.Option(help="messages: how many of each kind.")] = 10,
+    control: Annotated[Path | None, typer.Option(help="messages: the control socket of the stand-in.")] = None,
     links_start: Annotated[
         Path | None, typer.Option(help="Empty file that is made at t = 0, for the clock of the links' events.")
     ] = None,
@@ -72,13 +81,19 @@ def fly(
             series=series,
             sensor_broker=sensor_broker,
             links_start=links_start,
+            count=count,
+            control=control,
         )
-        options.check((scenario,) if scenario.endswith(SUFFIX) else tuple(SCENARIOS), WITH_SENSORS)
-        if scenario in WITH_POINTS:
+        known = (scenario,) if scenario.endswith(SUFFIX) else (*SCENARIOS, MESSAGES)
+        options.check(known, WITH_SENSORS)
+        if scenario in (*WITH_POINTS, MESSAGES):
             points_of(drone for drones in options.fleet.values() for drone in drones)
-        mission = mission_of(scenario)
+        mission = None if scenario == MESSAGES else mission_of(scenario)
         log = EventLog(events)
-        flying = make_fleet(options, log)
+        if mission is None:
+            flying, mission = make_message_set(options, log)
+        else:
+            flying = make_fleet(options, log)
     except (ValueError, OSError) as error:
         typer.echo(f"mission: {error}", err=True)
         raise typer.Exit(2) from None
@@ -91,19 +106,42 @@ def fly(
 
 def make_fleet(options: Options, log: EventLog) -> Fleet:
     """The fleet of a protocol. Raises ValueError for options that it cannot work with."""
+    with _settings_as_values():
+        if options.protocol == "mavlink":
+            from .mavsdk_fleet import MavsdkFleet  # only now: MAVSDK is a large library, and nothing of it is MQTT-XT's
+
+            how = (options.commanding, options.streams, log, options.sensor_broker)
+            return MavsdkFleet(options.urls, options.fleet, *how)
+        return MqttxtFleet(options.cloud, options.fleet, int(options.qos), log, options.states)
+
+
+def make_message_set(options: Options, log: EventLog) -> tuple[Fleet, Mission]:
+    """The fleet and the mission of the message set; errors as `make_fleet`."""
+    fleet = _make_message_fleet(options, log)
+
+    async def mission(flown: Fleet, steps: Steps) -> None:
+        assert options.control is not None
+        async with SideChannel(options.control) as channel:
+            await MessageSet(fleet, log, channel, options.count).fly()
+
+    return fleet, mission
+
+
+def _make_message_fleet(options: Options, log: EventLog) -> MessageFleet:
+    with _settings_as_values():
+        if options.protocol == "mavlink":
+            from .mavsdk_messages import MavsdkMessageFleet
+
+            return MavsdkMessageFleet(options.urls, options.fleet, options.commanding, options.streams, log)
+        return MqttxtMessageFleet(options.cloud, options.fleet, int(options.qos), log, options.states)
+
+
+@contextlib.contextmanager
+def _settings_as_values() -> Iterator[None]:
     try:
-        return _make_fleet(options, log)
+        yield
     except ConfigurationError as error:
         raise ValueError(str(error)) from error
-
-
-def _make_fleet(options: Options, log: EventLog) -> Fleet:
-    if options.protocol == "mavlink":
-        from .mavsdk_fleet import MavsdkFleet  # only now: MAVSDK is a large library, and nothing of it is MQTT-XT's
-
-        how = (options.commanding, options.streams, log, options.sensor_broker)
-        return MavsdkFleet(options.urls, options.fleet, *how)
-    return MqttxtFleet(options.cloud, options.fleet, int(options.qos), log, options.states)
 
 
 if __name__ == "__main__":

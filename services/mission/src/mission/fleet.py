@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,34 @@ class Fleet(Protocol):
 
     async def changed(self) -> None:
         """Return when something was heard since the last call."""
+
+
+class MessageFleet(Fleet, Protocol):
+    """One drone, that is asked and listened to message by message."""
+
+    tells_faster: bool
+    """Whether states are told at the vehicle's own rates, which are not those that `tell` asks for."""
+
+    async def call(self, call: int, name: str) -> Result:
+        """One API call of a command by its name, returning when the autopilot has acknowledged it or the call failed.
+
+        `call` is its number in the events.
+        """
+
+    async def settle(self) -> bool:
+        """Wait until nothing goes on of the last call; whether that came about within its limit."""
+
+    def follows(self, armed: bool) -> bool:
+        """Whether the ground station knows that the drone is in hold, and armed or not."""
+
+    async def quieten(self) -> None:
+        """End the states that the arm has told at a fixed rate; raises MissionError."""
+
+    async def tell(self, name: str) -> asyncio.Queue[Any]:
+        """Have a state told at 1 Hz; returns where its values arrive. Raises MissionError."""
+
+    async def untell(self, name: str) -> None:
+        """End what `tell` began."""
 
 
 class MissionError(Exception):

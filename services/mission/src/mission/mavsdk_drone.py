@@ -19,7 +19,7 @@ from mqttxt import Word
 
 from .events import EventLog
 from .fleet import MissionError
-from .mavsdk_outcomes import Goal, HeartbeatCount, Place, Told, View, landed_of, mode_of
+from .mavsdk_outcomes import Goal, HeartbeatCount, Told, View, landed_of, mode_of, place_of
 
 logger = logging.getLogger("mavsdk")
 Value = TypeVar("Value")
@@ -84,8 +84,8 @@ class MavsdkDrone:
         self.is_connected = True
         self.is_lost = False
         self._calls = calls
-        self._system = system
-        self._telemetry = TelemetryAsync(system)
+        self.system = system
+        self.telemetry = TelemetryAsync(system)
         self._streams = streams
         self._log = log
         self._on_news = on_news
@@ -101,13 +101,27 @@ class MavsdkDrone:
         A request that is not answered is repeated until cancelled; `unanswered` is the last such and how it ended.
         """
         if self._streams == "five-states":
-            await self._ask("BATTERY_STATUS", lambda: self._telemetry.set_rate_battery(FIVE_STATES_HZ))
-            await self._ask("GLOBAL_POSITION_INT", lambda: self._telemetry.set_rate_position(FIVE_STATES_HZ))
-            await self._ask("VFR_HUD", lambda: self._telemetry.set_rate_fixedwing_metrics(FIVE_STATES_HZ))
+            for state in ("battery", "location", "groundspeed"):
+                await self.ask_rate(state, FIVE_STATES_HZ)
         await self._put_back()
         self.takeoff_altitude_m = await self._ask("takeoff altitude", lambda: self.action.get_takeoff_altitude())
         self.is_set_up = True
         self._tell()
+
+    async def ask_rate(self, state: str, rate_hz: float) -> None:
+        """Have a state told so often, 0 as often as the vehicle tells it by itself; errors as `set_up`.
+
+        A flight mode comes with every heartbeat, whose rate nobody sets; a heading with the location.
+        """
+        ask: dict[str, tuple[str, Callable[[float], Coroutine[Any, Any, None]]]] = {
+            "battery": ("BATTERY_STATUS", self.telemetry.set_rate_battery),
+            "location": ("GLOBAL_POSITION_INT", self.telemetry.set_rate_position),
+            "heading": ("GLOBAL_POSITION_INT", self.telemetry.set_rate_position),
+            "groundspeed": ("VFR_HUD", self.telemetry.set_rate_fixedwing_metrics),
+        }
+        if state in ask:
+            message, set_rate = ask[state]
+            await self._ask(message, lambda: set_rate(rate_hz))
 
     async def settle(self, goal: Goal, asked_s: float) -> tuple[Word, str | None]:
         """Wait for the effect of a command that was accepted just now: its last word, and the reason for a bad one."""
@@ -143,7 +157,7 @@ class MavsdkDrone:
 
         MAVSDK's Action asks for it at 1 Hz by itself, each time a vehicle is connected.
         """
-        await self._ask("EXTENDED_SYS_STATE", lambda: self._telemetry.set_rate_landed_state(0.0))
+        await self._ask("EXTENDED_SYS_STATE", lambda: self.telemetry.set_rate_landed_state(0.0))
 
     async def _put_back_again(self) -> None:
         try:
@@ -161,12 +175,12 @@ class MavsdkDrone:
                     raise MissionError(f"drone {self.number}: {self.unanswered}") from error
 
     def _listeners(self) -> list[Coroutine[Any, Any, None]]:
-        telemetry = self._telemetry
+        telemetry = self.telemetry
         found = [
             _each(telemetry.subscribe_armed(), self._on_armed),
             _each(telemetry.subscribe_flight_mode(), self._on_mode),
             _each(telemetry.subscribe_position(), self._on_position),
-            _each(self._system.is_connected_state(), self._on_connected),
+            _each(self.system.is_connected_state(), self._on_connected),
         ]
         if self.view.tells_landed:
             found.append(_each(telemetry.subscribe_landed_state(), self._on_landed))
@@ -197,7 +211,7 @@ class MavsdkDrone:
 
     def _on_position(self, found: Position) -> None:
         now_s = self._clock()
-        place = Place(found.latitude_deg, found.longitude_deg, found.absolute_altitude_m, found.relative_altitude_m)
+        place = place_of(found)
         self.view.place = Told(place, now_s)
         if now_s - self._logged_place_s >= LOCATION_LOG_S:
             self._logged_place_s = now_s

@@ -117,28 +117,14 @@ class MavsdkFleet:
         return await self._command("arm", lambda drone: drone.action.arm(), arm_goal())
 
     async def takeoff(self, altitude_m: float) -> list[Result]:
-        """MAVSDK's takeoff goes to the vehicle's own takeoff altitude, which is set before where it is another one."""
-
-        async def ask(drone: MavsdkDrone) -> None:
-            if drone.takeoff_altitude_m != altitude_m:
-                await drone.action.set_takeoff_altitude(altitude_m)
-                drone.takeoff_altitude_m = altitude_m
-            await drone.action.takeoff()
-
-        return await self._command("takeoff", ask, takeoff_goal(altitude_m))
+        return await self._command("takeoff", lambda drone: take_off(drone, altitude_m), takeoff_goal(altitude_m))
 
     async def land(self) -> list[Result]:
         return await self._command("land", lambda drone: drone.action.land(), land_goal())
 
     async def goto(self, points: Mapping[int, Point]) -> list[Result]:
-        """MAVSDK wants the altitude above sea level: home's is what the drone's own two altitudes differ by."""
-
-        async def ask(drone: MavsdkDrone) -> None:
-            point = points[drone.number]
-            amsl_m = drone.view.home_amsl_m + point.altitude_m
-            await drone.action.goto_location(point.latitude_deg, point.longitude_deg, amsl_m, math.nan)
-
-        return await self._command_each("goto", ask, {drone: goto_goal(point) for drone, point in points.items()})
+        goals = {drone: goto_goal(point) for drone, point in points.items()}
+        return await self._command_each("goto", lambda drone: go_to(drone, points[drone.number]), goals)
 
     async def goto_best(self, point: Point) -> Result:
         """Raises MissionError: over MAVLink nobody chooses among drones."""
@@ -251,7 +237,10 @@ class MavsdkFleet:
         return self._note(accepted.call, command, drone, word, reason)
 
     async def _call(self, drone: MavsdkDrone, command: str, ask: Ask) -> _Accepted | Result:
-        call = self._log.next_call()
+        return await self._call_as(self._log.next_call(), drone, command, ask)
+
+    async def _call_as(self, call: int, drone: MavsdkDrone, command: str, ask: Ask) -> _Accepted | Result:
+        """A call with its number."""
         asked_s = asyncio.get_running_loop().time()
         self._log.write("command", call=call, command=command, fog=drone.fog, drone=drone.number)
         try:
@@ -274,6 +263,20 @@ class MavsdkFleet:
             final=word.is_last,
         )
         return Result(drone.number, word.label, reason)
+
+
+async def take_off(drone: MavsdkDrone, altitude_m: float) -> None:
+    """MAVSDK's takeoff goes to the vehicle's own takeoff altitude, which is set before where it is another one."""
+    if drone.takeoff_altitude_m != altitude_m:
+        await drone.action.set_takeoff_altitude(altitude_m)
+        drone.takeoff_altitude_m = altitude_m
+    await drone.action.takeoff()
+
+
+async def go_to(drone: MavsdkDrone, point: Point) -> None:
+    """MAVSDK wants the altitude above sea level: home's is what the drone's own two altitudes differ by."""
+    amsl_m = drone.view.home_amsl_m + point.altitude_m
+    await drone.action.goto_location(point.latitude_deg, point.longitude_deg, amsl_m, math.nan)
 
 
 def _to_logger(level: LogLevel, message: str, file: str | None, line: int) -> bool:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
 from mavsdk.plugins.action import ActionResult
-from mavsdk.plugins.telemetry import FlightMode, LandedState
+from mavsdk.plugins.offboard import OffboardResult
+from mavsdk.plugins.telemetry import FlightMode, LandedState, Position
 
 from mqttxt import Arm, FlightModeName, Goto, Land, Landed, Return, Takeoff, Word
 from mqttxt.commands import haversine_m
@@ -29,6 +30,16 @@ _WORDS: Final[dict[ActionResult, tuple[Word, str | None]]] = {
     ActionResult.UNSUPPORTED: (Word.UNSUPPORTED, None),
     ActionResult.FAILED: (Word.FAILED, "autopilot"),
     ActionResult.INVALID_ARGUMENT: (Word.FAILED, "invalid_argument"),
+}
+
+_OFFBOARD_WORDS: Final[dict[OffboardResult, tuple[Word, str | None]]] = {
+    OffboardResult.NO_SYSTEM: (Word.UNREACHABLE, "no_system"),
+    OffboardResult.CONNECTION_ERROR: (Word.UNREACHABLE, "connection_error"),
+    OffboardResult.BUSY: (Word.FAILED, "busy"),
+    OffboardResult.COMMAND_DENIED: (Word.DENIED, "autopilot"),
+    OffboardResult.TIMEOUT: (Word.UNCONFIRMED, "timeout"),
+    OffboardResult.NO_SETPOINT_SET: (Word.FAILED, "no_setpoint_set"),
+    OffboardResult.FAILED: (Word.FAILED, "autopilot"),
 }
 
 _MODES: Final[dict[FlightMode, FlightModeName]] = {
@@ -63,6 +74,11 @@ def refusal(result: ActionResult) -> tuple[Word, str | None]:
     return _WORDS.get(result, (Word.FAILED, result.name.lower()))
 
 
+def offboard_refusal(result: OffboardResult) -> tuple[Word, str | None]:
+    """The same for a result of MAVSDK's Offboard."""
+    return _OFFBOARD_WORDS.get(result, (Word.FAILED, result.name.lower()))
+
+
 def mode_of(mode: FlightMode) -> FlightModeName:
     """A flight mode by MQTT-XT's name; UNKNOWN where it has none."""
     return _MODES.get(mode, FlightModeName.UNKNOWN)
@@ -81,6 +97,11 @@ class Place:
     longitude_deg: float
     altitude_amsl_m: float
     altitude_m: float
+
+
+def place_of(found: Position) -> Place:
+    """MAVSDK's position as a place."""
+    return Place(found.latitude_deg, found.longitude_deg, found.absolute_altitude_m, found.relative_altitude_m)
 
 
 @dataclass(frozen=True)

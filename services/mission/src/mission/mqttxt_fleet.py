@@ -96,7 +96,7 @@ class MqttxtFleet:
 
     async def goto(self, points: Mapping[int, Point]) -> list[Result]:
         """No broadcast: each drone has a command of its own; all leave at once."""
-        asked = [self._to_drone(drone, _goto(point)) for drone, point in points.items()]
+        asked = [self._to_drone(drone, as_goto(point)) for drone, point in points.items()]
         return await self._all("goto", asked)
 
     async def goto_best(self, point: Point) -> Result:
@@ -104,7 +104,7 @@ class MqttxtFleet:
         call, last = self._log.next_call(), None
         self._log.write("command", call=call, command=Goto.name, fog=None, drone=None)
         try:
-            async for event in self._station.best(_goto(point), list(self._wanted)):
+            async for event in self._station.best(as_goto(point), list(self._wanted)):
                 if isinstance(event, Outcome):
                     self._note(call, event)
                     last = event if event.is_last else last
@@ -198,7 +198,7 @@ class MqttxtFleet:
     async def _listen(self) -> None:
         async for event in self._station.events():
             if isinstance(event, StateUpdate):
-                value = {name: _plain(found) for name, found in vars(event.state).items()}
+                value = {name: plain(found) for name, found in vars(event.state).items()}
                 self._log.write("state", drone=event.drone, name=event.state.name, value=value, age_ms=event.age_ms)
             elif isinstance(event, SensorReading):
                 carried = {name: value for name, value in asdict(event).items() if name != "fog"}
@@ -222,10 +222,12 @@ class MqttxtFleet:
         return next(self._fogs[number] for number, drones in self._wanted.items() if drone in drones)
 
 
-def _goto(point: Point) -> Goto:
+def as_goto(point: Point) -> Goto:
+    """The command that sends a drone to a point."""
     return Goto(point.latitude_deg, point.longitude_deg, point.altitude_m)
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """A state's value as the events have it."""
     label = getattr(value, "label", None)
     return label if label is not None else value

@@ -9,6 +9,8 @@ from pathlib import Path
 
 PROTOCOLS = ("mqttxt", "mavlink")
 MOST_SAMPLES = 600
+MOST_COUNT = 1000
+MESSAGES = "messages"
 QOS = ("0", "1")
 STATES = ("on-change", "fixed", "bundle")
 STREAMS = ("px4-onboard", "px4-gcs", "five-states")
@@ -34,6 +36,8 @@ class Options:
     series: Path | None = None
     sensor_broker: str = ""
     links_start: Path | None = None
+    count: int = 1
+    control: Path | None = None
 
     def check(self, scenarios: tuple[str, ...], with_sensors: tuple[str, ...]) -> None:
         """Raises ValueError naming what cannot be flown."""
@@ -49,11 +53,22 @@ class Options:
             raise ValueError(f"--samples {self.samples}: expected 1 to {MOST_SAMPLES}")
         if self.links_start is not None:
             _check_makeable("--links-start", self.links_start)
+        if self.scenario == MESSAGES:
+            self._check_messages()
         if self.scenario in with_sensors:
             self._check_sensors()
         drones = sum(len(drones) for drones in self.fleet.values())
         if self.protocol == "mavlink" and len(self.urls) not in (1, drones):
             raise ValueError(f"--mavlink: {len(self.urls)} connections for {drones} drones: expected 1 or {drones}")
+
+    def _check_messages(self) -> None:
+        drones = [drone for drones in self.fleet.values() for drone in drones]
+        if len(drones) != 1:
+            raise ValueError(f"--fleet: {len(drones)} drones: expected one for {self.scenario}, as 1:1")
+        if not 1 <= self.count <= MOST_COUNT:
+            raise ValueError(f"--count {self.count}: expected 1 to {MOST_COUNT}")
+        if self.control is None:
+            raise ValueError(f"{self.scenario}: expected --control, the control socket of the autopilot's stand-in")
 
     def _check_sensors(self) -> None:
         if self.sensors is None:

@@ -25,11 +25,13 @@ def main(
     ready_file: Annotated[
         Path, typer.Option(help="File touched every second while every router hears its autopilots.")
     ],
+    only: Annotated[str, typer.Option(help="Of the drones those that fly, as 1; empty: all.")] = "",
     program: Annotated[str, typer.Option(help="The mavp2p to run.")] = "mavp2p",
 ) -> None:
     """Run mavp2p for each line of the chain, which is read from the environment's PER_UAV or SHARED."""
     try:
-        routers = read_chain(chain, parse_drones(drones), dict(os.environ))
+        flying = parse_drones(only) if only else None
+        routers = read_chain(chain, parse_drones(drones), dict(os.environ), flying)
     except ChainError as error:
         typer.echo(f"router: {error}", err=True)
         raise typer.Exit(2) from None

@@ -33,9 +33,12 @@ def parse_drones(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in parts)
 
 
-def read_chain(chain: str, drones: tuple[int, ...], environment: Mapping[str, str]) -> tuple[Router, ...]:
+def read_chain(
+    chain: str, drones: tuple[int, ...], environment: Mapping[str, str], only: tuple[int, ...] | None = None
+) -> tuple[Router, ...]:
     """A node's routers: one for each drone in `per-uav`, one for all in `shared`, none in `direct`.
 
+    `only` are the drones that fly, where not all do: the others have no router, and nobody waits for them.
     Raises ChainError for another chain, a variable that is missing, or one with other than so many lines.
     """
     if chain not in CHAINS:
@@ -47,4 +50,9 @@ def read_chain(chain: str, drones: tuple[int, ...], environment: Mapping[str, st
     heard = [(drone,) for drone in drones] if chain == "per-uav" else [drones]
     if len(lines) != len(heard):
         raise ChainError(f"{variable}: {len(lines)} lines, expected {len(heard)}: mavp2p's arguments, a router a line")
-    return tuple(Router(tuple(line), ids) for line, ids in zip(lines, heard, strict=True))
+    flying = drones if only is None else only
+    routers = (
+        Router(tuple(line), tuple(drone for drone in ids if drone in flying))
+        for line, ids in zip(lines, heard, strict=True)
+    )
+    return tuple(router for router in routers if router.drones)

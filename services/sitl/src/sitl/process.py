@@ -130,7 +130,9 @@ class Process:
                 stack.callback(link.close, loop)
                 self._links.append(link)
             if self._control is not None:
-                stack.callback((await self._open_control(self._control)).close)
+                server = await self._open_control(self._control)
+                stack.callback(self._control.unlink, missing_ok=True)
+                stack.callback(server.close)
             await self._fly()
 
     def on_message(self, link: int, message: Any, arrived_ns: int) -> None:

@@ -1,0 +1,147 @@
+"""The message set over MAVLink: MAVSDK's calls, which return at the acknowledgement, and its subscriptions."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncGenerator, Callable
+from dataclasses import asdict
+from typing import Any
+
+from mavsdk.asyncio.plugins.offboard import OffboardAsync
+from mavsdk.plugins.offboard import OffboardError, VelocityNedYaw
+
+from mqttxt import Word
+
+from .events import EventLog
+from .fleet import MissionError, Result
+from .mavsdk_drone import FIVE_STATES_HZ, MavsdkDrone
+from .mavsdk_fleet import Ask, MavsdkFleet, go_to, take_off
+from .mavsdk_outcomes import mode_of, offboard_refusal, place_of
+from .message_set import HOVER_M
+from .points import points_of
+
+RATE_LIMIT_S = 30.0
+logger = logging.getLogger("mission")
+
+
+class MavsdkMessageFleet(MavsdkFleet):
+    """One drone."""
+
+    def __init__(
+        self, urls: tuple[str, ...], fogs: dict[int, tuple[int, ...]], commanding: str, streams: str, log: EventLog
+    ) -> None:
+        super().__init__(urls, fogs, commanding, streams, log)
+        self.tells_faster = streams != "five-states"
+        self._number = self.drones[0]
+        self._offboard: OffboardAsync | None = None
+        self._is_in_offboard = False
+        self._telling: asyncio.Task[None] | None = None
+
+    async def close(self) -> None:
+        await self._end_telling()
+        await super().close()
+
+    async def changed(self) -> None:
+        """Return when something was heard since the last call; a drone that is not heard may come back."""
+        self._news.clear()
+        await self._news.wait()
+
+    async def call(self, call: int, name: str) -> Result:
+        asks: dict[str, Ask] = {
+            "arm": lambda drone: drone.action.arm(),
+            "takeoff": lambda drone: take_off(drone, HOVER_M),
+            "land": lambda drone: drone.action.land(),
+            "offboard": self._enter_offboard,
+            "goto": lambda drone: go_to(drone, points_of([drone.number])[drone.number]),
+        }
+        try:
+            accepted = await self._call_as(call, self._drone, name, asks[name])
+        except OffboardError as error:
+            return self._note(call, name, self._drone, *offboard_refusal(error.result))
+        return accepted if isinstance(accepted, Result) else Result(self._number, Word.ACCEPTED.label)
+
+    async def settle(self) -> bool:
+        """A call has ended when it returned, but for offboard's set-points."""
+        if self._is_in_offboard and self._offboard is not None:
+            self._is_in_offboard = False
+            try:
+                await self._calls.run(self._offboard.stop())
+            except OffboardError as error:  # the set-points have ended all the same
+                logger.warning("offboard: %s", error)
+        return True
+
+    def follows(self, armed: bool) -> bool:
+        """MAVSDK changes the mode first where it does not know the drone in hold."""
+        status = self.status(self._number)
+        return status.armed is armed and status.mode == "hold"
+
+    async def quieten(self) -> None:
+        if not self.tells_faster:
+            for name in ("battery", "location", "groundspeed"):
+                await self._ask_rate(name, 0.0)
+
+    async def tell(self, name: str) -> asyncio.Queue[Any]:
+        await self._end_telling()
+        told: asyncio.Queue[Any] = asyncio.Queue()
+        values, form = self._subscription(name)
+        self._telling = asyncio.create_task(_take(values, form, told))
+        if not self.tells_faster:
+            await self._ask_rate(name, FIVE_STATES_HZ)
+        return told
+
+    async def untell(self, name: str) -> None:
+        await self._end_telling()
+        try:
+            if not self.tells_faster:
+                await self._ask_rate(name, 0.0)
+        except MissionError as error:
+            logger.warning("%s", error)
+
+    @property
+    def _drone(self) -> MavsdkDrone:
+        return self._drones[self._number]
+
+    async def _enter_offboard(self, drone: MavsdkDrone) -> None:
+        """A set-point first, then the mode; MAVSDK repeats the set-point twenty times a second."""
+        if self._offboard is None:
+            self._offboard = OffboardAsync(drone.system)
+        self._is_in_offboard = True
+        await self._offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
+        await self._offboard.start()
+
+    def _subscription(self, name: str) -> tuple[AsyncGenerator[Any, None], Callable[[Any], dict[str, Any]]]:
+        """Where MAVSDK tells a state, and its value as MQTT-XT's states have it."""
+        telemetry = self._drone.telemetry
+        if name == "battery":
+            return telemetry.subscribe_battery(), lambda told: {"remaining_pct": round(told.remaining_percent)}
+        if name == "location":
+            return telemetry.subscribe_position(), lambda told: asdict(place_of(told))
+        if name == "groundspeed":
+            return telemetry.subscribe_fixedwing_metrics(), lambda told: {"groundspeed_m_s": told.groundspeed_m_s}
+        if name == "flight_mode":
+            return telemetry.subscribe_flight_mode(), lambda told: {"mode": mode_of(told).label}
+        return telemetry.subscribe_heading(), lambda told: {"heading_deg": told.heading_deg}
+
+    async def _ask_rate(self, name: str, rate_hz: float) -> None:
+        try:
+            async with asyncio.timeout(RATE_LIMIT_S):
+                await self._drone.ask_rate(name, rate_hz)
+        except TimeoutError:
+            raise MissionError(f"rate of {name}: no answer within {RATE_LIMIT_S:g} s") from None
+
+    async def _end_telling(self) -> None:
+        telling, self._telling = self._telling, None
+        if telling is not None:
+            telling.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await telling
+
+
+async def _take(
+    values: AsyncGenerator[Any, None], form: Callable[[Any], dict[str, Any]], told: asyncio.Queue[Any]
+) -> None:
+    async with contextlib.aclosing(values):
+        async for value in values:
+            told.put_nowait(form(value))

@@ -1,0 +1,165 @@
+"""The message set: ten kinds of messages to and from one drone, COUNT of each, one kind after the other.
+
+A command's unit is one API call until the autopilot's acknowledgement is there; before each the drone is put into the
+kind's starting state. A state's is one value, at 1 Hz. What fails is counted, and the next one follows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from .events import EventLog
+from .fleet import MessageFleet, MissionError
+from .side_channel import SideChannel
+
+HOVER_M = 10.0
+FOLLOW_LIMIT_S = 30.0
+"""How long to wait until the ground station has heard of a starting state; what is called then, is called anyhow."""
+TURN_S, SPARE_S = 1.0, 3.0
+"""A value comes once in a turn; one that is so much later is missing."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A starting state: at home, on the ground or hovering (then armed)."""
+
+    armed: bool
+    altitude_m: float
+
+
+COMMANDS = {
+    "arm": Start(armed=False, altitude_m=0.0),
+    "takeoff": Start(armed=True, altitude_m=0.0),
+    "land": Start(armed=True, altitude_m=HOVER_M),
+    "offboard": Start(armed=True, altitude_m=HOVER_M),
+    "goto": Start(armed=True, altitude_m=HOVER_M),
+}
+"""The commands in their order, and in what state the drone gets each."""
+STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
+ON_GROUND, HOVERING = COMMANDS["arm"], COMMANDS["land"]
+
+
+@dataclass
+class Tally:
+    """How many of a kind did what they should, and why the others did not."""
+
+    received: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def missing(self) -> int:
+        return self.reasons.total()
+
+    def __str__(self) -> str:
+        return ", ".join(f"{count} {reason}" for reason, count in self.reasons.items())
+
+
+class MessageSet:
+    """Flies the message set with one drone."""
+
+    def __init__(self, fleet: MessageFleet, log: EventLog, channel: SideChannel, count: int) -> None:
+        self._fleet = fleet
+        self._log = log
+        self._channel = channel
+        self._count = count
+
+    async def fly(self) -> None:
+        """All kinds; raises MissionError at the end, naming every kind of which nothing succeeded."""
+        tallies = {name: await self._calls(name) for name in COMMANDS}
+        await self._reset(HOVERING)
+        await self._fleet.quieten()
+        tallies |= {name: await self._values(name) for name in STATES}
+        await self._reset(ON_GROUND)
+        silent = [f"{name}: none of {self._count} ({tally})" for name, tally in tallies.items() if not tally.received]
+        if silent:
+            raise MissionError("; ".join(silent))
+
+    async def _calls(self, name: str) -> Tally:
+        """COUNT calls of a command."""
+        self._began(name, "command")
+        tally = Tally()
+        for number in range(1, self._count + 1):
+            self._show(name, number)
+            call = self._log.next_call()
+            followed = await self._reset(COMMANDS[name])
+            self._log.write("reset", call=call, followed=followed)
+            result = await self._fleet.call(call, name)
+            if result.word in ("accepted", "completed"):
+                tally.received += 1
+            else:
+                tally.reasons[result.word + (f" ({result.reason})" if result.reason else "")] += 1
+        self._done(name, tally)
+        return tally
+
+    async def _values(self, name: str) -> Tally:
+        """COUNT values of a state, which is told at 1 Hz for so long."""
+        tally = Tally()
+        try:
+            values = await self._fleet.tell(name)
+        except MissionError as error:
+            self._began(name, "state")
+            tally.reasons[str(error)] = self._count
+            self._done(name, tally)
+            return tally
+        self._began(name, "state")
+        clock = asyncio.get_running_loop().time
+        while not values.empty():
+            values.get_nowait()  # told before the kind began
+        taken_s = clock()
+        for number in range(1, self._count + 1):
+            self._show(name, number)
+            try:
+                value = await self._next(values, taken_s)
+            except TimeoutError:
+                tally.reasons["not told in time"] += 1
+            else:
+                tally.received += 1
+                self._log.write("value", name=name, number=number, value=value)
+            taken_s = clock()
+        self._done(name, tally)
+        await self._fleet.untell(name)
+        return tally
+
+    async def _next(self, values: asyncio.Queue[Any], taken_s: float) -> Any:
+        """The next value that is told; of a state that is told faster, the newest once a second."""
+        async with asyncio.timeout_at(taken_s + TURN_S + SPARE_S):
+            if self._fleet.tells_faster:
+                await asyncio.sleep(taken_s + TURN_S - asyncio.get_running_loop().time())
+            value = await values.get()
+            while self._fleet.tells_faster and not values.empty():
+                value = values.get_nowait()
+            return value
+
+    async def _reset(self, start: Start) -> bool:
+        """Put the drone into a starting state; returns whether the ground station has heard of it.
+
+        It is disarmed on the way: so what the last call began is over, and ends with its last word.
+        """
+        await self._channel.set(armed=False, battery_pct=100)
+        settled = await self._fleet.settle()
+        followed = await self._follow(armed=False)
+        if start.armed:
+            await self._channel.set(armed=True, altitude_m=start.altitude_m)
+            followed = await self._follow(armed=True) and followed
+        return followed and settled
+
+    async def _follow(self, armed: bool) -> bool:
+        try:
+            async with asyncio.timeout(FOLLOW_LIMIT_S):
+                while not self._fleet.follows(armed):
+                    await self._fleet.changed()
+        except TimeoutError:
+            return False
+        return True
+
+    def _began(self, name: str, form: str) -> None:
+        self._log.write("kind", name=name, form=form, count=self._count)
+
+    def _done(self, name: str, tally: Tally) -> None:
+        self._log.write("kind_done", name=name, received=tally.received, missing=tally.missing)
+
+    def _show(self, name: str, number: int) -> None:
+        self._log.show(name, dict.fromkeys(self._fleet.drones, f"{number} of {self._count}"))

@@ -1,0 +1,164 @@
+"""The message set over MQTT-XT: a call returns at its first word; its last one is awaited before the next call."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from typing import Any
+
+from mqttxt import (
+    Arm,
+    Armed,
+    Command,
+    Drone,
+    Land,
+    MqttxtError,
+    Offboard,
+    Outcome,
+    StateUpdate,
+    Stream,
+    Takeoff,
+    Velocity,
+    Word,
+)
+
+from .events import EventLog
+from .fleet import MissionError, Result
+from .message_set import HOVER_M
+from .mqttxt_fleet import FIVE_STATES, FIVE_STATES_HZ, MqttxtFleet, as_goto, plain
+from .points import points_of
+
+FIRST_WORD_LIMIT_S = 15.0
+"""A command's deadline, 5 s, and what an outage adds to it: after that nothing is to be heard of the call."""
+LAST_WORD_LIMIT_S = 10.0
+STREAM_LIMIT_S = 30.0
+OFFBOARD_S = 60.0
+"""Longer than any call; putting the drone back ends it."""
+logger = logging.getLogger("mission")
+
+
+class MqttxtMessageFleet(MqttxtFleet):
+    """One drone of one fog."""
+
+    tells_faster = False
+
+    def __init__(
+        self, cloud: str, fogs: dict[int, tuple[int, ...]], qos: int, log: EventLog, states: str = "on-change"
+    ) -> None:
+        super().__init__(cloud, fogs, qos, log, states)
+        self._number = self.drones[0]
+        self._following: asyncio.Task[None] | None = None
+        self._told: asyncio.Queue[Any] = asyncio.Queue()
+        self._telling: asyncio.Task[None] | None = None
+
+    async def close(self) -> None:
+        await _end(self._following)
+        await _end(self._telling)
+        await super().close()
+
+    async def call(self, call: int, name: str) -> Result:
+        command = self._command(name)
+        self._log.write("command", call=call, command=name, fog=self._fog_of(self._number).number, drone=self._number)
+        first: asyncio.Future[Result] = asyncio.get_running_loop().create_future()
+        self._following = asyncio.create_task(self._follow_call(call, name, self._drone().outcomes(command), first))
+        await asyncio.wait({first}, timeout=FIRST_WORD_LIMIT_S)
+        if not first.done():
+            first.set_result(self._own_word(call, name, Word.UNCONFIRMED, "no_word"))
+        return first.result()
+
+    async def settle(self) -> bool:
+        """A drone that is disarmed meanwhile ends what it does; its last word says so."""
+        following, self._following = self._following, None
+        if following is None:
+            return True
+        await asyncio.wait({following}, timeout=LAST_WORD_LIMIT_S)
+        in_time = following.done()
+        await _end(following)
+        return in_time
+
+    def follows(self, armed: bool) -> bool:
+        """The UAV client, which is beside its autopilot, judges by what comes after an acknowledgement."""
+        known = self._drone().states.get("armed")
+        return known is not None and known.state == Armed(armed)
+
+    async def quieten(self) -> None:
+        if self._at_fixed_rate:
+            for name in FIVE_STATES:
+                await self._ask_rate(name, 0.0)
+
+    async def tell(self, name: str) -> asyncio.Queue[Any]:
+        await _end(self._telling)
+        self._told = asyncio.Queue()
+        self._telling = asyncio.create_task(self._take(name, self._told))
+        await self._ask_rate(name, FIVE_STATES_HZ)
+        return self._told
+
+    async def untell(self, name: str) -> None:
+        await _end(self._telling)
+        try:
+            await self._ask_rate(name, 0.0)
+        except MissionError as error:
+            logger.warning("%s", error)
+
+    def _command(self, name: str) -> Command:
+        commands: dict[str, Command] = {
+            "arm": Arm(),
+            "takeoff": Takeoff(HOVER_M),
+            "land": Land(),
+            "offboard": Offboard(OFFBOARD_S, velocity=Velocity(0.0, 0.0, 0.0)),
+            "goto": as_goto(points_of([self._number])[self._number]),
+        }
+        return commands[name]
+
+    def _drone(self) -> Drone:
+        return self._fog_of(self._number).drone(self._number)
+
+    async def _follow_call(
+        self, call: int, name: str, outcomes: AsyncIterator[Outcome], first: asyncio.Future[Result]
+    ) -> None:
+        """Write down what is said of a call up to its last word; its first one is `first`."""
+        try:
+            async for outcome in outcomes:
+                self._note(call, outcome)
+                if not first.done():
+                    first.set_result(Result(self._number, outcome.word.label, outcome.reason))
+        except MqttxtError as error:
+            logger.warning("call %d: %s", call, error)
+        if not first.done():
+            first.set_result(self._own_word(call, name, Word.UNREACHABLE, "not_sent"))
+
+    def _own_word(self, call: int, name: str, word: Word, reason: str) -> Result:
+        """The ground station's own word about a call of which nobody said one."""
+        fog = self._fog_of(self._number).number
+        told = {"id": None, "word": word.label, "reason": reason, "final": word.is_last}
+        self._log.write("outcome", call=call, command=name, fog=fog, drone=self._number, **told)
+        return Result(self._number, word.label, reason)
+
+    async def _take(self, name: str, told: asyncio.Queue[Any]) -> None:
+        async for event in self._station.events():
+            if isinstance(event, StateUpdate) and event.drone == self._number and event.state.name == name:
+                told.put_nowait({field: plain(value) for field, value in vars(event.state).items()})
+
+    async def _ask_rate(self, name: str, rate_hz: float) -> None:
+        """Have a state told so often; raises MissionError where that is refused, or not done within its limit."""
+        last = None
+        try:
+            async with asyncio.timeout(STREAM_LIMIT_S):
+                while last is None or last.word is not Word.COMPLETED:
+                    last = await self._drone().send(Stream(name, rate_hz))
+                    if last.word in (Word.DENIED, Word.UNSUPPORTED):
+                        break
+        except (TimeoutError, MqttxtError) as error:
+            raise MissionError(f"stream {name}: {error or f'not done within {STREAM_LIMIT_S:g} s'}") from error
+        if last.word is not Word.COMPLETED:
+            raise MissionError(f"stream {name}: {last.word.label} ({last.reason})")
+
+
+async def _end(task: asyncio.Task[None] | None) -> None:
+    """Cancel a task; raises what it failed with."""
+    if task is not None:
+        task.cancel()
+        await asyncio.wait({task})
+        if not task.cancelled():
+            task.result()
