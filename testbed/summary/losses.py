@@ -42,12 +42,12 @@ def loss(attempts: list[dict[str, Any]], kind: str) -> Loss:
     return Loss(sum(one["lost"] for one in counts), sum(one["sent"] - one["open"] for one in counts))
 
 
-def both_sides(cell: Cell, kind: str) -> str:
-    """'0 (< 0.44 %) / 23 %'; with FAILED where a side completed no attempt."""
+def both_sides(cell: Cell, kind: str) -> list[str]:
+    """'0 (< 0.44 %)' and '23 %'; with FAILED where a side completed no attempt."""
     said = []
     for protocol in SIDES:
         side = cell.metrics["protocols"].get(protocol, {"attempts": []})
         done = completed(side)
         found = str(loss(done or side["attempts"], kind))
         said.append(found if done or found == words.NOTHING else f"{found}{FAILED}")
-    return " / ".join(said)
+    return said

@@ -14,8 +14,7 @@ from ..errors import UserError
 from ..experiments import EXPERIMENTS
 from ..profiles.reading import profile_names
 from ..report import words
-from . import bytes as where
-from . import claims, numbers
+from . import claims, numbers, traffic
 from .cells import Cell
 from .overview import Overview, overviews
 
@@ -78,7 +77,7 @@ def numbers_of(overview: Overview) -> Iterator[str]:
     """A table by profile, what went wrong below it, and on which profiles it was not flown."""
     for block in overview.blocks:
         yield f"**Profile `{block.profile}`**"
-        rows = [[f"`{row.arm}`", *(row.texts[name] for name in numbers.COLUMNS)] for row in block.rows]
+        rows = [[f"`{row.arm}`", *(str(row.texts[name]) for name in numbers.COLUMNS)] for row in block.rows]
         yield _table(["arm", *numbers.COLUMNS.values()], rows)
         yield from (f"{_plain(f'`{arm}`, {said}')}." for arm, said in block.troubles)
     if overview.missing:
@@ -88,7 +87,7 @@ def numbers_of(overview: Overview) -> Iterator[str]:
 def claims_of(overview: Overview) -> Iterator[str]:
     """Each claim of the thesis in each cell that was flown."""
     rows = [
-        [f"`{block.profile}`", f"`{cell.arm}`", numbers.completed_of(cell), *map(str, judged)]
+        [f"`{block.profile}`", f"`{cell.arm}`", str(numbers.completed_of(cell)), *map(str, judged)]
         for block in overview.blocks
         for cell, judged in block.judged
     ]
@@ -100,7 +99,7 @@ def bytes_of(overview: Overview) -> Iterator[str]:
     """Where the bytes of both sides are, in a table by profile."""
     for block in overview.blocks:
         yield f"**Profile `{block.profile}`**"
-        headings, rows = where.table([one for cell, _ in block.judged for one in where.bytes_of(cell)])
+        headings, rows = traffic.table([one for cell, _ in block.judged for one in traffic.bytes_of(cell)])
         yield _table(headings, [[f"`{arm}`", *rest] for arm, *rest in rows])
     if not overview.blocks:
         yield NOT_FLOWN
@@ -110,7 +109,7 @@ def series_of(overview: Overview) -> Iterator[str]:
     """From which series the numbers are, of which revision, and what is to know of it."""
     rows = []
     for cell in overview.cells:
-        told = [(cell.metrics["revision"] or "several")[:12], cell.metrics["shaper"], numbers.completed_of(cell)]
+        told = [(cell.metrics["revision"] or "several")[:12], cell.metrics["shaper"], str(numbers.completed_of(cell))]
         rows.append([f"`{cell.name}`", *told, "; ".join(map(_plain, cell.metrics["notes"]))])
     yield _table(["series", "revision", "shaper", "completed", ""], rows) if rows else NOT_FLOWN
 
@@ -126,7 +125,7 @@ class Kind:
 KINDS = {
     "numbers": Kind(numbers_of, numbers.READING),
     "claims": Kind(claims_of, claims.READING),
-    "bytes": Kind(bytes_of, where.READING),
+    "bytes": Kind(bytes_of, traffic.READING),
     "series": Kind(series_of),
 }
 """By the first word of a marker's name; an experiment follows, and a profile if it is to be one alone."""

@@ -18,38 +18,52 @@ COLUMNS = {
     "packets": "packets",
     "bytes": "bytes",
     "rate": "bytes a second",
+    "rates": "×",
     "mission": "mission time",
     "change": "change",
     "commands lost": "commands lost",
     "states lost": "states lost",
     "frames lost": "frames lost",
     "delay": "command delay",
-    "delay ratio": "MQTT-XT's / MAVLink's",
+    "delay ratio": "its ratio",
 }
 """What a row of a cell has, with its heading; where both sides are in a column, MQTT-XT is the first."""
 READING = (
     "In each column MQTT-XT comes first, then MAVLink. Packets and bytes: how many times those of MQTT-XT MAVLink "
     "needed for the mission, made only where both sides completed an attempt, as is the change of the mission time "
     "(MQTT-XT's against MAVLink's). Bytes a second are over every attempt that counts, so that a failed one, which "
-    "ends early, can be compared too. Medians of the attempts; losses are of all completed attempts together, "
-    f"with {losses.FAILED} of failed ones until they gave up, and where nothing was lost the 95 % bound is beside it. "
-    "Command delay: from the ground station to the drone, by "
-    "capture."
+    "ends early, can be compared too; × is MAVLink's over MQTT-XT's. Medians of the attempts; losses are of all "
+    f"completed attempts together, with {losses.FAILED} of failed ones until they gave up, and where nothing was lost "
+    "the 95 % bound is beside it. Command delay: from the ground station to the drone, by capture; its ratio is "
+    "MQTT-XT's over MAVLink's."
 )
 
 
 @dataclass(frozen=True)
-class Numbers:
-    """A row: its arm, the text of each column, and the cell, None where it was not flown.
+class Pair:
+    """What both sides have in a column, as text."""
 
-    `packets`, `bytes` and `mission` are MAVLink's over MQTT-XT's, None where there is no ratio to make.
+    mqttxt: str
+    mavlink: str
+
+    def __str__(self) -> str:
+        return f"{self.mqttxt} / {self.mavlink}"
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A row: its arm, what stands in each column, and the cell, None where it was not flown.
+
+    `packets`, `bytes`, `rate` (bytes a second) and `mission` are MAVLink's over MQTT-XT's, None where there is no ratio
+    to make.
     """
 
     arm: str
-    texts: dict[str, str]
+    texts: dict[str, str | Pair]
     cell: Cell | None = None
     packets: float | None = None
     bytes: float | None = None
+    rate: float | None = None
     mission: float | None = None
 
 
@@ -64,18 +78,21 @@ def numbers_of(cell: Cell) -> Numbers:
     ratios = cell.metrics["ratios"]
     packets, size, mission = (ratios.get(name) for name in ("packets", "size", "mission"))
     delay = rows["delay of commands"].ratio
-    texts = {
+    rates = {protocol: rate_of(cell, protocol, lambda one: float(one["size_bytes"])) for protocol in SIDES}
+    rate = comparison.quotient(rates["mavlink"], rates["mqttxt"])
+    texts: dict[str, str | Pair] = {
         "completed": completed_of(cell),
         "packets": _times(packets),
         "bytes": _times(size),
-        "rate": _rates(cell),
-        "mission": _both(cell, rows["mission time"]),
+        "rate": Pair(*(words.size(rates[protocol]) for protocol in SIDES)),
+        "rates": _times(rate),
+        "mission": _both(rows["mission time"]),
         "change": change(1 / mission) if mission else words.NOTHING,
-        **{f"{kind} lost": losses.both_sides(cell, kind) for kind in losses.KINDS},
-        "delay": _both(cell, rows["delay of commands"]),
+        **{f"{kind} lost": Pair(*losses.both_sides(cell, kind)) for kind in losses.KINDS},
+        "delay": _both(rows["delay of commands"]),
         "delay ratio": words.digits(1 / delay) if delay else words.NOTHING,
     }
-    return Numbers(cell.arm, texts, cell, packets, size, mission)
+    return Numbers(cell.arm, texts, cell, packets, size, rate, mission)
 
 
 def attempts_of(cell: Cell, protocol: str) -> str:
@@ -84,9 +101,9 @@ def attempts_of(cell: Cell, protocol: str) -> str:
     return row.cells[protocol].text if protocol in row.cells else NOT_FLOWN
 
 
-def completed_of(cell: Cell) -> str:
+def completed_of(cell: Cell) -> Pair:
     """The same of both sides."""
-    return " / ".join(attempts_of(cell, protocol) for protocol in SIDES)
+    return Pair(*(attempts_of(cell, protocol) for protocol in SIDES))
 
 
 def troubles(cell: Cell) -> list[str]:
@@ -111,15 +128,8 @@ def rate_of(cell: Cell, protocol: str, amount: Callable[[dict[str, Any]], float]
     return median(found) if found else None
 
 
-def _rates(cell: Cell) -> str:
-    rates = {protocol: rate_of(cell, protocol, lambda one: float(one["size_bytes"])) for protocol in SIDES}
-    ratio = comparison.quotient(rates["mavlink"], rates["mqttxt"])
-    said = " / ".join(words.size(rates[protocol]) for protocol in SIDES)
-    return said if ratio is None else f"{said} ({_times(ratio)})"
-
-
-def _both(cell: Cell, row: comparison.Row) -> str:
-    return " / ".join(row.cells[protocol].text if protocol in row.cells else words.NOTHING for protocol in SIDES)
+def _both(row: comparison.Row) -> Pair:
+    return Pair(*(row.cells[protocol].text if protocol in row.cells else words.NOTHING for protocol in SIDES))
 
 
 def _times(ratio: float | None) -> str:

@@ -16,6 +16,7 @@ from testbed.summary.cells import Cell, find_cells
 from testbed.summary.markdown import fill
 from testbed.summary.numbers import numbers_of, troubles
 from testbed.summary.overview import overviews
+from testbed.summary.page import finding, write_summary
 
 MARKED = "Before.\n\n<!-- summary:{name} -->\nold\n<!-- /summary -->\n\nAfter.\n"
 
@@ -75,11 +76,12 @@ def test_a_row_has_both_sides_and_their_ratios(tmp_path: Path) -> None:
     lossy = [attempt("mavlink", lost=23)]
     finished(tmp_path, [attempt("mqttxt")], lossy)
     row = numbers_of(only_cell(tmp_path))
-    assert row.texts == {
+    assert {name: str(text) for name, text in row.texts.items()} == {
         "completed": "1 of 1 / 1 of 1",
         "packets": "265×",
         "bytes": "288×",
-        "rate": "3.99 kB / 697 kB (175×)",
+        "rate": "3.99 kB / 697 kB",
+        "rates": "175×",
         "mission": "36.6 s / 60.3 s",
         "change": "−39 %",
         "commands lost": "0 (< 17 %) / 0 (< 17 %)",
@@ -95,11 +97,12 @@ def test_a_side_that_never_completes_makes_no_ratio_but_has_its_rate(tmp_path: P
     finished(tmp_path, [attempt("mqttxt", number) for number in (1, 2)], failures)
     cell = only_cell(tmp_path)
     row = numbers_of(cell)
-    assert row.texts["completed"] == "2 of 2 / 0 of 2"
+    assert str(row.texts["completed"]) == "2 of 2 / 0 of 2"
     assert (row.texts["packets"], row.texts["bytes"], row.texts["change"]) == ("–", "–", "–")
-    assert row.texts["rate"].endswith("/ 10.0 kB (2.5×)")
-    assert row.texts["mission"].endswith("/ –")
-    assert row.texts["states lost"] == "0 (< 1.5 %) / 0 (< 1.5 %)†"
+    assert str(row.texts["rate"]).endswith("/ 10.0 kB")
+    assert row.texts["rates"] == "2.5×"
+    assert str(row.texts["mission"]).endswith("/ –")
+    assert str(row.texts["states lost"]) == "0 (< 1.5 %) / 0 (< 1.5 %)†"
     assert troubles(cell) == ["MAVLink, attempts 1 and 2 failed: arm: drone 2: unconfirmed"]
 
 
@@ -144,7 +147,7 @@ def test_every_arm_has_a_row_flown_or_not_and_profiles_come_as_people_ask(tmp_pa
     finished(tmp_path, *both(), arm="thesis+qos-1", profile="ideal")
     (overview,) = overviews(find_cells([tmp_path]).cells)
     assert [block.profile for block in overview.blocks] == ["ideal", "lossy", "3g"]
-    rows = {row.arm: row.texts["completed"] for row in overview.blocks[0].rows}
+    rows = {row.arm: str(row.texts["completed"]) for row in overview.blocks[0].rows}
     assert list(rows)[:3] == ["thesis", "thesis+qos-1", "thesis-concurrent"]
     assert rows["direct"] == "not flown"
     assert "thesis" in overview.missing
@@ -234,6 +237,65 @@ def test_a_document_with_wrong_markers_is_left_as_it_is(tmp_path: Path, text: st
     assert document.read_text() == text
 
 
+def page_of(root: Path, *, html: Path | None = None) -> str:
+    target = html or root / "summary.html"
+    write_summary(find_cells([root]), target, ("scenario-1", "scenario-2"))
+    return target.read_text()
+
+
+def test_the_page_has_each_cell_with_a_link_to_its_report_and_what_was_not_flown(tmp_path: Path) -> None:
+    series = finished(tmp_path, *both())
+    page = page_of(tmp_path, html=tmp_path / "pages" / "all.html")
+    assert f'<a href="../{series.path.relative_to(tmp_path)}/report.html">thesis</a>' in page
+    assert '<span class="of-mqttxt">36.6 s</span><span class="of-mavlink">60.3 s</span>' in page
+    assert page.count(">not flown</td>") == 4
+    assert '<h2>Scenario 2</h2>\n<p class="what">' in page
+    assert page.count('<p class="note">Not flown.</p>') == 1
+
+
+def test_the_page_begins_with_how_much_was_completed_and_between_what_the_ratios_lie(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    finished(tmp_path, [attempt("mqttxt")], [attempt("mavlink", size_bytes=292_000)], profile="lte")
+    finished(tmp_path, [attempt("mqttxt")], [gave_up("mavlink", "denied")], profile="geo")
+    assert finding(find_cells([tmp_path]).cells) == (
+        "In 3 series MQTT-XT completed 3 of 3 attempts and MAVLink completed 2 of 3 attempts; where both did, MAVLink "
+        "needed 2.0 to 288 times the bytes and 1.6 times the mission time."
+    )
+
+
+def test_without_a_pair_of_completed_attempts_the_page_says_so(tmp_path: Path) -> None:
+    finished(tmp_path, [attempt("mqttxt")], [gave_up("mavlink", "denied <b>")])
+    page = page_of(tmp_path)
+    assert "in none of them did both." in page
+    assert "MAVLink, attempt 1 failed: denied &lt;b&gt;" in page
+
+
+def test_the_figure_has_its_data_beside_the_page_and_pale_marks_where_there_is_no_ratio(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    finished(tmp_path, [attempt("mqttxt")], [gave_up("mavlink", "denied")], arm="direct", profile="lte")
+    page = page_of(tmp_path)
+    assert 'href="summary-ratios-scenario-1.csv"' in page
+    header, ideal, lte = (tmp_path / "summary-ratios-scenario-1.csv").read_text().splitlines()
+    assert header == "profile,arm,packets,bytes,bytes_per_s,mission_time"
+    assert ideal.startswith("ideal,thesis,265,288,")
+    assert lte.startswith("lte,direct,,,2.5")
+    assert "lte, direct: 2.5× bytes a second" in page
+    assert (tmp_path / "summary-ratios-scenario-1.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_page_is_the_same_for_the_same_results(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    assert page_of(tmp_path) == page_of(tmp_path)
+
+
+def test_an_experiment_of_one_side_only_has_numbers_and_no_figure(tmp_path: Path) -> None:
+    finished(tmp_path, [attempt("mqttxt")], [], experiment="search")
+    page = page_of(tmp_path)
+    assert "<h2>search</h2>" in page
+    assert "<figure>" not in page
+    assert '<span class="of-mavlink">not flown</span>' in page
+
+
 def test_a_folder_that_is_none_or_has_nothing_finished_is_said_in_one_line(tmp_path: Path) -> None:
     missing = CliRunner().invoke(app, ["summary", str(tmp_path / "none")])
     assert (missing.exit_code, missing.stderr.count("\n")) == (2, 1)
@@ -249,3 +311,5 @@ def test_the_command_fills_a_document(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["summary", str(tmp_path), "--markdown", str(document)])
     assert (result.exit_code, result.stdout) == (0, f"{document}: numbers:scenario-1\n")
     assert "265×" in document.read_text()
+    assert not (tmp_path / "summary.html").exists()
+    assert CliRunner().invoke(app, ["summary", str(tmp_path)]).stdout == f"page: {tmp_path / 'summary.html'}\n"

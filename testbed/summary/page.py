@@ -1,0 +1,86 @@
+"""The summary as a page: a section for each experiment, with its figure, its numbers and the thesis's claims."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..report import words
+from ..report.comparison import completion
+from ..report.figures.draw import WIDE
+from ..report.figures.pdf import pdf
+from ..report.html import environment
+from ..results import REPORT
+from . import claims, numbers, traffic
+from .cells import Cell, Found
+from .figure import ratios
+from .overview import overviews
+
+PAGE = "summary.html"
+
+
+def write_summary(found: Found, target: Path, experiments: Sequence[str] = ()) -> None:
+    """A self-contained page, with each figure's data (`.csv`) and the figure for papers (`.pdf`) beside it.
+
+    Every cell links to its series' own report, relative to the page. `experiments` are shown though nothing of them
+    was flown.
+    """
+    shown = overviews(found.cells, experiments)
+    figures = {one.experiment: figure for one in shown if (figure := ratios(one)) is not None}
+    tables = {
+        (one.experiment, block.profile): traffic.table([b for cell, _ in block.judged for b in traffic.bytes_of(cell)])
+        for one in shown
+        for block in one.blocks
+    }
+    page = (
+        environment()
+        .get_template("summary.html")
+        .render(
+            finding=finding(found.cells),
+            overviews=shown,
+            figures=figures,
+            bytes=tables,
+            names={one.experiment: words.EXPERIMENT_NAMES.get(one.experiment, one.experiment) for one in shown},
+            what=words.EXPERIMENT_WHAT,
+            columns=numbers.COLUMNS,
+            claims=[claim.heading for claim in claims.claims()],
+            readings={"numbers": numbers.READING, "claims": claims.READING, "bytes": traffic.READING},
+            completed=numbers.completed_of,
+            report=lambda cell: _report(cell, target),
+            beside=target.stem,
+            unread=found.unread,
+        )
+    )
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(page, encoding="utf-8")
+    for figure in figures.values():
+        base = target.with_name(f"{target.stem}-{figure.name}")
+        base.with_suffix(".csv").write_text(figure.csv(), encoding="utf-8")
+        base.with_suffix(".pdf").write_bytes(pdf(figure.draw(WIDE), figure.title))
+
+
+def finding(cells: Sequence[Cell]) -> str:
+    """How many attempts were completed over each protocol, and between what the ratios of bytes and times lie."""
+    done = dict.fromkeys(words.PROTOCOL_NAMES, (0, 0))
+    for cell in cells:
+        for protocol, one in completion(cell.metrics).items():
+            whole, of = done[protocol]
+            done[protocol] = whole + one.completed, of + one.flown
+    parts = [f"{words.name_of(p)} completed {whole:,} of {of:,} attempts" for p, (whole, of) in done.items() if of]
+    said = f"In {len(cells)} series {words.listed(parts)}"
+    compared = [cell.metrics["ratios"] for cell in cells if {"size", "mission"} <= set(cell.metrics["ratios"])]
+    if not compared:
+        return f"{said}; in none of them did both."
+    size, mission = (_span([one[name] for one in compared]) for name in ("size", "mission"))
+    return f"{said}; where both did, MAVLink needed {size} times the bytes and {mission} times the mission time."
+
+
+def _span(ratios: list[float]) -> str:
+    least, most = words.ratio(min(ratios)), words.ratio(max(ratios))
+    return least if least == most else f"{least} to {most}"
+
+
+def _report(cell: Cell, target: Path) -> str | None:
+    report = cell.series.path / REPORT
+    return Path(os.path.relpath(report, target.parent.resolve())).as_posix() if report.exists() else None
