@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from ..metrics import mission_window
+from ..metrics.readings import readings_of
 from ..packets import load
 from ..results import Attempt, Series, read_json, read_json_lines
 from . import sentences, words
 from .figures.flights import Flights, flights, flights_of
 from .figures.per_link import per_link
+from .figures.readings import Side
 from .gallery import Seen
 
 
@@ -64,7 +66,10 @@ def seen_of(page: dict[str, Any]) -> Seen:
     flown: Flights | None = page["flights"]
     if window is None:
         return Seen(flown, None)
-    return Seen(flown, per_link(load(attempt), *window, _losses_counted_from_ns(attempt)))
+    packets = load(attempt)
+    sensed = readings_of(attempt, packets)
+    measured = Side(sensed.measured, window[0]) if sensed is not None else None
+    return Seen(flown, per_link(packets, *window, _losses_counted_from_ns(attempt)), measured)
 
 
 def _losses_counted_from_ns(attempt: Attempt) -> int:
@@ -154,6 +159,7 @@ def _trouble(
 def _files(attempt: Attempt) -> list[Path]:
     patterns = (
         *("manifest.json", "events.jsonl", "pcap/*.pcap", "pcap/captures.json"),
-        *("packets.parquet", "messages.parquet", "links/*", "sitl/*.jsonl", "logs/*.log"),
+        *("packets.parquet", "messages.parquet", "links/*", "sitl/*.jsonl", "sensors/*.jsonl"),
+        *("series.json", "logs/*.log"),
     )
     return [path for pattern in patterns for path in sorted(attempt.path.glob(pattern))]

@@ -8,6 +8,7 @@ from statistics import mean, median
 from typing import Any
 
 from . import words
+from .frames import entered, share_lost
 
 Attempt = dict[str, Any]
 
@@ -105,7 +106,7 @@ def rows(metrics: dict[str, Any]) -> list[Row]:
     losses: list[tuple[str, Callable[[Attempt], float | None], Callable[[Attempt], int]]] = [
         ("commands lost", lambda a: a["message_loss"]["commands"], lambda a: a.get("commands_sent", 0)),
         ("states lost", lambda a: a["message_loss"]["states"], lambda a: a.get("states_sent", 0)),
-        ("frames lost", lambda a: a["wire_loss"], lambda a: a["packets"]),
+        ("frames lost", share_lost, entered),
     ]
     for name, share, of in losses:
         cells = {protocol: _pooled_loss(completed(side), share, of) for protocol, side in words.sides(metrics)}

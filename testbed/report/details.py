@@ -20,7 +20,7 @@ LAYERS = (
 )
 _NO_COUNT = {"packets": 0, "bytes": 0, "lost": 0}
 _CLASSES = ("wan", "backhaul", "air", "sense")
-_NODES = ("gs", "cloud", "fog", "uav")
+_NODES = ("gs", "cloud", "fog", "uav", "sensor")
 _IDLE = "nodes that only hold an address"
 _ROLES = (
     ("ground station", ("gs",)),
@@ -28,12 +28,14 @@ _ROLES = (
     ("activators", ("activator",)),
     ("UAV clients", ("client",)),
     ("routers", ("router-",)),
+    ("plain brokers beside it", ("bridge-",)),
     ("autopilots", ("sitl",)),
+    ("sensors", ("meter",)),
     ("network and captures", ("net",)),
-    (_IDLE, ("cloud", "fog", "uav")),
+    (_IDLE, ("cloud", "fog", "uav", "sensor")),
 )
 _NODES_WERE_ROLES = (("broker", ("cloud",)), ("activators", ("fog",)), ("UAV clients", ("uav",)))
-_NOT_THE_PROTOCOLS = ("autopilots", "network and captures")
+_NOT_THE_PROTOCOLS = ("autopilots", "sensors", "network and captures")
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import Any
 
 from . import details, thesis, words
 from .comparison import completed
+from .figures import readings
 from .figures.attempts import Amount, Mission, mission_time, scenarios
 from .figures.delays import by_number, delays_of, distribution
 from .figures.figure import Figure
@@ -29,6 +30,7 @@ class Seen:
 
     flights: Flights | None
     per_link: PerLink | None
+    readings: readings.Side | None = None
 
 
 def figures_of(
@@ -44,9 +46,12 @@ def figures_of(
     """
     done = {p: completed(side) for p, side in words.sides(metrics)}
     kinds = delays_of({p: attempts for p, attempts in done.items() if attempts}, commands)
+    measured = {p: one.readings for p, one in seen.items() if one.readings is not None}
     made = [
         topology(_topology(metrics, shown, links), metrics["profile"], metrics["shaper"]),
         flights([one.flights for one in seen.values() if one.flights is not None]),
+        readings.values(measured),
+        readings.delays(measured),
         by_number(kinds),
         distribution(kinds),
         histogram({p: _bins(attempt) for p, attempt in shown.items() if attempt.get("size_histogram")}),

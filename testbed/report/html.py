@@ -9,7 +9,7 @@ from typing import Any
 import jinja2
 
 from ..results import REPORT, Series
-from . import attempt_page, beside, comparison, details, factors, gallery, sentences, thesis, words
+from . import attempt_page, beside, comparison, details, factors, gallery, readings, sentences, thesis, words
 from .figures.files import FOLDER, write_files
 
 TEMPLATES = Path(__file__).parent / "page"
@@ -60,6 +60,7 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
             papers=papers,
             lost_none=sentences.none_lost(gallery.losses_of(shown, seen)),
             **_in_detail(shown, of, commands),
+            sensors=_sensors(metrics, shown),
         )
     )
     write_files(series.path / FOLDER, figures, papers)
@@ -98,6 +99,17 @@ def _conditions(metrics: dict[str, Any], attempts: list[dict[str, Any]]) -> dict
         "fairness": factors.fairness(configuration) if both else [],
         "deviations": factors.deviations(configuration, metrics["arm"]),
         "mixed": factors.mixed([attempt["manifest"] for attempt in attempts]),
+    }
+
+
+def _sensors(metrics: dict[str, Any], shown: details.Shown) -> dict[str, Any]:
+    """The section on sensors; its rows are empty where there are none."""
+    return {
+        "rows": readings.rows_of(shown),
+        "said": readings.said(metrics),
+        "traffic": readings.traffic_of(shown),
+        "purposes": [name for _, name in readings.PURPOSES],
+        "cost": readings.cost(shown),
     }
 
 

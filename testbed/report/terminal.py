@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..results import Attempt, Series
-from . import beside, comparison, details, factors, sentences, words
+from . import beside, comparison, details, factors, readings, sentences, words
 from .attempt_page import with_losses
 
 MOST_STREAMS = 8
@@ -29,6 +29,8 @@ def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> 
     for line in _flown(series, metrics):
         console.print(line, soft_wrap=True, markup=False)
     console.print(comparison_table(metrics))
+    for sentence in readings.said(metrics):
+        console.print(sentence, soft_wrap=True, markup=False)
     if beside.rows(metrics):
         console.print(thesis_table(metrics))
     if any(len(side["attempts"]) + len(side["void"]) > 1 for side in metrics["protocols"].values()):

@@ -94,6 +94,11 @@ def distribution(kinds: Kinds) -> Figure | None:
     )
 
 
+def draw_shares(kinds: Kinds, width: float) -> Drawing:
+    """A panel for each of `kinds`, with the share of its messages that arrived within a time."""
+    return _panels(kinds, width, _draw_shares, 130)
+
+
 def _said(kinds: Kinds) -> str:
     parts = []
     for name, by in kinds.items():
