@@ -27,6 +27,12 @@ def bundles(effects: list[Any]) -> list[list[tuple[int, str]]]:
     return [[(drone, stamped.state.name) for drone, stamped in pairs] for pairs in found]
 
 
+def heard(effects: list[Any]) -> list[Any]:
+    """The states of all bundles of a fog, in their order."""
+    found = [states_of(decode(FogBundle, publish.payload)) for publish in of(effects, "fog1/states")]
+    return [stamped.state for pairs in found for _, stamped in pairs]
+
+
 def topics(effects: list[Any]) -> list[str]:
     return [e.topic for e in effects if isinstance(e, Publish) and "/state/" in e.topic]
 
@@ -91,10 +97,27 @@ def test_no_value_of_a_state_that_comes_once_a_second_is_overtaken_whatever_the_
         told += bench.tell(Groundspeed(value))
         told += bench.until(bench.now_ms + 880 + 20 * (value % 3))
     told += bench.until(bench.now_ms + 1500)
-    heard = [found for publish in of(told, "fog1/states") for found in states_of(decode(FogBundle, publish.payload))]
-    speeds = [stamped.state.groundspeed_m_s for _, stamped in heard if isinstance(stamped.state, Groundspeed)]
-    assert speeds == list(range(28))
+    assert [state for state in heard(told) if isinstance(state, Groundspeed)] == [Groundspeed(n) for n in range(28)]
     assert len(of(told, "fog1/states")) <= 30
+
+
+def test_values_that_a_link_held_up_and_brought_together_are_all_told() -> None:
+    bench = ready(controlled=False)
+    bench.register(bundles=True, control=Control.NONE)
+    bench.until(bench.now_ms + 3000)
+    told = [effect for age_ms in (2000, 1000, 0) for effect in bench.state(age_ms // 100, bench.now_ms - age_ms)]
+    told += bench.until(bench.now_ms + 1500)
+    assert [state for state in heard(told) if isinstance(state, Battery)] == [Battery(20), Battery(10), Battery(0)]
+
+
+def test_a_change_that_is_not_to_be_missed_is_told_although_the_next_came_at_once() -> None:
+    bench = ready(controlled=False)
+    bench.register(bundles=True, control=Control.NONE)
+    bench.until(bench.now_ms + 1000)
+    told = bench.tell(Armed(True))
+    bench.now_ms += 20
+    told += bench.tell(Armed(False)) + bench.until(bench.now_ms + 1500)
+    assert [state for state in heard(told) if isinstance(state, Armed)] == [Armed(True), Armed(False)]
 
 
 def test_of_a_state_that_comes_faster_than_bundles_leave_the_newest_counts() -> None:

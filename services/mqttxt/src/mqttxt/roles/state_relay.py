@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ..clock import stamp
+from ..clock import STAMP_MODULUS, STAMP_TICK_MS, stamp
 from ..rankings import QodsMessage
 from ..states import URGENT
 from ..topics import MAVLINK_STATE, CloudSide
@@ -31,7 +31,7 @@ class StateRelay:
         self._cloud = cloud
         self._drones = drones
         self._leases = leases
-        self._bundled: dict[tuple[int, str], StampedState] = {}
+        self._bundled: dict[tuple[int, str], list[StampedState]] = {}
         self._came_ms: dict[tuple[int, str], int] = {}
         self._next_bundle_ms = 0
         self._is_urgent = False
@@ -104,12 +104,25 @@ class StateRelay:
         if key in self._bundled and now_ms - self._came_ms[key] >= PATIENCE * interval_ms:
             self._next_bundle_ms = now_ms + interval_ms // 2
             out = self._bundles()
-        self._bundled[key] = state
+        waiting = self._bundled.setdefault(key, [])
+        if waiting and not self._keeps(waiting[-1], state):
+            waiting.pop()
+        waiting.append(state)
         self._came_ms[key] = now_ms
         return out
 
+    def _keeps(self, waiting: StampedState, later: StampedState) -> bool:
+        """Whether a bundle carries both values of a state.
+
+        It does where the drone told them as far apart as bundles are and its link brought them together, and where a
+        change is not to be missed.
+        """
+        changed = waiting.state.name in URGENT and waiting.state != later.state
+        apart_ms = (later.stamp - waiting.stamp) % STAMP_MODULUS * STAMP_TICK_MS
+        return changed or apart_ms >= PATIENCE * self._settings.bundle_ms
+
     def _bundles(self) -> list[Effect]:
-        pairs = [(drone, state) for (drone, _), state in self._bundled.items()]
+        pairs = [(drone, state) for (drone, _), waiting in self._bundled.items() for state in waiting]
         self._bundled.clear()
         self._came_ms.clear()
         return [
