@@ -168,12 +168,11 @@ def _states(messages: pl.DataFrame, ways: Ways, window: Window) -> pl.DataFrame:
 def _streams(shares: pl.DataFrame, ways: Ways, window: Window) -> list[dict[str, Any]]:
     """What the drones send, measured where it enters the link; what answers somebody is named so."""
     answers = pl.when(pl.col("target_system").fill_null(0) > 0).then(pl.lit(" (answer)")).otherwise(pl.lit(""))
-    sent = (
-        shares.filter(_by_its_drone(ways))
-        .group_by((pl.col("kind").cast(pl.String) + answers).alias("kind"))
-        .agg(pl.len().alias("count"), pl.col("share").sum().round().cast(pl.Int64).alias("bytes"))
+    own = shares.filter(_by_its_drone(ways))
+    sent = own.group_by((pl.col("kind").cast(pl.String) + answers).alias("kind")).agg(
+        pl.len().alias("count"), pl.col("share").sum().round().cast(pl.Int64).alias("bytes")
     )
-    per_drone = window.seconds * len(ways.drones)
+    per_drone = window.seconds * own["system"].n_unique()
     return [
         {
             "name": row["kind"],

@@ -42,21 +42,22 @@ def measure_kinds(
         own = own_mavlink(said, kind.name, drones) if is_mavlink else own_mqttxt(said, kind.name, ways)
         all_own.append(own.with_columns((pl.lit(kind.name + _BETWEEN) + pl.col("name")).alias("name")))
         carrying = said.join(own, on="row", how="semi")["frame"]
-        alone = np.intersect1d(rows, _with_answers(carrying, frames[rows], answers))
+        mine, acks = _own_frames(carrying, rows, frames, answers)
+        counted, alone = np.union1d(rows, acks), np.union1d(mine, acks)
         found[kind.name] = {
             "form": kind.form,
             "asked": kind.asked,
             "received": kind.received,
             "reasons": kind.reasons,
             "seconds": round(kind.seconds, 6),
-            "with_states": _traffic(frames[rows]),
+            "with_states": _traffic(frames[counted]),
             "alone": _traffic(frames[alone]),
             "setpoints": _setpoints(frames, said, ways) if kind.name == "offboard" else None,
             "message_bytes": {},
             **_end_to_end(kind, same.get(kind.name, kind.name), packets, ways, exchange),
             "frames_per_call": exchange.frames_per_call.get(kind.name) if kind.form == "command" else None,
             "delay_app_ms": [call.took_ms for call in kind.calls] if kind.calls else list(kind.ages_ms),
-            "size_histogram": histogram(frames["size"].gather(rows)),
+            "size_histogram": histogram(frames["size"].gather(counted)),
         }
     named = pl.concat(all_own) if all_own else pl.DataFrame(schema={"row": pl.Int64(), "name": pl.String()})
     for name, measured in message_sizes(packets, named, window).items():
@@ -65,14 +66,16 @@ def measure_kinds(
     return found
 
 
-def _with_answers(carrying: pl.Series, within: pl.DataFrame, answers: pl.DataFrame) -> Ints:
-    """The frames that carry own messages, or go on with one, or acknowledge either."""
-    own = set(carrying.to_list())
-    goes_on = within.filter(pl.col("begins").is_in(list(own)))["frame"].to_list()
-    own |= set(goes_on)
-    acks = within.filter(pl.col("purpose").cast(pl.String) == "acknowledgement").select(pl.col("frame").alias("answer"))
-    answering = answers.filter(pl.col("frame").is_in(list(own))).join(acks, on="answer", how="semi")["answer"]
-    return np.array(sorted(own | set(answering.to_list())), dtype=np.int64)
+def _own_frames(carrying: pl.Series, rows: Ints, frames: pl.DataFrame, answers: pl.DataFrame) -> tuple[Ints, Ints]:
+    """The frames among `rows` that carry own messages or go on with one; and what acknowledges them, at once or later.
+
+    TCP may wait before it acknowledges, so that this comes when the call has returned; it is a part of its price.
+    """
+    own = carrying.unique().to_list()
+    mine = frames[rows].filter(pl.col("begins").is_in(own) | pl.col("frame").is_in(own))["frame"]
+    acks = frames.filter(pl.col("purpose").cast(pl.String) == "acknowledgement").select(pl.col("frame").alias("answer"))
+    later = answers.filter(pl.col("frame").is_in(mine.to_list())).join(acks, on="answer", how="semi")["answer"]
+    return mine.to_numpy(), later.unique().to_numpy()
 
 
 def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: Exchange) -> dict[str, Any]:

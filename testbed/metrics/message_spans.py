@@ -15,7 +15,7 @@ from ..packets.pcap import Ints
 GOOD_WORDS = frozenset({"accepted", "in_progress", "completed"})
 """First words about a call that say the autopilot took the command."""
 NO_WORD = "no word about it"
-NOT_IN_TIME = "not received in time"
+NOT_IN_TIME = "not told in time"
 
 Event = dict[str, Any]
 Span = tuple[int, int]
@@ -163,5 +163,5 @@ def _calls(part: _Part) -> Iterator[Call]:
             continue
         failure = None
         if word["word"] not in GOOD_WORDS:
-            failure = f"{word['word']}: {word['reason']}" if word["reason"] else str(word["word"])
+            failure = f"{word['word']} ({word['reason']})" if word["reason"] else str(word["word"])
         yield Call(int(call["t_ns"]), int(word["t_ns"]), failure)

@@ -15,6 +15,7 @@ from .figures.flights import Flights, flights, flights_of
 from .figures.per_link import per_link
 from .figures.readings import Side
 from .gallery import Seen
+from .message_set import is_message_set
 
 
 def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any], repeat: int = 0) -> dict[str, Any]:
@@ -31,7 +32,8 @@ def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any], repeat: i
     events = attempt.events()
     captures = manifest.get("captures", [])
     seen, own = None, None
-    if measured is not None and (window := _window(attempt, measured, events)) is not None:
+    flies = not is_message_set(metrics)  # in the message set the drone is put where each call wants it
+    if flies and measured is not None and (window := _window(attempt, measured, events)) is not None:
         seen = flights_of(
             attempt.protocol, attempt.autopilot_events(), events, *window, measured["status"] == "completed"
         )

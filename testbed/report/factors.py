@@ -42,6 +42,17 @@ _OLD_STREAMS = {name: f"px4-{name}" for name in ("onboard", "gcs", "normal")}
 _BROADCAST = "a command for all drones is one broadcast a fog"
 
 
+_STREAMS_BESIDE = (
+    "Beside each kind MAVLink goes on streaming PX4's whole set. The state asked about comes at its rate, of which "
+    "the program takes the newest value once a second; MQTT-XT's drone tells it once a second. So all frames together "
+    "compare two ways of working, and a kind's own frames compare what each sends for it."
+)
+_MESSAGES_BESIDE = (
+    "Both sides tell the state asked about once a second and are kept from telling the others, so what goes beside a "
+    "kind is what each protocol cannot do without."
+)
+
+
 @dataclass(frozen=True)
 class Factor:
     """A factor of one side: its name, its value, and what it is in words."""
@@ -51,31 +62,39 @@ class Factor:
     words: str
 
 
-def factors_of(configuration: dict[str, Any], protocol: str) -> list[Factor]:
-    """The factors that shape a side, as far as the manifest has them; unknown values stay as they are."""
+def factors_of(configuration: dict[str, Any], protocol: str, one_drone: bool = False) -> list[Factor]:
+    """The factors that shape a side, as far as the manifest has them; unknown values stay as they are.
+
+    With `one_drone` it is not said how several are commanded.
+    """
     said = []
     for name, values in _SAID.get(protocol, {}).items():
-        if name not in configuration:
+        if name not in configuration or (one_drone and name == "commanding"):
             continue
         value = _value(configuration, name)
         said.append(Factor(name, value, values.get(value, value)))
-    if protocol == "mqttxt" and said:
+    if protocol == "mqttxt" and said and not one_drone:
         said.append(Factor("commanding", "broadcast", _BROADCAST))
     return said
 
 
-def fairness(configuration: dict[str, Any]) -> list[str]:
-    """What the factors mean for a comparison; nothing is said of a factor that the manifest does not have."""
+def fairness(configuration: dict[str, Any], one_drone: bool = False) -> list[str]:
+    """What the factors mean for a comparison; nothing is said of a factor that the manifest does not have.
+
+    With `one_drone` the experiment is the message set.
+    """
     said = []
     streams, states = _value(configuration, "streams"), _value(configuration, "states")
-    if streams == "five-states" and states in ("fixed", "bundle"):
+    if one_drone and streams and states:
+        said.append(_MESSAGES_BESIDE if streams == "five-states" else _STREAMS_BESIDE)
+    elif streams == "five-states" and states in ("fixed", "bundle"):
         said.append("Both sides carry the same five states once a second: packets and bytes compare the same content.")
     elif streams and states:
         said.append(
             "The sides do not carry the same content: MAVLink brings whole streams at set rates, MQTT-XT what its "
             "drones tell. Packets and bytes compare two ways of working; the arm five-states compares the same content."
         )
-    commanding = _value(configuration, "commanding")
+    commanding = _value(configuration, "commanding") if not one_drone else ""
     if commanding == "one-by-one":
         said.append(
             "MAVLink's drones are commanded one after the other, MQTT-XT's together: what asking one by one takes is "

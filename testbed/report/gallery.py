@@ -48,7 +48,7 @@ def figures_of(
     kinds = delays_of({p: attempts for p, attempts in done.items() if attempts}, commands)
     measured = {p: one.readings for p, one in seen.items() if one.readings is not None}
     made = [
-        topology(_topology(metrics, shown, links), metrics["profile"], metrics["shaper"]),
+        of_links(metrics, shown, links),
         flights([one.flights for one in seen.values() if one.flights is not None]),
         readings.values(measured),
         readings.delays(measured),
@@ -62,11 +62,23 @@ def figures_of(
         ),
         _scenarios(metrics, done),
         mission_time(*_missions(metrics)),
+        *of_traffic(shown, seen),
+    ]
+    return {figure.name: figure for figure in made if figure is not None}
+
+
+def of_links(metrics: dict[str, Any], shown: details.Shown, links: list[tuple[str, str, str]]) -> Figure | None:
+    """What was measured on each link; `links` are (name, lower node, upper node)."""
+    return topology(_topology(metrics, shown, links), metrics["profile"], metrics["shaper"])
+
+
+def of_traffic(shown: details.Shown, seen: dict[str, Seen]) -> list[Figure | None]:
+    """What was lost by cause, and what the bytes are made of."""
+    return [
         losses(losses_of(shown, seen), all(one.per_link.since_start for one in seen.values() if one.per_link)),
         parts("layers", "Bytes by layer", _LAYERS_NOTE, [*(n for n, _ in details.LAYERS), "other"], _layers(shown)),
         parts("purposes", "Bytes by purpose", _PURPOSES_NOTE, PURPOSE_NAMES, _purposes(shown)),
     ]
-    return {figure.name: figure for figure in made if figure is not None}
 
 
 _LAYERS_NOTE = (

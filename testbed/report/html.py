@@ -9,7 +9,21 @@ from typing import Any
 import jinja2
 
 from ..results import REPORT, Series
-from . import attempt_page, beside, comparison, details, factors, gallery, readings, sentences, thesis, words
+from . import (
+    attempt_page,
+    beside,
+    comparison,
+    details,
+    factors,
+    gallery,
+    message_gallery,
+    message_sentences,
+    message_set,
+    readings,
+    sentences,
+    thesis,
+    words,
+)
 from .figures.files import FOLDER, write_files
 
 TEMPLATES = Path(__file__).parent / "page"
@@ -35,10 +49,12 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
     seen = {p: attempt_page.seen_of(of[p]) for p in shown}
     shown = {p: attempt_page.with_losses(of[p]["attempt"], one) for p, one in shown.items()}
     commands = list(dict.fromkeys(command for attempt in of.values() for command in attempt["commands"]))
-    figures = gallery.figures_of(metrics, shown, seen, _links(series), commands)
+    ten_kinds = message_set.is_message_set(metrics)
+    draw = message_gallery.figures_of if ten_kinds else gallery.figures_of
+    figures = draw(metrics, shown, seen, _links(series), commands)
     page = (
         environment()
-        .get_template("report.html")
+        .get_template("messages.html" if ten_kinds else "report.html")
         .render(
             metrics=metrics,
             title=words.EXPERIMENT_NAMES.get(metrics["experiment"], metrics["experiment"]),
@@ -59,6 +75,7 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
             figures=figures,
             papers=papers,
             lost_none=sentences.none_lost(gallery.losses_of(shown, seen)),
+            **(_kinds(metrics, attempts) if ten_kinds else {}),
             **_in_detail(shown, of, commands),
             sensors=_sensors(metrics, shown),
         )
@@ -93,10 +110,10 @@ def _conditions(metrics: dict[str, Any], attempts: list[dict[str, Any]]) -> dict
     configuration: dict[str, Any] = {}
     for attempt in attempts:
         configuration = {**attempt["manifest"]["configuration"], **configuration}
-    both = len(metrics["protocols"]) > 1
+    both, one_drone = len(metrics["protocols"]) > 1, message_set.is_message_set(metrics)
     return {
-        "factors": {protocol: factors.factors_of(configuration, protocol) for protocol, _ in words.sides(metrics)},
-        "fairness": factors.fairness(configuration) if both else [],
+        "factors": {p: factors.factors_of(configuration, p, one_drone) for p, _ in words.sides(metrics)},
+        "fairness": factors.fairness(configuration, one_drone) if both else [],
         "deviations": factors.deviations(configuration, metrics["arm"]),
         "mixed": factors.mixed([attempt["manifest"] for attempt in attempts]),
     }
@@ -110,6 +127,19 @@ def _sensors(metrics: dict[str, Any], shown: details.Shown) -> dict[str, Any]:
         "traffic": readings.traffic_of(shown),
         "purposes": [name for _, name in readings.PURPOSES],
         "cost": readings.cost(shown),
+    }
+
+
+def _kinds(metrics: dict[str, Any], attempts: list[dict[str, Any]]) -> dict[str, Any]:
+    """What only the message set's page has."""
+    table = message_set.rows(metrics)
+    states = {str(attempt["manifest"]["configuration"].get("states")) for attempt in attempts}
+    return {
+        "message_set": True,
+        "kinds": table,
+        "kind_totals": message_set.totals(table),
+        "shortfalls": message_sentences.shortfalls(metrics),
+        "bundled": "bundle" in states,
     }
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from statistics import median
 from typing import Any
 
-from . import words
+from . import message_sentences, words
 from .comparison import completed, rows
 from .figures.losses import Lost
+from .message_set import is_message_set
 
 _OF_RATIO = (("packets", "the packets"), ("bytes", "the bytes"), ("mission time", "the mission time"))
 _SAME_TIME = 0.02
@@ -17,6 +18,8 @@ _LOSSES = ("commands lost", "states lost", "frames lost")
 def finding(metrics: dict[str, Any]) -> str:
     """Which, by how much: one sentence. Without a completed attempt on each side it says so and makes no ratio."""
     sides = words.sides(metrics)
+    if (of_kinds := message_sentences.finding(metrics)) is not None:
+        return of_kinds
     if [protocol for protocol, side in sides if completed(side)] == ["mqttxt", "mavlink"]:
         return _compared(metrics)
     failed_first = sorted(sides, key=lambda one: bool(completed(one[1])))
@@ -27,6 +30,8 @@ def finding(metrics: dict[str, Any]) -> str:
 
 def basis(metrics: dict[str, Any]) -> str | None:
     """What the finding stands on: the other side's numbers, the fleet, the links, how many attempts."""
+    if (of_kinds := message_sentences.basis(metrics)) is not None:
+        return of_kinds
     sides = dict(words.sides(metrics))
     if not all(completed(sides.get(protocol, {"attempts": []})) for protocol in ("mqttxt", "mavlink")):
         return None
@@ -141,7 +146,7 @@ def _one_side(metrics: dict[str, Any], protocol: str) -> str:
 
 def _experiment(metrics: dict[str, Any]) -> str:
     name: str = metrics["experiment"]
-    return words.EXPERIMENT_NAMES.get(name, name).lower()
+    return "the message set" if is_message_set(metrics) else words.EXPERIMENT_NAMES.get(name, name).lower()
 
 
 def _fleet(attempt: dict[str, Any]) -> str:

@@ -11,8 +11,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ..results import Attempt, Series
-from . import beside, comparison, details, factors, readings, sentences, words
+from . import beside, comparison, details, factors, message_set, readings, sentences, words
 from .attempt_page import with_losses
+from .message_terminal import print_kinds
 
 MOST_STREAMS = 8
 ROOM_FOR_BOTH = 105
@@ -28,7 +29,10 @@ def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> 
     console.print(" ".join(line for line in said if line), soft_wrap=True, markup=False)
     for line in _flown(series, metrics):
         console.print(line, soft_wrap=True, markup=False)
-    console.print(comparison_table(metrics))
+    if message_set.is_message_set(metrics):
+        print_kinds(metrics, console)
+    else:
+        console.print(comparison_table(metrics))
     for sentence in readings.said(metrics):
         console.print(sentence, soft_wrap=True, markup=False)
     if beside.rows(metrics):
@@ -211,13 +215,14 @@ def _attempt_of(series: Series, protocol: str, number: int) -> Attempt:
 def _flown(series: Series, metrics: dict[str, Any]) -> list[Text]:
     """A line a side: how it was flown; then what that means for comparing."""
     configuration: dict[str, Any] = {}
+    one_drone = message_set.is_message_set(metrics)
     for attempt in series.attempts():
         configuration = {**attempt.manifest()["configuration"], **configuration}
     lines = []
     for protocol, _ in words.sides(metrics):
-        flown = factors.factors_of(configuration, protocol)
+        flown = factors.factors_of(configuration, protocol, one_drone)
         if flown:
             lines.append(Text(f"{words.name_of(protocol)}: {'; '.join(factor.words for factor in flown)}."))
     return lines + (
-        [Text(said) for said in factors.fairness(configuration)[:2]] if len(metrics["protocols"]) > 1 else []
+        [Text(said) for said in factors.fairness(configuration, one_drone)[:2]] if len(metrics["protocols"]) > 1 else []
     )

@@ -11,6 +11,11 @@ import yaml
 FIGURES = Path(__file__).parent / "thesis.yaml"
 _UNITS = {"size_mb": ("size_bytes", 1e6), "packets": ("packets", 1), "mission_s": ("mission_s", 1)}
 _UNITS |= {"loss_pct": ("wire_loss", 0.01)}
+MESSAGE_SET = "messages"
+MESSAGES = 100
+"""How many of each kind of message its table 5.3 is about."""
+_COMPUTED = (66.0, 68.0)
+"""Bytes a packet that its MQTT-XT sizes have to the digit: they are packets times this."""
 
 
 @cache
@@ -39,6 +44,26 @@ def packet_sizes() -> dict[str, dict[str, int]]:
     return found
 
 
+def of_kind(name: str) -> dict[str, dict[str, float]]:
+    """Its figures of a kind of message by protocol: `packets` and `bytes` for one message, the mean `delay_ms`, and
+    the `loss` as a share. Empty for a kind that it did not send."""
+    printed = everything()["message_set"].get(name)
+    if printed is None:
+        return {}
+    return {
+        "packets": {p: count / MESSAGES for p, count in printed["packets"].items()},
+        "bytes": {p: size * 1e6 / MESSAGES for p, size in printed["size_mb"].items()},
+        "delay_ms": {p: float(ms) for p, ms in printed["delay_ms"].items()},
+        "loss": {p: percent / 100 for p, percent in printed["loss_pct"].items()},
+    }
+
+
+def bytes_were_computed(name: str) -> bool:
+    """Whether its MQTT-XT bytes of a kind of message are its packets times a constant."""
+    printed = of_kind(name)
+    return bool(printed) and round(printed["bytes"]["mqttxt"] / printed["packets"]["mqttxt"], 3) in _COMPUTED
+
+
 def scenarios() -> tuple[str, ...]:
     """The experiments that it flew, in its order."""
     return tuple(everything()["scenarios"])
@@ -46,6 +71,7 @@ def scenarios() -> tuple[str, ...]:
 
 def caveats(experiment: str) -> tuple[str, ...]:
     """What to know before setting its figures of this experiment beside others; empty where it has none."""
-    if experiment not in everything()["scenarios"]:
+    if experiment not in (MESSAGE_SET, *everything()["scenarios"]):
         return ()
-    return tuple(entry["text"] for entry in everything()["caveats"] if {"scenarios", experiment} & set(entry["about"]))
+    about = {"message_set", "packet_size"} if experiment == MESSAGE_SET else {"scenarios", experiment}
+    return tuple(entry["text"] for entry in everything()["caveats"] if about & set(entry["about"]))

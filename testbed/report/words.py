@@ -7,10 +7,12 @@ from typing import Any
 
 PROTOCOL_NAMES = {"mqttxt": "MQTT-XT", "mavlink": "MAVLink"}
 EXPERIMENT_NAMES = {f"scenario-{number}": f"Scenario {number}" for number in (1, 2, 3, 4)}
+EXPERIMENT_NAMES |= {"messages": "Message set"}
 EXPERIMENT_WHAT = {
     "scenario-1": "arm, take off to 10 m, hold for 15 s, land, all disarmed",
     "scenario-2": "arm, take off, fly to a point of one's own, return and land, all disarmed",
     "scenario-3": "arm, take off, land, all disarmed",
+    "messages": "ten kinds of messages, one at a time, to and from one drone",
     "scenario-4": "as scenario 2, with readings of a sensor carried to the ground station from each point",
 }
 NOTHING = "–"

@@ -159,15 +159,15 @@ def test_a_message_that_never_arrives_is_null_in_its_place(mqttxt: dict[str, Any
 def test_what_failed_is_counted_with_its_reason_and_stays_in_its_place(series: Series) -> None:
     make_mqttxt_messages(series, refused=("arm",), silent=("takeoff", "battery"), unsent=("land",))
     kinds = _kinds(measure_series(series), "mqttxt")
-    assert (kinds["arm"]["received"], kinds["arm"]["reasons"]) == (1, {"denied: not now": 1})
+    assert (kinds["arm"]["received"], kinds["arm"]["reasons"]) == (1, {"denied (not now)": 1})
     assert kinds["arm"]["delay_app_ms"] == [ANSWERED_MS + 0.001, None]
     assert kinds["arm"]["delay_ms"] == [2.5, 2.5]
     assert (kinds["takeoff"]["received"], kinds["takeoff"]["reasons"]) == (1, {"no word about it": 1})
     assert kinds["takeoff"]["seconds"] == pytest.approx(ANSWERED_MS / 1000 + 2.0, abs=1e-3)
-    assert (kinds["battery"]["received"], kinds["battery"]["reasons"]) == (1, {"not received in time": 1})
+    assert (kinds["battery"]["received"], kinds["battery"]["reasons"]) == (1, {"not told in time": 1})
     assert (kinds["land"]["sent"], kinds["land"]["lost"]) == (3, 1)
     assert kinds["land"]["delay_ms"] == [2.5, 2.5, None]
-    assert kinds["land"]["reasons"] == {"unconfirmed: timeout": 1}
+    assert kinds["land"]["reasons"] == {"unconfirmed (timeout)": 1}
     assert kinds["land"]["frames_per_call"] == pytest.approx(2 / 3, abs=1e-3)
 
 

@@ -44,3 +44,28 @@ def test_every_caveat_is_shown_somewhere() -> None:
     known = {"scenarios", "message_set", "packet_size", "claims", *thesis.scenarios()}
     for caveat in thesis.everything()["caveats"]:
         assert set(caveat["about"]) <= known, caveat["id"]
+
+
+def test_a_kind_of_message_is_in_our_units_for_one_message() -> None:
+    assert thesis.of_kind("takeoff") == {
+        "packets": {"mavlink": 245.85, "mqttxt": 50.66},
+        "bytes": {"mavlink": pytest.approx(23_247.576), "mqttxt": pytest.approx(3_444.88)},
+        "delay_ms": {"mavlink": 820.0, "mqttxt": 762.0},
+        "loss": {"mavlink": 0.01, "mqttxt": 0.0},
+    }
+    assert thesis.of_kind("hold") == {}
+
+
+def test_the_ratios_of_the_message_set_that_a_caveat_names_follow_from_the_figures() -> None:
+    kinds = {name: thesis.of_kind(name)["packets"] for name in thesis.everything()["message_set"]}
+    ratios = {name: packets["mavlink"] / packets["mqttxt"] for name, packets in kinds.items()}
+    commands = [ratios[name] for name in ("arm", "takeoff", "land", "offboard", "goto")]
+    states = [ratios[name] for name in ("battery", "location", "groundspeed", "flight_mode", "heading")]
+    said = " ".join(thesis.caveats("messages"))
+    assert f"{min(commands):.1f} to {max(commands):.1f} for its commands" in said
+    assert f"{min(states):.1f} to {max(states):.1f} for its states" in said
+
+
+def test_bytes_that_are_packets_times_a_constant_are_known() -> None:
+    computed = {name for name in thesis.everything()["message_set"] if thesis.bytes_were_computed(name)}
+    assert computed == {"arm", "takeoff", "land", "offboard", "goto", "location", "groundspeed", "heading"}

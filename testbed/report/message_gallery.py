@@ -1,0 +1,48 @@
+"""The figures of a message set's report, in the page's order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from . import details, message_set, words
+from .comparison import completed
+from .figures.figure import Figure
+from .figures.kind_delays import kind_delays, series_of
+from .figures.kind_ratios import PANELS, Ratio, kind_ratios
+from .figures.kind_sizes import counts_of, kind_sizes
+from .gallery import Seen, of_links, of_traffic
+
+
+def figures_of(
+    metrics: dict[str, Any],
+    shown: details.Shown,
+    seen: dict[str, Seen],
+    links: list[tuple[str, str, str]],
+    commands: list[str],
+) -> dict[str, Figure]:
+    """By name; what cannot be drawn of these results is left out. `commands` do not matter: the kinds have an order."""
+    done = {p: attempts for p, side in words.sides(metrics) if (attempts := completed(side))}
+    order = (*message_set.COMMANDS, *message_set.STATES)
+    made = [
+        of_links(metrics, shown, links),
+        kind_ratios(_ratios(metrics)),
+        kind_delays(series_of(done, order)),
+        kind_sizes(counts_of(done, order)),
+        *of_traffic(shown, seen),
+    ]
+    return {figure.name: figure for figure in made if figure is not None}
+
+
+def _ratios(metrics: dict[str, Any]) -> dict[str, dict[str, Ratio]]:
+    return {
+        row.name: {
+            what: Ratio(
+                row.ratio("with_states", what),
+                row.ratio("alone", what),
+                row.printed_ratio(what),
+                row.computed and what == "bytes",
+            )
+            for what in PANELS
+        }
+        for row in message_set.rows(metrics)
+    }
