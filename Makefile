@@ -8,6 +8,10 @@ PROTOCOLS ?= mqttxt,mavlink
 ENCODING ?= cbor
 SAMPLES ?= 30
 COUNT ?= 10
+# What `make all` flies, lists with commas; empty: all of them.
+EXPERIMENTS ?=
+ARMS ?=
+PROFILES ?=
 # Factors, each by itself; empty: the arm's.
 STREAMS ?=
 COMMANDING ?=
@@ -22,7 +26,7 @@ PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 arms links up down report test check bench docs sitl doctor lock clean venv containers tools
+.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 all summary arms links up down report test check bench docs sitl doctor lock clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -34,6 +38,12 @@ scenario-3: ## Only up and down (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-4: ## As 2, and at its point each collects what a sensor measures there (SAMPLES= ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 messages scenario-1 scenario-2 scenario-3 scenario-4: containers
 	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' --samples '$(SAMPLES)' --count '$(COUNT)' $(FACTORS)
+
+all: containers ## Fly everything, or go on where that was broken off (ATTEMPTS= EXPERIMENTS= ARMS= PROFILES= COUNT= SAMPLES=)
+	@$(PYTHON) -m testbed all --attempts '$(ATTEMPTS)' --experiments '$(EXPERIMENTS)' --arms '$(ARMS)' --profiles '$(PROFILES)' --shaper '$(SHAPER)' --samples '$(SAMPLES)' --count '$(COUNT)'
+
+summary: venv ## All experiments, arms and profiles beside each other, from the results folder: a page
+	@$(PYTHON) -m testbed summary
 
 links: containers ## Probe the links of all profiles, configured beside measured, without flying (PROFILE=lte,sik)
 	@$(PYTHON) -m testbed links --profile '$(if $(filter file,$(origin PROFILE)),,$(PROFILE))' --shaper '$(SHAPER)'

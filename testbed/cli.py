@@ -8,12 +8,13 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from .campaign.cli import fly_everything
 from .containers import Containers, only_run
 from .errors import DockerError, TestbedError, UserError
 from .experiments import (
@@ -39,8 +40,7 @@ from .profiles.run_plan import SHAPERS
 from .progress import ConsoleProgress
 from .report.compare import result_of
 from .report.compare_page import print_comparison, write_comparison
-from .report.html import write_report
-from .report.terminal import print_summary
+from .reporting import report_series, shown_path
 from .results import live_attempt, new_series, open_series
 from .runner import run_series
 from .summary.cli import summary
@@ -114,7 +114,7 @@ def report(
     """Make metrics and report again, from the results folder alone."""
     with _errors_as_lines():
         for path in results:
-            _report(path, _console())
+            report_series(path, _console())
 
 
 @app.command(name="verdict")
@@ -147,7 +147,7 @@ def compare(
         console = _console()
         print_comparison(results[0], results[1], console)
         write_comparison(results[0], results[1], html)
-        console.print(f"page: {_shown(html)}", soft_wrap=True, markup=False)
+        console.print(f"page: {shown_path(html)}", soft_wrap=True, markup=False)
 
 
 @app.command()
@@ -245,23 +245,6 @@ def _console() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=120)
 
 
-def _report(path: Path, console: Console) -> dict[str, Any]:
-    series = open_series(path)
-    metrics = measure_series(series)
-    target = write_report(series, metrics, papers=True)
-    print_summary(series, metrics, console)
-    console.print(f"report: {_shown(target)}", soft_wrap=True, markup=False)
-    return metrics
-
-
-def _shown(target: Path) -> str:
-    """The path of a report as people type it, by `latest` where that is this series."""
-    latest = target.parent.parent.parent / "latest"
-    if latest.exists() and latest.resolve() == target.parent:
-        target = latest / target.name
-    return str(target.relative_to(Path.cwd()) if target.is_relative_to(Path.cwd()) else target)
-
-
 def _run(plan: Plan, results: Path) -> None:
     """Fly, measure and report a plan."""
     for protocol in plan.protocols:
@@ -273,9 +256,9 @@ def _run(plan: Plan, results: Path) -> None:
         endings = run_series(plan, series, ConsoleProgress(console))
     except DockerError:
         if any(attempt.was_flown for attempt in series.attempts()):
-            _report(series.path, console)
+            report_series(series.path, console)
         raise
-    metrics = _report(series.path, console)
+    metrics = report_series(series.path, console)
     counted = [attempt["status"] for side in metrics["protocols"].values() for attempt in side["attempts"]]
     if counted != ["completed"] * len(endings):
         raise typer.Exit(1)
@@ -297,6 +280,7 @@ def _errors_as_lines() -> Iterator[None]:
 
 app.command()(_errors_as_lines()(packets))
 app.command()(_errors_as_lines()(summary))
+app.command(name="all")(_errors_as_lines()(fly_everything))
 _profiles = typer.Typer(invoke_without_command=True, callback=_errors_as_lines()(profiles.profiles))
 _profiles.command()(_errors_as_lines()(profiles.show))
 app.add_typer(_profiles, name="profiles")

@@ -40,7 +40,7 @@ def describe(
         "status": "running",
         "reason": None,
         "revision": revision(),
-        "configuration": {**asdict(plan.factors), **settings, **({"count": plan.count} if plan.is_message_set else {})},
+        "configuration": configuration_of(plan, settings),
         "seeds": {"sitl": SITL_SEED, "links": links.seed},
         "shaper": "none",  # until `net` says what shapes the links
         "host": {
@@ -56,6 +56,11 @@ def describe(
             "links": [asdict(link) for link in topology.links],
         },
     }
+
+
+def configuration_of(plan: Plan, settings: dict[str, str]) -> dict[str, Any]:
+    """The factors, compose.yaml's variables, and how many messages of each kind."""
+    return {**asdict(plan.factors), **settings, **({"count": plan.count} if plan.is_message_set else {})}
 
 
 def revision() -> dict[str, Any]:

@@ -16,7 +16,7 @@ from .topology import Link, Node, Topology
 METRICS = "metrics.json"
 REPORT = "report.html"
 MANIFEST_VERSION = 1
-CUT_OFF = "the run was cut off"
+CUT_OFF, INTERRUPTED = "the run was cut off", "interrupted"
 LINKS = "links"
 FOLDERS = ("pcap", "sitl", "logs", LINKS)
 """What an attempt's folder has, and the containers may write to."""

@@ -7,9 +7,9 @@ import json
 import os
 import shutil
 import signal
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from . import links as link_files
@@ -21,7 +21,7 @@ from .flights import MISSION_FILE, limit_s_of, mission_command, profile_of, remo
 from .manifest import describe, mosquitto_version
 from .profiles.resolve import Plan as LinkPlan
 from .profiles.run_plan import Gate
-from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
+from .results import INTERRUPTED, Attempt, Series, new_attempt, point_latest, read_json, write_json
 from .sensors import closed_links, read_gates
 from .topology import read_topology
 from .validity import void_reason
@@ -50,6 +50,18 @@ class Ended:
     reason: str | None = None
 
 
+@dataclass(frozen=True)
+class Begun:
+    """What there is of a number's attempts: with which repeat to go on, what of it was flown and how it ended.
+
+    `left` is how many repeats there may be from there on, that one included.
+    """
+
+    repeat: int = 0
+    flown: Mapping[Attempt, Ended] = field(default_factory=dict)
+    left: int = MOST_REPEATS + 1
+
+
 class Interrupted(TestbedError):
     """Ctrl-C or SIGTERM: everything was ended, what was captured is kept."""
 
@@ -61,20 +73,29 @@ class LinksOff(TestbedError):
 
 
 def run_series(
-    plan: Plan, series: Series, progress: Progress, make_containers: Callable[..., Containers] = Containers
+    plan: Plan,
+    series: Series,
+    progress: Progress,
+    make_containers: Callable[..., Containers] = Containers,
+    begun: Mapping[int, Begun] | None = None,
 ) -> list[Ended]:
     """Fly every attempt of a plan, over one protocol after the other; who is first alternates.
 
     Both attempts of a number met the same links, or neither counts: with one of them the other is void, and both are
     flown again, twice at most. A failed attempt does not end the series; a lost Docker does, with DockerError.
-    Returns how each number's attempts ended at last, in the order in which they were flown.
+    `begun` is what there is of a series that was broken off, by number. Returns how each number's attempts ended at
+    last, in the order in which they were flown.
     """
     endings: list[Ended] = []
-    with _signals_interrupt(series.path):
+    with signals_interrupt(f"what was captured is kept in {series.path}"):
         for number in range(1, plan.attempts + 1):
-            for repeat in range(MOST_REPEATS + 1):
-                flown: dict[Attempt, Ended] = {}
+            there = (begun or {}).get(number, Begun())
+            flown = dict(there.flown)
+            for repeat in range(there.repeat, there.repeat + there.left):
+                flown = {} if repeat > there.repeat else flown
                 for protocol in plan.order(number):
+                    if any(attempt.protocol == protocol for attempt in flown):
+                        continue
                     progress.attempt(protocol, number, plan.attempts, repeat)
                     attempt = new_attempt(series, protocol, number, repeat)
                     flown[attempt] = _fly_or_keep(plan, attempt, progress, make_containers)
@@ -82,7 +103,7 @@ def run_series(
                     point_latest(series)
                     if flown[attempt].status == "void":
                         break
-                _void_together(flown)
+                void_together(flown)
                 if all(ended.status != "void" for ended in flown.values()):
                     break
             endings += flown.values()
@@ -98,7 +119,7 @@ def _fly_or_keep(plan: Plan, attempt: Attempt, progress: Progress, make_containe
         ) from error
 
 
-def _void_together(flown: dict[Attempt, Ended]) -> None:
+def void_together(flown: dict[Attempt, Ended]) -> None:
     """Where one attempt of a number is void, the others are, in their manifests too."""
     void = next((attempt for attempt, ended in flown.items() if ended.status == "void"), None)
     if void is None:
@@ -122,7 +143,7 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     link_files.write_plan(folder, links, topology, plan.shaper, gates=gates)
     manifest = describe(plan, attempt, topology, settings, links)
     write_json(attempt.path / "manifest.json", manifest)
-    ended = Ended("failed", "interrupted")
+    ended, begun_s = Ended("failed", INTERRUPTED), time.monotonic()
     try:
         containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings)
         with _fleet_up(containers, attempt, manifest, links, gates, progress):
@@ -143,7 +164,7 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
         if ended.status == "completed":
             reason = void_reason(manifest["captures"], nodes) or link_files.void_reason(folder, links)
             ended = Ended("void", reason) if reason is not None else ended
-        manifest |= {"status": ended.status, "reason": ended.reason}
+        manifest |= {"status": ended.status, "reason": ended.reason, "took_s": round(time.monotonic() - begun_s, 1)}
         manifest["host"]["load_after"] = os.getloadavg()[0]
         write_json(attempt.path / "manifest.json", manifest)
     return ended
@@ -254,13 +275,13 @@ def _signals_wait() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _signals_interrupt(kept: Path) -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does; `kept` is the folder of what was captured."""
+def signals_interrupt(kept: str) -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does, with Interrupted; `kept` says what there is of it."""
 
     def interrupt(*_: object) -> None:
         for number in before:
             signal.signal(number, signal.SIG_IGN)  # once is enough
-        raise Interrupted(f"interrupted; the containers are ended, what was captured is kept in {kept}")
+        raise Interrupted(f"interrupted; the containers are ended, {kept}")
 
     before = {number: signal.getsignal(number) for number in SIGNALS}
     for number in before:

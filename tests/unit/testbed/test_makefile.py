@@ -45,3 +45,11 @@ def test_the_links_of_all_profiles_are_probed_unless_somebody_names_some() -> No
     assert _typed("links")["--profile"] == ""
     assert _typed("links", "PROFILE=lte,sik")["--profile"] == "lte,sik"
     assert _typed("links", PROFILE="lte")["--profile"] == "lte"
+
+
+def test_everything_is_flown_unless_somebody_names_some() -> None:
+    options = _typed("all")
+    assert [options[name] for name in ("--experiments", "--arms", "--profiles")] == ["", "", ""]
+    assert options["--attempts"] == "1"
+    assert _typed("all", "ARMS=thesis,direct")["--arms"] == "thesis,direct"
+    assert _typed("all", "EXPERIMENTS=scenario-3", "ATTEMPTS=2")["--experiments"] == "scenario-3"
