@@ -7,15 +7,18 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
+from ..experiments import MESSAGES
 from ..report import thesis, words
 from ..report.comparison import completed, quotient
 from . import losses
 from .cells import Cell
+from .kinds import kinds_in
 from .numbers import rate_of
 
 READING = (
     "Bytes of commands (with their results, for the whole mission, of completed attempts) and of states (a second, of "
-    "all attempts that count): MAVLink's over MQTT-XT's, each with its part of the acknowledgements. Loss: of commands "
+    "all attempts that count): MAVLink's over MQTT-XT's, each with its part of the acknowledgements; in the "
+    "message set all bytes while a kind was on, as the thesis counts. Loss: of commands "
     "and states of all attempts that count, those of which no copy arrived. A dash: nothing to judge by."
 )
 
@@ -64,16 +67,23 @@ def purpose_bytes(attempt: dict[str, Any], *purposes: str) -> float:
 def _command_bytes(cell: Cell) -> float | None:
     found = {}
     for protocol, side in cell.metrics["protocols"].items():
-        sums = [purpose_bytes(attempt, "command", "result") for attempt in completed(side)]
+        done = completed(side)
+        kinds = kinds_in(done, "command")
+        sums = [float(sum(kind["with_states"]["bytes"] for kind in one)) for one in kinds]
+        sums = sums or [purpose_bytes(attempt, "command", "result") for attempt in done]
         found[protocol] = median(sums) if sums else None
     return quotient(found.get("mavlink"), found.get("mqttxt"))
 
 
 def _state_bytes(cell: Cell) -> float | None:
-    def states(attempt: dict[str, Any]) -> float:
-        return purpose_bytes(attempt, "state")
-
-    return quotient(rate_of(cell, "mavlink", states), rate_of(cell, "mqttxt", states))
+    found = {}
+    for protocol, side in cell.metrics["protocols"].items():
+        found[protocol] = rate_of(cell, protocol, lambda attempt: purpose_bytes(attempt, "state"))
+        kinds = [kind for one in kinds_in(side["attempts"], "state") for kind in one]
+        seconds = sum(kind["seconds"] for kind in kinds)
+        if seconds:
+            found[protocol] = sum(kind["with_states"]["bytes"] for kind in kinds) / seconds
+    return quotient(found.get("mavlink"), found.get("mqttxt"))
 
 
 def _times(ratio: float | None, claimed: float) -> Judged:
@@ -82,7 +92,7 @@ def _times(ratio: float | None, claimed: float) -> Judged:
 
 def _shorter(cell: Cell, claimed: float) -> Judged:
     mission = cell.metrics["ratios"].get("mission")
-    if mission is None:
+    if mission is None or cell.experiment == MESSAGES:  # which is no mission
         return Judged(None)
     saved = 1 - 1 / mission
     said = f"{words.share(abs(saved))} {'shorter' if saved > 0 else 'longer'}"

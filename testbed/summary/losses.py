@@ -26,10 +26,12 @@ class Loss:
         return Loss(self.lost + other.lost, self.known + other.known)
 
     def __str__(self) -> str:
-        """'23 %', and where nothing was lost its 95 % bound: '0 (< 0.44 %)'."""
+        """'23 %', and where nothing was lost its 95 % bound: '0 (< 0.44 %)', or of how few: '0 of 2'."""
         told = loss_of(self.known, self.lost)
         if told["share"] is None:
             return words.NOTHING
+        if told["below"] == 1.0:
+            return f"0 of {self.known}"
         return words.share(told["share"]) if self.lost else f"0 (< {words.share(told['below'])})"
 
 

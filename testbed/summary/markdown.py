@@ -14,7 +14,7 @@ from ..errors import UserError
 from ..experiments import EXPERIMENTS
 from ..profiles.reading import profile_names
 from ..report import words
-from . import claims, numbers, traffic
+from . import claims, kinds, numbers, traffic
 from .cells import Cell
 from .overview import Overview, overviews
 
@@ -105,6 +105,17 @@ def bytes_of(overview: Overview) -> Iterator[str]:
         yield NOT_FLOWN
 
 
+def kinds_of(overview: Overview) -> Iterator[str]:
+    """The message set kind by kind, in a table by profile."""
+    for block in overview.blocks:
+        rows = [row for cell, _ in block.judged for row in kinds.rows_of(cell)]
+        if rows:
+            yield f"**Profile `{block.profile}`**"
+            yield _table(kinds.HEADINGS, [[f"`{name}`", f"`{arm}`", *map(str, rest)] for name, arm, *rest in rows])
+    if not overview.blocks:
+        yield NOT_FLOWN
+
+
 def series_of(overview: Overview) -> Iterator[str]:
     """From which series the numbers are, of which revision, and what is to know of it."""
     rows = []
@@ -126,6 +137,7 @@ KINDS = {
     "numbers": Kind(numbers_of, numbers.READING),
     "claims": Kind(claims_of, claims.READING),
     "bytes": Kind(bytes_of, traffic.READING),
+    "kinds": Kind(kinds_of, kinds.READING),
     "series": Kind(series_of),
 }
 """By the first word of a marker's name; an experiment follows, and a profile if it is to be one alone."""

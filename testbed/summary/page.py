@@ -12,7 +12,7 @@ from ..report.figures.draw import WIDE
 from ..report.figures.pdf import pdf
 from ..report.html import environment
 from ..results import REPORT
-from . import claims, numbers, traffic
+from . import claims, kinds, numbers, traffic
 from .cells import Cell, Found
 from .figure import ratios
 from .overview import overviews
@@ -44,6 +44,7 @@ def write_summary(found: Found, target: Path, experiments: Sequence[str] = ()) -
             names={one.experiment: words.EXPERIMENT_NAMES.get(one.experiment, one.experiment) for one in shown},
             what=words.EXPERIMENT_WHAT,
             columns=numbers.COLUMNS,
+            kinds=kinds,
             claims=[claim.heading for claim in claims.claims()],
             readings={"numbers": numbers.READING, "claims": claims.READING, "bytes": traffic.READING},
             completed=numbers.completed_of,

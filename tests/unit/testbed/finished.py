@@ -31,6 +31,21 @@ def gave_up(protocol: str, reason: str, number: int = 1) -> dict[str, Any]:
     return attempt(protocol, number, status="failed", reason=reason, mission_s=None, window=window, size_bytes=100_000)
 
 
+def message_set(with_states: int, alone: int, lost: int = 0) -> dict[str, Any]:
+    """Ten of a command and ten of a state, each with so many bytes, over ten seconds."""
+    found = {}
+    for name, form in (("arm", "command"), ("battery", "state")):
+        counted = {**loss_of(10, lost), "open": 0}
+        found[name] = {
+            **{"form": form, "asked": 10, "received": 10 - lost, "reasons": {}, "seconds": 10.0},
+            **{"with_states": {"packets": with_states // 100, "bytes": with_states}, "setpoints": None},
+            **{"alone": {"packets": alone // 100, "bytes": alone}, "message_bytes": {}, **counted},
+            **{"delay_ms": [20.0] * (10 - lost) + [None] * lost, "delay_app_ms": [30.0] * 10, "size_histogram": {}},
+            "frames_per_call": 1.0 if form == "command" else None,
+        }
+    return found
+
+
 def finished(
     root: Path,
     mqttxt: list[dict[str, Any]],

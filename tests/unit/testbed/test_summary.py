@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from finished import attempt, both, finished, gave_up
+from finished import attempt, both, finished, gave_up, message_set
 from typer.testing import CliRunner
 
 from testbed.cli import app
@@ -194,6 +194,35 @@ def test_the_bytes_of_each_side_are_shared_out_by_purpose_and_by_layer(tmp_path:
     assert "| arm |  | completed | bytes a second | command | result | state | acknowledgement | payload |" in lines[6]
     assert lines[8].startswith("| `thesis` | MQTT-XT | 1 of 1 | 3.99 kB | – | – | 75 % | 25 % | 50 % | 10 % | 20 % |")
     assert lines[9].startswith("| `thesis` | MAVLink | 0 of 1 | 10.0 kB | 25 % | 25 % |")
+
+
+def messages_of_both(root: Path) -> None:
+    mqttxt = attempt("mqttxt", message_set=message_set(2_000, 1_000))
+    mavlink = attempt("mavlink", message_set=message_set(50_000, 500, lost=4))
+    finished(root, [mqttxt], [mavlink], experiment="messages")
+
+
+def test_the_message_set_is_told_kind_by_kind_with_what_ran_beside_and_alone(tmp_path: Path) -> None:
+    messages_of_both(tmp_path)
+    lines = filled(tmp_path, "kinds:messages:ideal").splitlines()
+    amounts = "20 / 500 | 25 | 2.00 kB / 50.0 kB | 25 | 10 / 5 | 0.50 | 1.00 kB / 500 B | 0.50"
+    assert lines[8] == f"| `arm` | `thesis` | 10 of 10 / 6 of 10 | {amounts} | 20 ms / 20 ms | 0 (< 30 %) / 40 % |"
+    assert lines[9].startswith("| `battery` | `thesis` |")
+    page = page_of(tmp_path)
+    assert "<summary>Kind by kind: profile ideal, arm thesis</summary>" in page
+
+
+def test_claims_about_the_message_set_are_of_all_bytes_while_a_kind_was_on(tmp_path: Path) -> None:
+    messages_of_both(tmp_path)
+    said = judged(only_cell(tmp_path))
+    assert said["commands: 5 times fewer bytes"] == said["states: 20 times fewer bytes"] == "yes: 25×"
+    assert said["missions 30 % shorter"] == "–"
+
+
+def test_a_scenario_has_no_kinds(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    assert "| arm |" not in filled(tmp_path, "kinds:scenario-1")
+    assert "Kind by kind" not in page_of(tmp_path)
 
 
 def test_a_table_of_one_profile_has_only_that_one(tmp_path: Path) -> None:
