@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from mavsdk.plugins.action import ActionResult
+from mavsdk.plugins.offboard import OffboardResult
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
 from mission.fleet import Point, Status
@@ -19,6 +20,7 @@ from mission.mavsdk_outcomes import (
     land_goal,
     landed_of,
     mode_of,
+    offboard_refusal,
     refusal,
     return_goal,
     takeoff_goal,
@@ -50,6 +52,12 @@ def view(tells_landed: bool = True, **told: Told[object]) -> View:
 )
 def test_a_refusal_in_mqttxts_words(result: ActionResult, word: Word, reason: str | None) -> None:
     assert refusal(result) == (word, reason)
+
+
+@pytest.mark.parametrize("result", [result for result in OffboardResult if result is not OffboardResult.SUCCESS])
+def test_every_refusal_of_offboard_is_a_last_word(result: OffboardResult) -> None:
+    assert offboard_refusal(result)[0].is_last
+    assert offboard_refusal(result)[0] is not Word.COMPLETED
 
 
 @pytest.mark.parametrize("result", [result for result in ActionResult if result is not ActionResult.SUCCESS])

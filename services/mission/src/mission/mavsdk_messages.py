@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -23,6 +23,8 @@ from .message_set import HOVER_M
 from .points import points_of
 
 RATE_LIMIT_S = 30.0
+REPEATED_S = 0.5
+"""MAVSDK repeats a command that is not acknowledged for so long."""
 logger = logging.getLogger("mission")
 
 
@@ -56,20 +58,22 @@ class MavsdkMessageFleet(MavsdkFleet):
             "offboard": self._enter_offboard,
             "goto": lambda drone: go_to(drone, points_of([drone.number])[drone.number]),
         }
-        try:
-            accepted = await self._call_as(call, self._drone, name, asks[name])
-        except OffboardError as error:
-            return self._note(call, name, self._drone, *offboard_refusal(error.result))
-        return accepted if isinstance(accepted, Result) else Result(self._number, Word.ACCEPTED.label)
+        async with _and_its_copies():
+            try:
+                accepted = await self._call_as(call, self._drone, name, asks[name])
+            except OffboardError as error:
+                return self._note(call, name, self._drone, *offboard_refusal(error.result))
+            return accepted if isinstance(accepted, Result) else Result(self._number, Word.ACCEPTED.label)
 
     async def settle(self) -> bool:
         """A call has ended when it returned, but for offboard's set-points."""
         if self._is_in_offboard and self._offboard is not None:
             self._is_in_offboard = False
-            try:
-                await self._calls.run(self._offboard.stop())
-            except OffboardError as error:  # the set-points have ended all the same
-                logger.warning("offboard: %s", error)
+            async with _and_its_copies():
+                try:
+                    await self._calls.run(self._offboard.stop())
+                except OffboardError as error:  # the set-points have ended all the same
+                    logger.warning("offboard: %s", error)
         return True
 
     def follows(self, armed: bool) -> bool:
@@ -137,6 +141,20 @@ class MavsdkMessageFleet(MavsdkFleet):
             telling.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await telling
+
+
+@contextlib.asynccontextmanager
+async def _and_its_copies() -> AsyncIterator[None]:
+    """A call, and until no copy of it can be under way: an acknowledgement does not say which one it is for.
+
+    What was repeated takes no longer to come and to be answered than the call itself took.
+    """
+    clock = asyncio.get_running_loop().time
+    asked_s = clock()
+    yield
+    took_s = clock() - asked_s
+    if took_s >= REPEATED_S:
+        await asyncio.sleep(took_s)
 
 
 async def _take(

@@ -32,7 +32,7 @@ from .points import points_of
 FIRST_WORD_LIMIT_S = 15.0
 """A command's deadline, 5 s, and what an outage adds to it: after that nothing is to be heard of the call."""
 LAST_WORD_LIMIT_S = 10.0
-STREAM_LIMIT_S = 30.0
+STREAM_TRIES = 3
 OFFBOARD_S = 60.0
 """Longer than any call; putting the drone back ends it."""
 logger = logging.getLogger("mission")
@@ -141,18 +141,19 @@ class MqttxtMessageFleet(MqttxtFleet):
                 told.put_nowait({field: plain(value) for field, value in vars(event.state).items()})
 
     async def _ask_rate(self, name: str, rate_hz: float) -> None:
-        """Have a state told so often; raises MissionError where that is refused, or not done within its limit."""
-        last = None
+        """Have a state told so often, in three tries; raises MissionError where it is refused or not done."""
+        said = ""
         try:
-            async with asyncio.timeout(STREAM_LIMIT_S):
-                while last is None or last.word is not Word.COMPLETED:
-                    last = await self._drone().send(Stream(name, rate_hz))
-                    if last.word in (Word.DENIED, Word.UNSUPPORTED):
-                        break
-        except (TimeoutError, MqttxtError) as error:
-            raise MissionError(f"stream {name}: {error or f'not done within {STREAM_LIMIT_S:g} s'}") from error
-        if last.word is not Word.COMPLETED:
-            raise MissionError(f"stream {name}: {last.word.label} ({last.reason})")
+            for _ in range(STREAM_TRIES):
+                last = await self._drone().send(Stream(name, rate_hz))
+                if last.word is Word.COMPLETED:
+                    return
+                said = last.word.label + (f" ({last.reason})" if last.reason else "")
+                if last.word in (Word.DENIED, Word.UNSUPPORTED):
+                    break
+        except MqttxtError as error:
+            raise MissionError(f"stream {name}: {error}") from error
+        raise MissionError(f"stream {name}: {said}")
 
 
 async def _end(task: asyncio.Task[None] | None) -> None:
