@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -74,19 +75,22 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
         pl.col("link").cast(pl.String)
     )
     leaving = commands.filter(pl.col("link").is_in(ways.leaving(STATION))).to_dicts()
-    arrived = {
-        drone: commands.filter(pl.col("link").is_in(ways.entering(node)), pl.col("left_ns").is_not_null()).to_dicts()
-        for drone, node in ways.drones.items()
-    }
+    left_ns = [m["t_ns"] for m in leaving]
+    arrived: dict[tuple[Any, ...], list[int]] = {}
+    for drone, node in ways.drones.items():
+        came = commands.filter(pl.col("link").is_in(ways.entering(node)), pl.col("left_ns").is_not_null())
+        for m in came.to_dicts():
+            arrived.setdefault((drone, *_key_of(m)), []).append(m["left_ns"])
     frames: Counter[str] = Counter()
     rows: list[tuple[str, int, int | None, int | None, int | None]] = []
-    for number, call in enumerate(calls):
-        name, drone, until_ns = str(call["command"]), call["drone"], _until(calls, number)
-        own = [m for m in leaving if m["target_system"] == drone and call["t_ns"] <= m["t_ns"] < until_ns]
+    for call, until_ns in zip(calls, _until(calls), strict=True):
+        name, drone = str(call["command"]), call["drone"]
+        meanwhile = leaving[bisect_left(left_ns, call["t_ns"]) : bisect_left(left_ns, until_ns)]
+        own = [m for m in meanwhile if m["target_system"] == drone]
         sent = [m for m in own if CALLS[name].fits(m)]
         frames[name] += len([m for m in own if CALLS[name].fits(m) or (name in BESIDE and BESIDE[name].fits(m))])
-        keys = {_key_of(m) for m in sent}
-        copies = [m["left_ns"] for m in arrived.get(drone, []) if _key_of(m) in keys and m["left_ns"] >= call["t_ns"]]
+        keys = {(drone, *_key_of(m)) for m in sent}
+        copies = [at for key in keys for at in arrived.get(key, []) if at >= call["t_ns"]]
         first = sent[0] if sent else {"t_ns": None, "frame": None}
         rows.append((name, drone, first["t_ns"], min(copies, default=None), first["frame"]))
     return Exchange(
@@ -243,8 +247,12 @@ def _key_of(message: dict[str, Any]) -> tuple[Any, ...]:
     return tuple(message[name] for name in ("kind", "system", "component", "sequence", "crc"))
 
 
-def _until(calls: list[dict[str, Any]], number: int) -> int:
-    """When the next call of the same command to the same drone is asked for; its frames are no longer this one's."""
-    one = calls[number]
-    later = [c for c in calls[number + 1 :] if (c["command"], c["drone"]) == (one["command"], one["drone"])]
-    return int(later[0]["t_ns"]) if later else 2**63 - 1
+def _until(calls: list[dict[str, Any]]) -> list[int]:
+    """For each call when the next one of its command to its drone is asked for; frames from then on are not its own."""
+    following: dict[tuple[Any, Any], int] = {}
+    found = []
+    for call in reversed(calls):
+        key = call["command"], call["drone"]
+        found.append(following.get(key, 2**63 - 1))
+        following[key] = int(call["t_ns"])
+    return found[::-1]

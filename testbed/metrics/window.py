@@ -19,8 +19,8 @@ SECOND_NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Window:
-    """From the first arm command leaving the ground station to the last drone's disarming, in the message set to its
-    end; nanoseconds.
+    """From the first arm command leaving the ground station to the last drone's disarming, in the message set to the
+    end of its last kind; nanoseconds.
 
     `asked_ns` is when that command was asked for.
     """
@@ -64,8 +64,11 @@ def mission_window(attempt: Attempt, events: list[dict[str, Any]], packets: Pack
         if event["event"] == "disarmed" and event["t_ns"] > start_ns
     ]
     ended = [event for event in events if event["event"] == "mission_end"]
-    if ended and ended[-1]["status"] == "completed" and disarmed and not is_message_set(events):
-        return Window(start_ns, max(disarmed), asked_ns)
+    if ended and ended[-1]["status"] == "completed":
+        over = [event["t_ns"] for event in events if event["event"] == "kind_done"]
+        finished = over if is_message_set(events) else disarmed
+        if finished:
+            return Window(start_ns, max(finished), asked_ns)
     last_ns = max([ended[-1]["t_ns"]] if ended else [event["t_ns"] for event in events])
     return Window(start_ns, max(last_ns, start_ns), asked_ns)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..experiments import FACTORS
 from ..results import Series
-from . import comparison, factors, words
+from . import comparison, factors, message_set, words
 
 OVERRIDES = ("AUTOPILOT", "ROUTER")
 _SAME = 0.005
@@ -72,6 +72,7 @@ def conditions(first: Result, second: Result) -> list[Condition]:
     return [
         *(told(name, _of_series(name)) for name in _SERIES),
         *(told(name, configured(name)) for name in (*FACTORS, *OVERRIDES)),
+        *([told("count", configured("count"))] if message_set.is_message_set(first.metrics) else []),
         told("revision", _revision),
         told("attempts", _attempts, shapes=False),
         told("host", _host, shapes=False),
@@ -84,14 +85,18 @@ _SERIES = ("experiment", "arm", "profile", "shaper")
 
 def rows(first: Result, second: Result) -> list[Row]:
     """Every metric of the comparison, protocol by protocol; a protocol that only one result has is left out."""
-    tables = [{row.name: row for row in comparison.rows(one.metrics)} for one in (first, second)]
+    tables = [{row.name: row for row in _table(one.metrics)} for one in (first, second)]
     protocols = [p for p, _ in words.sides(first.metrics) if p in second.metrics["protocols"]]
     return [
         Row(name, protocol, row.cells[protocol], tables[1][name].cells[protocol])
         for protocol in protocols
         for name, row in tables[0].items()
-        if name in tables[1]
+        if name in tables[1] and protocol in row.cells and protocol in tables[1][name].cells
     ]
+
+
+def _table(metrics: dict[str, Any]) -> list[comparison.Row]:
+    return message_set.to_compare(metrics) if message_set.is_message_set(metrics) else comparison.rows(metrics)
 
 
 def sentences(first: Result, second: Result) -> list[str]:
@@ -117,7 +122,10 @@ def sentences(first: Result, second: Result) -> list[str]:
     return said
 
 
-_TOLD = ("packets", "bytes", "mission time", "delay of commands")
+_TOLD = (
+    *("packets", "bytes", "mission time", "delay of commands"),
+    *(f"mean {form}: {what}" for form in ("command", "state") for what in ("packets", "delay")),
+)
 
 
 def change(ratio: float) -> str:

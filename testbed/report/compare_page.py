@@ -16,6 +16,7 @@ from .figures.compared import compared
 from .figures.draw import WIDE
 from .figures.pdf import pdf
 from .html import environment
+from .message_set import is_message_set
 
 
 def print_comparison(first: Result, second: Result, console: Console) -> None:
@@ -65,6 +66,7 @@ def write_comparison(first: Result, second: Result, target: Path) -> None:
             rows={(row.name, row.protocol): row for row in rows},
             protocols=list(dict.fromkeys(row.protocol for row in rows)),
             change=compare.change,
+            for_one_message=is_message_set(first.metrics),
             figure=figure,
             beside=target.stem,
         )

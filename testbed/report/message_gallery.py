@@ -34,15 +34,15 @@ def figures_of(
 
 
 def _ratios(metrics: dict[str, Any]) -> dict[str, dict[str, Ratio]]:
-    return {
-        row.name: {
-            what: Ratio(
-                row.ratio("with_states", what),
-                row.ratio("alone", what),
-                row.printed_ratio(what),
-                row.computed and what == "bytes",
-            )
-            for what in PANELS
-        }
-        for row in message_set.rows(metrics)
-    }
+    return {row.name: {what: _ratio(row, what) for what in PANELS} for row in message_set.rows(metrics)}
+
+
+def _ratio(row: message_set.Row, what: str) -> Ratio:
+    amounts = {how: row.amounts(how, what) for how in ("with_states", "alone")}
+    return Ratio(
+        with_states=row.ratio("with_states", what),
+        alone=row.ratio("alone", what),
+        thesis=row.printed_ratio(what),
+        contradicted=row.computed and what == "bytes",
+        amounts=amounts | {"thesis": row.printed.get(what, {})},
+    )

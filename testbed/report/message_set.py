@@ -8,7 +8,8 @@ from statistics import mean
 from typing import Any
 
 from . import thesis, words
-from .comparison import completed, quotient
+from .comparison import Cell, completed, quotient
+from .comparison import Row as Compared
 
 EXPERIMENT = thesis.MESSAGE_SET
 COMMANDS = ("arm", "takeoff", "land", "offboard", "goto")
@@ -84,12 +85,14 @@ class Row:
     printed_frame: dict[str, int]
     computed: bool
 
+    def amounts(self, how: str, what: str) -> dict[str, float]:
+        """By protocol the `packets` or `bytes` for one message, counted `with_states` or `alone`."""
+        return {p: getattr(getattr(side, how), what) for p, side in self.sides.items()}
+
     def ratio(self, how: str, what: str) -> float | None:
-        """MAVLink / MQTT-XT of `packets` or `bytes`, counted `with_states` or `alone`; None where there is none."""
-        if not {"mavlink", "mqttxt"} <= set(self.sides):
-            return None
-        mavlink, mqttxt = (getattr(getattr(self.sides[p], how), what) for p in ("mavlink", "mqttxt"))
-        return quotient(mavlink, mqttxt)
+        """MAVLink / MQTT-XT of these amounts; None where there is none."""
+        by = self.amounts(how, what)
+        return quotient(by.get("mavlink"), by.get("mqttxt"))
 
     def printed_ratio(self, what: str) -> float | None:
         """The thesis's."""
@@ -129,6 +132,33 @@ def totals(table: list[Row]) -> list[Row]:
             }
             found.append(Row(label, form, sides, printed, {}, any(row.computed for row in whole)))
     return found
+
+
+def to_compare(metrics: dict[str, Any]) -> list[Compared]:
+    """The rows by which two message sets are compared: the mean command and state at length, each kind in brief."""
+    table = rows(metrics)
+    at_length: tuple[Quantity, ...] = (
+        ("packets", lambda side: side.with_states.packets, words.digits),
+        ("bytes", lambda side: side.with_states.bytes, words.size),
+        ("its own packets", lambda side: side.alone.packets, words.digits),
+        _OWN_BYTES,
+        _DELAY,
+    )
+    wanted = [(row, at_length) for row in totals(table)] + [(row, (_OWN_BYTES, _DELAY)) for row in table]
+    return [
+        Compared(f"{row.name}: {what}", {p: _cell(value(side), text) for p, side in row.sides.items()})
+        for row, quantities in wanted
+        for what, value, text in quantities
+    ]
+
+
+def _cell(value: float | None, text: Callable[[float | None], str]) -> Cell:
+    return Cell(text(value), value, () if value is None else (value,))
+
+
+Quantity = tuple[str, Callable[[Side], float | None], Callable[[float | None], str]]
+_DELAY: Quantity = ("delay", lambda side: side.delay_ms, words.milliseconds)
+_OWN_BYTES: Quantity = ("its own bytes", lambda side: side.alone.bytes, words.size)
 
 
 def side_of(name: str, entries: list[dict[str, Any]]) -> Side:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from .. import words
 from .axes import Scale, bottom, decades, log_bounds
@@ -21,6 +21,8 @@ class Ratio:
     thesis: float | None
     contradicted: bool = False
     """Whether the thesis's own figures contradict its ratio."""
+    amounts: dict[str, dict[str, float]] = field(default_factory=dict)
+    """What they are made of: for one message by the ratio's name and protocol."""
 
 
 Kinds = dict[str, dict[str, Ratio]]
@@ -48,15 +50,23 @@ def kind_ratios(kinds: Kinds) -> Figure | None:
             "constant."
         ),
         draw=lambda width: _draw(here, width),
-        header=("kind", "what", "counted", "ratio"),
+        header=("kind", "what", "counted", "mqttxt", "mavlink", "ratio"),
         rows=tuple(
-            (name, what, counted, getattr(by[what], counted))
+            (
+                *(name, what, counted),
+                *(by[what].amounts.get(counted, {}).get(p) for p in ("mqttxt", "mavlink")),
+                _rounded(getattr(by[what], counted)),
+            )
             for name, by in here.items()
             for what in PANELS
             for counted, _ in _MARKS
         ),
         sources=("pcap", "events.jsonl"),
     )
+
+
+def _rounded(ratio: float | None) -> float | None:
+    return None if ratio is None else float(f"{ratio:.6g}")
 
 
 def _said(kinds: Kinds) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from io import StringIO
 from pathlib import Path
@@ -14,7 +15,9 @@ from rich.console import Console
 from test_report_both import Page
 
 from testbed.metrics import measure_series
-from testbed.report import message_sentences, message_set, sentences, thesis
+from testbed.report import compare, message_sentences, message_set, sentences, thesis
+from testbed.report.compare import result_of
+from testbed.report.compare_page import write_comparison
 from testbed.report.figures.draw import NARROW, WIDE
 from testbed.report.figures.kind_delays import GROUPS, MOST_DOTS, kind_delays, series_of
 from testbed.report.figures.kind_ratios import Ratio, kind_ratios
@@ -166,3 +169,16 @@ def _terminal(series: Series, metrics: Metrics) -> str:
     console = Console(file=StringIO(), width=80)
     print_summary(series, metrics, console)
     return console.file.getvalue()  # type: ignore[attr-defined, no-any-return]
+
+
+def test_two_message_sets_are_compared_for_one_message(series: Series, metrics: Metrics, tmp_path: Path) -> None:
+    slower = json.loads(json.dumps(metrics))
+    for kind in slower["protocols"]["mavlink"]["attempts"][0]["message_set"].values():
+        kind["delay_ms"] = [None if delay is None else 3 * delay for delay in kind["delay_ms"]]
+    both = result_of("A", series, metrics), result_of("B", series, slower)
+    changes = {(row.name, row.protocol): row.change for row in compare.rows(*both)}
+    assert changes["mean command: delay", "mavlink"] == pytest.approx(3.0)
+    assert changes["land: its own bytes", "mqttxt"] == 1.0
+    assert "mean command: delay ×3.0" in " ".join(compare.sentences(*both))
+    write_comparison(*both, tmp_path / "compare.html")
+    assert "For one message, means of the completed attempts" in (tmp_path / "compare.html").read_text()
