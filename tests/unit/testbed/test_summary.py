@@ -204,12 +204,15 @@ def messages_of_both(root: Path) -> None:
 
 def test_the_message_set_is_told_kind_by_kind_with_what_ran_beside_and_alone(tmp_path: Path) -> None:
     messages_of_both(tmp_path)
+    finished(tmp_path, *both(), experiment="messages", arm="direct")
     lines = filled(tmp_path, "kinds:messages:ideal").splitlines()
     amounts = "20 / 500 | 25 | 2.00 kB / 50.0 kB | 25 | 10 / 5 | 0.50 | 1.00 kB / 500 B | 0.50"
     assert lines[8] == f"| `arm` | `thesis` | 10 of 10 / 6 of 10 | {amounts} | 20 ms / 20 ms | 0 (< 30 %) / 40 % |"
     assert lines[9].startswith("| `battery` | `thesis` |")
     page = page_of(tmp_path)
     assert "<summary>Kind by kind: profile ideal, arm thesis</summary>" in page
+    assert "Kind by kind: profile ideal, arm direct" not in page
+    assert '<td>battery</td><td>thesis</td><td><span class="of-mqttxt">10 of 10</span>' in page
 
 
 def test_claims_about_the_message_set_are_of_all_bytes_while_a_kind_was_on(tmp_path: Path) -> None:
