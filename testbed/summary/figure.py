@@ -30,9 +30,8 @@ def ratios(overview: Overview) -> Figure | None:
         title=f"Ratios of {name}",
         shows=f"How many times MQTT-XT's packets and bytes MAVLink needed in {name}, by profile and arm, and how much "
         "shorter or longer the mission was over MQTT-XT.",
-        note="Left: MAVLink's over MQTT-XT's; filled, bytes of the mission; hollow, packets. Pale, where one side "
-        "completed no attempt: bytes a second. Right: the mission time over MQTT-XT against MAVLink's; dashed, what "
-        "the thesis claims.",
+        note="Traffic: filled, bytes of the mission; hollow, packets; pale, where one side completed no attempt, bytes "
+        "a second. Mission time: dashed, what the thesis claims.",
         draw=lambda width: _draw(blocks, width),
         header=("profile", "arm", "packets", "bytes", "bytes_per_s", "mission_time"),
         rows=tuple(table),
@@ -70,7 +69,7 @@ def _panel(
     drawing: Drawing, blocks: Blocks, start: float, end: float, top: float, title: str, named: bool = True
 ) -> _Panel:
     """A title and, with `named`, the profiles and arms on its left. Its scale is from 0 to 1."""
-    drawing.text(start, top - 22, title, "ink", bold=True)
+    drawing.text(0 if drawing.narrow else start, top - 22, title, "ink", bold=True)
     y = top
     for block, rows in blocks:
         drawing.line((0 if named else start, y), (end, y), "edge")

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..experiments import MESSAGES
 from ..report import words
 from ..report.comparison import completion
 from ..report.figures.draw import WIDE
@@ -70,11 +71,14 @@ def finding(cells: Sequence[Cell]) -> str:
             done[protocol] = whole + one.completed, of + one.flown
     parts = [f"{words.name_of(p)} completed {whole:,} of {of:,} attempts" for p, (whole, of) in done.items() if of]
     said = f"In {len(cells)} series {words.listed(parts)}"
-    compared = [cell.metrics["ratios"] for cell in cells if {"size", "mission"} <= set(cell.metrics["ratios"])]
+    missions = [cell.metrics["ratios"] for cell in cells if cell.experiment != MESSAGES]
+    compared = [ratios for ratios in missions if {"size", "mission"} <= set(ratios)]
     if not compared:
-        return f"{said}; in none of them did both."
+        return f"{said}; in none of them did both complete a mission."
     size, mission = (_span([one[name] for one in compared]) for name in ("size", "mission"))
-    return f"{said}; where both did, MAVLink needed {size} times the bytes and {mission} times the mission time."
+    return (
+        f"{said}; where both completed a mission, MAVLink needed {size} times the bytes and {mission} times the time."
+    )
 
 
 def _span(ratios: list[float]) -> str:

@@ -290,15 +290,15 @@ def test_the_page_begins_with_how_much_was_completed_and_between_what_the_ratios
     finished(tmp_path, [attempt("mqttxt")], [attempt("mavlink", size_bytes=292_000)], profile="lte")
     finished(tmp_path, [attempt("mqttxt")], [gave_up("mavlink", "denied")], profile="geo")
     assert finding(find_cells([tmp_path]).cells) == (
-        "In 3 series MQTT-XT completed 3 of 3 attempts and MAVLink completed 2 of 3 attempts; where both did, MAVLink "
-        "needed 2.0 to 288 times the bytes and 1.6 times the mission time."
+        "In 3 series MQTT-XT completed 3 of 3 attempts and MAVLink completed 2 of 3 attempts; where both completed a "
+        "mission, MAVLink needed 2.0 to 288 times the bytes and 1.6 times the time."
     )
 
 
 def test_without_a_pair_of_completed_attempts_the_page_says_so(tmp_path: Path) -> None:
     finished(tmp_path, [attempt("mqttxt")], [gave_up("mavlink", "denied <b>")])
     page = page_of(tmp_path)
-    assert "in none of them did both." in page
+    assert "in none of them did both complete a mission." in page
     assert "MAVLink, attempt 1 failed: denied &lt;b&gt;" in page
 
 
