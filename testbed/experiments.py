@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from .errors import UserError
+from .own_missions import check_mission
 from .profiles.reading import Profile, read_profile
 from .profiles.resolve import resolve
 from .profiles.run_plan import SHAPERS
@@ -166,10 +167,9 @@ def one_protocol(text: str) -> str:
 
 def _name_of(mission: Path) -> str:
     """What results of a mission of one's own are called. Raises UserError where it cannot be read or is no name."""
-    if not mission.is_file():
-        raise UserError(f"{mission}: expected a Python file with `async def mission(fleet, steps)`")
     if not _NAME.fullmatch(mission.stem) or mission.stem in EXPERIMENTS:
         raise UserError(f"{mission}: expected a name of lower-case letters, digits, - and _ that no scenario has")
+    check_mission(mission)
     return mission.stem
 
 

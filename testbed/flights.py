@@ -18,8 +18,6 @@ CLOUD_HOST = CLOUD_URL.removeprefix("mqtt://").partition(":")[0]
 STATION_HOST = "198.18.0.3"
 FIRST_PORT = 14540
 """MAVSDK's port of a shared chain; that of drone N alone is N more."""
-MISSION_FILE = "mission.py"
-"""The copy of a mission of one's own in its attempt's folder."""
 EVENTS = "/run-dir/events.jsonl"
 ONE_UAV = {1: (1,)}
 """Whose messages the message set counts."""
@@ -79,7 +77,7 @@ def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str
     """What flies the plan's experiment over a protocol, run in the ground station's node."""
     flying = ONE_UAV if plan.is_message_set else FLEET
     fleet = ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in flying.items())
-    flown = plan.experiment if plan.mission is None else f"/run-dir/{MISSION_FILE}"
+    flown = plan.experiment if plan.mission is None else f"/run-dir/{plan.mission.name}"
     command = ["mission", "fly", flown, "--protocol", protocol, "--fleet", fleet, "--events", events]
     command += ["--links-start", LINKS_START] if events == EVENTS else []
     command += sensor_words(protocol, plan.samples) if plan.has_sensors else []

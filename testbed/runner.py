@@ -17,7 +17,7 @@ from .calibration import calibrate
 from .containers import Containers, Usage, start_network
 from .errors import DockerError, FleetError, TestbedError, UserError
 from .experiments import Plan
-from .flights import MISSION_FILE, limit_s_of, mission_command, profile_of, remove_sockets, settings_of
+from .flights import limit_s_of, mission_command, profile_of, remove_sockets, settings_of
 from .manifest import describe, mosquitto_version
 from .profiles.resolve import Plan as LinkPlan
 from .profiles.run_plan import Gate
@@ -135,7 +135,7 @@ def void_together(flown: dict[Attempt, Ended]) -> None:
 def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
     settings = settings_of(plan, attempt.protocol)
     if plan.mission is not None:
-        shutil.copyfile(plan.mission, attempt.path / MISSION_FILE)
+        shutil.copyfile(plan.mission, attempt.path / plan.mission.name)
     topology = read_topology(sensors=plan.has_sensors)
     gates = read_gates() if plan.has_sensors else ()
     links = link_files.plan_links(plan, topology, attempt.number)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mission.fleet import Reading
-from mission.series import KINDS, Series, compare, read_measured, write
+from mission.series import KINDS, Series, compare, has_measured, read_measured, write
 
 FIRST = Reading(drone=2, sensor=2, boot=9, seq=0, kind="light", value=120.0, unit="lx", time_ms=1000)
 SECOND = replace(FIRST, seq=3, value=121.0, time_ms=2000)
@@ -75,6 +75,7 @@ def test_sensors_records_are_read_and_the_result_is_written(tmp_path: Path) -> N
     told.append(told[1] | {"event": "dropped"})
     (tmp_path / "sensor2.jsonl").write_text("".join(json.dumps(line) + "\n" for line in told))
     measured = list(read_measured(tmp_path, (1, 2)))
+    assert [has_measured(tmp_path, drone) for drone in (1, 2)] == [False, True]
     assert measured == [FIRST, SECOND]
     write(compare((2,), measured, measured, 2), tmp_path / "series.json")
     written = json.loads((tmp_path / "series.json").read_text())

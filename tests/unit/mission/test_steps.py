@@ -149,6 +149,22 @@ async def test_a_sensor_that_never_comes_into_range_is_named(log: EventLog, monk
     assert str(failure.value) == "collect: not done within 0.05 s (drone 2: 0 temperature, 0 light of 2 each)"
 
 
+async def test_a_drone_of_whose_sensor_nothing_came_is_named_with_it(
+    log: EventLog, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(steps, "COLLECT_SPARE_S", -0.95)
+    fleet = Fleet()
+    fleet.brings(1, 0, "light")
+    with pytest.raises(MissionError) as failure:
+        await Steps(fleet, log, samples=1, was_reached=lambda drone: drone == 1).collect()
+    assert str(failure.value) == (
+        "collect: not done within 0.05 s (drone 1: 0 temperature, 0 humidity of 1 each; "
+        "drone 2: its sensor 2 was never in range)"
+    )
+    with pytest.raises(MissionError, match=r"drone 2: its sensor 2 sent nothing that arrived\)$"):
+        await Steps(fleet, log, samples=1).collect()
+
+
 async def test_the_drone_that_went_is_told_and_one_that_did_not_arrive_fails_the_step(log: EventLog) -> None:
     point = Point(47.0, 8.0, 10.0)
     fleet = Fleet(best=[Result(2, "completed")])

@@ -228,10 +228,10 @@ def test_control_sockets_that_were_left_are_removed_and_nothing_else(tmp_path: P
 
 def test_a_mission_of_ones_own_is_called_after_its_file(tmp_path: Path) -> None:
     mission = tmp_path / "search-2.py"
-    mission.touch()
+    mission.write_text("async def mission(fleet, steps): ...\n")
     plan = make_plan(str(mission))
     assert (plan.experiment, plan.mission, plan.has_sensors) == ("search-2", mission, False)
-    assert mission_command(plan, "mqttxt")[2] == "/run-dir/mission.py"
+    assert mission_command(plan, "mqttxt")[2] == "/run-dir/search-2.py"
 
 
 @pytest.mark.parametrize(

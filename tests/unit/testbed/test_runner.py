@@ -67,9 +67,9 @@ def test_a_mission_of_ones_own_is_copied_to_where_its_node_sees_it(tmp_path: Pat
     plan, fleet = make_plan(str(mission), protocols="mqttxt"), Fleet([])
     series = new_series(tmp_path, plan.experiment, plan.label, plan.profile.name)
     assert run_series(plan, series, Quiet(), fleet) == [Ended("completed")]
-    (copy,) = tmp_path.glob("search/*/*/mqttxt/attempt-01/mission.py")
+    (copy,) = tmp_path.glob("search/*/*/mqttxt/attempt-01/search.py")
     assert copy.read_text() == mission.read_text()
-    assert fleet.commands[0][2] == "/run-dir/mission.py"
+    assert fleet.commands[0][2] == "/run-dir/search.py"
 
 
 def test_with_sensors_their_nodes_run_their_links_are_gated_and_not_probed(

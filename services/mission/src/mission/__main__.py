@@ -100,7 +100,8 @@ def fly(
     reason = asyncio.run(flight.fly(options, mission, flying, log))
     log.close()
     if reason is not None:
-        typer.echo(f"mission: {scenario} failed: {reason}", err=True)
+        which = "" if scenario.endswith(SUFFIX) else f"{scenario} failed: "  # its own file's name is in its reasons
+        typer.echo(f"mission: {which}{reason}", err=True)
         raise typer.Exit(1)
 
 

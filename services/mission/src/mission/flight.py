@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from .events import EventLog
 from .fleet import Fleet, MissionError
 from .options import Options
 from .own import Mission
-from .series import compare, read_measured, write
+from .series import compare, has_measured, read_measured, write
 from .steps import Steps
 
 CONNECT_LIMIT_S = 30.0
@@ -20,7 +22,7 @@ async def fly(options: Options, mission: Mission, fleet: Fleet, log: EventLog) -
         log.write("mission_start", scenario=options.scenario, drones=list(fleet.drones))
         if options.links_start is not None:
             options.links_start.touch()
-        await mission(fleet, Steps(fleet, log, options.samples))
+        await mission(fleet, Steps(fleet, log, options.samples, _reached(options)))
     except MissionError as error:
         reason = str(error)
     finally:
@@ -29,6 +31,12 @@ async def fly(options: Options, mission: Mission, fleet: Fleet, log: EventLog) -
     reason = reason or broken
     log.write("mission_end", status="failed" if reason else "completed", reason=reason)
     return reason
+
+
+def _reached(options: Options) -> Callable[[int], bool]:
+    """Of a drone: whether its sensor has measured anything; where no sensors write anything down nobody can tell."""
+    folder = options.sensors
+    return lambda drone: folder is None or has_measured(folder, drone)
 
 
 def _check_series(options: Options, fleet: Fleet, log: EventLog) -> str | None:

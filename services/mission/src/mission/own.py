@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import sys
 import traceback
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -23,32 +24,49 @@ def mission_of(name: str) -> Mission:
 
 
 def load(path: Path) -> Mission:
-    """The mission of a file, which is run for it. What the file raises, then or in flight, is named with its line."""
+    """The mission of a file, which is run for it.
+
+    What the file raises, then or in flight, is named with its line, and its traceback goes to stderr.
+    """
     own: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
     try:
-        exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), own)
+        code = compile(path.read_bytes(), str(path), "exec", dont_inherit=True)
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from error
     except SyntaxError as error:
-        raise ValueError(f"{path}, line {error.lineno}: {error.msg}") from error
-    except Exception as error:
+        raise ValueError(f"{path.name}, line {error.lineno}: {error.msg}") from error
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+    try:
+        exec(code, own)
+    except (Exception, SystemExit) as error:
         raise ValueError(_said(path, error)) from error
     found = own.get(NAME)
     if not inspect.iscoroutinefunction(found) or len(inspect.signature(found).parameters) != 2:
-        raise ValueError(f"{path}: expected `async def {NAME}(fleet, steps)`")
+        raise ValueError(f"{path.name}: expected `async def {NAME}(fleet, steps)`")
 
     async def fly(fleet: Fleet, steps: Steps) -> None:
         try:
             await found(fleet, steps)
         except MissionError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise MissionError(_said(path, error)) from error
 
     return fly
 
 
-def _said(path: Path, error: Exception) -> str:
-    """What was raised, and the last line of the file that led there."""
+def _said(path: Path, error: BaseException) -> str:
+    """What was raised, and the last line of the file that led there; the whole of it is left on stderr.
+
+    Of several that were raised together it is the first.
+    """
+    traceback.print_exception(error, file=sys.stderr)
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    if isinstance(error, MissionError):
+        return str(error)
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-    return f"{path}, line {lines[-1] if lines else '?'}: {type(error).__name__}: {' '.join(str(error).split())}"
+    text = " ".join(str(error).split())
+    where = f"{path.name}, line {lines[-1] if lines else '?'}"
+    return f"{where}: {type(error).__name__}: {text}" if text else f"{where}: {type(error).__name__}"

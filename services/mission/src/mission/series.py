@@ -60,6 +60,11 @@ def read_measured(folder: Path, drones: Iterable[int]) -> Iterator[Reading]:
                 yield Reading(drone=drone, **event)
 
 
+def has_measured(folder: Path, drone: int) -> bool:
+    """Whether a drone's sensor wrote anything down: it begins when its drone first reaches it."""
+    return any(True for _ in read_measured(folder, (drone,)))
+
+
 def compare(
     drones: Iterable[int], measured: Iterable[Reading], arrived: Iterable[Reading], samples: int
 ) -> tuple[Series, ...]:

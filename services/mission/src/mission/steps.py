@@ -18,12 +18,19 @@ COLLECT_SPARE_S = 60.0
 
 
 class Steps:
-    """The steps of one mission on one fleet; `samples` are the values of each series that it collects, one a second."""
+    """The steps of one mission on one fleet.
 
-    def __init__(self, fleet: Fleet, log: EventLog, samples: int = SAMPLES) -> None:
+    `samples` are the values of each series that it collects, one a second; `was_reached` tells of a drone whether its
+    sensor, which has its number, has measured anything.
+    """
+
+    def __init__(
+        self, fleet: Fleet, log: EventLog, samples: int = SAMPLES, was_reached: Callable[[int], bool] = lambda _: True
+    ) -> None:
         self._fleet = fleet
         self._log = log
         self._samples = samples
+        self._was_reached = was_reached
 
     async def command(self, name: str, ask: Callable[[], Awaitable[list[Result]]], limit_s: float) -> None:
         """A command to all drones; raises MissionError unless each completes it."""
@@ -74,7 +81,10 @@ class Steps:
         said = []
         for drone in self._fleet.drones:
             short = [kind for kind in KINDS if arrived[drone, kind] < self._samples]
-            if short:
+            if len(short) == len(KINDS) and not any(arrived[drone, kind] for kind in KINDS):
+                why = "sent nothing that arrived" if self._was_reached(drone) else "was never in range"
+                said.append(f"drone {drone}: its sensor {drone} {why}")
+            elif short:
                 values = ", ".join(f"{arrived[drone, kind]} {kind}" for kind in short)
                 said.append(f"drone {drone}: {values} of {self._samples} each")
         return "; ".join(said)
