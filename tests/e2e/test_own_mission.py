@@ -1,0 +1,46 @@
+"""A mission of one's own that goes wrong in flight: one line for whoever flew it, the rest in its attempt's folder."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from testbed.results import open_series
+from testbed.topology import ROOT
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]
+
+MISSION = """
+async def mission(fleet, steps):
+    await steps.command("arm", fleet.arm, limit_s=30)
+    print("six drones are armed")
+    await look_at(fleet, "the lake")
+
+
+async def look_at(fleet, place):
+    await fleet.goto({1: {}[place]})
+"""
+
+
+def test_what_it_raises_is_one_line_and_its_traceback_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "lake.py").write_text(MISSION)
+    where = ["--protocols", "mqttxt", "--results", str(tmp_path / "results")]
+    command = [sys.executable, "-m", "testbed", "fly", str(tmp_path / "lake.py"), *where]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=280)
+    output = run.stdout + run.stderr
+    assert run.returncode == 1, output
+    assert "lake.py, line 9: KeyError: 'the lake'" in output
+    assert "Traceback" not in output
+    series = open_series(tmp_path / "results" / "lake" / "latest")
+    (attempt,) = series.attempts()
+    assert (attempt.manifest()["status"], attempt.manifest()["reason"]) == (
+        *("failed", "lake.py, line 9: KeyError: 'the lake'"),
+    )
+    said = (attempt.path / "logs" / "mission.log").read_text()
+    assert "six drones are armed" in said
+    assert "in look_at" in said
+    assert (attempt.path / "lake.py").read_text() == MISSION
+    assert "line 9: KeyError" in (series.path / "report.html").read_text()
