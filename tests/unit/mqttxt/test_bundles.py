@@ -110,6 +110,17 @@ def test_values_that_a_link_held_up_and_brought_together_are_all_told() -> None:
     assert [state for state in heard(told) if isinstance(state, Battery)] == [Battery(20), Battery(10), Battery(0)]
 
 
+def test_a_value_that_left_early_with_something_urgent_overtakes_none() -> None:
+    bench = ready(controlled=False)
+    bench.register(bundles=True, control=Control.NONE)
+    told: list[Any] = []
+    for pause_ms in (1000, 1000, 150, 1000, 1000):
+        told += bench.tell(Groundspeed(bench.now_ms % 60_000 / 1000))
+        told += bench.until(bench.now_ms + pause_ms)
+    told += bench.until(bench.now_ms + 1500)
+    assert len([state for state in heard(told) if isinstance(state, Groundspeed)]) == 5
+
+
 def test_a_change_that_is_not_to_be_missed_is_told_although_the_next_came_at_once() -> None:
     bench = ready(controlled=False)
     bench.register(bundles=True, control=Control.NONE)

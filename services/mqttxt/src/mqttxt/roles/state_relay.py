@@ -33,6 +33,7 @@ class StateRelay:
         self._leases = leases
         self._bundled: dict[tuple[int, str], list[StampedState]] = {}
         self._came_ms: dict[tuple[int, str], int] = {}
+        self._paces: dict[tuple[int, str], tuple[int, bool]] = {}
         self._next_bundle_ms = 0
         self._is_urgent = False
 
@@ -58,6 +59,7 @@ class StateRelay:
         if not self._leases:
             self._bundled.clear()
             self._came_ms.clear()
+            self._paces.clear()
             return []
         out: list[Effect] = []
         if self._bundled and (now_ms >= self._next_bundle_ms or self._is_urgent):
@@ -97,7 +99,8 @@ class StateRelay:
         """Keep a state for the next bundle.
 
         One that comes about as often as bundles leave must not be overtaken by its next value because the two clocks
-        drift: then the bundle leaves first, and the next one half a turn later. Of faster ones the newest counts.
+        drift: then the bundle leaves first, and the next one half a turn later. Where the drone's link brought both
+        together, or the next is a change that is not to be missed, it carries both. Of faster ones the newest counts.
         """
         out: list[Effect] = []
         interval_ms = self._settings.bundle_ms
@@ -105,21 +108,24 @@ class StateRelay:
             self._next_bundle_ms = now_ms + interval_ms // 2
             out = self._bundles()
         waiting = self._bundled.setdefault(key, [])
-        if waiting and not self._keeps(waiting[-1], state):
+        is_slow = self._is_slow(key, state.stamp)
+        is_change = bool(waiting) and state.state.name in URGENT and waiting[-1].state != state.state
+        if waiting and not (is_slow or is_change):
             waiting.pop()
         waiting.append(state)
         self._came_ms[key] = now_ms
         return out
 
-    def _keeps(self, waiting: StampedState, later: StampedState) -> bool:
-        """Whether a bundle carries both values of a state.
+    def _is_slow(self, key: tuple[int, str], origin: int) -> bool:
+        """Whether a drone tells a state about as often as bundles leave, by the stamps of its last three values.
 
-        It does where the drone told them as far apart as bundles are and its link brought them together, and where a
-        change is not to be missed.
+        One that is early among them, because it left with something urgent, makes no fast state.
         """
-        changed = waiting.state.name in URGENT and waiting.state != later.state
-        apart_ms = (later.stamp - waiting.stamp) % STAMP_MODULUS * STAMP_TICK_MS
-        return changed or apart_ms >= PATIENCE * self._settings.bundle_ms
+        before, was_slow = self._paces.get(key, (origin, True))
+        apart_ms = (origin - before) % STAMP_MODULUS * STAMP_TICK_MS
+        is_slow = apart_ms >= PATIENCE * self._settings.bundle_ms
+        self._paces[key] = origin, is_slow
+        return is_slow or was_slow
 
     def _bundles(self) -> list[Effect]:
         pairs = [(drone, state) for (drone, _), waiting in self._bundled.items() for state in waiting]
