@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import asyncio
+from io import StringIO
+from pathlib import Path
 
 import pytest
 
-from mission import mavsdk_messages
-from mission.mavsdk_messages import _and_its_copies
+from mission.events import EventLog
+from mission.mavsdk_messages import MavsdkMessageFleet
 
 
-@pytest.mark.parametrize(("repeated_s", "waits"), [(0.0, 1), (60.0, 0)])
+@pytest.mark.parametrize(("took_s", "waited_s"), [(0.4, []), (1.2, [pytest.approx(1.2)])])
 async def test_copies_of_a_call_are_waited_for_where_it_was_repeated(
-    repeated_s: float, waits: int, monkeypatch: pytest.MonkeyPatch
+    took_s: float, waited_s: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    slept: list[float] = []
+    log = EventLog(Path("/dev/null"), StringIO())
+    fleet = MavsdkMessageFleet(("udpin://127.0.0.1:0",), {1: (1,)}, "one-by-one", "px4-onboard", log)
+    now_s, waited = [100.0], []
 
-    async def sleep(seconds: float) -> None:
-        slept.append(seconds)
+    async def wait(seconds: float) -> None:
+        waited.append(seconds)
 
-    monkeypatch.setattr(mavsdk_messages, "REPEATED_S", repeated_s)
-    async with _and_its_copies():
-        await asyncio.sleep(0)
-        monkeypatch.setattr(asyncio, "sleep", sleep)
-    assert len(slept) == waits
+    monkeypatch.setattr(asyncio, "sleep", wait)
+    monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: now_s[0])
+    with fleet._noting_copies():
+        now_s[0] += took_s
+    settled = await fleet.settle()
+    monkeypatch.undo()
+    assert settled
+    assert waited == waited_s

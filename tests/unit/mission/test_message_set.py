@@ -82,7 +82,6 @@ Fly = Callable[..., Any]
 def fly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Fly:
     """Flies two of each kind; returns the drone, the events and what was raised."""
     monkeypatch.setattr(message_set, "TURN_S", 0.0)
-    monkeypatch.setattr(message_set, "SPARE_S", 0.02)
     monkeypatch.setattr(message_set, "FOLLOW_LIMIT_S", 0.02)
 
     async def flown(
@@ -129,7 +128,10 @@ async def test_a_call_that_fails_is_counted_and_the_next_one_follows(fly: Fly) -
     assert _done(events)["arm"] == _done(events)["goto"] == (1, 1)
 
 
-async def test_a_kind_of_which_nothing_succeeds_fails_the_mission_when_all_others_have_been_flown(fly: Fly) -> None:
+async def test_a_kind_of_which_nothing_succeeds_fails_the_mission_when_all_others_have_been_flown(
+    fly: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(message_set, "SPARE_S", 0.5)
     _, events, reason = await fly({"land": ["denied", "unconfirmed"]}, silent=("battery",), refused=("heading",))
     assert reason == (
         "land: none of 2 (1 denied, 1 unconfirmed); battery: none of 2 (2 not told in time); "
@@ -140,7 +142,10 @@ async def test_a_kind_of_which_nothing_succeeds_fails_the_mission_when_all_other
     assert [name for name, counts in done.items() if counts == (0, 2)] == ["land", "battery", "heading"]
 
 
-async def test_what_was_told_before_a_kind_began_is_none_of_its_values(fly: Fly) -> None:
+async def test_what_was_told_before_a_kind_began_is_none_of_its_values(
+    fly: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(message_set, "SPARE_S", 0.5)
     _, events, _ = await fly(silent=("location",))
     assert _done(events)["location"] == (0, 2)
 
@@ -149,6 +154,7 @@ async def test_a_state_that_is_told_faster_is_taken_once_in_a_turn_and_the_newes
     fly: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(message_set, "TURN_S", 0.01)
+    monkeypatch.setattr(message_set, "SPARE_S", 0.5)
     _, events, _ = await fly(change=lambda drone: setattr(drone, "tells_faster", True))
     assert _done(events) == dict.fromkeys(COMMANDS, (2, 0)) | dict.fromkeys(STATES, (1, 1))
     assert [e["value"] for e in events if e["event"] == "value"] == [{name: 4} for name in STATES]

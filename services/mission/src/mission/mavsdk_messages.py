@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable, Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -39,6 +39,7 @@ class MavsdkMessageFleet(MavsdkFleet):
         self._number = self.drones[0]
         self._offboard: OffboardAsync | None = None
         self._is_in_offboard = False
+        self._copies_until_s = 0.0
         self._telling: asyncio.Task[None] | None = None
 
     async def close(self) -> None:
@@ -58,7 +59,7 @@ class MavsdkMessageFleet(MavsdkFleet):
             "offboard": self._enter_offboard,
             "goto": lambda drone: go_to(drone, points_of([drone.number])[drone.number]),
         }
-        async with _and_its_copies():
+        with self._noting_copies():
             try:
                 accepted = await self._call_as(call, self._drone, name, asks[name])
             except OffboardError as error:
@@ -66,14 +67,16 @@ class MavsdkMessageFleet(MavsdkFleet):
             return accepted if isinstance(accepted, Result) else Result(self._number, Word.ACCEPTED.label)
 
     async def settle(self) -> bool:
-        """A call has ended when it returned, but for offboard's set-points."""
+        """A call has ended when it returned, but for its copies and for offboard's set-points."""
+        await self._wait_for_copies()
         if self._is_in_offboard and self._offboard is not None:
             self._is_in_offboard = False
-            async with _and_its_copies():
+            with self._noting_copies():
                 try:
                     await self._calls.run(self._offboard.stop())
                 except OffboardError as error:  # the set-points have ended all the same
                     logger.warning("offboard: %s", error)
+            await self._wait_for_copies()
         return True
 
     def follows(self, armed: bool) -> bool:
@@ -106,6 +109,23 @@ class MavsdkMessageFleet(MavsdkFleet):
     @property
     def _drone(self) -> MavsdkDrone:
         return self._drones[self._number]
+
+    @contextlib.contextmanager
+    def _noting_copies(self) -> Iterator[None]:
+        """A call that is repeated may be answered twice, and an acknowledgement does not say which call it is for.
+
+        What was repeated takes no longer to come and to be answered than the call itself took.
+        """
+        clock = asyncio.get_running_loop().time
+        asked_s = clock()
+        yield
+        now_s = clock()
+        self._copies_until_s = now_s + (now_s - asked_s) if now_s - asked_s >= REPEATED_S else now_s
+
+    async def _wait_for_copies(self) -> None:
+        left_s = self._copies_until_s - asyncio.get_running_loop().time()
+        if left_s > 0:
+            await asyncio.sleep(left_s)
 
     async def _enter_offboard(self, drone: MavsdkDrone) -> None:
         """A set-point first, then the mode; MAVSDK repeats the set-point twenty times a second."""
@@ -141,20 +161,6 @@ class MavsdkMessageFleet(MavsdkFleet):
             telling.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await telling
-
-
-@contextlib.asynccontextmanager
-async def _and_its_copies() -> AsyncIterator[None]:
-    """A call, and until no copy of it can be under way: an acknowledgement does not say which one it is for.
-
-    What was repeated takes no longer to come and to be answered than the call itself took.
-    """
-    clock = asyncio.get_running_loop().time
-    asked_s = clock()
-    yield
-    took_s = clock() - asked_s
-    if took_s >= REPEATED_S:
-        await asyncio.sleep(took_s)
 
 
 async def _take(
