@@ -7,7 +7,7 @@ from typing import Any
 
 from .. import words
 from .axes import Scale, decades, log_bounds, quantile, side
-from .draw import TEXT, Drawing
+from .draw import TEXT, Drawing, Point, width_of
 from .figure import Figure
 from .panels import Panel, begin, lay_out
 
@@ -18,6 +18,9 @@ _LEAST_MS = 0.01
 _HIGH, _BELOW = 116.0, 62.0
 _STRIP = 7.0
 """The room of each side's marks of lost messages, above what arrived."""
+
+
+_LOST_NOTE = " A cross on top is a message that never arrived; of a group a bar, the darker the more of it were lost."
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ def kind_delays(kinds: Kinds) -> Figure | None:
                 if grouped
                 else ""
             )
-            + (" A cross on top is a message that never arrived." if lost else "")
+            + (_LOST_NOTE if lost else "")
         ),
         draw=lambda width: _draw(kinds, width),
         header=("kind", "protocol", "attempt", "number", "delay_ms"),
@@ -106,15 +109,24 @@ def _draw(kinds: Kinds, width: float) -> Drawing:
     for panel in panels:
         up = Scale(low, most, panel.y + panel.high, panel.y + 2 + _STRIP * len(protocols), logarithmic=True)
         side(drawing, up, decades(low, most, words.delay, 5), panel.x, panel.x + panel.wide, panel.first)
-        x = panel.x
         sides = list(enumerate(kinds[panel.name].items()))
         for order, (protocol, one) in sorted(sides, key=lambda side: -len(side[1][1].values)):  # the fewer on top
             _draw_side(drawing, panel, protocol, one, up, order)
-        for _, (protocol, one) in sides:
-            count = f"{len(one.values):,}"
-            drawing.text(x, panel.y + panel.high + TEXT + 5, count, protocol, size=TEXT - 1)
-            x += 9 + 7.5 * len(count)
+        _count(drawing, panel, kinds[panel.name])
     return drawing
+
+
+def _count(drawing: Drawing, panel: Panel, by: dict[str, Series]) -> None:
+    """How many messages there were, and how many of them were lost: below the panel, a line a side if any was."""
+    lost = {protocol: one.values.count(None) for protocol, one in by.items()}
+    x, y = panel.x, panel.y + panel.high + TEXT + 5
+    for protocol, one in by.items():
+        said = f"{len(one.values):,}" + (f", {lost[protocol]:,} lost" if lost[protocol] else "")
+        drawing.text(x, y, said, protocol, size=TEXT - 1)
+        if any(lost.values()):
+            y += TEXT + 1.5
+        else:
+            x += 12 + width_of(said, TEXT - 1)
 
 
 def _draw_side(drawing: Drawing, panel: Panel, protocol: str, one: Series, up: Scale, order: int) -> None:
@@ -124,7 +136,7 @@ def _draw_side(drawing: Drawing, panel: Panel, protocol: str, one: Series, up: S
         for number, (value, attempt) in enumerate(zip(one.values, one.attempts, strict=True), 1):
             about = f"{words.name_of(protocol)}, {panel.name} {number} (attempt {attempt})"
             if value is None:
-                _cross(drawing, across(number), lost_y, f"{about}: lost")
+                _cross(drawing, (across(number), lost_y), protocol, f"{about}: lost")
             else:
                 tip = f"{about}: {words.milliseconds(value)}"
                 drawing.dot((across(number), up(value)), protocol, 2.2 if len(one.values) > 40 else 2.8, tip=tip)
@@ -143,6 +155,7 @@ def _draw_side(drawing: Drawing, panel: Panel, protocol: str, one: Series, up: S
 
 def _draw_groups(drawing: Drawing, panel: Panel, protocol: str, one: Series, up: Scale, lost_y: float) -> None:
     across = Scale(0, GROUPS, panel.x + 2, panel.x + panel.wide - 32)
+    wide = across(1) - across(0)
     for group in range(GROUPS):
         first, until = (len(one.values) * edge // GROUPS for edge in (group, group + 1))
         values = sorted(value for value in one.values[first:until] if value is not None)
@@ -150,13 +163,16 @@ def _draw_groups(drawing: Drawing, panel: Panel, protocol: str, one: Series, up:
         x = across(group + 0.5)
         about = f"{words.name_of(protocol)}, {panel.name} {first + 1:,} to {until:,}"
         if lost:
-            _cross(drawing, x, lost_y, f"{about}: {lost} lost")
+            share = lost / (until - first)
+            tip = f"{about}: {lost} lost, {words.share(share)}"
+            drawing.rect(x - wide / 2, lost_y - 2.5, wide, 5, protocol, min(1.0, 0.15 + share), tip)
         if values:
             tip = f"{about}: {words.milliseconds(values[0])} to {words.milliseconds(values[-1])}"
             drawing.path([(x, up(values[0])), (x, up(values[-1]) - 0.5)], protocol, 1.2, tip=tip)
             drawing.dot((x, up(quantile(values, 0.5))), protocol, 1.3)
 
 
-def _cross(drawing: Drawing, x: float, y: float, tip: str) -> None:
+def _cross(drawing: Drawing, at: Point, protocol: str, tip: str) -> None:
+    x, y = at
     for turn in (-1, 1):
-        drawing.path([(x - 2.4, y - 2.4 * turn), (x + 2.4, y + 2.4 * turn)], "bad", 1.5, tip=tip)
+        drawing.path([(x - 2.4, y - 2.4 * turn), (x + 2.4, y + 2.4 * turn)], protocol, 1.6, tip=tip)
