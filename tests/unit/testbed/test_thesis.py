@@ -69,3 +69,15 @@ def test_the_ratios_of_the_message_set_that_a_caveat_names_follow_from_the_figur
 def test_bytes_that_are_packets_times_a_constant_are_known() -> None:
     computed = {name for name in thesis.everything()["message_set"] if thesis.bytes_were_computed(name)}
     assert computed == {"arm", "takeoff", "land", "offboard", "goto", "location", "groundspeed", "heading"}
+
+
+def test_its_commands_have_too_few_packets_for_their_delays() -> None:
+    kinds = {name: thesis.of_kind(name) for name in thesis.everything()["message_set"]}
+    commands = ("arm", "takeoff", "land", "offboard", "goto")
+    a_second = [by["packets"]["mavlink"] for name, by in kinds.items() if name not in commands]  # one value a second
+    packets = [kinds[name]["packets"]["mavlink"] for name in commands]
+    delays = [kinds[name]["delay_ms"]["mavlink"] for name in commands]
+    said = " ".join(thesis.caveats("messages"))
+    assert f"{min(a_second):,.0f} to {max(a_second):,.0f} packets a second" in said
+    assert f"{min(packets) / max(a_second):.2f} to {max(packets) / min(a_second):.2f} s of streaming" in said
+    assert f"{min(delays):.0f} to {max(delays):.0f} ms" in said
