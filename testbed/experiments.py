@@ -142,20 +142,16 @@ def make_plan(
     chosen = tuple(part.strip() for part in protocols.split(",")) if protocols.strip() else PROTOCOLS
     for protocol in chosen:
         _one_of("PROTOCOLS", protocol, PROTOCOLS)
-    if not attempts.isascii() or not attempts.isdecimal() or not 1 <= int(attempts) <= MOST_ATTEMPTS:
-        raise UserError(f"ATTEMPTS={attempts}: expected a whole number from 1 to {MOST_ATTEMPTS}")
-    if not samples.isascii() or not samples.isdecimal() or not 1 <= int(samples) <= MOST_SAMPLES:
-        raise UserError(f"SAMPLES={samples}: expected a whole number from 1 to {MOST_SAMPLES}")
-    if not count.isascii() or not count.isdecimal() or not 1 <= int(count) <= MOST_COUNT:
-        raise UserError(f"COUNT={count}: expected a whole number from 1 to {MOST_COUNT}")
+    how_often = _whole("ATTEMPTS", attempts, MOST_ATTEMPTS)
+    values_each, messages_each = _whole("SAMPLES", samples, MOST_SAMPLES), _whole("COUNT", count, MOST_COUNT)
     factors = _factors(ARMS[arm], overrides or {})
     links = read_profile(profile)
     resolve(
         links, read_topology(sensors=experiment in WITH_SENSORS), experiment, 1
     )  # a link that does not exist is said now
     flown = tuple(dict.fromkeys(chosen))
-    values = (ARMS[arm], factors, links, flown, shaper, int(samples), mission, int(count))
-    return Plan(experiment, int(attempts), *values)
+    values = (ARMS[arm], factors, links, flown, shaper, values_each, mission, messages_each)
+    return Plan(experiment, how_often, *values)
 
 
 def one_protocol(text: str) -> str:
@@ -179,6 +175,13 @@ def _factors(arm: Arm, overrides: Mapping[str, str]) -> Factors:
         _one_of(name.upper(), value, FACTORS[name])
     values = {name: str(value) for name, value in asdict(arm.factors).items()} | changed
     return Factors(values["streams"], values["commanding"], int(values["qos"]), values["chain"], values["states"])
+
+
+def _whole(what: str, text: str, most: int) -> int:
+    """A number from 1 to `most`, in ASCII digits; of leading zeros there may be few."""
+    if not re.fullmatch(r"[0-9]{1,9}", text) or not 1 <= int(text) <= most:
+        raise UserError(f"{what}={text[:40]}: expected a whole number from 1 to {most}")
+    return int(text)
 
 
 def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:

@@ -148,6 +148,8 @@ def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
         ({"attempts": "0"}, "ATTEMPTS=0: expected a whole number from 1 to 99"),
         ({"attempts": "x"}, "ATTEMPTS=x: expected a whole number from 1 to 99"),
         ({"attempts": "٣"}, "ATTEMPTS=٣: expected a whole number from 1 to 99"),
+        ({"attempts": "9" * 5000}, f"ATTEMPTS={'9' * 40}: expected a whole number from 1 to 99"),
+        ({"samples": "601"}, "SAMPLES=601: expected a whole number from 1 to 600"),
         ({"attempts": ""}, "ATTEMPTS=: expected a whole number from 1 to 99"),
         (
             {"arm": "fast"},
