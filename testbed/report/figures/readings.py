@@ -33,6 +33,8 @@ class Side:
 
 Sides = dict[str, Side]
 _Panel = tuple[str, int]
+MOST_MARKS = 60
+"""Values of a series up to which each has a mark."""
 KINDS = tuple(UNITS)
 """In this order from above; other kinds follow."""
 
@@ -52,7 +54,8 @@ def values(sides: Sides) -> Figure | None:
         note=(
             "A row a kind, a column a drone; time runs since each side's mission began. The line is what the sensor "
             "wrote down itself, a mark a value that the ground station had as it was measured, a hollow red one a "
-            "value that never came. Both sides flew at different times, so they measured different weather."
+            "value that never came; of more than 60 values only such have a mark. Both sides "
+            "flew at different times, so they measured different weather."
         ),
         draw=lambda width: _draw(sides, panels, width),
         header=(
@@ -152,13 +155,14 @@ def _draw_series(drawing: Drawing, protocol: str, side: Side, panel: _Panel, acr
     own = [one for one in side.measured if (one.kind, one.drone) == panel]
     places = [(across(side.measured_s(one)), up(one.value)) for one in own]
     drawing.path(places, protocol, 0.9)
-    small = 2.4 if len(own) <= 40 else 1.5
     for one, at in zip(own, places, strict=True):
+        if one.told_ns is not None and len(own) > MOST_MARKS:
+            continue
         when = f"measured at {side.measured_s(one):.1f} s"
         came = "never came" if one.delay_app_ms is None else f"there after {words.milliseconds(one.delay_app_ms)}"
         what = f"{one.value:g} {unit_of(one.unit)}"
         tip = f"{words.name_of(protocol)}, drone {one.drone}: {what}, {when}, {came}"
-        drawing.dot(at, protocol if one.told_ns is not None else "bad", small, hollow=one.told_ns is None, tip=tip)
+        drawing.dot(at, protocol if one.told_ns is not None else "bad", 2.4, hollow=one.told_ns is None, tip=tip)
 
 
 def _bounds(kind: str, sides: Sides) -> tuple[float, float]:

@@ -161,6 +161,15 @@ def test_the_figures_data_has_each_value_with_its_times() -> None:
     assert "drone 2: 33 lx, measured at 13.0 s, never came" in drawn
 
 
+def test_of_many_values_only_what_never_came_is_marked() -> None:
+    values = tuple(measured(1, "light", second, told_ms=None if second == 7 else 8.0) for second in range(100))
+    figure = figures.values({"mavlink": figures.Side(values, START_NS)})
+    assert figure is not None
+    assert figure.wide().count("<title>MAVLink, drone 1") == 1
+    assert "measured at 7.0 s, never came" in figure.wide()
+    assert len(figure.rows) == 100
+
+
 def test_delays_are_shown_both_ways() -> None:
     values = (measured(1, "light", 12), measured(2, "light", 13, told_ms=60.0))
     figure = figures.delays({"mavlink": figures.Side(values, START_NS)})
