@@ -30,6 +30,7 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
     publishes = packets.messages.filter(pl.col("body").is_not_null()).with_columns(pl.col("link").cast(pl.String))
     leaving = publishes.filter(window.entered, pl.col("link").is_in(ways.leaving(STATION)))
     sent, frames = _commands_sent(leaving, ways)
+    frames += _selects_sent(leaving)
     received = _commands_received(publishes, ways)
     rows: list[tuple[str, int, int | None, int | None, int | None]] = [
         (key[2], key[3], left_ns, received.get(key), row) for key, (left_ns, row) in sorted(sent.items())
@@ -104,6 +105,17 @@ def _commands_sent(publishes: pl.DataFrame, ways: Ways) -> tuple[dict[CommandKey
             for drone in _addressed(topic, ways):
                 sent.setdefault((*command, drone), (t_ns, row))
     return sent, frames
+
+
+def _selects_sent(publishes: pl.DataFrame) -> Counter[str]:
+    """How many frames asked fogs for the best drone of each kind of command, or chose it (`fogX/commands/C`).
+
+    To whom such a command goes the fogs say, so it is in no count of commands sent and lost.
+    """
+    levels = pl.col("topic").str.split("/").list
+    asked = publishes.filter((levels.get(-2, null_on_oob=True) == "commands").fill_null(False))
+    counts = asked.group_by(levels.last().alias("name")).agg(pl.col("copies").sum())
+    return Counter(dict(counts.iter_rows()))
 
 
 def _commands_received(publishes: pl.DataFrame, ways: Ways) -> dict[CommandKey, int]:

@@ -135,6 +135,26 @@ def test_a_command_sent_again_by_whichever_layer_is_one_command_in_several_frame
     assert measured["mqtt"]["publish"] == 5 + 2  # those of the other hops, and the station's two
 
 
+def test_a_command_for_whoever_arrives_first_is_in_frames_but_in_no_count_of_what_was_sent(tmp_path: Path) -> None:
+    """What its fogs are asked, and what is chosen: three frames of one call."""
+    series = new_series(tmp_path, "search", "thesis", "ideal")
+    attempt = make_attempt(series)
+    call = {"t_ns": T0 + SECOND // 2, "event": "command", "call": 2, "command": "goto", "fog": None, "drone": None}
+    events = sorted([*attempt.events(), call], key=lambda event: int(str(event["t_ns"])))
+    (attempt.path / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    arm = publish("fog1/commands", arm_command())
+    asked = [publish(f"fog{fog}/commands/goto", b"asked") for fog in (1, 2, 1)]
+    bodies, place = [arm, *asked], 0
+    frames = []
+    for number, body in enumerate(bodies):
+        frames.append((T0 + number * SECOND, frame("gs", "cloud", body, 1 + 20 * number, sequence=place)))
+        place += len(body)
+    write_pcap(attempt.path / "pcap" / "gs.pcap", frames)
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert measured["frames_per_call"] == {"arm": 1.0, "goto": 3.0}
+    assert set(measured["messages"]["commands"]) == {"arm"}
+
+
 def test_states_in_bundles_are_found_one_by_one(tmp_path: Path) -> None:
     series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
     attempt = make_attempt(series)
