@@ -7,6 +7,7 @@ kind's starting state. A state's is one value, at 1 Hz. What fails is counted, a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
@@ -104,10 +105,9 @@ class MessageSet:
             tally.reasons[str(error)] = self._count
             self._done(name, tally)
             return tally
+        await self._align(values)
         self._began(name, "state")
         clock = asyncio.get_running_loop().time
-        while not values.empty():
-            values.get_nowait()  # told before the kind began
         taken_s = clock()
         for number in range(1, self._count + 1):
             self._show(name, number)
@@ -122,6 +122,13 @@ class MessageSet:
         self._done(name, tally)
         await self._fleet.untell(name)
         return tally
+
+    async def _align(self, values: asyncio.Queue[Any]) -> None:
+        """Wait for a value, if one comes: a kind begins right after it, so that COUNT turns are within it."""
+        while not values.empty():
+            values.get_nowait()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(values.get(), TURN_S + SPARE_S)
 
     async def _next(self, values: asyncio.Queue[Any], taken_s: float) -> Any:
         """The next value that is told; of a state that is told faster, the newest once a second."""
