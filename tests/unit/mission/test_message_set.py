@@ -27,6 +27,7 @@ class Drone:
 
     def __init__(self, answers: dict[str, list[str]], silent: tuple[str, ...], refused: tuple[str, ...]) -> None:
         self.tells_faster = False
+        self.repeats = False
         self.did: list[Any] = []
         self.follows = self._follows
         self._answers = answers
@@ -41,6 +42,8 @@ class Drone:
 
     async def settle(self) -> bool:
         assert self._start[0] is False, "a call is ended by disarming"
+        if self.repeats and self._is_open:
+            self._start = HOVER  # what a late copy of the call did
         self._is_open = False
         return True
 
@@ -158,6 +161,13 @@ async def test_a_state_that_is_told_faster_is_taken_once_in_a_turn_and_the_newes
     _, events, _ = await fly(change=lambda drone: setattr(drone, "tells_faster", True))
     assert _done(events) == dict.fromkeys(COMMANDS, (2, 0)) | dict.fromkeys(STATES, (1, 1))
     assert [e["value"] for e in events if e["event"] == "value"] == [{name: 4} for name in STATES]
+
+
+async def test_a_late_copy_of_a_call_does_not_spoil_the_start_of_the_next_one(fly: Fly) -> None:
+    drone, events, reason = await fly(change=lambda drone: setattr(drone, "repeats", True))
+    assert reason is None
+    assert drone.did[:10] == [(name, STARTS[name]) for name in COMMANDS for _ in range(2)]
+    assert all(event["followed"] for event in events if event["event"] == "reset")
 
 
 async def test_a_call_is_made_although_the_ground_station_never_hears_of_its_start(fly: Fly) -> None:

@@ -143,14 +143,17 @@ class MessageSet:
     async def _reset(self, start: Start) -> bool:
         """Put the drone into a starting state; returns whether the ground station has heard of it.
 
-        It is disarmed on the way: so what the last call began is over, and ends with its last word. A late copy of
-        that call may have armed it again by then.
+        It is disarmed on the way: so what the last call began is over, and ends with its last word. Then once more,
+        for a late copy of that call may have armed it again.
         """
         await self._channel.set(armed=False, battery_pct=100)
         settled = await self._fleet.settle()
+        await self._channel.set(armed=False)
         followed = await self._follow(armed=False)
-        await self._channel.set(armed=start.armed, altitude_m=start.altitude_m)
-        return await self._follow(start.armed) and followed and settled
+        if start.armed:
+            await self._channel.set(armed=True, altitude_m=start.altitude_m)
+            followed = await self._follow(armed=True) and followed
+        return followed and settled
 
     async def _follow(self, armed: bool) -> bool:
         try:
