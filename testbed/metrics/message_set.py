@@ -33,7 +33,8 @@ def measure_kinds(
         return None
     drones = {drone for event in events if event["event"] == "mission_start" for drone in event["drones"]}
     frames, messages = _numbered(packets.frames, "frame"), _numbered(packets.messages, "row")
-    answers = acknowledgements(frames, pl.col("begins").is_not_null()).select("frame", "answer")
+    acks = frames.filter(pl.col("purpose").cast(pl.String) == "acknowledgement").select(pl.col("frame").alias("answer"))
+    answers = acknowledgements(frames, pl.col("begins").is_not_null()).join(acks, on="answer", how="semi")
     t_ns, said_ns = frames["t_ns"].to_numpy(), messages["t_ns"].to_numpy()
     same = _SAME_MESSAGE if is_mavlink else {}
     found, all_own = {}, []
@@ -42,8 +43,8 @@ def measure_kinds(
         own = own_mavlink(said, kind.name, drones) if is_mavlink else own_mqttxt(said, kind.name, ways)
         all_own.append(own.with_columns((pl.lit(kind.name + _BETWEEN) + pl.col("name")).alias("name")))
         carrying = said.join(own, on="row", how="semi")["frame"]
-        mine, acks = _own_frames(carrying, rows, frames, answers)
-        counted, alone = np.union1d(rows, acks), np.union1d(mine, acks)
+        mine, later = _own_frames(carrying, frames[rows], answers)
+        counted, alone = np.union1d(rows, later), np.union1d(mine, later)
         found[kind.name] = {
             "form": kind.form,
             "asked": kind.asked,
@@ -66,15 +67,16 @@ def measure_kinds(
     return found
 
 
-def _own_frames(carrying: pl.Series, rows: Ints, frames: pl.DataFrame, answers: pl.DataFrame) -> tuple[Ints, Ints]:
-    """The frames among `rows` that carry own messages or go on with one; and what acknowledges them, at once or later.
+def _own_frames(carrying: pl.Series, within: pl.DataFrame, answers: pl.DataFrame) -> tuple[Ints, Ints]:
+    """The frames of `within` that carry own messages or go on with one; and what acknowledges them, at once or later.
+
+    `answers` has for a frame (`frame`) the one that acknowledges it and does nothing else (`answer`).
 
     TCP may wait before it acknowledges, so that this comes when the call has returned; it is a part of its price.
     """
     own = carrying.unique().to_list()
-    mine = frames[rows].filter(pl.col("begins").is_in(own) | pl.col("frame").is_in(own))["frame"]
-    acks = frames.filter(pl.col("purpose").cast(pl.String) == "acknowledgement").select(pl.col("frame").alias("answer"))
-    later = answers.filter(pl.col("frame").is_in(mine.to_list())).join(acks, on="answer", how="semi")["answer"]
+    mine = within.filter(pl.col("begins").is_in(own) | pl.col("frame").is_in(own))["frame"]
+    later = answers.filter(pl.col("frame").is_in(mine.to_list()))["answer"]
     return mine.to_numpy(), later.unique().to_numpy()
 
 
