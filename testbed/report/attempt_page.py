@@ -143,9 +143,9 @@ def _trouble(
         return None
     reason = measured["reason"] if measured is not None else void["reason"] if void is not None else None
     first, _, rest = (reason or "").strip().partition("\n")
-    steps = [event for event in events if event["event"] == "step_done"]
-    begun = [event["name"] for event in events if event["event"] == "step"]
-    done = [event["name"] for event in steps if event["ok"]]
+    begun = [event["name"] for event in events if event["event"] in ("step", "kind")]
+    done = [event["name"] for event in events if event["event"] == "kind_done"]
+    done += [event["name"] for event in events if event["event"] == "step_done" and event["ok"]]
     return {
         "status": status,
         "reason": first or "no reason given",

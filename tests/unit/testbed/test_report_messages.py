@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from message_attempts import COMMANDS, STATES, make_mavlink_messages, make_mqttxt_messages
+from message_attempts import (
+    COMMANDS,
+    STATES,
+    call_times,
+    make_mavlink_messages,
+    make_mqttxt_messages,
+    message_events,
+)
 from rich.console import Console
 from test_report_both import Page
 
@@ -23,7 +30,7 @@ from testbed.report.figures.kind_delays import GROUPS, MOST_DOTS, kind_delays, s
 from testbed.report.figures.kind_ratios import Ratio, kind_ratios
 from testbed.report.html import write_report
 from testbed.report.terminal import print_summary
-from testbed.results import Series, new_series
+from testbed.results import Series, new_series, write_json
 
 Metrics = dict[str, Any]
 
@@ -182,3 +189,17 @@ def test_two_message_sets_are_compared_for_one_message(series: Series, metrics: 
     assert "mean command: delay ×3.0" in " ".join(compare.sentences(*both))
     write_comparison(*both, tmp_path / "compare.html")
     assert "For one message, means of the completed attempts" in (tmp_path / "compare.html").read_text()
+
+
+def test_a_message_set_that_broke_off_says_how_far_it_came(tmp_path: Path) -> None:
+    broken = new_series(tmp_path, "messages", "thesis", "ideal")
+    attempt = make_mqttxt_messages(broken)
+    events = [event for event in message_events() if event["t_ns"] < call_times("land")[0]]
+    (attempt.path / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    write_json(attempt.path / "manifest.json", attempt.manifest() | {"status": "failed", "reason": "arm: nothing came"})
+    metrics = measure_series(broken)
+    assert list(metrics["protocols"]["mqttxt"]["attempts"][0]["message_set"]) == ["arm", "takeoff", "land"]
+    text = write_report(broken, metrics).read_text()
+    assert "Done before: arm, takeoff. It ended in the step land." in text
+    assert "kinds" not in Page(text).sections
+    assert "Over MQTT-XT the only attempt failed (arm: nothing came)" in _terminal(broken, metrics)
