@@ -151,7 +151,9 @@ class MavsdkMessageFleet(MavsdkFleet):
     async def _ask_rate(self, name: str, rate_hz: float) -> None:
         try:
             async with asyncio.timeout(RATE_LIMIT_S):
-                await self._drone.ask_rate(name, rate_hz)
+                with self._noting_copies():
+                    await self._drone.ask_rate(name, rate_hz)
+                await self._wait_for_copies()  # each makes the autopilot tell a value at once
         except TimeoutError:
             raise MissionError(f"rate of {name}: no answer within {RATE_LIMIT_S:g} s") from None
 
