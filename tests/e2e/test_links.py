@@ -1,4 +1,4 @@
-"""Scenario 1 on shaped links: calibrated, flown, counted by cause; and never flown on links that cannot be shaped."""
+"""Scenario 3 on shaped links: calibrated, flown, counted by cause; and never flown on links that cannot be shaped."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 ONE_WAY_MS = {"air": 45.0, "backhaul": 15.0, "wan": 10.0}
 """The profile lte."""
 LOSS = 0.002
+COMMANDS = ("arm", "takeoff", "land")
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, dict[str, Any]]:
-    run = Run(tmp_path_factory.mktemp("flown") / "results", "--profile", "lte")
+    run = Run(tmp_path_factory.mktemp("flown") / "results", "--profile", "lte", experiment="scenario-3")
     assert run.wait() == 0, run.output
     return run, run.metrics()
 
@@ -30,6 +31,8 @@ def test_a_mission_is_flown_on_links_that_were_measured_before_over(
     run, metrics = flown
     (attempt,) = metrics["protocols"][protocol]["attempts"]
     assert attempt["status"] == "completed"
+    for drone, said in attempt["outcomes"].items():
+        assert [(one["command"], one["word"]) for one in said] == [(name, "completed") for name in COMMANDS], drone
     manifest = attempt_over(run, protocol).manifest()
     assert manifest["profile"] == "lte"
     assert manifest["shaper"] in ("netem", "nfqueue")
@@ -49,7 +52,7 @@ def test_both_protocols_meet_the_same_links(flown: tuple[Run, dict[str, Any]]) -
 
 
 def test_what_the_captures_miss_is_what_the_shaper_dropped(flown: tuple[Run, dict[str, Any]]) -> None:
-    """Of some 300,000 frames over MAVLink; the counters begin with the calibration, the captures with the arming."""
+    """Of some 200,000 frames over MAVLink; the counters begin with the calibration, the captures with the arming."""
     run, metrics = flown
     (attempt,) = metrics["protocols"]["mavlink"]["attempts"]
     counters = json.loads((attempt_over(run, "mavlink").path / "links" / "counters.json").read_text())
