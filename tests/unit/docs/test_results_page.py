@@ -1,0 +1,30 @@
+"""The page of what was found: its tables are what the command makes of the metrics that are kept beside it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+from testbed.experiments import EXPERIMENTS
+from testbed.summary.cells import find_cells
+from testbed.summary.markdown import fill
+
+DOCS = Path(__file__).resolve().parents[3] / "docs"
+PAGE = DOCS / "results.md"
+
+
+def test_the_tables_are_what_the_command_writes(tmp_path: Path) -> None:
+    copy = tmp_path / "results.md"
+    shutil.copyfile(PAGE, copy)
+    found = find_cells([DOCS / "findings"])
+    assert found.unread == ()
+    names = fill(copy, found.cells)
+    assert copy.read_text() == PAGE.read_text()
+    assert {name.split(":")[1] for name in names} == set(EXPERIMENTS)
+
+
+def test_every_series_that_is_kept_is_named_and_every_named_one_kept() -> None:
+    kept = {"/".join(path.parts[-4:-1]) for path in (DOCS / "findings").glob("*/*/*/metrics.json")}
+    named = set(re.findall(r"^\| `([a-z0-9-]+/[^`]+)` \|", PAGE.read_text(), re.MULTILINE))
+    assert named == kept
