@@ -109,7 +109,7 @@ def station(request: pytest.FixtureRequest, mavproxy: Path, tmp_path: Path) -> I
 
 
 def test_mavproxy_sees_six_vehicles_and_arms_the_one_it_is_told_to(station: Station, tmp_path: Path) -> None:
-    wait_until(lambda: station.vehicles() == set(range(1, 7)), "six vehicles")
+    wait_until(lambda: station.vehicles() == set(range(1, 7)), "six vehicles", 60)
     station.type("vehicle 3:1")  # its autopilot: alone, the component stays that of whoever was heard first
     wait_until(lambda: "Set vehicle 3:1" in station.said, "vehicle 3 is chosen")
     station.type("arm throttle")
