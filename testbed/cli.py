@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from .campaign.cli import fly_everything
 from .containers import Containers, only_run
-from .errors import DockerError, TestbedError, UserError
+from .errors import TestbedError, UserError
 from .experiments import (
     ARMS,
     DEFAULT_COUNT,
@@ -40,13 +39,12 @@ from .profiles.run_plan import SHAPERS
 from .progress import ConsoleProgress
 from .report.compare import result_of
 from .report.compare_page import print_comparison, write_comparison
-from .reporting import report_series, shown_path
+from .reporting import RESULTS, make_console, report_series, reported_without_docker, shown_path
 from .results import live_attempt, new_series, open_series
 from .runner import run_series
 from .summary.cli import summary
-from .topology import ROOT, read_topology
+from .topology import read_topology
 
-RESULTS = ROOT / "results"
 LIVE = RESULTS / ".live"
 
 
@@ -114,7 +112,7 @@ def report(
     """Make metrics and report again, from the results folder alone."""
     with _errors_as_lines():
         for path in results:
-            report_series(path, _console())
+            report_series(path, make_console())
 
 
 @app.command(name="verdict")
@@ -144,7 +142,7 @@ def compare(
     with _errors_as_lines():
         both = [open_series(path) for path in (first, second)]
         results = [result_of(name, one, measure_series(one)) for name, one in zip("AB", both, strict=True)]
-        console = _console()
+        console = make_console()
         print_comparison(results[0], results[1], console)
         write_comparison(results[0], results[1], html)
         console.print(f"page: {shown_path(html)}", soft_wrap=True, markup=False)
@@ -157,7 +155,7 @@ def arms() -> None:
     for name, values in FACTORS.items():
         own = [str(getattr(arm.factors, name)) for arm in ARMS.values()]
         table.add_row(name.upper(), *own, ", ".join(values))
-    _console().print(table)
+    make_console().print(table)
 
 
 @app.command()
@@ -183,7 +181,7 @@ def up(
         topology = read_topology()
         write_plan(attempt.path / "links", plan_links(plan, topology, 1), topology, plan.shaper, always=True)
         containers = Containers(protocol, LIVE, settings)
-        with ConsoleProgress(_console()).phase(f"starting {containers.count} containers"):
+        with ConsoleProgress(make_console()).phase(f"starting {containers.count} containers"):
             containers.down()
             containers.start()
         start_clock(attempt.path / "links")
@@ -228,36 +226,26 @@ def links(
     """Probe the links of profiles, without flying; configured beside measured. Exit code 1 where a figure is off."""
     with _errors_as_lines():
         only_run()
-        if not check_profiles(profiles, shaper, results.absolute(), _console()):
+        if not check_profiles(profiles, shaper, results.absolute(), make_console()):
             raise typer.Exit(1)
 
 
 @app.command()
 def down() -> None:
     """End what `up` started, over whatever protocol."""
-    with _errors_as_lines(), ConsoleProgress(_console()).phase("ending the containers"):
+    with _errors_as_lines(), ConsoleProgress(make_console()).phase("ending the containers"):
         Containers(PROTOCOLS[0], LIVE, {}).down()
-
-
-def _console() -> Console:
-    """The terminal; a file or a pipe is given room for the tables."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=120)
 
 
 def _run(plan: Plan, results: Path) -> None:
     """Fly, measure and report a plan."""
     for protocol in plan.protocols:
         settings_of(plan, protocol)  # what is wrong with it is said before anything is written
-    console = _console()
+    console = make_console()
     only_run()
     series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile.name)
-    try:
+    with reported_without_docker(series, console):
         endings = run_series(plan, series, ConsoleProgress(console))
-    except DockerError:
-        if any(attempt.was_flown for attempt in series.attempts()):
-            report_series(series.path, console)
-        raise
     metrics = report_series(series.path, console)
     counted = [attempt["status"] for side in metrics["protocols"].values() for attempt in side["attempts"]]
     if counted != ["completed"] * len(endings):

@@ -2,15 +2,38 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from .errors import DockerError
 from .metrics import measure_series
 from .report.html import write_report
 from .report.terminal import print_summary
-from .results import open_series
+from .results import Series, open_series
+from .topology import ROOT
+
+RESULTS = ROOT / "results"
+
+
+def make_console() -> Console:
+    """The terminal; a file or a pipe is given room for the tables."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=120)
+
+
+@contextlib.contextmanager
+def reported_without_docker(series: Series, console: Console) -> Iterator[None]:
+    """A Docker that is lost ends a series: what was flown of it is reported, and the DockerError goes on."""
+    try:
+        yield
+    except DockerError:
+        if any(attempt.was_flown for attempt in series.attempts()):
+            report_series(series.path, console)
+        raise
 
 
 def report_series(path: Path, console: Console) -> dict[str, Any]:

@@ -108,10 +108,15 @@ def attempt_of(path: Path) -> Attempt | None:
     return Attempt(path, path.parent.name, int(named["number"]), int(named["repeat"] or 0))
 
 
+def series_folder(root: Path, experiment: str, arm: str, profile: str) -> Path:
+    """Where the series of an experiment in an arm on a profile are; `arm` with what deviates from it."""
+    return root / experiment / f"{arm}-{profile}"
+
+
 def new_series(root: Path, experiment: str, arm: str, profile: str) -> Series:
     """A folder of its own for a series, never one that is there; `arm` with what deviates from it."""
     name = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    folder = root / experiment / f"{arm}-{profile}"
+    folder = series_folder(root, experiment, arm, profile)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for suffix in ("", *(f"-{n}" for n in range(2, 100))):

@@ -14,15 +14,13 @@ from ..experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, PRO
 from ..flights import settings_of
 from ..profiles.run_plan import SHAPERS
 from ..progress import ConsoleProgress
+from ..reporting import RESULTS, make_console
 from ..results import Series
 from ..runner import Begun, Ended, Interrupted, run_series, signals_interrupt
 from ..summary.cells import find_cells
 from ..summary.page import PAGE, write_summary
-from ..topology import ROOT
 from .run import fly_all
 from .targets import Wish, plans_of
-
-RESULTS = ROOT / "results"
 
 
 def fly_everything(
@@ -45,8 +43,7 @@ def fly_everything(
         for protocol in PROTOCOLS:
             settings_of(plan, protocol)  # what is wrong with it is said before anything is written
     only_run()
-    console = Console(highlight=False)
-    console = console if console.is_terminal else Console(highlight=False, width=120)
+    console = make_console()
 
     def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Ended]:
         return run_series(plan, series, ConsoleProgress(console), begun=begun)

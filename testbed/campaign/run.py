@@ -9,12 +9,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ..errors import DockerError, ResultsError, UserError
+from ..errors import ResultsError, UserError
 from ..experiments import Plan
 from ..overrides import suffix
 from ..report import words
-from ..reporting import report_series
-from ..results import Series, new_series
+from ..reporting import report_series, reported_without_docker
+from ..results import Series, new_series, series_folder
 from ..resume import begun_of, given_up, has_amount, is_measured, next_number, otherwise, settle, to_fly
 from ..runner import Begun, Ended
 from .estimate import Durations, in_words
@@ -43,18 +43,16 @@ class Job:
 
 def job_of(plan: Plan, root: Path) -> Job:
     """What there is of a plan in a results folder: a finished series, whatever its revision, else a broken-off one."""
-    folder = root / plan.experiment / f"{_label(plan)}-{plan.profile.name}"
+    folder = series_folder(root, plan.experiment, _label(plan), plan.profile.name)
     found = [Series(path) for path in folder.glob("*") if path.is_dir()]
     alike = [series for series in found if series.attempts() and has_amount(series, plan)]
-    several = sorted(alike, key=lambda one: one.path.name, reverse=True)
-    for series in several:
-        begun = begun_of(series, plan)
-        if next_number(begun, plan) is None:
-            return Job(plan, series, begun)
-    why_new = otherwise(several[0], plan) if several else None
-    if not several or why_new is not None:
-        return Job(plan, None, {}, why_new)
-    return Job(plan, several[0], begun_of(several[0], plan))
+    newest = sorted(alike, key=lambda one: one.path.name, reverse=True)
+    jobs = [Job(plan, series, begun_of(series, plan)) for series in newest]
+    whole = next((job for job in jobs if next_number(job.begun, plan) is None), None)
+    if whole is not None or not jobs:
+        return whole or Job(plan, None, {})
+    why_new = otherwise(newest[0], plan)
+    return jobs[0] if why_new is None else Job(plan, None, {}, why_new)
 
 
 def fly_all(plans: Sequence[Plan], root: Path, console: Console, fly: Fly) -> bool:
@@ -89,12 +87,8 @@ def _fly_job(job: Job, root: Path, console: Console, fly: Fly) -> list[str]:
     series = job.series or new_series(root, plan.experiment, _label(plan), plan.profile.name)
     while True:
         settle(series, plan)
-        try:
+        with reported_without_docker(series, console):
             fly(plan, series, begun)
-        except DockerError:
-            if any(attempt.was_flown for attempt in series.attempts()):
-                report_series(series.path, console)
-            raise
         report_series(series.path, console)
         begun = begun_of(series, plan)  # what was flown well may have been found void when it was measured
         if next_number(begun, plan) is None:

@@ -50,8 +50,10 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
     shown = {p: attempt_page.with_losses(of[p]["attempt"], one) for p, one in shown.items()}
     commands = list(dict.fromkeys(command for attempt in of.values() for command in attempt["commands"]))
     ten_kinds = message_set.is_message_set(metrics)
-    draw = message_gallery.figures_of if ten_kinds else gallery.figures_of
-    figures = draw(metrics, shown, seen, _links(series), commands)
+    if ten_kinds:
+        figures = message_gallery.figures_of(metrics, shown, seen, _links(series))
+    else:
+        figures = gallery.figures_of(metrics, shown, seen, _links(series), commands)
     page = (
         environment()
         .get_template("messages.html" if ten_kinds else "report.html")

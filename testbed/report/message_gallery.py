@@ -14,13 +14,9 @@ from .gallery import Seen, of_links, of_traffic
 
 
 def figures_of(
-    metrics: dict[str, Any],
-    shown: details.Shown,
-    seen: dict[str, Seen],
-    links: list[tuple[str, str, str]],
-    commands: list[str],
+    metrics: dict[str, Any], shown: details.Shown, seen: dict[str, Seen], links: list[tuple[str, str, str]]
 ) -> dict[str, Figure]:
-    """By name; what cannot be drawn of these results is left out. `commands` do not matter: the kinds have an order."""
+    """By name; what cannot be drawn of these results is left out."""
     done = {p: attempts for p, side in words.sides(metrics) if (attempts := completed(side))}
     order = (*message_set.COMMANDS, *message_set.STATES)
     made = [

@@ -9,12 +9,10 @@ import typer
 
 from ..errors import ResultsError
 from ..experiments import EXPERIMENTS
-from ..topology import ROOT
+from ..reporting import RESULTS
 from .cells import find_cells
 from .markdown import fill
 from .page import PAGE, write_summary
-
-RESULTS = ROOT / "results"
 
 
 def summary(

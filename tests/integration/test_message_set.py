@@ -43,15 +43,6 @@ def autopilot(tmp_path: Path, streams: str) -> Iterator[int]:
         sitl.kill()
 
 
-@pytest.fixture
-def system(tmp_path: Path) -> Iterator[System]:
-    made = System(tmp_path)
-    try:
-        yield made.start()
-    finally:
-        made.close()
-
-
 class Deaf(SideChannel):
     """The side channel of an autopilot that never acknowledges a landing."""
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from .. import words
 from .axes import Scale, bottom, decades, legend, log_bounds, quantile, side, steps
@@ -26,6 +26,28 @@ class Delays:
 
 Kinds = dict[str, dict[str, Delays]]
 """By command and protocol."""
+
+
+class Numbered(Protocol):
+    """Values in their order, milliseconds or None, with the attempt of each."""
+
+    @property
+    def values(self) -> tuple[float | None, ...]: ...
+
+    @property
+    def attempts(self) -> tuple[int, ...]: ...
+
+
+def rows_by_number(
+    kinds: Mapping[str, Mapping[str, Numbered]],
+) -> tuple[tuple[str, str, int, int, float | None], ...]:
+    """A figure's data: kind, protocol, attempt, the value's number over all attempts, and the value."""
+    return tuple(
+        (name, protocol, attempt, number, value)
+        for name, by in kinds.items()
+        for protocol, one in by.items()
+        for number, (value, attempt) in enumerate(zip(one.values, one.attempts, strict=True), 1)
+    )
 
 
 def delays_of(completed: dict[str, list[dict[str, Any]]], order: list[str]) -> Kinds:
@@ -58,12 +80,7 @@ def by_number(kinds: Kinds) -> Figure | None:
         ),
         draw=lambda width: _panels(kinds, width, _draw_numbers, 150),
         header=("command", "protocol", "attempt", "number", "delay_ms"),
-        rows=tuple(
-            (name, protocol, attempt, number, value)
-            for name, by in kinds.items()
-            for protocol, one in by.items()
-            for number, (value, attempt) in enumerate(zip(one.values, one.attempts, strict=True), 1)
-        ),
+        rows=rows_by_number(kinds),
         sources=("pcap", "events.jsonl"),
     )
 

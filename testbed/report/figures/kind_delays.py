@@ -7,6 +7,7 @@ from typing import Any
 
 from .. import words
 from .axes import Scale, decades, log_bounds, quantile, side
+from .delays import rows_by_number
 from .draw import TEXT, Drawing, Point, width_of
 from .figure import Figure
 from .panels import Panel, begin, lay_out
@@ -79,12 +80,7 @@ def kind_delays(kinds: Kinds) -> Figure | None:
         ),
         draw=lambda width: _draw(kinds, width),
         header=("kind", "protocol", "attempt", "number", "delay_ms"),
-        rows=tuple(
-            (name, protocol, attempt, number, value)
-            for name, by in kinds.items()
-            for protocol, one in by.items()
-            for number, (value, attempt) in enumerate(zip(one.values, one.attempts, strict=True), 1)
-        ),
+        rows=rows_by_number(kinds),
         sources=("pcap", "events.jsonl"),
     )
 

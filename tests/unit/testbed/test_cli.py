@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from testbed import cli
+from testbed import cli, reporting
 from testbed.errors import DockerError
 from testbed.results import Series, new_attempt
 
@@ -54,7 +54,7 @@ def test_what_was_flown_is_reported_when_docker_is_lost(
     reported: list[Path] = []
     monkeypatch.setattr(cli, "only_run", lambda: None)
     monkeypatch.setattr(cli, "run_series", lost)
-    monkeypatch.setattr(cli, "report_series", lambda path, _: reported.append(path))
+    monkeypatch.setattr(reporting, "report_series", lambda path, _: reported.append(path))
     code, _, said = _run("run", "scenario-1", "--results", str(tmp_path), "--qos", "1")
     assert (code, said) == (1, "testbed: Docker does not answer\n")
     assert [path.parent.name for path in reported] == (["thesis+qos-1-ideal"] if was_flown else [])
