@@ -74,3 +74,13 @@ def test_a_kernel_without_netem_flies_nothing_where_netem_is_asked_for(tmp_path:
     assert "testbed: the links cannot be shaped: net: " in run.output
     assert "netem" in run.lines[-1]
     assert not list((tmp_path / "results").glob("*/*/*/*/*/events.jsonl"))
+
+
+def test_no_router_was_refused_by_the_next_one(flown: tuple[Run, dict[str, Any]]) -> None:
+    """What would leave it with two sockets for a minute, one of them dead; but for MAVSDK, which comes last."""
+    run, _ = flown
+    logs = sorted((attempt_over(run, "mavlink").path / "logs").glob("router-*.log"))
+    assert len(logs) == 10
+    for log in logs:
+        closed = [line for line in log.read_text().splitlines() if "channel closed" in line]
+        assert all("channel closed: udp:127.0.0.1:" in line for line in closed), log.name

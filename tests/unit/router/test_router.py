@@ -11,12 +11,14 @@ from typer.testing import CliRunner
 from router.__main__ import app
 from router.chains import ChainError, Router, parse_drones, read_chain
 from router.heard import Heard
-from router.process import Node
+from router.process import Node, Turn
 
 PER_UAV = "udps:0.0.0.0:14541 udpc:h:14541 --hb-systemid=221\nudps:0.0.0.0:14542 udpc:h:14542 --hb-systemid=222\n"
 SHARED = "udps:0.0.0.0:14540 udpc:h:14540 --hb-systemid=221\n"
 APPEARED = "2026/01/01 10:00:00 node appeared: chan=udp:127.0.0.1:14580 sid=3 cid=1"
 GONE = APPEARED.replace("appeared", "disappeared")
+STARTED = "2026/01/01 10:00:00 router started with 2 endpoints"
+AT_ONCE = Turn(None, None)
 
 
 def test_a_chain_per_uav_has_a_router_a_drone() -> None:
@@ -109,7 +111,7 @@ async def test_the_node_ends_with_the_reason_when_a_router_ends(
 ) -> None:
     routers = (Router(("a",), (1,)), Router(("b",), (2,)))
     fails = program(tmp_path, 'if [ $1 = b ]; then echo "ERR: address in use"; exit 3; fi; exec sleep 60')
-    said = await asyncio.wait_for(Node(fails, routers, tmp_path / "ready").run(), 30)
+    said = await asyncio.wait_for(Node(fails, routers, tmp_path / "ready", AT_ONCE).run(), 30)
     assert said == "mavp2p b ended with code 3; its last words: ERR: address in use"
     assert "uav2: ERR: address in use" in capsys.readouterr().out
     assert not (tmp_path / "ready").exists()
@@ -117,17 +119,76 @@ async def test_the_node_ends_with_the_reason_when_a_router_ends(
 
 async def test_it_is_ready_once_every_router_has_heard_its_autopilots(tmp_path: Path) -> None:
     speaks = program(tmp_path, f'echo "{APPEARED}"; exec sleep 60')
-    node = asyncio.create_task(Node(speaks, (Router((), (3,)),), tmp_path / "ready").run())
+    node = asyncio.create_task(Node(speaks, (Router((), (3,)),), tmp_path / "ready", AT_ONCE).run())
+    await until(tmp_path / "ready")
+    await end(node)
+
+
+def test_it_listens_from_when_it_says_so() -> None:
+    heard = Heard()
+    heard.line("2026/01/01 10:00:00 mavp2p v0.0.0")
+    assert not heard.listening
+    heard.line(STARTED)
+    assert heard.listening
+
+
+async def until(path: Path) -> None:
     async with asyncio.timeout(30):
-        while not (tmp_path / "ready").exists():
+        while not path.exists():
             await asyncio.sleep(0.02)
+
+
+async def end(node: asyncio.Task[str]) -> None:
     node.cancel()
     with pytest.raises(asyncio.CancelledError):
         await node
 
 
+async def test_its_routers_start_when_the_next_node_says_that_its_own_listen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    speaks = program(tmp_path, f'touch {tmp_path}/$1; echo "{STARTED}"; exec sleep 60')
+    turn = Turn(after=tmp_path / "cloud", listening=tmp_path / "fog1")
+    node = asyncio.create_task(Node(speaks, (Router(("a",), (1,)),), tmp_path / "ready", turn).run())
+    async with asyncio.timeout(30):
+        while "waiting for" not in capsys.readouterr().out:
+            await asyncio.sleep(0.02)
+    assert not (tmp_path / "a").exists()
+    (tmp_path / "cloud").touch()
+    await until(tmp_path / "fog1")
+    assert (tmp_path / "a").exists()
+    await end(node)
+    assert not (tmp_path / "fog1").exists()
+
+
+async def test_a_node_listens_when_the_last_of_its_routers_does(tmp_path: Path) -> None:
+    slow = f"[ $1 = a ] || until [ -e {tmp_path}/go ]; do sleep 0.02; done"
+    speaks = program(tmp_path, f'{slow}; echo "{STARTED}"; echo "{APPEARED}"; exec sleep 60')
+    routers = (Router(("a",), (3,)), Router(("b",), ()))
+    turn = Turn(None, tmp_path / "gs")
+    node = asyncio.create_task(Node(speaks, routers, tmp_path / "ready", turn).run())
+    await until(tmp_path / "ready")
+    assert not (tmp_path / "gs").exists()
+    (tmp_path / "go").touch()
+    await until(tmp_path / "gs")
+    await end(node)
+
+
+async def test_a_direct_chain_has_nothing_to_wait_with(tmp_path: Path) -> None:
+    node = asyncio.create_task(Node("mavp2p", (), tmp_path / "ready", Turn(None, tmp_path / "gs")).run())
+    await until(tmp_path / "gs")
+    await end(node)
+
+
+@pytest.mark.parametrize("routers", [(), (Router((), (3,)),)])
+async def test_where_it_cannot_say_so_that_is_named(tmp_path: Path, routers: tuple[Router, ...]) -> None:
+    speaks = program(tmp_path, f'echo "{STARTED}"; exec sleep 60')
+    node = Node(speaks, routers, tmp_path / "ready", Turn(None, tmp_path / "no" / "gs"))
+    assert await asyncio.wait_for(node.run(), 30) == f"--listening {tmp_path}/no/gs: No such file or directory"
+
+
 async def test_a_program_that_is_not_there_is_named(tmp_path: Path) -> None:
-    node = Node(str(tmp_path / "nothing"), (Router((), (3,)),), tmp_path / "ready")
+    node = Node(str(tmp_path / "nothing"), (Router((), (3,)),), tmp_path / "ready", AT_ONCE)
     assert await node.run() == f"{tmp_path}/nothing: No such file or directory"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,13 @@ def test_every_router_sends_to_one_that_listens_and_has_a_system_id_of_its_own(
     assert sends - to_station == listens - from_autopilots
     assert len(ids) == len(set(ids)) == (24 if chain == "PER_UAV" else 10)
     assert not set(ids) & {*DRONES, 245, 255}
+
+
+def test_a_nodes_routers_start_after_those_that_they_send_to(services: dict[str, Any]) -> None:
+    above = {link.lower: link.upper for link in read_topology().links} | {"cloud": "gs"}
+    for node in (node.name for node in read_topology().nodes):
+        said = re.findall(r"--(after|listening) /run/routers/(\w+)", services[f"router-{node}"]["command"])
+        assert said == [*([] if node == "gs" else [("after", above[node])]), ("listening", node)]
 
 
 def test_nothing_is_privileged_or_throttled(services: dict[str, Any]) -> None:

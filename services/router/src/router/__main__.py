@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from .chains import CHAINS, ChainError, parse_drones, read_chain
-from .process import Node
+from .process import Node, Turn
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -25,6 +25,10 @@ def main(
     ready_file: Annotated[
         Path, typer.Option(help="File touched every second while every router hears its autopilots.")
     ],
+    after: Annotated[
+        Path | None, typer.Option(help="Start once this file is there: the next node's --listening.")
+    ] = None,
+    listening: Annotated[Path | None, typer.Option(help="File that is there while every router listens.")] = None,
     only: Annotated[str, typer.Option(help="Of the drones those that fly, as 1; empty: all.")] = "",
     program: Annotated[str, typer.Option(help="The mavp2p to run.")] = "mavp2p",
 ) -> None:
@@ -35,7 +39,7 @@ def main(
     except ChainError as error:
         typer.echo(f"router: {error}", err=True)
         raise typer.Exit(2) from None
-    ended = asyncio.run(_until_signal(Node(program, routers, ready_file)))
+    ended = asyncio.run(_until_signal(Node(program, routers, ready_file, Turn(after, listening))))
     if ended is not None:
         typer.echo(f"router: {ended}", err=True)
         raise typer.Exit(1)

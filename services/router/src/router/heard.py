@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 
+_STARTED = re.compile(r"router started with \d+ endpoints?$")
 _APPEARED = re.compile(r"node appeared: chan=(\S+) sid=(\d+) cid=1$")
 _GONE = re.compile(r"node disappeared: chan=(\S+) sid=(\d+) cid=1$")
 _VARIES = re.compile(r"^\S+ \S+ |\S+:\d+->")
@@ -12,9 +13,10 @@ _VARIES = re.compile(r"^\S+ \S+ |\S+:\d+->")
 
 
 class Heard:
-    """The autopilots (component 1) that one mavp2p knows now, by its log."""
+    """What one mavp2p is at, by its log: whether it listens, and the autopilots (component 1) that it knows now."""
 
     def __init__(self) -> None:
+        self.listening = False
         self._channels: dict[int, set[str]] = {}
         self._said: Counter[str] = Counter()
 
@@ -24,6 +26,8 @@ class Heard:
         What mavp2p repeats is shown once: a line for every command to a system that it has not heard, and two every
         2 s while nobody listens where it sends to.
         """
+        if _STARTED.search(text):  # said once its sockets are bound
+            self.listening = True
         if found := _APPEARED.search(text):
             self._channels.setdefault(int(found[2]), set()).add(found[1])
             return True

@@ -1,4 +1,4 @@
-"""The node as processes: starts every mavp2p, follows what each says, and ends all when one ends."""
+"""The node as processes: starts every mavp2p in its turn, follows what each says, and ends all when one ends."""
 
 from __future__ import annotations
 
@@ -6,29 +6,69 @@ import asyncio
 import contextlib
 from asyncio.subprocess import DEVNULL, PIPE, STDOUT, Process
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from .chains import Router
 from .heard import Heard
 
 READY_S = 1.0
+LOOK_S = 0.05
 STOP_TIMEOUT_S = 2.0
+
+
+@dataclass(frozen=True)
+class Turn:
+    """When a node's routers start: once the file `after` is there. `listening` is there while all of them listen.
+
+    A mavp2p that sends to a neighbour before that listens is refused, and closes its socket to open another. Over a
+    link with a delay the neighbour may have begun to listen meanwhile: it then knows both, and for a minute sends
+    every other message to the one that is closed.
+    """
+
+    after: Path | None
+    listening: Path | None
+
+    async def wait(self) -> None:
+        """Until it has come."""
+        if self.after is not None and not self.after.exists():
+            print(f"waiting for {self.after}, where the next node's routers say that they listen", flush=True)
+            while not self.after.exists():
+                await asyncio.sleep(LOOK_S)
+
+    def tell(self) -> str | None:
+        """Say that all listen; returns why it could not be said."""
+        try:
+            if self.listening is not None:
+                self.listening.touch()
+        except OSError as error:
+            return f"--listening {self.listening}: {error.strerror}"
+        return None
+
+    def take_back(self) -> None:
+        if self.listening is not None:
+            self.listening.unlink(missing_ok=True)
 
 
 class Node:
     """A node's routers. `ready_file` is touched while each of them hears its autopilots; always where there is none."""
 
-    def __init__(self, program: str, routers: tuple[Router, ...], ready_file: Path) -> None:
+    def __init__(self, program: str, routers: tuple[Router, ...], ready_file: Path, turn: Turn) -> None:
         self._program = program
         self._routers = routers
         self._ready_file = ready_file
+        self._turn = turn
         self._heard = {router: Heard() for router in routers}
 
     async def run(self) -> str:
         """Run until cancelled; returns why when a router ended by itself, or could not be started."""
-        if not self._routers:
-            print("no router in a direct chain", flush=True)
+        await self._turn.wait()
         async with contextlib.AsyncExitStack() as stack:
+            stack.callback(self._turn.take_back)
+            if not self._routers:
+                print("no router in a direct chain", flush=True)
+                if failure := self._turn.tell():
+                    return failure
             try:
                 started = [await stack.enter_async_context(self._started(router)) for router in self._routers]
             except OSError as error:
@@ -67,6 +107,8 @@ class Node:
             said = line.decode(errors="replace").rstrip()
             if self._heard[router].line(said):
                 print(f"{router.name}: {said}", flush=True)
+            if all(heard.listening for heard in self._heard.values()) and (failure := self._turn.tell()):
+                return failure
         code = await process.wait()
         return f"mavp2p {' '.join(router.arguments)} ended with code {code}; its last words: {said or 'none'}"
 
