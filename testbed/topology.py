@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,13 @@ def read_topology(path: Path = COMPOSE_FILE, *, sensors: bool = False) -> Topolo
 def read_services(path: Path = COMPOSE_FILE) -> dict[str, Any]:
     """The services of a compose file by name; raises UserError where there are none."""
     try:
-        services: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))["services"]
+        return _services_in(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
         raise UserError(f"{path}: expected a compose file with services: {' '.join(str(error).split())}") from error
+
+
+@lru_cache(maxsize=4)
+def _services_in(text: str) -> dict[str, Any]:
+    """Read once: a run asks for its topology at every step, and aliases make the file ten times as long."""
+    services: dict[str, Any] = yaml.load(text, yaml.CSafeLoader)["services"]
     return services

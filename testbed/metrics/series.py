@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -82,11 +83,15 @@ def read_metrics(series: Series) -> dict[str, Any]:
 
 def schema_error(document: dict[str, Any]) -> str | None:
     """Where and how a document breaks the schema of `metrics.json`; None if it does not."""
-    try:
-        jsonschema.validate(document, json.loads(SCHEMA.read_text(encoding="utf-8")))
-    except jsonschema.ValidationError as error:
-        return f"{error.json_path}: {error.message[:200]}"
-    return None
+    error = jsonschema.exceptions.best_match(_validator().iter_errors(document))
+    return None if error is None else f"{error.json_path}: {error.message[:200]}"
+
+
+@cache
+def _validator() -> jsonschema.Draft202012Validator:
+    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
 
 
 def _manifests(series: Series) -> tuple[list[Flown], dict[Attempt, str]]:
