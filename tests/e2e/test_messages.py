@@ -27,6 +27,8 @@ def test_one_message_of_each_kind_is_counted_over_both(tmp_path: Path) -> None:
         kinds = measured["message_set"]
         assert list(kinds) == KINDS
         assert all((kind["asked"], kind["received"]) == (1, 1) for kind in kinds.values()), kinds
+        ages = [kind["delay_app_ms"] for kind in kinds.values() if kind["form"] == "state"]
+        assert all(len(told) == (protocol == "mqttxt") for told in ages), "MAVSDK tells none"
         flight = attempt_over(run, protocol)
         manifest = flight.manifest()
         assert manifest["configuration"]["count"] == 1

@@ -13,7 +13,7 @@ import pytest
 
 from mission import message_set
 from mission.events import EventLog
-from mission.fleet import MissionError, Result
+from mission.fleet import MissionError, Result, Told
 from mission.message_set import COMMANDS, STATES, MessageSet
 
 GROUND, READY, HOVER = (False, 0.0), (True, 0.0), (True, 10.0)
@@ -63,15 +63,15 @@ class Drone:
     async def quieten(self) -> None:
         self.did.append("quieten")
 
-    async def tell(self, name: str) -> asyncio.Queue[Any]:
+    async def tell(self, name: str) -> asyncio.Queue[Told]:
         self.did.append(("tell", name))
         if name in self._refused:
             raise MissionError(f"stream {name}: denied (unknown_state)")
-        values: asyncio.Queue[Any] = asyncio.Queue()
-        values.put_nowait("of before")
+        values: asyncio.Queue[Told] = asyncio.Queue()
+        values.put_nowait(Told({name: "of before"}, 0))
         if name not in self._silent:
             values.get_nowait()
-            asyncio.get_running_loop().call_soon(lambda: [values.put_nowait({name: n}) for n in range(5)])
+            asyncio.get_running_loop().call_soon(lambda: [values.put_nowait(Told({name: n}, 10 * n)) for n in range(5)])
         return values
 
     async def untell(self, name: str) -> None:
@@ -160,7 +160,8 @@ async def test_a_state_that_is_told_faster_is_taken_once_in_a_turn_and_the_newes
     monkeypatch.setattr(message_set, "SPARE_S", 0.5)
     _, events, _ = await fly(change=lambda drone: setattr(drone, "tells_faster", True))
     assert _done(events) == dict.fromkeys(COMMANDS, (2, 0)) | dict.fromkeys(STATES, (1, 1))
-    assert [e["value"] for e in events if e["event"] == "value"] == [{name: 4} for name in STATES]
+    taken = [(e["value"], e["age_ms"]) for e in events if e["event"] == "value"]
+    assert taken == [({name: 4}, 40) for name in STATES]
 
 
 async def test_a_late_copy_of_a_call_does_not_spoil_the_start_of_the_next_one(fly: Fly) -> None:

@@ -43,9 +43,14 @@ def call_times(name: str) -> list[int]:
 
 
 def message_events(
-    refused: tuple[str, ...] = (), silent: tuple[str, ...] = (), unsent: tuple[str, ...] = ()
+    refused: tuple[str, ...] = (),
+    silent: tuple[str, ...] = (),
+    unsent: tuple[str, ...] = (),
+    age_ms: int | None = None,
 ) -> list[dict[str, Any]]:
-    """What the mission writes. The second call of a kind in `refused` is denied, of one in `silent` hears nothing;
+    """What the mission writes, which is told that its values are `age_ms` old.
+
+    The second call of a kind in `refused` is denied, of one in `silent` hears nothing;
     of a state in `silent` the second value is missing. A kind in `unsent` has a third call, of which no frame leaves.
     """
     events: list[dict[str, Any]] = [
@@ -60,7 +65,7 @@ def message_events(
             if form == "state":
                 if number == 1 or name not in silent:
                     done += 1
-                    came = {"event": "value", "name": name, "number": number, "value": 1.0}
+                    came = {"event": "value", "name": name, "number": number, "value": 1.0, "age_ms": age_ms}
                     events.append({"t_ns": t_ns + 3 * MS, **came})
                 continue
             call += 1
@@ -215,7 +220,7 @@ def make_mqttxt_messages(series: Series, number: int = 1, **events: Any) -> Atte
         write_pcap(attempt.path / "pcap" / f"{node}.pcap", sorted(frames, key=lambda entry: entry[0]))
     counts = [{"node": node, "interface": "eth0", "captured": 3, "dropped": 0} for node in NODES]
     write_json(attempt.path / "pcap" / "captures.json", counts)
-    lines = "".join(json.dumps(event) + "\n" for event in message_events(**events))
+    lines = "".join(json.dumps(event) + "\n" for event in message_events(**events, age_ms=3))
     (attempt.path / "events.jsonl").write_text(lines)
     (attempt.path / "sitl" / "uav1.jsonl").write_text(json.dumps({"t_ns": T0 + SECOND, "event": "disarmed"}) + "\n")
     return attempt

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 
 @dataclass(frozen=True)
@@ -102,6 +102,13 @@ class Fleet(Protocol):
         """Return when something was heard since the last call."""
 
 
+class Told(NamedTuple):
+    """A state's value, and how old it was at most when it came, in ms; None where nobody tells that."""
+
+    value: dict[str, Any]
+    age_ms: int | None
+
+
 class MessageFleet(Fleet, Protocol):
     """One drone, that is asked and listened to message by message."""
 
@@ -123,7 +130,7 @@ class MessageFleet(Fleet, Protocol):
     async def quieten(self) -> None:
         """End the states that the arm has told at a fixed rate; raises MissionError."""
 
-    async def tell(self, name: str) -> asyncio.Queue[Any]:
+    async def tell(self, name: str) -> asyncio.Queue[Told]:
         """Have a state told at 1 Hz; returns where its values arrive. Raises MissionError."""
 
     async def untell(self, name: str) -> None:

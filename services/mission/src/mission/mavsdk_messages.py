@@ -15,7 +15,7 @@ from mavsdk.plugins.offboard import OffboardError, VelocityNedYaw
 from mqttxt import Word
 
 from .events import EventLog
-from .fleet import MissionError, Result
+from .fleet import MissionError, Result, Told
 from .mavsdk_drone import FIVE_STATES_HZ, MavsdkDrone
 from .mavsdk_fleet import Ask, MavsdkFleet, go_to, take_off
 from .mavsdk_outcomes import mode_of, offboard_refusal, place_of
@@ -89,9 +89,9 @@ class MavsdkMessageFleet(MavsdkFleet):
             for name in ("battery", "location", "groundspeed"):
                 await self._ask_rate(name, 0.0)
 
-    async def tell(self, name: str) -> asyncio.Queue[Any]:
+    async def tell(self, name: str) -> asyncio.Queue[Told]:
         await self._end_telling()
-        told: asyncio.Queue[Any] = asyncio.Queue()
+        told: asyncio.Queue[Told] = asyncio.Queue()
         values, form = self._subscription(name)
         self._telling = asyncio.create_task(_take(values, form, told))
         if not self.tells_faster:
@@ -166,8 +166,8 @@ class MavsdkMessageFleet(MavsdkFleet):
 
 
 async def _take(
-    values: AsyncGenerator[Any, None], form: Callable[[Any], dict[str, Any]], told: asyncio.Queue[Any]
+    values: AsyncGenerator[Any, None], form: Callable[[Any], dict[str, Any]], told: asyncio.Queue[Told]
 ) -> None:
     async with contextlib.aclosing(values):
         async for value in values:
-            told.put_nowait(form(value))
+            told.put_nowait(Told(form(value), age_ms=None))

@@ -10,10 +10,9 @@ import asyncio
 import contextlib
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
 
 from .events import EventLog
-from .fleet import MessageFleet, MissionError
+from .fleet import MessageFleet, MissionError, Told
 from .side_channel import SideChannel
 
 HOVER_M = 10.0
@@ -112,33 +111,33 @@ class MessageSet:
         for number in range(1, self._count + 1):
             self._show(name, number)
             try:
-                value = await self._next(values, taken_s)
+                value, age_ms = await self._next(values, taken_s)
             except TimeoutError:
                 tally.reasons["not told in time"] += 1
             else:
                 tally.received += 1
-                self._log.write("value", name=name, number=number, value=value)
+                self._log.write("value", name=name, number=number, value=value, age_ms=age_ms)
             taken_s = clock()
         self._done(name, tally)
         await self._fleet.untell(name)
         return tally
 
-    async def _align(self, values: asyncio.Queue[Any]) -> None:
+    async def _align(self, values: asyncio.Queue[Told]) -> None:
         """Wait for a value, if one comes: a kind begins right after it, so that COUNT turns are within it."""
         while not values.empty():
             values.get_nowait()
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(values.get(), TURN_S + SPARE_S)
 
-    async def _next(self, values: asyncio.Queue[Any], taken_s: float) -> Any:
+    async def _next(self, values: asyncio.Queue[Told], taken_s: float) -> Told:
         """The next value that is told; of a state that is told faster, the newest once a second."""
         async with asyncio.timeout_at(taken_s + TURN_S + SPARE_S):
             if self._fleet.tells_faster:
                 await asyncio.sleep(taken_s + TURN_S - asyncio.get_running_loop().time())
-            value = await values.get()
+            told = await values.get()
             while self._fleet.tells_faster and not values.empty():
-                value = values.get_nowait()
-            return value
+                told = values.get_nowait()
+            return told
 
     async def _reset(self, start: Start) -> bool:
         """Put the drone into a starting state; returns whether the ground station has heard of it.

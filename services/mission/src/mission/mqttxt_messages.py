@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import AsyncIterator
-from typing import Any
 
 from mqttxt import (
     Arm,
@@ -24,7 +23,7 @@ from mqttxt import (
 )
 
 from .events import EventLog
-from .fleet import MissionError, Result
+from .fleet import MissionError, Result, Told
 from .message_set import HOVER_M
 from .mqttxt_fleet import FIVE_STATES, FIVE_STATES_HZ, MqttxtFleet, as_goto, plain
 from .points import points_of
@@ -49,7 +48,7 @@ class MqttxtMessageFleet(MqttxtFleet):
         super().__init__(cloud, fogs, qos, log, states)
         self._number = self.drones[0]
         self._following: asyncio.Task[None] | None = None
-        self._told: asyncio.Queue[Any] = asyncio.Queue()
+        self._told: asyncio.Queue[Told] = asyncio.Queue()
         self._telling: asyncio.Task[None] | None = None
 
     async def close(self) -> None:
@@ -87,7 +86,7 @@ class MqttxtMessageFleet(MqttxtFleet):
             for name in FIVE_STATES:
                 await self._ask_rate(name, 0.0)
 
-    async def tell(self, name: str) -> asyncio.Queue[Any]:
+    async def tell(self, name: str) -> asyncio.Queue[Told]:
         await _end(self._telling)
         self._told = asyncio.Queue()
         self._telling = asyncio.create_task(self._take(name, self._told))
@@ -135,10 +134,11 @@ class MqttxtMessageFleet(MqttxtFleet):
         self._log.write("outcome", call=call, command=name, fog=fog, drone=self._number, **told)
         return Result(self._number, word.label, reason)
 
-    async def _take(self, name: str, told: asyncio.Queue[Any]) -> None:
+    async def _take(self, name: str, told: asyncio.Queue[Told]) -> None:
         async for event in self._station.events():
             if isinstance(event, StateUpdate) and event.drone == self._number and event.state.name == name:
-                told.put_nowait({field: plain(value) for field, value in vars(event.state).items()})
+                value = {field: plain(found) for field, found in vars(event.state).items()}
+                told.put_nowait(Told(value, event.age_ms))
 
     async def _ask_rate(self, name: str, rate_hz: float) -> None:
         """Have a state told so often, in three tries; raises MissionError where it is refused or not done."""
