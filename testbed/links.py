@@ -66,21 +66,26 @@ def write_calibration(folder: Path, calibration: Calibration) -> dict[str, Any]:
 
 
 def void_reason(folder: Path, links: LinkPlan) -> str | None:
+    """As `off_reason`, and where that cannot be told, why not."""
+    try:
+        return off_reason(folder, links)
+    except ResultsError as error:
+        return f"what the links did cannot be read: {error}"
+
+
+def off_reason(folder: Path, links: LinkPlan) -> str | None:
     """Why the links of a flown attempt were not those of its plan; None when they were, or none was shaped.
 
     The shaper kept up, and what it lost at random is what the plan says, as far as chance allows; it is kept beside
-    what the probes found.
+    what the probes found. Raises ResultsError where a file that tells it is missing or damaged.
     """
-    try:
-        if read_shaper(folder)["shaper"] == "none":
-            return None
-        counters = read_counters(folder)
-        changes = read_json_lines(folder / LINKS_EVENTS, frozenset({"t_ns"}))
-        by_hand = {event["link"] for event in changes if event.get("cause") == "hand"}
-        losses = measure_losses(links, counters, by_hand)
-        _keep_losses(folder, losses)
-    except ResultsError as error:
-        return f"what the links did cannot be read: {error}"
+    if read_shaper(folder)["shaper"] == "none":
+        return None
+    counters = read_counters(folder)
+    changes = read_json_lines(folder / LINKS_EVENTS, frozenset({"t_ns"}))
+    by_hand = {event["link"] for event in changes if event.get("cause") == "hand"}
+    losses = measure_losses(links, counters, by_hand)
+    _keep_losses(folder, losses)
     void: str | None = counters["void"]
     return void or "; ".join(loss.off for loss in losses if loss.off is not None) or None
 

@@ -10,12 +10,13 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol
 
 from . import links as link_files
 from .calibration import calibrate
 from .containers import Containers, Usage, start_network
-from .errors import DockerError, FleetError, TestbedError, UserError
+from .errors import DockerError, FleetError, ResultsError, TestbedError, UserError
 from .experiments import Plan
 from .flights import limit_s_of, mission_command, profile_of, remove_sockets, settings_of
 from .manifest import describe, mosquitto_version
@@ -143,12 +144,13 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     link_files.write_plan(folder, links, topology, plan.shaper, gates=gates)
     manifest = describe(plan, attempt, topology, settings, links)
     write_json(attempt.path / "manifest.json", manifest)
-    ended, begun_s = Ended("failed", INTERRUPTED), time.monotonic()
+    ended, begun_s, was_flown = Ended("failed", INTERRUPTED), time.monotonic(), False
     try:
         containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings)
         with _fleet_up(containers, attempt, manifest, links, gates, progress):
             command = mission_command(plan, attempt.protocol)
             ended = _mission(command, limit_s_of(plan), containers, attempt, progress)
+            was_flown = True
     except Interrupted:
         raise
     except LinksOff as error:
@@ -164,10 +166,21 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
         if ended.status == "completed":
             reason = void_reason(manifest["captures"], nodes) or link_files.void_reason(folder, links)
             ended = Ended("void", reason) if reason is not None else ended
+        elif was_flown:
+            ended = _held_to_its_links(ended, folder, links)
         manifest |= {"status": ended.status, "reason": ended.reason, "took_s": round(time.monotonic() - begun_s, 1)}
         manifest["host"]["load_after"] = os.getloadavg()[0]
         write_json(attempt.path / "manifest.json", manifest)
     return ended
+
+
+def _held_to_its_links(failed: Ended, folder: Path, links: LinkPlan) -> Ended:
+    """A mission that failed on other links than planned is void, for the failure may be theirs; its own words stay."""
+    try:
+        reason = link_files.off_reason(folder, links)
+    except ResultsError:
+        return failed
+    return failed if reason is None else Ended("void", f"{reason}; this one had failed: {failed.reason}")
 
 
 @contextlib.contextmanager

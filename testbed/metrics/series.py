@@ -53,8 +53,9 @@ def measure_series(series: Series) -> dict[str, Any]:
     for attempt in series.attempts():
         side = document["protocols"].setdefault(attempt.protocol, {"attempts": [], "void": []})
         entry = measured[attempt]
-        if entry["status"] == "completed" and attempt.path.name in links_void:
-            entry |= {"status": "void", "reason": f"in its pair of attempts {links_void[attempt.path.name]}"}
+        if entry["status"] != "void" and attempt.path.name in links_void:
+            failed = f"; this one had failed: {entry['reason']}" if entry["status"] == "failed" else ""
+            entry |= {"status": "void", "reason": f"in its pair of attempts {links_void[attempt.path.name]}{failed}"}
         if entry["status"] == "void":
             repeat = {"repeat": attempt.repeat} if attempt.repeat else {}
             side["void"].append({"attempt": attempt.number, **repeat, "reason": entry["reason"]})

@@ -129,6 +129,17 @@ def test_a_shaper_that_did_not_keep_up_makes_both_attempts_of_the_number_void(se
     assert [one["attempt"] for one in sides["mqttxt"]["attempts"]] == [2]
 
 
+def test_an_attempt_that_failed_on_links_that_were_not_as_planned_is_void_and_says_both(series: Series) -> None:
+    attempt = make_attempt(series, status="failed", reason="arm: drone 3: unconfirmed (timeout)")
+    write_links(attempt, counters=counters("the emulator did not keep up: 31.0 ms late at p99"))
+    make_attempt(series, number=2)
+    (void,) = measure_series(series)["protocols"]["mqttxt"]["void"]
+    assert void["reason"] == (
+        "in its pair of attempts the emulator did not keep up: 31.0 ms late at p99; "
+        "this one had failed: arm: drone 3: unconfirmed (timeout)"
+    )
+
+
 def test_what_the_probes_measured_and_what_changed_links_is_carried_over(series: Series) -> None:
     attempt = make_attempt(series)
     probed = {"delay_ms": {"configured": 45.0, "measured": 45.2}}

@@ -179,6 +179,44 @@ def test_a_failure_beside_a_void_attempt_is_void_and_says_so(tmp_path: Path) -> 
     )
 
 
+class LateAndFailed(Fleet):
+    """The first flight's mission fails, on links that were not as planned."""
+
+    def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+        yield from super().execute(service, command, limit_s=limit_s)
+        if self.profiles == ["mqttxt"]:
+            yield "mission: scenario-1 failed: arm: drone 3: unconfirmed (timeout)"
+            return 1
+        return 0
+
+    def count_links(self, void: str | None = None) -> None:
+        super().count_links("the emulator did not keep up" if self.profiles == ["mqttxt"] else None)
+
+
+def test_a_mission_that_failed_on_other_links_than_planned_is_void_says_so_and_is_repeated(tmp_path: Path) -> None:
+    path, endings, _ = _fly(tmp_path, LateAndFailed([TAKEOFF]), protocols="mqttxt,mavlink")
+    assert endings == [Ended("completed")] * 2
+    told = Series(path).attempts()
+    reasons = {str(attempt.path.relative_to(path)): attempt.manifest()["reason"] for attempt in told}
+    assert reasons == {
+        "mqttxt/attempt-01": (
+            "the emulator did not keep up; this one had failed: scenario-1 failed: arm: drone 3: unconfirmed (timeout)"
+        ),
+        "mqttxt/attempt-01-repeat-1": None,
+        "mavlink/attempt-01-repeat-1": None,
+    }
+
+
+def test_a_failed_mission_whose_links_left_no_record_stays_failed(tmp_path: Path) -> None:
+    class Silent(LateAndFailed):
+        def count_links(self, void: str | None = None) -> None:
+            super().count_links(void)
+            (self._run_dir / "links" / "counters.json").unlink()
+
+    _, (ended,), _ = _fly(tmp_path, Silent([TAKEOFF]))
+    assert ended == Ended("failed", "scenario-1 failed: arm: drone 3: unconfirmed (timeout)")
+
+
 def test_a_void_attempt_is_repeated_before_its_other_protocol_is_flown_for_nothing(tmp_path: Path) -> None:
     fleet = Fleet([TAKEOFF], dropped=1)
     _fly(tmp_path, fleet, protocols="mqttxt,mavlink")
