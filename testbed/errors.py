@@ -41,5 +41,9 @@ class ContainerUnhealthy(FleetError):
     """A container did not become healthy in time; the message has its name and its last log lines."""
 
 
+class ProbesLate(FleetError):
+    """The machine was too busy for the links to be measured, which says nothing about what was to fly on them."""
+
+
 class ResultsError(TestbedError):
     """A results folder that cannot be read."""

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from . import links as link_files
 from .calibration import calibrate
 from .containers import Containers, Usage, start_network
-from .errors import DockerError, FleetError, ResultsError, TestbedError, UserError
+from .errors import DockerError, FleetError, ProbesLate, ResultsError, TestbedError, UserError
 from .experiments import Plan
 from .flights import limit_s_of, mission_command, profile_of, remove_sockets, settings_of
 from .manifest import describe, mosquitto_version
@@ -153,7 +153,7 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
             was_flown = True
     except Interrupted:
         raise
-    except LinksOff as error:
+    except (LinksOff, ProbesLate) as error:
         ended = Ended("void", str(error))
     except (TestbedError, OSError) as error:
         ended = Ended("failed", str(error))

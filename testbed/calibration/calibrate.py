@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..errors import FleetError
+from ..errors import FleetError, ProbesLate
 from ..profiles.resolve import LinkPlan, Plan
 from ..profiles.units import show_rate
 from ..topology import Topology
@@ -140,7 +140,7 @@ class Arrivals:
 
 
 def run_schedule(schedule: Schedule, run_in_node: RunInNode) -> dict[int, Arrivals]:
-    """Carry out a schedule on its nodes; by flow what came. Raises FleetError."""
+    """Carry out a schedule on its nodes; by flow what came. Raises FleetError, of which ProbesLate is one."""
     if not schedule.flows:
         return {}
     lead_s = LEAD_S
@@ -151,7 +151,7 @@ def run_schedule(schedule: Schedule, run_in_node: RunInNode) -> dict[int, Arriva
             return _arrivals(schedule, said)
         lead_s *= 2
     node = max(late, key=lambda name: float(late[name]))
-    raise FleetError(
+    raise ProbesLate(
         f"{node}: the probe began {late[node]:.0f} ms late, {lead_s / 2:g} s after it was asked for; "
         "expected a machine that is less busy"
     )

@@ -8,7 +8,7 @@ import pytest
 from simulated_links import DOWN, TWO, UP, SimulatedNodes, changed, plan_of
 
 from testbed.calibration import Calibration, calibrate
-from testbed.errors import FleetError
+from testbed.errors import FleetError, ProbesLate
 from testbed.profiles.reading import profile_names, read_profile
 from testbed.profiles.resolve import LinkPlan, Plan, resolve
 from testbed.topology import read_topology
@@ -109,7 +109,7 @@ def test_a_figure_that_is_off_once_is_probed_again() -> None:
 def test_probes_that_begin_too_late_are_given_more_time_before_the_run_is_given_up() -> None:
     plan = plan_of(LinkPlan(delay_us=20_000))
     assert calibrate(plan, TWO, SimulatedNodes(plan, late=2).run).off == ()
-    with pytest.raises(FleetError, match="the probe began 25 ms late, 8 s after it was asked for"):
+    with pytest.raises(ProbesLate, match="the probe began 25 ms late, 8 s after it was asked for"):
         calibrate(plan, TWO, SimulatedNodes(plan, late=3).run)
 
 

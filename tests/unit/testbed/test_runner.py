@@ -15,7 +15,7 @@ from made_up_fleet import CALIBRATED, OFF, Fleet, Quiet
 
 from testbed import runner
 from testbed.calibration.calibrate import Calibration
-from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, TestbedError, UserError
+from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, ProbesLate, TestbedError, UserError
 from testbed.experiments import make_plan
 from testbed.results import Series, new_series, read_json
 from testbed.runner import Ended, Interrupted, run_series
@@ -140,6 +140,22 @@ def test_nothing_is_flown_on_links_that_are_not_what_the_profile_says(
     assert void["status"] == "void"
     assert void["reason"].startswith("wan:gs:up delay: configured 0 ms, measured 9 ms (10 of 10 probes arrived)")
     assert flown["calibration"]["off"] == []
+
+
+def test_a_machine_too_busy_to_measure_its_links_fails_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[Calibration | ProbesLate] = [ProbesLate("gs: the probe began 25 ms late"), CALIBRATED]
+
+    def calibrated(*_: Any) -> Calibration:
+        first = found.pop(0)
+        if isinstance(first, ProbesLate):
+            raise first
+        return first
+
+    monkeypatch.setattr(runner, "calibrate", calibrated)
+    path, endings, _ = _fly(tmp_path, Fleet([TAKEOFF]))
+    assert endings == [Ended("completed")]
+    void, _ = (attempt.manifest() for attempt in Series(path).attempts())
+    assert (void["status"], void["reason"]) == ("void", "gs: the probe began 25 ms late")
 
 
 def test_random_loss_that_chance_does_not_explain_makes_an_attempt_void(tmp_path: Path) -> None:
