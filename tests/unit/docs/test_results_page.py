@@ -6,22 +6,34 @@ import re
 import shutil
 from pathlib import Path
 
+import pytest
+from what_was_said import Findings, said
+
 from testbed.experiments import EXPERIMENTS
-from testbed.summary.cells import find_cells
+from testbed.summary.cells import Found, find_cells
 from testbed.summary.markdown import fill
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE = DOCS / "results.md"
 
 
-def test_the_tables_are_what_the_command_writes(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def found() -> Found:
+    return find_cells([DOCS / "findings"])
+
+
+def test_the_tables_are_what_the_command_writes(found: Found, tmp_path: Path) -> None:
     copy = tmp_path / "results.md"
     shutil.copyfile(PAGE, copy)
-    found = find_cells([DOCS / "findings"])
     assert found.unread == ()
     names = fill(copy, found.cells)
     assert copy.read_text() == PAGE.read_text()
     assert {name.split(":")[1] for name in names} == set(EXPERIMENTS)
+
+
+def test_the_figures_in_the_text_are_those_of_the_series(found: Found) -> None:
+    text = PAGE.read_text()
+    assert [clause for clause in said(Findings(found.cells)) if clause not in text] == []
 
 
 def test_every_series_that_is_kept_is_named_and_every_named_one_kept() -> None:
