@@ -8,6 +8,8 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
+import pytest
+
 CONFTEST = Path(__file__).parents[1] / "conftest.py"
 WORDS = ["--numprocesses", "3", "--dist", "loadfile", "--no-loadscope-reorder", "-p", "no:cacheprovider"]
 TESTS = """
@@ -27,6 +29,7 @@ def test_some(n):
 FILES = {"test_a": "", "test_b": "", "test_c": "", "test_d": "", "test_x": "alone", "test_y": "e2e", "test_z": "alone"}
 
 
+@pytest.mark.long
 def test_a_file_is_on_one_worker_and_what_is_alone_runs_last_beside_nothing(tmp_path: Path) -> None:
     (tmp_path / "conftest.py").write_text(CONFTEST.read_text())
     (tmp_path / "pyproject.toml").write_text('[tool.pytest.ini_options]\nmarkers = ["alone: a", "e2e: b"]\n')

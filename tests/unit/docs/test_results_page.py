@@ -15,6 +15,7 @@ from testbed.summary.markdown import fill
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE = DOCS / "results.md"
+pytestmark = pytest.mark.long  # some twenty metrics.json are held to their schema
 
 
 @pytest.fixture(scope="module")
