@@ -55,7 +55,8 @@ class Salvo:
             command = Sent(1 + number % 2, self.next_x)
             listening.append(asyncio.create_task(self._listen(fog.drone(command.drone), command)))
             await asyncio.sleep(PACE_S)
-        await asyncio.wait_for(asyncio.gather(*listening), 60)
+        async with asyncio.timeout(60):
+            await asyncio.gather(*listening)
 
     async def _listen(self, drone: Any, command: Sent) -> None:
         outcomes = drone.outcomes(Goto(command.x / 1e7, self.y, 5), ttl_s=TTL_S, limit_s=LIMIT_S)

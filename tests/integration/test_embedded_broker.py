@@ -65,7 +65,8 @@ async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path)
             listening = asyncio.create_task(_collect(fog.broadcast(Takeoff(8)), heard))
             await eventually(lambda: len(heard) == 2, "takeoff accepted")
             await asyncio.to_thread(contained.kill_broker)
-            await asyncio.wait_for(listening, 60)
+            async with asyncio.timeout(60):
+                await listening
             assert fog._view.broker == f"mqtt://127.0.0.1:{contained.port}"
         assert "embedded broker ended with code" in contained.said()
         assert sorted((o.drone, o.word) for o in heard if o.is_last) == [(1, Word.COMPLETED), (2, Word.COMPLETED)]

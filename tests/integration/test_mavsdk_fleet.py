@@ -249,10 +249,11 @@ async def test_a_vehicle_that_freezes_leaves_its_command_unconfirmed_and_keeps_i
     await fleet.connect(CONNECT_S)
     await fleet.arm()
     await fleet.takeoff(LOW_M)
+    before = len(_intervals(sky, 1))
     sky.sitls["sitl1"].stall()
     assert await fleet.land() == [Result(1, "unconfirmed", "timeout"), *_completed(2)]
     sky.sitls["sitl1"].go_on()
-    await eventually(lambda: _intervals(sky, 1) == [1e6, 0.0, 1e6, 0.0], "what MAVSDK asks for by itself is put back")
+    await eventually(lambda: _intervals(sky, 1)[before:][-1:] == [0.0], "what MAVSDK asks for by itself is put back")
 
 
 async def test_a_lost_acknowledgement_is_unconfirmed(sky: Sky) -> None:
@@ -273,13 +274,17 @@ async def test_closed_in_the_middle_of_a_call_nothing_of_mavsdk_stays(sky: Sky) 
     await fleet.connect(CONNECT_S)
     sitl.stall()
     with pytest.raises(TimeoutError):
-        await asyncio.wait_for(fleet.arm(), 0.3)
+        async with asyncio.timeout(0.3):
+            await fleet.arm()
     await fleet.close()
     assert _foreign_threads() <= before
 
 
 def _intervals(sky: Sky, drone: int) -> list[float]:
-    """Those of EXTENDED_SYS_STATE that were asked for, in microseconds."""
+    """Those of EXTENDED_SYS_STATE that were asked for, in microseconds.
+
+    MAVSDK leaves out its own request where the one that puts it back is in its queue already.
+    """
     return [params[1] for params in sky.commands(drone, SET_MESSAGE_INTERVAL) if params[0] == EXTENDED_SYS_STATE]
 
 

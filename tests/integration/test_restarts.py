@@ -85,7 +85,8 @@ async def test_kill_in_mid_flight_and_restart(fleet: System, victim: str) -> Non
         await asyncio.to_thread(part.kill)
         await asyncio.to_thread(part.start)
         await _all_back(fog)
-        await asyncio.wait_for(listening, 90)
+        async with asyncio.timeout(90):
+            await listening
 
         words = _last_words(heard)
         assert {drone: len(said) for drone, said in words.items()} == {1: 1, 2: 1}

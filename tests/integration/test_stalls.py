@@ -75,7 +75,8 @@ async def again_and_again(act: Callable[[], Any], pause_s: float) -> AsyncIterat
         while not ending.is_set():
             await asyncio.to_thread(act)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(ending.wait(), pause_s)
+                async with asyncio.timeout(pause_s):
+                    await ending.wait()
 
     task = asyncio.create_task(going_on())
     try:

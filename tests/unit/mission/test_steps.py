@@ -131,7 +131,8 @@ async def test_scenario_4_returns_when_every_series_is_there(log: EventLog, tmp_
     await _until(lambda: "collect" in (tmp_path / "events.jsonl").read_text())
     assert "return" not in fleet.asked, "one value is not there yet"
     fleet.brings(*wanted[-1])
-    await asyncio.wait_for(flying, 5)
+    async with asyncio.timeout(5):
+        await flying
     assert fleet.asked[-1] == "return"
     assert _done(tmp_path) == [(name, True) for name in ("arm", "takeoff", "goto", "collect", "return", "disarmed")]
 

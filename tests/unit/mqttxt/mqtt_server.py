@@ -68,7 +68,7 @@ class Session:
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, acknowledges: bool) -> None:
         self.packets: list[Packet] = []
-        self.ended = False
+        self.ended = self.was_reset = False
         self.reads = asyncio.Event()
         self.reads.set()
         self._reader = reader
@@ -115,8 +115,8 @@ class Session:
                     self.send(b"\x90\x04" + packet.body[:2] + b"\0\x01")
                 if packet.kind == PUBLISH and packet.qos and self._acknowledges:
                     self.acknowledge(packet.publish()[3])
-        except (asyncio.IncompleteReadError, ConnectionError):
-            self.ended = True
+        except (asyncio.IncompleteReadError, ConnectionError) as end:
+            self.ended, self.was_reset = True, isinstance(end, ConnectionError)
         finally:
             self._writer.close()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import cbor2
@@ -52,6 +53,7 @@ def values(mark: Any, known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
     return messages(mark, known)
 
 
+@cache
 def messages(cls: type[Any], known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
     """Any message of a class."""
     plan = plan_of(cls)

@@ -250,7 +250,8 @@ async def test_a_refusal_that_cannot_be_mended_ends_the_link() -> None:
     async with Server(code=0x86) as server:
         link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard())
         with pytest.raises(BrokerRefused, match="0x86"):
-            await asyncio.wait_for(link.run(), 10)
+            async with asyncio.timeout(10):
+                await link.run()
 
 
 async def test_a_client_that_took_over_is_left_in_peace() -> None:
@@ -261,8 +262,41 @@ async def test_a_client_that_took_over_is_left_in_peace() -> None:
         await eventually(lambda: heard.connections == 1, "connected")
         server.sessions[0].send(b"\xe0\x02\x8e\x00")
         with pytest.raises(BrokerRefused, match="another client took over"):
-            await asyncio.wait_for(running, 10)
+            async with asyncio.timeout(10):
+                await running
         assert len(server.sessions) == 1
+
+
+@pytest.mark.parametrize("turns", range(8))
+@pytest.mark.parametrize("end", ["cancelled", "closed"])
+async def test_an_end_is_not_lost_that_comes_with_the_connack(
+    end: str, turns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many turns of the event loop lie between the broker's answer and the end."""
+    answered = asyncio.Event()
+    on_connect = connection_module.Connection._on_connect
+
+    def notes(self: connection_module.Connection, *args: Any) -> None:
+        on_connect(self, *args)
+        answered.set()
+
+    monkeypatch.setattr(connection_module.Connection, "_on_connect", notes)
+    async with Server() as server:
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard())
+        running = asyncio.create_task(link.run())
+        await answered.wait()
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        if end == "cancelled":
+            running.cancel()
+        else:
+            await link.close()
+        done, _ = await asyncio.wait({running}, timeout=10)
+        running.cancel()
+        assert done, "goes on"
+        assert running.cancelled() == (end == "cancelled")
+        await eventually(lambda: server.sessions[0].ended, "the end")
+        assert [packet.kind for packet in server.sessions[0].packets] == [CONNECT, DISCONNECT]
 
 
 async def test_a_clean_end_waits_for_its_last_words_to_be_acknowledged() -> None:
@@ -276,6 +310,17 @@ async def test_a_clean_end_waits_for_its_last_words_to_be_acknowledged() -> None
         await closing
         await eventually(lambda: session.ended, "the end")
         assert [packet.kind for packet in session.packets] == [CONNECT, PUBLISH, DISCONNECT]
+
+
+async def test_a_clean_end_is_told_though_messages_wait_that_nobody_will_read() -> None:
+    """A socket that is closed over unread bytes is reset, and its broker publishes the will."""
+    async with Server() as server, linked(server) as (link, _):
+        (session,) = server.sessions
+        session.send(publish("drone1/commands", b"x" * 100) * 2000)
+        await link.close()
+        await eventually(lambda: session.ended, "the end")
+        assert [packet.kind for packet in session.packets] == [CONNECT, DISCONNECT]
+        assert not session.was_reset
 
 
 async def test_a_broker_that_takes_no_bytes_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -111,7 +111,8 @@ async def test_the_node_ends_with_the_reason_when_a_router_ends(
 ) -> None:
     routers = (Router(("a",), (1,)), Router(("b",), (2,)))
     fails = program(tmp_path, 'if [ $1 = b ]; then echo "ERR: address in use"; exit 3; fi; exec sleep 60')
-    said = await asyncio.wait_for(Node(fails, routers, tmp_path / "ready", AT_ONCE).run(), 30)
+    async with asyncio.timeout(30):
+        said = await Node(fails, routers, tmp_path / "ready", AT_ONCE).run()
     assert said == "mavp2p b ended with code 3; its last words: ERR: address in use"
     assert "uav2: ERR: address in use" in capsys.readouterr().out
     assert not (tmp_path / "ready").exists()
@@ -184,7 +185,8 @@ async def test_a_direct_chain_has_nothing_to_wait_with(tmp_path: Path) -> None:
 async def test_where_it_cannot_say_so_that_is_named(tmp_path: Path, routers: tuple[Router, ...]) -> None:
     speaks = program(tmp_path, f'echo "{STARTED}"; exec sleep 60')
     node = Node(speaks, routers, tmp_path / "ready", Turn(None, tmp_path / "no" / "gs"))
-    assert await asyncio.wait_for(node.run(), 30) == f"--listening {tmp_path}/no/gs: No such file or directory"
+    async with asyncio.timeout(30):
+        assert await node.run() == f"--listening {tmp_path}/no/gs: No such file or directory"
 
 
 async def test_a_program_that_is_not_there_is_named(tmp_path: Path) -> None:

@@ -127,7 +127,8 @@ class MessageSet:
         while not values.empty():
             values.get_nowait()
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(values.get(), TURN_S + SPARE_S)
+            async with asyncio.timeout(TURN_S + SPARE_S):
+                await values.get()
 
     async def _next(self, values: asyncio.Queue[Told], taken_s: float) -> Told:
         """The next value that is told; of a state that is told faster, the newest once a second."""

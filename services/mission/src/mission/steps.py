@@ -59,7 +59,8 @@ class Steps:
                 if fallen:
                     raise MissionError(f"hold: drone {fallen[0]} is disarmed")
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(self._fleet.changed(), left_s)
+                    async with asyncio.timeout(left_s):
+                        await self._fleet.changed()
 
     async def until(self, name: str, condition: Callable[[int], bool], limit_s: float) -> None:
         """Wait until every drone shows a condition; raises MissionError naming those that do not."""

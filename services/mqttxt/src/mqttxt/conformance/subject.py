@@ -65,7 +65,8 @@ class Subject:
         """The exit code once it has ended, None where it goes on."""
         assert self._process is not None
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._process.wait(), limit_s)
+            async with asyncio.timeout(limit_s):
+                await self._process.wait()
         return self._process.returncode
 
     def terminate(self) -> None:

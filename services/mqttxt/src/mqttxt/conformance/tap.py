@@ -70,7 +70,8 @@ class Tap:
                 None, lambda: self._client.connect(self._address.host, self._address.port, clean_start=True)
             )
             self._client.loop_start()
-            code = await asyncio.wait_for(self._connected, CONNECT_S)
+            async with asyncio.timeout(CONNECT_S):
+                code = await self._connected
         except (OSError, TimeoutError) as error:
             raise ConfigurationError(f"{what} {self._address}: no broker answers: {error or 'time-out'}") from error
         if code != 0:
@@ -82,7 +83,8 @@ class Tap:
         _, mid = self._client.subscribe([(one, options) for one in filters])
         assert mid is not None
         done = self._subacks.setdefault(mid, self._loop.create_future())
-        await asyncio.wait_for(done, CONNECT_S)
+        async with asyncio.timeout(CONNECT_S):
+            await done
 
     def publish(
         self, topic: str, payload: bytes, *, qos: int = 1, retain: bool = False, expiry_s: int | None = None
@@ -108,7 +110,8 @@ class Tap:
         while not (value := condition()) and (left := deadline - self._loop.time()) > 0:
             self._arrived.clear()
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._arrived.wait(), min(left, 0.1))
+                async with asyncio.timeout(min(left, 0.1)):
+                    await self._arrived.wait()
         return value
 
     async def close(self, cleanly: bool = True) -> None:

@@ -7,6 +7,7 @@ publish, and fail, without paho being half-way through a packet.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import socket
 import ssl
@@ -34,6 +35,7 @@ logger = logging.getLogger("mqttxt.mqtt")
 MOST_HELD = 10_000
 """Publishes at QoS 0 that wait while the broker takes no bytes; further ones are dropped: they age."""
 _READ_AT_ONCE = 64
+_VOID_BYTES = 65_536
 _SERIALS = count(1)
 _MISC_S = 1.0
 _UNPARSABLE = (struct.error, ValueError, LookupError, TypeError, MQTTException)
@@ -98,7 +100,8 @@ class Connection:
         self._client.on_socket_close = self._on_socket_close
         self._loop.add_reader(cast(socket.socket, sock), self._readable)
         self._loop.call_later(_MISC_S, self._look_after)
-        return await asyncio.wait_for(asyncio.shield(self._accepted), CONNECT_TIMEOUT_S)
+        async with asyncio.timeout(CONNECT_TIMEOUT_S):
+            return await asyncio.shield(self._accepted)
 
     def publish(self, effect: Publish) -> None:
         """Hand a message over; all that is handed over in one turn of the event loop leaves together."""
@@ -157,6 +160,25 @@ class Connection:
             self._on_socket_close(self._client, None, sock)
             sock.close()
         _resolve(self.ended, 0)
+
+    async def leave(self, limit_s: float) -> None:
+        """`close`, and then read what still comes, into the void, until the broker has closed too.
+
+        A socket that is closed over unread bytes is reset at once (RFC 2525, section 2.17): the DISCONNECT behind what
+        was handed over would be lost, and the broker would publish the will of a client that stopped cleanly.
+        """
+        sock = self._client.socket()
+        if sock is None:
+            self.close()
+            return
+        with socket.socket(fileno=socket.dup(sock.fileno())) as rest:
+            self.close()
+            rest.setblocking(False)
+            with contextlib.suppress(OSError):  # reset all the same, or not closed in time
+                rest.shutdown(socket.SHUT_WR)
+                async with asyncio.timeout(limit_s):
+                    while await self._loop.sock_recv(rest, _VOID_BYTES):
+                        pass
 
     def _abandon(self, connecting: asyncio.Future[None]) -> None:
         """Nobody waits for this connection any more; it came about, or not."""

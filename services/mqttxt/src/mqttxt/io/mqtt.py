@@ -98,7 +98,7 @@ class MqttLink:
         connection, self._connection = self._connection, None
         if connection is not None:
             await connection.settled(GOODBYE_S)
-            connection.close()
+            await connection.leave(GOODBYE_S)
 
     async def _one_connection(self) -> str | None:
         """One connection from CONNECT to its end; returns why it never came about, None if it did."""
@@ -122,6 +122,8 @@ class MqttLink:
                 raise BrokerRefused(f"{self.name}: {self.address} refused the connection with reason code 0x{code:02x}")
             if code != 0:
                 return f"refused with reason code 0x{code:02x}"
+            if self._is_closed:
+                return None
             self._connection = connection
             self._events.connected(self.name)
             code = await connection.ended
