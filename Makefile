@@ -1,6 +1,6 @@
 ATTEMPTS ?= 1
 # How many tests run at a time: most of them wait most of their time.
-WORKERS ?= 4
+WORKERS ?= 6
 ARM ?= thesis
 PROFILE ?= ideal
 SHAPER ?= auto
@@ -65,7 +65,7 @@ test: containers tools ## Run every check and every test, WORKERS= at a time
 	@$(PYTHON) -m pytest --numprocesses '$(WORKERS)' --dist loadfile --no-loadscope-reorder
 
 check: venv lint ## Format, lint, types, import rules and unit tests, in under a minute
-	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long' --numprocesses 2 --dist loadfile
+	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long' --hypothesis-profile quick --numprocesses 2 --dist loadfile
 
 lint: venv
 	@.venv/bin/ruff format --check --quiet . && .venv/bin/ruff check --quiet .

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 from xdist import is_xdist_worker
 
-# How long an example takes says how busy the machine is.
+# How long an example takes says how busy the machine is. The quick check tries fewer of them.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("quick", settings.get_profile("any machine"), max_examples=20)
 settings.load_profile("any machine")
 _turn: int | None = None
 """A worker's lock: all share it until nothing is left for them but what is to be alone; then one has it at a time."""

@@ -78,5 +78,6 @@ class Run:
 
 
 def attempt_over(run: Run, protocol: str) -> Attempt:
-    (found,) = [a for a in open_series(run.latest).attempts() if a.protocol == protocol]
+    """The one that counts of a run of one attempt: a busy machine makes some void, and they are flown again."""
+    *_, found = (one for one in open_series(run.latest).attempts() if one.protocol == protocol)
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import pytest
@@ -13,6 +14,8 @@ pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 
 ONE_WAY_MS = {"air": 45.0, "backhaul": 15.0, "wan": 10.0}
 """The profile lte."""
+JITTER_MS = 15.0
+"""Of the air; normally distributed, and a drone's messages keep their order."""
 LOSS = 0.002
 COMMANDS = ("arm", "takeoff", "land")
 
@@ -37,8 +40,9 @@ def test_a_mission_is_flown_on_links_that_were_measured_before_over(
     assert manifest["profile"] == "lte"
     assert manifest["shaper"] in ("netem", "nfqueue")
     assert manifest["calibration"]["off"] == []
-    shortest_ms = sum(ONE_WAY_MS.values()) / 2  # jitter is 15 ms of 45
-    assert all(delay > shortest_ms for delays in attempt["delay_ms"].values() for delay in delays)
+    delays_ms = [delay for delays in attempt["delay_ms"].values() for delay in delays]
+    assert len(delays_ms) == len(COMMANDS) * len(attempt["outcomes"])
+    assert median(delays_ms) > sum(ONE_WAY_MS.values()) - 2 * JITTER_MS, delays_ms  # a single one may be far shorter
 
 
 def test_both_protocols_meet_the_same_links(flown: tuple[Run, dict[str, Any]]) -> None:

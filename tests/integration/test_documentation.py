@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from uuid import uuid4
 
@@ -22,6 +23,7 @@ pytestmark = pytest.mark.integration
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- tutorial: (?P<how>[^\n]*) -->\n```sh\n(?P<text>.*?)```", re.DOTALL)
 SAYS = re.compile(r'(?:says|until) "(.*)"')
+DISARMED_ITSELF = "takeoff denied(temporarily_rejected)"
 EXIT_CODE = re.compile(r"exit code (\d+)")
 MOSQUITTO = """\
 #!/bin/sh
@@ -96,8 +98,8 @@ class Laptop:
         wait_until(lambda: terminal.poll() is not None or (step.says or "") in log.read_text(), f"{step}: {log}")
         assert terminal.poll() is None, log.read_text()
 
-    def run(self, step: Step) -> str:
-        done = subprocess.run(
+    def run(self, step: Step) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
             ["bash", "-c", step.text],
             cwd=ROOT,
             env=self.environment,
@@ -108,8 +110,6 @@ class Laptop:
             timeout=100,
             check=False,
         )
-        assert done.returncode == step.exit_code, f"{step.text}\n{done.stdout}"
-        return done.stdout
 
     def close(self) -> None:
         for terminal in reversed(self.terminals):
@@ -134,13 +134,17 @@ def laptop(tmp_path: Path) -> Iterator[Laptop]:
 def test_the_tutorial_is_true(laptop: Laptop) -> None:
     found = steps()
     assert {step.how.split(",")[0] for step in found} == {"by hand", "terminal", "run"}
-    for step in found:
+    for before, step in pairwise([found[0], *found]):
         if step.how.startswith("terminal"):
             laptop.open(step)
         elif step.how.startswith("run"):
-            said = laptop.run(step)
+            done = laptop.run(step)
+            while DISARMED_ITSELF in done.stdout:  # "if you took longer, arm again", says the page
+                laptop.run(before)
+                done = laptop.run(step)
+            assert done.returncode == step.exit_code, f"{step.text}\n{done.stdout}"
             assert step.says is not None
-            assert step.says in said, said
+            assert step.says in done.stdout
 
 
 def test_every_command_of_the_tutorial_is_run_or_marked() -> None:

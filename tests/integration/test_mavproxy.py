@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from processes import NODE_IMAGE, ROOT, Process, free_port, wait_until
+from processes import NODE_IMAGE, PATIENCE_S, ROOT, Process, free_port, wait_until
 from routers import Router
 
 pytestmark = pytest.mark.integration
@@ -56,8 +58,22 @@ class Station:
             text=True,
         )
         self.said = ""
+        self._log = folder / "mavproxy.log"
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
+
+    def type_until_said(self, line: str, answer: str) -> None:
+        """As a person would: MAVProxy sends a command once, and a busy router drops what it has no room for."""
+        typed_s = -math.inf
+
+        def answered() -> bool:
+            nonlocal typed_s
+            if answer not in self.said and time.monotonic() > typed_s + PATIENCE_S / 5:
+                self.type(line)
+                typed_s = time.monotonic()
+            return answer in self.said
+
+        wait_until(answered, f"{line!r} is answered: {answer}")
 
     def type(self, line: str) -> None:
         assert self._process.stdin is not None
@@ -74,8 +90,10 @@ class Station:
 
     def _read(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self.said += line
+        with self._log.open("w", buffering=1) as log:
+            for line in self._process.stdout:
+                self.said += line
+                log.write(line)
 
 
 @pytest.fixture(params=["beside MAVSDK", "instead of MAVSDK"])
@@ -112,8 +130,7 @@ def test_mavproxy_sees_six_vehicles_and_arms_the_one_it_is_told_to(station: Stat
     wait_until(lambda: station.vehicles() == set(range(1, 7)), "six vehicles", 60)
     station.type("vehicle 3:1")  # its autopilot: alone, the component stays that of whoever was heard first
     wait_until(lambda: "Set vehicle 3:1" in station.said, "vehicle 3 is chosen")
-    station.type("arm throttle")
-    wait_until(lambda: "COMPONENT_ARM_DISARM: ACCEPTED" in station.said, "the arming is acknowledged")
+    station.type_until_said("arm throttle", "COMPONENT_ARM_DISARM: ACCEPTED")
     armed = [drone for drone in range(1, 7) if "armed" in _events(tmp_path, drone)]
     assert armed == [3]
 
