@@ -25,7 +25,7 @@ from .profiles.run_plan import Gate
 from .results import INTERRUPTED, Attempt, Series, new_attempt, point_latest, read_json, write_json
 from .sensors import closed_links, read_gates
 from .topology import read_topology
-from .validity import void_reason
+from .validity import void_reason, with_failure
 
 MISSION_OVER = {0: "completed", 1: "failed"}
 BAD_INPUT = 2
@@ -127,8 +127,8 @@ def void_together(flown: dict[Attempt, Ended]) -> None:
         return
     for attempt, ended in flown.items():
         if ended.status != "void":
-            failed = f"; this one had failed: {ended.reason}" if ended.status == "failed" else ""
-            flown[attempt] = Ended("void", f"{void.protocol} was void in the same attempt{failed}")
+            reason = with_failure(f"{void.protocol} was void in the same attempt", ended.status, ended.reason)
+            flown[attempt] = Ended("void", reason)
             path = attempt.path / "manifest.json"
             write_json(path, read_json(path) | {"status": "void", "reason": flown[attempt].reason})
 
@@ -144,13 +144,14 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     link_files.write_plan(folder, links, topology, plan.shaper, gates=gates)
     manifest = describe(plan, attempt, topology, settings, links)
     write_json(attempt.path / "manifest.json", manifest)
-    ended, begun_s, was_flown = Ended("failed", INTERRUPTED), time.monotonic(), False
+    ended, begun_s = Ended("failed", INTERRUPTED), time.monotonic()
     try:
         containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings)
         with _fleet_up(containers, attempt, manifest, links, gates, progress):
             command = mission_command(plan, attempt.protocol)
             ended = _mission(command, limit_s_of(plan), containers, attempt, progress)
-            was_flown = True
+        if ended.status == "failed":
+            ended = _held_to_its_links(ended, folder, links)
     except Interrupted:
         raise
     except (LinksOff, ProbesLate) as error:
@@ -166,8 +167,6 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
         if ended.status == "completed":
             reason = void_reason(manifest["captures"], nodes) or link_files.void_reason(folder, links)
             ended = Ended("void", reason) if reason is not None else ended
-        elif was_flown:
-            ended = _held_to_its_links(ended, folder, links)
         manifest |= {"status": ended.status, "reason": ended.reason, "took_s": round(time.monotonic() - begun_s, 1)}
         manifest["host"]["load_after"] = os.getloadavg()[0]
         write_json(attempt.path / "manifest.json", manifest)
@@ -180,7 +179,7 @@ def _held_to_its_links(failed: Ended, folder: Path, links: LinkPlan) -> Ended:
         reason = link_files.off_reason(folder, links)
     except ResultsError:
         return failed
-    return failed if reason is None else Ended("void", f"{reason}; this one had failed: {failed.reason}")
+    return failed if reason is None else Ended("void", with_failure(reason, failed.status, failed.reason))
 
 
 @contextlib.contextmanager

@@ -38,3 +38,8 @@ def common_revision(manifests: list[dict[str, Any]]) -> str | None:
     """The commit at which every attempt was flown; None where there is not one."""
     commits = {manifest["revision"].get("commit") for manifest in manifests}
     return commits.pop() if len(commits) == 1 else None
+
+
+def with_failure(reason: str, status: str, failure: str | None) -> str:
+    """Why an attempt is void; where it had failed as well, that too."""
+    return f"{reason}; this one had failed: {failure}" if status == "failed" else reason

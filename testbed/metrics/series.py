@@ -12,7 +12,7 @@ import jsonschema
 
 from ..errors import ResultsError
 from ..results import METRICS, Attempt, Series, read_json, write_json
-from ..validity import common_revision
+from ..validity import common_revision, with_failure
 from .attempt import NOT_FLOWN, measure_attempt
 from .conditions import Flown, check_same, differences
 from .shaping import read_shaping
@@ -54,8 +54,8 @@ def measure_series(series: Series) -> dict[str, Any]:
         side = document["protocols"].setdefault(attempt.protocol, {"attempts": [], "void": []})
         entry = measured[attempt]
         if entry["status"] != "void" and attempt.path.name in links_void:
-            failed = f"; this one had failed: {entry['reason']}" if entry["status"] == "failed" else ""
-            entry |= {"status": "void", "reason": f"in its pair of attempts {links_void[attempt.path.name]}{failed}"}
+            reason = f"in its pair of attempts {links_void[attempt.path.name]}"
+            entry |= {"status": "void", "reason": with_failure(reason, entry["status"], entry["reason"])}
         if entry["status"] == "void":
             repeat = {"repeat": attempt.repeat} if attempt.repeat else {}
             side["void"].append({"attempt": attempt.number, **repeat, "reason": entry["reason"]})

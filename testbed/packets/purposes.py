@@ -27,8 +27,10 @@ _MAVLINK = {
     **dict.fromkeys(("PARAM_REQUEST_READ", "PARAM_REQUEST_LIST", "PARAM_VALUE", "PARAM_SET"), _UPKEEP),
     **dict.fromkeys(("PARAM_EXT_REQUEST_READ", "PARAM_EXT_VALUE", "COMPONENT_METADATA"), _UPKEEP),
 }
-_ASKING = (512, 519, 520, 521)
-"""MAV_CMDs by which a station only asks what a vehicle is: REQUEST_MESSAGE and REQUEST_*_VERSION, _CAPABILITIES."""
+_ASKING = (511, 512, 519, 520, 521)
+"""MAV_CMDs by which a station only asks a vehicle to tell something: SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, and
+REQUEST_*_VERSION, _CAPABILITIES. MAVSDK sends them by itself whenever it has found a vehicle, or found it again.
+"""
 
 
 def of_topic(topic: str | None) -> str:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..errors import UserError
-from ..experiments import MOST_ATTEMPTS
+from ..experiments import MOST_ATTEMPTS, WITH_SENSORS
 from ..topology import read_topology
 from .directed import directed_links
 from .kernel import Commands, commands_of
@@ -35,7 +35,7 @@ def profiles(context: typer.Context) -> None:
 
 def show(
     name: Annotated[str, typer.Argument(help="A profile's name, or the path of a file of your own.")],
-    experiment: Annotated[str, typer.Option(help="What is flown; the seed depends on it.")] = "scenario-1",
+    experiment: Annotated[str, typer.Option(help="What is flown; its links and the seed.")] = "scenario-1",
     attempt: Annotated[str, typer.Option(help="Which attempt; the seed depends on it.")] = "1",
     length: Annotated[str, typer.Option(help="How long the links are shaped, as 60s.")] = "60s",
     sources: Annotated[bool, typer.Option("--sources", help="Say where each figure comes from instead.")] = False,
@@ -44,7 +44,7 @@ def show(
     """Show a profile's links in a table, then its events and the commands for a kernel that has netem."""
     if not attempt.isascii() or not attempt.isdecimal() or not 1 <= int(attempt) <= MOST_ATTEMPTS:
         raise UserError(f"--attempt {attempt}: expected a whole number from 1 to {MOST_ATTEMPTS}")
-    topology = read_topology()
+    topology = read_topology(sensors=experiment in WITH_SENSORS)
     profile = read_profile(name)
     plan = resolve(profile, topology, experiment, int(attempt), _seconds(length))
     if json_plan:

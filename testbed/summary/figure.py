@@ -1,18 +1,22 @@
-"""The ratios of an experiment as points: traffic and mission time, a row for each arm on each profile."""
+"""The ratios of an experiment as points: traffic and, of missions, time; a row for each arm on each profile."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+from ..experiments import MESSAGES
 from ..report import thesis, words
 from ..report.figures.axes import Scale, bottom, decades, log_bounds
 from ..report.figures.draw import TEXT, Drawing
-from ..report.figures.figure import Figure, Value
+from ..report.figures.figure import Figure
 from .numbers import Numbers
 from .overview import Block, Overview
 
 _LINE, _HEADING = 21.0, 27.0
+_COLUMNS = {"packets": "packets", "bytes": "bytes", "rate": "bytes_per_s", "mission": "mission_time"}
+_TRAFFIC = "Traffic: filled, bytes; hollow, packets; pale, where one side completed no attempt, bytes a second."
+_TIME = "Mission time: dashed, what the thesis claims."
 
 
 def ratios(overview: Overview) -> Figure | None:
@@ -21,20 +25,22 @@ def ratios(overview: Overview) -> Figure | None:
     blocks = [(block, rows) for block, rows in flown if rows]
     if not blocks:
         return None
-    table: list[tuple[Value, ...]] = []
-    for block, rows in blocks:
-        table += [(block.profile, row.arm, row.packets, row.bytes, row.rate, row.mission) for row in rows]
+    timed = overview.experiment != MESSAGES
+    columns = [column for column in _COLUMNS if timed or column != "mission"]
     name = words.short_name(overview.experiment)
+    of_time = ", and how much shorter or longer the mission was over MQTT-XT" if timed else ""
     return Figure(
         name=f"ratios-{overview.experiment}",
         title=f"Ratios of {name}",
-        shows=f"How many times MQTT-XT's packets and bytes MAVLink needed in {name}, by profile and arm, and how much "
-        "shorter or longer the mission was over MQTT-XT.",
-        note="Traffic: filled, bytes of the mission; hollow, packets; pale, where one side completed no attempt, bytes "
-        "a second. Mission time: dashed, what the thesis claims.",
-        draw=lambda width: _draw(blocks, width),
-        header=("profile", "arm", "packets", "bytes", "bytes_per_s", "mission_time"),
-        rows=tuple(table),
+        shows=f"How many times MQTT-XT's packets and bytes MAVLink needed in {name}, by profile and arm{of_time}.",
+        note=f"{_TRAFFIC} {_TIME}" if timed else _TRAFFIC,
+        draw=lambda width: _draw(blocks, width, timed),
+        header=("profile", "arm", *(_COLUMNS[column] for column in columns)),
+        rows=tuple(
+            (block.profile, row.arm, *(getattr(row, column) for column in columns))
+            for block, rows in blocks
+            for row in rows
+        ),
         sources=("pcap",),
     )
 
@@ -51,17 +57,18 @@ class _Panel:
     base: float
 
 
-def _draw(blocks: Blocks, width: float) -> Drawing:
+def _draw(blocks: Blocks, width: float, timed: bool) -> Drawing:
     narrow = width < 600
     height = sum(_HEADING + _LINE * len(rows) for _, rows in blocks)
     left, top = (128.0 if narrow else 158.0), 40.0
-    drawing = Drawing(width, (top + height + 28) * (2 if narrow else 1))
-    part = width - left - 16 if narrow else (width - left - 16) * 0.58
-    second = left if narrow else left + part + 40
+    drawing = Drawing(width, (top + height + 28) * (2 if narrow and timed else 1))
+    part = (width - left - 16) * (0.58 if timed and not narrow else 1)
     _traffic(drawing, blocks, _panel(drawing, blocks, left, left + part, top, "traffic, MAVLink over MQTT-XT"))
-    lower = top + height + 28 + top if narrow else top
-    title = "mission time, MQTT-XT against MAVLink"
-    _missions(drawing, blocks, _panel(drawing, blocks, second, width - 16, lower, title, named=narrow))
+    if timed:
+        second = left if narrow else left + part + 40
+        lower = top + height + 28 + top if narrow else top
+        title = "mission time, MQTT-XT against MAVLink"
+        _missions(drawing, blocks, _panel(drawing, blocks, second, width - 16, lower, title, named=narrow))
     return drawing
 
 

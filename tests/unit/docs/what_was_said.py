@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from statistics import median
 from typing import Any
 
 from testbed.report import words
 from testbed.report.comparison import completed
 from testbed.summary.cells import SIDES, Cell
-from testbed.summary.losses import loss
+from testbed.summary.claims import claims
+from testbed.summary.kinds import HEADINGS, rows_of
+from testbed.summary.losses import Loss, loss
 from testbed.summary.numbers import Pair, numbers_of
+from testbed.summary.traffic import Bytes, bytes_of
 
 PX4 = "thesis"
 """The arm in which PX4 streams its onboard set and drones are asked one by one."""
 FIVE, BUNDLED = "five-states", "five-states-bundled"
+STREAMED = (
+    *(("scenario-1", arm) for arm in (PX4, "thesis-concurrent", "direct")),
+    *((f"scenario-{number}", PX4) for number in (2, 3, 4)),
+)
+"""Where PX4's onboard streams are flown on the links of `thesis`."""
+COLUMNS = [f"{HEADINGS[at - 1]} ×" if name == "×" else name for at, name in enumerate(HEADINGS)]
+"""Of the message set's table; a ratio is named after the column that it is of."""
 
 
 class Findings:
@@ -25,6 +35,9 @@ class Findings:
 
     def cell(self, arm: str, profile: str, experiment: str = "scenario-1") -> Cell:
         return self._cells[experiment, arm, profile]
+
+    def on(self, profile: str) -> list[Cell]:
+        return [cell for cell in self._cells.values() if cell.profile == profile]
 
     def both(self, arm: str, profile: str, column: str, experiment: str = "scenario-1") -> tuple[str, str]:
         """A column of MQTT-XT and of MAVLink."""
@@ -41,6 +54,14 @@ class Findings:
         side: dict[str, Any] = self.cell(arm, profile, experiment).metrics["protocols"][protocol]
         return list(side["attempts"])
 
+    def bytes_of(self, protocol: str, arm: str) -> Bytes:
+        """Where a side's bytes are, in scenario 1 on `thesis`."""
+        return next(one for one in bytes_of(self.cell(arm, "thesis")) if one.protocol == protocol)
+
+    def commands_bytes(self, arm: str, profile: str) -> str:
+        """MAVLink's bytes for commands over MQTT-XT's, as the table of claims has them."""
+        return claims()[0].judge(self.cell(arm, profile)).figure.removesuffix("×")
+
     def purpose(self, protocol: str, arm: str, profile: str, name: str, unit: str) -> float:
         """The median of a purpose's packets or bytes over completed attempts, without what acknowledges them."""
         side = self.cell(arm, profile).metrics["protocols"][protocol]
@@ -48,16 +69,29 @@ class Findings:
 
 
 def said(found: Findings) -> Iterator[str]:
-    yield (
-        f"MAVLink sends {found.one(PX4, 'thesis', 'rates')} times the bytes a second of MQTT-XT where PX4 streams "
-        f"its onboard set, and {found.one(FIVE, 'thesis', 'rates')} times where both sides carry"
-    )
-    yield f"With bundles MQTT-XT makes {found.one(BUNDLED, 'thesis', 'rates')} of the"
+    yield from _traffic(found)
     yield from _commands(found)
     yield from _missions(found)
     yield from _losses(found)
     yield from _delays(found)
+    yield from _layers(found)
+    yield from _readings(found)
+    yield from _message_set(found)
     yield from _targets(found)
+
+
+def _traffic(found: Findings) -> Iterator[str]:
+    streamed = found.one(PX4, "thesis", "rates")
+    yield f"On the profile `thesis` MAVLink sends {streamed} times the bytes a second of MQTT-XT where PX4 streams"
+    chains = [found.cell(f"{arm}+chain-per-uav", "thesis") for arm in (FIVE, BUNDLED)]
+    alone, bundled = (found.one(cell.arm, "thesis", "rates") for cell in chains)
+    yield f"it sends {alone} times as many if MQTT-XT publishes topic by topic, and {bundled} times with its bundles"
+    upkeep = found.bytes_of("mavlink", chains[0].arm).purposes["upkeep"]
+    yield f"{words.share(upkeep)} of that is heartbeats and upkeep of its routers"
+    alone, bundled = (claims()[1].judge(cell).figure.removesuffix("×") for cell in chains)
+    yield f"its states alone need {alone} of MQTT-XT's bytes, or {bundled} times those of the bundles"
+    alone, bundled = (found.one(arm, "thesis", "rates") for arm in (FIVE, BUNDLED))
+    yield f"that makes it {alone} and {bundled} times"
 
 
 def _commands(found: Findings) -> Iterator[str]:
@@ -67,16 +101,22 @@ def _commands(found: Findings) -> Iterator[str]:
         for name in ("command", "result")
     }
     frames = {side: f"{found.purpose(side, BUNDLED, 'lte', 'command', 'packets'):g} frames" for side in SIDES}
-    yield f"{frames['mqttxt']} and {told['mqttxt', 'command']} a mission"
+    yield f"in `{BUNDLED}` on `lte` {frames['mqttxt']} and {told['mqttxt', 'command']} a mission"
     yield f"against {frames['mavlink']} and {told['mavlink', 'command']}"
     yield f"{told['mqttxt', 'result']} against the {told['mavlink', 'result']} of MAVLink's acknowledgements"
+    yield f"as on `lte`, MAVLink needs {found.commands_bytes(BUNDLED, 'lte')} of MQTT-XT's bytes for commands"
+    judged = (claims()[0].judge(cell) for cell in found.on("thesis") if cell.experiment != "messages")
+    ratios = (one.figure.removesuffix("×") for one in judged if one.holds is not None)
+    yield f"every command goes out three times, and it needs {_span(ratios)} of them, by scenario and arm"
 
 
 def _missions(found: Findings) -> Iterator[str]:
-    for number in (2, 3):
+    for number in _timed(found):
         ours, theirs = found.both(PX4, "thesis", "mission", f"scenario-{number}")
         shorter = found.one(PX4, "thesis", "change", f"scenario-{number}")
         yield f"scenario {number} takes {ours} instead of {theirs}, {shorter} less"
+    of_three = (_completed(found, PX4, f"scenario-{number}") for number in _timed(found))
+    yield f"of the missions that it completed, {words.listed([f'{done} of 3' for done in of_three])}"
     for profile in ("lte", "lossy"):
         ours, theirs = found.both(PX4, profile, "mission")
         yield f"{ours} instead of {theirs} on `{profile}`"
@@ -86,36 +126,95 @@ def _missions(found: Findings) -> Iterator[str]:
 
 
 def _losses(found: Findings) -> Iterator[str]:
-    shares = [
-        loss(found.attempts("mavlink", arm, "thesis", experiment), "states")
-        for experiment, arm in (
-            *(("scenario-1", arm) for arm in (PX4, "thesis-concurrent", "direct")),
-            *((f"scenario-{number}", PX4) for number in (2, 3)),
-        )
-    ]
+    flown = [found.attempts("mavlink", arm, "thesis", experiment) for experiment, arm in STREAMED]
+    shares = [loss(attempts, "states") for attempts in flown]
     least, *_, most = sorted((str(share) for share in shares), key=lambda text: float(text.split()[0]))
     yield f"{least.removesuffix(' %')} to {most} of MAVLink's states are lost"
+    statuses = [one["status"] for attempts in flown for one in attempts]
+    failed = statuses.count("failed")
+    yield f"so that {failed} of {len(statuses)} missions end with a call that nobody answered in time"
     of_five = loss(found.attempts("mavlink", FIVE, "thesis"), "states")
     yield f"there MAVLink loses {of_five}, and completes every mission"
-    lossy = loss(found.attempts("mavlink", PX4, "lossy"), "states")
-    ours = loss(found.attempts("mqttxt", FIVE, "lossy"), "states")
-    yield f"MAVLink loses {lossy} of its states"
-    yield f"MQTT-XT {'none' if not ours.lost else ours.lost} of {ours.known:,}, topic by topic"
+    ours, theirs = (loss(found.attempts(side, FIVE, "lossy"), "states") for side in SIDES)
+    yield f"in `{FIVE}`, MAVLink loses {theirs} of its states and MQTT-XT {ours.lost or 'none'} of {ours.known:,}"
+    longest = {
+        side: max(
+            delay["captures"]["max"] or 0.0
+            for one in found.attempts(side, FIVE, "lossy")
+            for delay in one["state_delay_ms"].values()
+        )
+        for side in SIDES
+    }
+    yield f"a state that TCP sends again comes up to {words.milliseconds(longest['mqttxt'])} after it left the drone"
+    yield f"none of MAVLink's takes longer than {longest['mavlink']:.0f}"
+    ours, theirs = found.both(FIVE, "lossy", "delay")
+    yield f"The median command takes {ours} there, MAVLink's {theirs.removesuffix(' ms')}"
 
 
 def _delays(found: Findings) -> Iterator[str]:
-    ours, theirs = found.both(PX4, "lossy", "delay")
-    yield f"A command takes {ours} to its drone there, MAVLink's {theirs.removesuffix(' ms')}"
     ours, theirs = found.both(PX4, "ideal", "delay")
     yield f"On `ideal` one is at its drone in {theirs}, MQTT-XT's in {ours}"
     ours, theirs = found.both(PX4, "lte", "delay")
     yield f"on `lte` {ours} against {theirs.removesuffix(' ms')}"
 
 
+def _layers(found: Findings) -> Iterator[str]:
+    ours = found.bytes_of("mqttxt", PX4)
+    headers = sum(ours.layers[name] for name in ("TCP or UDP", "IP", "Ethernet"))
+    yield f"Of MQTT-XT's bytes in the arm `{PX4}` {words.share(ours.layers['payload'])} is what it has to say"
+    yield f"Headers of TCP, IP and Ethernet are {words.share(headers)}"
+    yield f"and {words.share(ours.purposes['acknowledgement'])} of all are acknowledgements"
+    alone, bundled = (found.bytes_of("mqttxt", arm) for arm in (FIVE, BUNDLED))
+    payloads = [words.share(one.layers["payload"]) for one in (bundled, alone)]
+    rates = [words.size(one.a_second) for one in (bundled, alone)]
+    yield f"{' instead of '.join(payloads)} payload, and {' instead of '.join(rates)} a second"
+
+
+def _readings(found: Findings) -> Iterator[str]:
+    delays = {}
+    for arm in (PX4, BUNDLED):
+        for side in SIDES:
+            done = completed(found.cell(arm, "thesis", "scenario-4").metrics["protocols"][side])
+            assert all(series["delivered"] == 30 and not series["wrong"] for one in done for series in one["series"])
+            assert all(len(one["series"]) == 18 for one in done)
+            delays[arm, side] = words.milliseconds(median(one["reading_delay_ms"]["captures"]["p50"] for one in done))
+    yield "In every completed attempt all 30 values of the 18 series arrived, and arrived as they were measured"
+    yield f"after {delays[PX4, 'mqttxt']} over MQTT-XT and {delays[PX4, 'mavlink']} through the brokers beside MAVLink"
+    yield f"{delays[BUNDLED, 'mqttxt']} and {delays[BUNDLED, 'mavlink']} in `{BUNDLED}`"
+
+
+def _message_set(found: Findings) -> Iterator[str]:
+    cell = found.cell(PX4, "thesis", "messages")
+    rows = {str(row[0]): dict(zip(COLUMNS, row, strict=True)) for row in rows_of(cell)}
+    sets = {side: found.attempts(side, PX4, "thesis", "messages")[0]["message_set"] for side in SIDES}
+    commands, states = (
+        [name for name, kind in sets["mqttxt"].items() if kind["form"] == form] for form in ("command", "state")
+    )
+    yield f"so the ratio is {_span(rows[name]['packets, all ×'] for name in states)} instead of 16 to 23"
+    yield f"location is {rows['location']['packets, alone ×']} times"
+    yield f"Commands alone cost MAVLink {_span(rows[name]['bytes, alone ×'] for name in commands)} of MQTT-XT's bytes"
+    ours, theirs = (getattr(rows["location"]["delay"], side) for side in SIDES)
+    yield f"A position takes {ours} over MQTT-XT and {theirs.removesuffix(' ms')} over MAVLink"
+    calls = [sets["mavlink"][name] for name in commands]
+    asked, received = (sum(kind[count] for kind in calls) for count in ("asked", "received"))
+    yield f"Of MAVLink's {asked} calls {words.in_words(asked - received)} were not acknowledged"
+    first, last = (sets["mavlink"][name] for name in ("flight_mode", "groundspeed"))
+    speeds = Loss(last["lost"], last["sent"] - last["open"])
+    yield f"{first['lost'] or 'none'} of its flight modes, first in each burst, and {speeds} of its ground speeds"
+    all_ = sum((Loss(kind["lost"], kind["sent"] - kind["open"]) for kind in sets["mqttxt"].values()), Loss(0, 0))
+    yield f"Of MQTT-XT's {all_.known:,} messages {all_.lost or 'none'} was lost"
+
+
+def _span(ratios: Iterable[str | Pair]) -> str:
+    """'0.65 to 0.98'."""
+    told = sorted((str(ratio) for ratio in ratios), key=float)
+    return f"{told[0]} to {told[-1]}"
+
+
 def _targets(found: Findings) -> Iterator[str]:
     times = {
         profile: [found.one(PX4, profile, column) for column in ("packets", "bytes")]
-        for profile in ("ideal", "lte", "lossy")
+        for profile in ("ideal", "thesis", "lte", "lossy")
     }
     ratios = ", ".join(f"{packets} and {size} on `{profile}`" for profile, (packets, size) in times.items())
     yield f"| {ratios}; {found.one(PX4, 'thesis', 'rates')} times the bytes a second on `thesis` |"
@@ -123,8 +222,8 @@ def _targets(found: Findings) -> Iterator[str]:
         f"{found.one(BUNDLED, profile, 'bytes')} on `{profile}`" for profile in ("thesis", "lte", "lossy")
     )
     yield f"| {bundled} |"
-    second, third = (found.one(PX4, "thesis", "change", f"scenario-{number}") for number in (2, 3))
-    yield f"| −{second} in scenario 2, −{third} in scenario 3; in scenario 1 MAVLink completed"
+    shorter = {number: found.one(PX4, "thesis", "change", f"scenario-{number}") for number in _timed(found)}
+    yield f"| {', '.join(f'−{share} in scenario {number}' for number, share in shorter.items())} |"
     concurrent = ("thesis-concurrent", FIVE, BUNDLED)
     yield "| " + ", ".join(f"{_ours_over_theirs(found, arm)} in `{arm}`" for arm in concurrent) + " |"
     commands = loss(found.attempts("mqttxt", PX4, "thesis"), "commands")
@@ -137,6 +236,17 @@ def _targets(found: Findings) -> Iterator[str]:
     yield f"| {delays} |"
     alone, _ = found.both(PX4, "ideal", "mission")
     yield f"Scenario 1 takes {alone} of flight and holding"
+
+
+def _timed(found: Findings) -> list[int]:
+    """The scenarios of which MAVLink completed one on `thesis` with PX4's streams, asking one by one."""
+    return [number for number in (1, 2, 3, 4) if _completed(found, PX4, f"scenario-{number}") != "none"]
+
+
+def _completed(found: Findings, arm: str, experiment: str = "scenario-1") -> str:
+    """How many of MAVLink's missions on `thesis`, in a word."""
+    done = len(completed(found.cell(arm, "thesis", experiment).metrics["protocols"]["mavlink"]))
+    return words.in_words(done) if done else "none"
 
 
 def _ours_over_theirs(found: Findings, arm: str) -> str:

@@ -134,7 +134,7 @@ async def test_a_call_that_fails_is_counted_and_the_next_one_follows(fly: Fly) -
 async def test_a_kind_of_which_nothing_succeeds_fails_the_mission_when_all_others_have_been_flown(
     fly: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(message_set, "SPARE_S", 0.5)
+    monkeypatch.setattr(message_set, "SPARE_S", 0.1)
     _, events, reason = await fly({"land": ["denied", "unconfirmed"]}, silent=("battery",), refused=("heading",))
     assert reason == (
         "land: none of 2 (1 denied, 1 unconfirmed); battery: none of 2 (2 not told in time); "
@@ -148,7 +148,7 @@ async def test_a_kind_of_which_nothing_succeeds_fails_the_mission_when_all_other
 async def test_what_was_told_before_a_kind_began_is_none_of_its_values(
     fly: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(message_set, "SPARE_S", 0.5)
+    monkeypatch.setattr(message_set, "SPARE_S", 0.1)
     _, events, _ = await fly(silent=("location",))
     assert _done(events)["location"] == (0, 2)
 
@@ -157,7 +157,7 @@ async def test_a_state_that_is_told_faster_is_taken_once_in_a_turn_and_the_newes
     fly: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(message_set, "TURN_S", 0.01)
-    monkeypatch.setattr(message_set, "SPARE_S", 0.5)
+    monkeypatch.setattr(message_set, "SPARE_S", 0.1)
     _, events, _ = await fly(change=lambda drone: setattr(drone, "tells_faster", True))
     assert _done(events) == dict.fromkeys(COMMANDS, (2, 0)) | dict.fromkeys(STATES, (1, 1))
     taken = [(e["value"], e["age_ms"]) for e in events if e["event"] == "value"]

@@ -159,6 +159,7 @@ def test_parts_are_whole() -> None:
     assert [(row["part"], row["share"]) for row in rows_of(figure)] == [("a", "0.25"), ("b", "0.75")]
 
 
+@pytest.mark.long
 def test_a_pdf_is_the_same_each_time_and_has_its_text_and_fonts() -> None:
     drawing = Drawing(200, 100)
     drawing.text(10, 20, "$5")
@@ -178,6 +179,7 @@ def full(folder: Path) -> tuple[Series, dict[str, object]]:
     return series, make_series(series, *several, ("mavlink", failed("mavlink", "denied", 3)), ("mqttxt", void))
 
 
+@pytest.mark.long
 def test_the_same_results_at_another_path_give_the_same_files(tmp_path: Path) -> None:
     series, metrics = full(tmp_path / "here")
     written = write_report(series, metrics).parent
@@ -192,6 +194,7 @@ def test_the_same_results_at_another_path_give_the_same_files(tmp_path: Path) ->
     assert {path: path.read_bytes() for path in before} == before
 
 
+@pytest.mark.long
 def test_every_figure_has_its_data_and_its_paper_beside_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,6 +206,7 @@ def test_every_figure_has_its_data_and_its_paper_beside_the_page(
     assert {Path(name).suffix for name in named} == {".csv", ".pdf"}
 
 
+@pytest.mark.long
 def test_what_is_not_drawn_any_more_leaves_no_file(tmp_path: Path) -> None:
     series, metrics = full(tmp_path)
     write_report(series, metrics)

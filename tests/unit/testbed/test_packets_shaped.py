@@ -136,7 +136,7 @@ def test_messages_are_for_what_their_protocols_say(series: Series) -> None:
     found = load(make_mavlink_attempt(series, 1, chain, [], 1.0))
     assert found.messages["purpose"].to_list() == [
         *("state", "result", "state", "upkeep", "upkeep"),
-        *("command", "command", "upkeep"),
+        *("command", "upkeep", "upkeep"),
     ]
     assert found.frames["purpose"].to_list() == found.messages["purpose"].to_list()
 

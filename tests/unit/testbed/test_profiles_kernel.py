@@ -288,6 +288,16 @@ def test_ideal_has_no_commands() -> None:
     assert _typed("show", "ideal")[1].endswith("no command: nothing is shaped\n")
 
 
+def test_the_sensors_links_are_shown_for_the_experiment_that_has_them(tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text("description: slow sensors\nlinks: {sense: {both: {delay: 30ms, source: assumed}}}\n")
+    assert "sense:" not in _typed("show", str(own))[1]
+    code, out, _ = _typed("show", str(own), "--experiment", "scenario-4")
+    assert code == 0
+    assert re.search(r"sense:uav1-6:up +- +- +30ms ", out)
+    assert "tc qdisc add dev @sensor1 " in out
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

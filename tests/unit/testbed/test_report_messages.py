@@ -128,6 +128,7 @@ def test_the_page_is_whole_and_self_contained(series: Series, page: str) -> None
         assert (series.path / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.long
 def test_the_same_results_give_the_same_page(series: Series, metrics: Metrics, page: str) -> None:
     assert write_report(series, measure_series(series), papers=True).read_text() == page
 

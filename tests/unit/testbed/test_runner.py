@@ -174,19 +174,27 @@ def test_random_loss_that_chance_does_not_explain_makes_an_attempt_void(tmp_path
     assert (loss["configured"], loss["measured"], loss["lost"]) == (0.0, 40 / 1040, 40)
 
 
+class FailsFirst(Fleet):
+    """The first flight's mission fails; the shaper is late in the last of the flights `late`."""
+
+    late = ("mqttxt",)
+
+    def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+        yield from super().execute(service, command, limit_s=limit_s)
+        if self.profiles == ["mqttxt"]:
+            yield "mission: scenario-1 failed: arm: drone 3: denied"
+            return 1
+        return 0
+
+    def count_links(self, void: str | None = None) -> None:
+        super().count_links("the emulator did not keep up" if tuple(self.profiles) == self.late else None)
+
+
 def test_a_failure_beside_a_void_attempt_is_void_and_says_so(tmp_path: Path) -> None:
-    class LateAfterFailure(Fleet):
-        def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
-            yield from super().execute(service, command, limit_s=limit_s)
-            if self.profiles == ["mqttxt"]:
-                yield "mission: scenario-1 failed: arm: drone 3: denied"
-                return 1
-            return 0
+    class LateAfterwards(FailsFirst):
+        late = ("mqttxt", "mavlink")
 
-        def count_links(self, void: str | None = None) -> None:
-            super().count_links("the emulator did not keep up" if self.profiles == ["mqttxt", "mavlink"] else None)
-
-    path, endings, _ = _fly(tmp_path, LateAfterFailure([TAKEOFF]), protocols="mqttxt,mavlink")
+    path, endings, _ = _fly(tmp_path, LateAfterwards([TAKEOFF]), protocols="mqttxt,mavlink")
     assert endings == [Ended("completed")] * 2
     first = Series(path).attempts()[2].manifest()
     assert first["status"] == "void"
@@ -195,28 +203,14 @@ def test_a_failure_beside_a_void_attempt_is_void_and_says_so(tmp_path: Path) -> 
     )
 
 
-class LateAndFailed(Fleet):
-    """The first flight's mission fails, on links that were not as planned."""
-
-    def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
-        yield from super().execute(service, command, limit_s=limit_s)
-        if self.profiles == ["mqttxt"]:
-            yield "mission: scenario-1 failed: arm: drone 3: unconfirmed (timeout)"
-            return 1
-        return 0
-
-    def count_links(self, void: str | None = None) -> None:
-        super().count_links("the emulator did not keep up" if self.profiles == ["mqttxt"] else None)
-
-
 def test_a_mission_that_failed_on_other_links_than_planned_is_void_says_so_and_is_repeated(tmp_path: Path) -> None:
-    path, endings, _ = _fly(tmp_path, LateAndFailed([TAKEOFF]), protocols="mqttxt,mavlink")
+    path, endings, _ = _fly(tmp_path, FailsFirst([TAKEOFF]), protocols="mqttxt,mavlink")
     assert endings == [Ended("completed")] * 2
     told = Series(path).attempts()
     reasons = {str(attempt.path.relative_to(path)): attempt.manifest()["reason"] for attempt in told}
     assert reasons == {
         "mqttxt/attempt-01": (
-            "the emulator did not keep up; this one had failed: scenario-1 failed: arm: drone 3: unconfirmed (timeout)"
+            "the emulator did not keep up; this one had failed: scenario-1 failed: arm: drone 3: denied"
         ),
         "mqttxt/attempt-01-repeat-1": None,
         "mavlink/attempt-01-repeat-1": None,
@@ -224,13 +218,13 @@ def test_a_mission_that_failed_on_other_links_than_planned_is_void_says_so_and_i
 
 
 def test_a_failed_mission_whose_links_left_no_record_stays_failed(tmp_path: Path) -> None:
-    class Silent(LateAndFailed):
+    class Silent(FailsFirst):
         def count_links(self, void: str | None = None) -> None:
             super().count_links(void)
             (self._run_dir / "links" / "counters.json").unlink()
 
     _, (ended,), _ = _fly(tmp_path, Silent([TAKEOFF]))
-    assert ended == Ended("failed", "scenario-1 failed: arm: drone 3: unconfirmed (timeout)")
+    assert ended == Ended("failed", "scenario-1 failed: arm: drone 3: denied")
 
 
 def test_a_void_attempt_is_repeated_before_its_other_protocol_is_flown_for_nothing(tmp_path: Path) -> None:

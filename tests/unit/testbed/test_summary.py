@@ -315,6 +315,16 @@ def test_the_figure_has_its_data_beside_the_page_and_pale_marks_where_there_is_n
     assert (tmp_path / "summary-ratios-scenario-1.pdf").read_bytes().startswith(b"%PDF")
 
 
+def test_the_message_set_is_drawn_without_a_mission_time(tmp_path: Path) -> None:
+    messages_of_both(tmp_path)
+    page = page_of(tmp_path)
+    assert (tmp_path / "summary-ratios-messages.csv").read_text().startswith("profile,arm,packets,bytes,bytes_per_s\n")
+    assert "traffic, MAVLink over MQTT-XT" in page
+    assert "mission time, MQTT-XT against MAVLink" not in page
+    finished(tmp_path, *both())
+    assert "mission time, MQTT-XT against MAVLink" in page_of(tmp_path)
+
+
 def test_the_page_is_the_same_for_the_same_results(tmp_path: Path) -> None:
     finished(tmp_path, *both())
     assert page_of(tmp_path) == page_of(tmp_path)
