@@ -36,6 +36,15 @@ def test_without_an_answer_it_is_repeated_and_then_unconfirmed() -> None:
     assert said(out) == [(1, Word.UNCONFIRMED, "no_ack")]
 
 
+def test_a_write_that_was_held_up_is_repeated_half_a_second_after_it() -> None:
+    """As by a journal on a slow disk: the answer to the first copy had no time to come."""
+    bench = Bench()
+    bench.start(1, Arm())
+    bench.executor.on_transmitted(CommandId(1, 1), 400)
+    assert written(bench.until(800)) == []
+    assert written(bench.until(900)) == [ARM]
+
+
 def test_after_a_time_out_the_number_is_barred_for_three_seconds() -> None:
     bench = Bench()
     bench.start(1, Arm())

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ GCS_SYSTEM, GCS_COMPONENT = 255, int(mavlink.MAV_COMP_ID_MISSIONPLANNER)
 REOPEN_S = 1.0
 MAX_BAUD = 99_999_999
 _READ_BYTES = 65_536
+_READS_AT_ONCE = 1000
 
 
 @dataclass(frozen=True)
@@ -112,16 +114,18 @@ class AutopilotLink:
         ended: asyncio.Future[None] = loop.create_future()
 
         def readable() -> None:
-            data = transport.read()
-            if data is None:
-                if not ended.done():
+            """All that is there: an acknowledgement behind other messages is heard before a tick says it is missing."""
+            for _ in range(_READS_AT_ONCE):
+                data = transport.read()
+                if data is None and not ended.done():
                     ended.set_result(None)
-                return
-            for message in parser.parse_buffer(data) or ():
-                if message.get_type() == "BAD_DATA":
-                    self._on_malformed(str(message.reason))
-                else:
-                    self._on_message(message)
+                if not data:
+                    return
+                for message in parser.parse_buffer(data) or ():
+                    if message.get_type() == "BAD_DATA":
+                        self._on_malformed(str(message.reason))
+                    else:
+                        self._on_message(message)
 
         loop.add_reader(transport.fileno(), readable)
         try:
@@ -227,9 +231,9 @@ class _Serial(_Transport):
             return None
 
     def write(self, packet: bytes) -> bool:
-        try:
-            return bool(self._port.write(packet) == len(packet))
-        except serial.SerialException:
+        try:  # pyserial's own would try again without end where the device takes nothing
+            return os.write(self._port.fileno(), packet) == len(packet)
+        except OSError:
             return False
 
     def close(self) -> None:

@@ -99,10 +99,11 @@ class Executor:
         return out + self._try_send(run, now_ms) + self._pilot.set_points(now_ms)
 
     def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
-        """The write happened; the clock read `now_ms` after it."""
+        """The write happened; the clock read `now_ms` after it. Its acknowledgement is waited for from then on."""
         run = self._runs.find(command_id)
         if run is None:
             return []
+        run.last_send_ms = now_ms
         if now_ms > run.deadline_ms:
             run.late_ms = max(run.late_ms or 0, now_ms - run.deadline_ms)
         return []
