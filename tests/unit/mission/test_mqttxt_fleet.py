@@ -15,7 +15,7 @@ from mission import mqttxt_fleet
 from mission.events import EventLog
 from mission.fleet import MissionError, Point, Result
 from mission.mqttxt_fleet import NEEDED_STATES, MqttxtFleet
-from mqttxt import Command, Goto, Outcome, PsmiList, Return, Stream, Word
+from mqttxt import BrokerRefused, Command, Goto, Outcome, PsmiList, Return, Stream, Word
 from mqttxt.messages import CommandId
 
 FOGS = {1: (1, 2), 2: (4,)}
@@ -67,6 +67,8 @@ class Station:
     def __init__(self, answers: dict[int, Word | None]) -> None:
         self.asked: list[Any] = []
         self.options: dict[str, Any] = {}
+        self.ends = asyncio.Event()
+        self.end = BrokerRefused("cloud: another client took over")
         self._answers = answers
 
     def __call__(self, url: str, **options: Any) -> Self:
@@ -76,7 +78,9 @@ class Station:
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(self, *_: object) -> None: ...
+    async def __aexit__(self, *_: object) -> None:
+        if self.ends.is_set():
+            raise self.end
 
     async def connect(self, fogs: dict[int, Any], limit_s: float) -> list[Fog]:
         return [Fog(number, self.asked, self._answers) for number in fogs]
@@ -93,7 +97,8 @@ class Station:
         assert condition()
 
     async def events(self) -> AsyncIterator[Any]:
-        await asyncio.Event().wait()
+        await self.ends.wait()
+        raise self.end
         yield
 
 
@@ -108,6 +113,23 @@ async def _set_up(
     finally:
         await fleet.close()
     return station
+
+
+async def test_a_station_that_the_broker_refuses_ends_the_mission_with_its_reason(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    station = Station({})
+    monkeypatch.setattr(mqttxt_fleet, "GroundStation", station)
+    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(Path("/dev/null"), StringIO()))
+    await fleet.connect(5)
+    waiting = asyncio.create_task(fleet.changed())
+    await asyncio.sleep(0)
+    station.ends.set()
+    for heard in (waiting, fleet.changed()):
+        with pytest.raises(MissionError, match="cloud: another client took over"):
+            await heard
+    await fleet.close()
+    assert "the ground station ended: cloud: another client took over" in caplog.text
 
 
 async def test_on_change_asks_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

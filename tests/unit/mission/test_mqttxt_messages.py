@@ -16,7 +16,7 @@ from mission import mqttxt_messages
 from mission.events import EventLog
 from mission.fleet import MissionError, Result
 from mission.mqttxt_messages import MqttxtMessageFleet
-from mqttxt import Command, FogUnreachable, Outcome, Word
+from mqttxt import BrokerRefused, Command, FogUnreachable, Outcome, Word
 from mqttxt.messages import CommandId
 from mqttxt.states import Armed
 
@@ -87,6 +87,19 @@ async def test_a_call_without_a_live_fog_is_not_sent(make: Make, tmp_path: Path)
     assert await fleet.call(3, "land") == Result(1, "unreachable", "not_sent")
     assert await fleet.settle()
     assert _said(tmp_path) == [(3, "unreachable", "not_sent")]
+
+
+async def test_a_station_that_ends_meanwhile_is_the_missions_reason_and_holds_up_no_end(make: Make) -> None:
+    fleet = make(Drone(()))
+    fleet._telling = asyncio.create_task(_raises(BrokerRefused("cloud: another client took over")))
+    await asyncio.wait({fleet._telling})
+    with pytest.raises(MissionError, match="another client took over"):
+        await fleet.tell("battery")
+    await fleet.close()
+
+
+async def _raises(error: Exception) -> None:
+    raise error
 
 
 async def test_nothing_has_to_be_settled_before_the_first_call(make: Make) -> None:

@@ -45,7 +45,8 @@ async def test_what_is_set_is_answered_with_the_true_state(tmp_path: Path) -> No
 async def test_what_goes_wrong_is_the_missions_reason(
     answer: bytes | None, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(side_channel, "ANSWER_LIMIT_S", 0.05)
+    if answer == b"":
+        monkeypatch.setattr(side_channel, "ANSWER_LIMIT_S", 0.05)
     with pytest.raises(MissionError) as error:
         await _ask(tmp_path, answer)
     assert str(error.value) == f"control socket {tmp_path / 'c.sock'}: {said}"

@@ -74,7 +74,9 @@ class MavsdkFleet:
         self._setting_up: set[asyncio.Task[None]] = set()
         self._calls = Calls()
         self._news = asyncio.Event()
-        self._sensors = PlainReadings(sensor_broker, tuple(fogs), self._on_reading) if sensor_broker else None
+        self._sensors = (
+            PlainReadings(sensor_broker, tuple(fogs), self._on_reading, self._news.set) if sensor_broker else None
+        )
         self._readings: list[Reading] = []
 
     @property
@@ -208,6 +210,8 @@ class MavsdkFleet:
 
     def _check_lost(self) -> None:
         lost = [f"drone {number}: heartbeats stopped" for number, drone in self._drones.items() if drone.is_lost]
+        if self._sensors is not None and self._sensors.lost is not None:
+            lost.append(str(self._sensors.lost))
         if lost:
             raise MissionError("; ".join(lost))
 

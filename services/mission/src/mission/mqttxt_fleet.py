@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -38,6 +39,7 @@ from .fleet import MissionError, Point, Reading, Result, Status
 
 FIVE_STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 FIVE_STATES_HZ = 1.0
+logger = logging.getLogger("mission")
 NEEDED_STATES = frozenset({"armed", "flight_mode", "landed_state", "location"})
 
 
@@ -58,6 +60,7 @@ class MqttxtFleet:
         self._readings: list[Reading] = []
         self._heard = asyncio.Event()
         self._listening: asyncio.Task[None] | None = None
+        self._lost: BaseException | None = None
         self._stack = contextlib.AsyncExitStack()
 
     @property
@@ -69,6 +72,7 @@ class MqttxtFleet:
         try:
             await self._stack.enter_async_context(self._station)
             self._listening = asyncio.create_task(self._listen())
+            self._listening.add_done_callback(self._hears_no_more)
             connected = await self._station.connect(self._wanted, limit_s)
             self._fogs = {fog.number: fog for fog in connected}
             await self._station.wait_until(lambda: not self._missing(), limit_s)
@@ -81,9 +85,13 @@ class MqttxtFleet:
             raise MissionError(f"connect: within {limit_s:g} s not there: {'; '.join(self._missing())}") from None
 
     async def close(self) -> None:
+        """Leave the broker; what the station ended with is the mission's to tell, and only logged here."""
         if self._listening is not None:
             self._listening.cancel()
-        await self._stack.aclose()
+        try:
+            await self._stack.aclose()
+        except MqttxtError as error:
+            logger.warning("the ground station ended: %s", error)
 
     async def arm(self) -> list[Result]:
         return await self._broadcast(Arm())
@@ -137,8 +145,12 @@ class MqttxtFleet:
         )
 
     async def changed(self) -> None:
+        """Return when something was heard since the last call; raises MissionError when the broker refuses."""
         self._heard.clear()
-        await self._heard.wait()
+        if self._lost is None:
+            await self._heard.wait()
+        if self._lost is not None:
+            raise MissionError(str(self._lost)) from self._lost
 
     async def _broadcast(self, command: Command) -> list[Result]:
         return await self._all(command.name, [self._to_fog(fog, command) for fog in self._fogs.values()])
@@ -205,6 +217,10 @@ class MqttxtFleet:
                 self._readings.append(reading := Reading(**carried))
                 self._log.reading(event.fog, reading)
             self._heard.set()
+
+    def _hears_no_more(self, listening: asyncio.Task[None]) -> None:
+        self._lost = None if listening.cancelled() else listening.exception()
+        self._heard.set()
 
     def _missing(self) -> list[str]:
         """What is not there yet of the drones that are wanted."""

@@ -52,8 +52,11 @@ class MqttxtMessageFleet(MqttxtFleet):
         self._telling: asyncio.Task[None] | None = None
 
     async def close(self) -> None:
-        await _end(self._following)
-        await _end(self._telling)
+        try:
+            await _end(self._following)
+            await _end(self._telling)
+        except MissionError as error:
+            logger.warning("%s", error)
         await super().close()
 
     async def call(self, call: int, name: str) -> Result:
@@ -157,9 +160,12 @@ class MqttxtMessageFleet(MqttxtFleet):
 
 
 async def _end(task: asyncio.Task[None] | None) -> None:
-    """Cancel a task; raises what it failed with."""
+    """Cancel a task; raises what it failed with, MissionError where the ground station did."""
     if task is not None:
         task.cancel()
         await asyncio.wait({task})
         if not task.cancelled():
-            task.result()
+            try:
+                task.result()
+            except MqttxtError as error:
+                raise MissionError(str(error)) from error

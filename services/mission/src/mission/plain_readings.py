@@ -23,13 +23,22 @@ LINK = "readings"
 class PlainReadings:
     """A subscriber of `fogX/droneY/sensorS/K` at a cloud's broker, which bridges bring there, at QoS 1.
 
-    Raises mqttxt.ConfigurationError for a broker that cannot be one. `on_reading` gets each reading once.
+    Raises mqttxt.ConfigurationError for a broker that cannot be one. `on_reading` gets each reading once, `on_lost` is
+    called when no further one will come, because the broker refuses; why is in `lost`.
     """
 
-    def __init__(self, broker: str, fogs: tuple[int, ...], on_reading: Callable[[int, Reading], None]) -> None:
+    def __init__(
+        self,
+        broker: str,
+        fogs: tuple[int, ...],
+        on_reading: Callable[[int, Reading], None],
+        on_lost: Callable[[], None],
+    ) -> None:
         self._address = BrokerAddress.parse(broker, "--sensor-broker")
         self._sides = {fog: CloudSide(fog) for fog in fogs}
         self._on_reading = on_reading
+        self._on_lost = on_lost
+        self.lost: BaseException | None = None
         self._heard: set[Reading] = set()
         self._link: MqttLink | None = None
         self._running: asyncio.Task[None] | None = None
@@ -45,16 +54,14 @@ class PlainReadings:
         client_id = f"mission-readings-{secrets.token_hex(4)}"
         self._link = MqttLink(LINK, self._address, client_id, None, self)
         self._running = asyncio.create_task(self._link.run())
+        self._running.add_done_callback(self._ended)
         waiting = asyncio.create_task(self._subscribed.wait())
         try:
             await asyncio.wait({waiting, self._running}, return_when=asyncio.FIRST_COMPLETED)
         finally:
             waiting.cancel()
-        if self._running.done():
-            try:
-                self._running.result()
-            except MqttxtError as error:
-                raise MissionError(f"connect: {error}") from error
+        if isinstance(self.lost, MqttxtError):
+            raise MissionError(f"connect: {self.lost}") from self.lost
 
     async def close(self) -> None:
         if self._link is not None:
@@ -62,6 +69,11 @@ class PlainReadings:
         if self._running is not None:
             self._running.cancel()
             await asyncio.wait({self._running})
+
+    def _ended(self, running: asyncio.Task[None]) -> None:
+        self.lost = None if running.cancelled() else running.exception()
+        if self.lost is not None:
+            self._on_lost()
 
     def connected(self, link: str) -> None:
         assert self._link is not None
