@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import subprocess
+import threading
 from collections.abc import AsyncIterator, Hashable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
@@ -15,12 +17,14 @@ from mqtt_server import CONNECT, DISCONNECT, PUBACK, PUBLISH, Server, eventually
 
 from mqttxt.errors import BrokerRefused
 from mqttxt.io import connection as connection_module
-from mqttxt.io.client import KEEPALIVE_S
+from mqttxt.io import mqtt as mqtt_module
+from mqttxt.io.client import CONNECT_THREAD, KEEPALIVE_S
 from mqttxt.io.mqtt import BrokerAddress, MqttLink
 from mqttxt.roles.effects import Inbound, Publish, Subscribe, Will
 
 ALIASES_10 = b"\x22\x00\x0a"
 RECEIVE_MAXIMUM_2 = b"\x21\x00\x02"
+WITH_WILL = b"\x04"
 PACKETS_OF_200 = b"\x27\x00\x00\x00\xc8"
 STATES = ("battery", "location", "heading", "groundspeed", "flight_mode")
 
@@ -246,6 +250,26 @@ async def test_a_broker_that_never_answers_does_not_hold_up_the_event_loop(monke
     silent.close()
 
 
+def test_a_broker_that_never_shakes_hands_does_not_hold_up_the_end() -> None:
+    def connecting() -> list[threading.Thread]:
+        return [thread for thread in threading.enumerate() if thread.name == CONNECT_THREAD]
+
+    async def begin_and_end(port: int) -> None:
+        link = MqttLink("cloud", BrokerAddress("127.0.0.1", port, tls=True), "client-1", None, Heard())
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: connecting() != [], "a thread that connects")
+        running.cancel()
+        await asyncio.wait({running}, timeout=10)
+
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        asyncio.run(begin_and_end(silent.getsockname()[1]))
+        left = connecting()
+        assert left != []
+    for thread in left:  # reset with the listening socket
+        thread.join(10)
+        assert not thread.is_alive()
+
+
 async def test_a_refusal_that_cannot_be_mended_ends_the_link() -> None:
     async with Server(code=0x86) as server:
         link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard())
@@ -321,6 +345,44 @@ async def test_a_clean_end_is_told_though_messages_wait_that_nobody_will_read() 
         await eventually(lambda: session.ended, "the end")
         assert [packet.kind for packet in session.packets] == [CONNECT, DISCONNECT]
         assert not session.was_reset
+
+
+async def test_a_last_word_that_the_broker_leaves_no_room_for_is_the_wills() -> None:
+    async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, _):
+        (session,) = server.sessions
+        for number in range(2):
+            link.publish(Publish("fog", f"drone{number}/reachable", b"up", 1, retain=True))
+        link.publish(Publish("fog", "drone1/reachable", b"down", 1, retain=True))
+        await link.close()
+        await eventually(lambda: session.ended, "the end")
+        assert [packet.kind for packet in session.packets] == [CONNECT, PUBLISH, PUBLISH, DISCONNECT]
+        assert session.packets[-1].body == WITH_WILL
+
+
+async def test_who_ends_without_a_clean_stop_leaves_the_last_word_to_the_will() -> None:
+    async with Server() as server:
+        async with linked(server):
+            (session,) = server.sessions
+        await eventually(lambda: session.ended, "the end")
+        assert [(packet.kind, packet.body) for packet in session.packets[1:]] == [(DISCONNECT, WITH_WILL)]
+
+
+async def test_a_broker_that_takes_no_bytes_ends_no_role_with_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mqtt_module, "GOODBYE_S", 0.1)
+    async with Server() as server:
+        heard = Heard()
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, heard)
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: heard.connections == 1, "connected")
+        server.sessions[0].reads.clear()
+        async with asyncio.timeout(20):
+            while "held_up" not in heard.counted:
+                link.publish(state("location", bytes(15_000)))
+                await asyncio.sleep(0)
+        await link.close()
+        await asyncio.wait({running}, timeout=10)
+        assert running.done()
+        assert running.exception() is None
 
 
 async def test_a_broker_that_takes_no_bytes_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,12 +1,145 @@
-"""The runner's schedule: a steady rate, whatever a tick takes."""
+"""The runner: a steady rate, whatever a tick takes, and a goodbye whatever ends it."""
 
 from __future__ import annotations
+
+import asyncio
+import signal
+import subprocess
+import sys
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mqtt_server import DISCONNECT, PUBLISH, Server, eventually
 
-from mqttxt.io.runner import TICK_S, next_tick
+from mqttxt.clock import SessionClock
+from mqttxt.errors import ConfigurationError
+from mqttxt.io.mqtt import BrokerAddress, MqttLink
+from mqttxt.io.runner import TICK_S, Runner, next_tick
+from mqttxt.roles.effects import Inbound, Publish, Subscribe, Will
+
+CLEAN = b""
+PRESENCE = "drone1/reachable"
+
+
+class Role:
+    """Says `up` and `down` on each of its links; `fails` is raised by a tick once it has said `up`."""
+
+    def __init__(self, *links: str) -> None:
+        self.fails: Exception | None = None
+        self.links = links
+        self.connected: set[str] = set()
+
+    def on_connected(self, link: str, now_ms: int) -> list[Any]:
+        self.connected.add(link)
+        return [Publish(link, PRESENCE, b"up", 1, retain=True)]
+
+    def on_disconnected(self, link: str, now_ms: int) -> list[Any]:
+        self.connected.discard(link)
+        return []
+
+    def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Any]:
+        return []
+
+    def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Any]:
+        return []
+
+    def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> list[Any]:
+        return []
+
+    def tick(self, now_ms: int) -> list[Any]:
+        if self.fails is not None:
+            raise self.fails
+        return []
+
+    def goodbye(self, now_ms: int) -> list[Any]:
+        return [Publish(link, PRESENCE, b"down", 1, retain=True) for link in self.connected]
+
+    def is_ready(self, now_ms: int) -> bool:
+        return True
+
+
+def started(role: Role, server: Server) -> tuple[Runner, asyncio.Task[None]]:
+    runner = Runner(role, SessionClock())
+    for name in role.links:
+        will = Will(PRESENCE, b"down")
+        runner.links[name] = MqttLink(name, BrokerAddress("127.0.0.1", server.port), f"client-{name}", will, runner)
+    return runner, asyncio.create_task(runner.run())
+
+
+def said(server: Server) -> list[list[bytes]]:
+    """What each of the server's clients published, and the body of its DISCONNECT."""
+    return [
+        [*(p.publish()[2] for p in session.of(PUBLISH)), *(p.body for p in session.of(DISCONNECT))]
+        for session in server.sessions
+    ]
+
+
+async def test_a_role_that_fails_says_goodbye_first() -> None:
+    async with Server() as server:
+        role = Role("fog")
+        _, running = started(role, server)
+        await eventually(lambda: said(server) == [[b"up"]], "the birth")
+        role.fails = OSError("No space left on device")
+        with pytest.raises(OSError, match="No space left"):
+            await running
+        await eventually(lambda: said(server) == [[b"up", b"down", CLEAN]], "the goodbye")
+
+
+async def test_a_link_that_fails_ends_the_role_and_the_other_link_says_goodbye() -> None:
+    async with Server() as server:
+        _, running = started(Role("cloud", "fog"), server)
+        await eventually(lambda: said(server) == [[b"up"]] * 2, "the births")
+        server.sessions[0].send(b"\xe0\x02\x8e\x00")  # session taken over
+        with pytest.raises(Exception, match="another client took over"):
+            await running
+        await eventually(lambda: said(server)[1] == [b"up", b"down", CLEAN], "the other's goodbye")
+
+
+async def test_a_second_signal_during_the_goodbye_leaves_the_last_word_to_the_will() -> None:
+    async with Server(acknowledges=False) as server:
+        _, running = started(Role("fog"), server)
+        await eventually(lambda: said(server) == [[b"up"]], "the birth")
+        running.cancel()
+        await eventually(lambda: said(server) == [[b"up", b"down"]], "the goodbye, which nobody acknowledges")
+        running.cancel()
+        await asyncio.wait({running}, timeout=10)
+        assert running.cancelled()
+        await eventually(lambda: len(said(server)[0]) == 3, "DISCONNECT")
+
+
+def test_a_ready_file_that_can_nowhere_be_is_a_users_mistake(tmp_path: Path) -> None:
+    missing = tmp_path / "none" / "ready"
+    with pytest.raises(ConfigurationError) as error:
+        Runner(Role(), SessionClock(), missing)
+    assert str(error.value) == f"--ready-file {missing}: expected a file in a folder that exists"
+
+
+TAKES_LEAVE = """
+import asyncio
+import typer
+from mqttxt.cli.common import run_coroutine
+async def job():
+    print("begun", flush=True)
+    try:
+        await asyncio.Event().wait()
+    finally:
+        print("ended", flush=True)
+typer.run(lambda: run_coroutine(job()))
+"""
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_command_that_is_ended_takes_leave(number: int, code: int) -> None:
+    with subprocess.Popen([sys.executable, "-c", TAKES_LEAVE], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(number)
+        assert process.communicate()[0] == "ended\n"
+    assert process.returncode == code
 
 
 @given(st.floats(0, 1e6), st.floats(0, 60))

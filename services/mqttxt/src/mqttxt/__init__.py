@@ -26,6 +26,7 @@ from .errors import (
     MqttxtError,
     PayloadError,
     Refused,
+    StationEnded,
     TransportError,
 )
 from .gs import Drone, Fog, GroundStation, KnownState
@@ -103,6 +104,7 @@ __all__ = [
     "SensorReading",
     "State",
     "StateUpdate",
+    "StationEnded",
     "Stream",
     "Takeoff",
     "TransportError",

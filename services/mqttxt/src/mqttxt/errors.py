@@ -6,6 +6,7 @@ MqttxtError
 ├── TransportError         a broker or an autopilot link that refuses or is lost
 │   └── BrokerRefused      the broker answered CONNECT with a reason code that retrying cannot mend
 ├── FogUnreachable         no live activator answered a ground station in time
+├── StationEnded           the ground station that was waited for has ended
 └── Refused                another live process already owns this drone's or fog's number
 """
 
@@ -42,6 +43,10 @@ class BrokerRefused(TransportError):
 
 class FogUnreachable(MqttxtError):
     """No live activator answered a ground station in time."""
+
+
+class StationEnded(MqttxtError):
+    """The ground station has ended, and nothing more is heard by it."""
 
 
 class Refused(MqttxtError):

@@ -17,7 +17,7 @@ from typing import Any, Self
 
 from .clock import DEFAULT_TTL_MS, SessionClock
 from .commands import Command
-from .errors import ConfigurationError, FogUnreachable
+from .errors import ConfigurationError, FogUnreachable, StationEnded
 from .gs_best import best
 from .gs_views import Drone, Fog, KnownState
 from .io.mqtt import BrokerAddress, MqttLink
@@ -105,7 +105,7 @@ class GroundStation(Runner):
         self._running.cancel()
         await asyncio.wait([self._running])
         if error is None and not self._running.cancelled():
-            self._raise_if_ended()
+            self._running.result()
 
     async def connect(self, fogs: Iterable[int], timeout_s: float = 10.0) -> list[Fog]:
         """Register at fogs and wait until each has confirmed; raises FogUnreachable after `timeout_s`."""
@@ -127,22 +127,26 @@ class GroundStation(Runner):
         return Fog(self, self.station.fogs[number])
 
     async def events(self) -> AsyncIterator[Event]:
-        """Everything that is heard from now on: outcomes, states, reachability."""
+        """Everything that is heard from now on: outcomes, states, reachability; ends with the station."""
         queue: asyncio.Queue[Event] = asyncio.Queue()
         self._listeners.append(queue.put_nowait)
         try:
-            while True:
-                yield await self._next(queue)
+            while (event := await self._next(queue)) is not None:
+                yield event
         finally:
             self._listeners.remove(queue.put_nowait)
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
-        """Wait until `condition` holds; it is looked at whenever something was heard. Raises TimeoutError."""
+        """Wait until `condition` holds; it is looked at whenever something was heard.
+
+        Raises TimeoutError, and StationEnded where the station ends before.
+        """
         if not timeout_s > 0:
             raise ConfigurationError(f"timeout {timeout_s:g} s: expected more than 0")
         async with asyncio.timeout(timeout_s):
             while not condition():
-                self._raise_if_ended()
+                if self._has_ended():
+                    raise StationEnded("the ground station has ended")
                 self._changed.clear()
                 waiter = asyncio.ensure_future(self._changed.wait())
                 try:
@@ -228,27 +232,30 @@ class GroundStation(Runner):
             await self.wait_until(lambda: not queue.empty() or not pending.is_open, timeout_s=3600)
         return queue.get_nowait()
 
-    async def _next(self, queue: asyncio.Queue[Event]) -> Event:
+    async def _next(self, queue: asyncio.Queue[Event]) -> Event | None:
+        """The next event; None once the station has ended and all it heard was told."""
         while queue.empty():
-            self._raise_if_ended()
+            if self._has_ended():
+                return None
             waiter = asyncio.ensure_future(queue.get())
-            await asyncio.wait({waiter, *self._ending()}, return_when=asyncio.FIRST_COMPLETED)
-            if waiter.done():
-                return waiter.result()
-            waiter.cancel()
+            try:
+                await asyncio.wait({waiter, *self._ending()}, return_when=asyncio.FIRST_COMPLETED)
+                if waiter.done():
+                    return waiter.result()
+            finally:
+                waiter.cancel()
         return queue.get_nowait()
 
     def _ending(self) -> set[asyncio.Task[None]]:
         return {self._running} if self._running is not None else set()
 
-    def _raise_if_ended(self) -> None:
-        """Raise what ended the station, so that nobody waits for it in vain."""
-        if self._running is not None and self._running.done() and not self._running.cancelled():
-            error = self._running.exception()
-            while isinstance(error, BaseExceptionGroup):
-                error = error.exceptions[0]
-            if error is not None:
-                raise error
+    def _has_ended(self) -> bool:
+        """Whether nothing more will be heard; raises what ended the station, so that nobody waits for it in vain."""
+        if self._running is None or not self._running.done():
+            return False
+        if not self._running.cancelled():
+            self._running.result()
+        return True
 
 
 __all__ = ["Drone", "Fog", "GroundStation", "KnownState"]

@@ -27,24 +27,6 @@ def errors_as_lines() -> Iterator[None]:
     except MqttxtError as error:
         typer.echo(f"mqttxt: {error}", err=True)
         raise typer.Exit(error.exit_code) from None
-    except BaseExceptionGroup as group:
-        known = first_known(group)
-        if known is None:
-            raise
-        typer.echo(f"mqttxt: {known}", err=True)
-        raise typer.Exit(known.exit_code) from None
-
-
-def first_known(group: BaseExceptionGroup[Any]) -> MqttxtError | None:
-    """The error raised on purpose in a group, None where another kind is in it too."""
-    ours, others = group.split(MqttxtError)
-    if ours is None or others is not None:
-        return None
-    error: BaseException = ours
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    assert isinstance(error, MqttxtError)
-    return error
 
 
 def set_up_logging(verbose: bool) -> None:
@@ -80,10 +62,28 @@ async def _until_signal(make: Callable[[], Runner]) -> None:
 
 
 def run_coroutine(job: Coroutine[Any, Any, int]) -> None:
-    """Run a coroutine to its exit code; Ctrl-C is 130."""
+    """Run a coroutine to its exit code; Ctrl-C is 130, SIGTERM 143. Both let it take leave of what it started."""
     with errors_as_lines():
         try:
-            code = asyncio.run(job)
+            code = asyncio.run(_until_sigterm(job))
         except KeyboardInterrupt:
-            code = 130
+            code = 128 + signal.SIGINT
         raise typer.Exit(code)
+
+
+async def _until_sigterm(job: Coroutine[Any, Any, int]) -> int:
+    running = asyncio.ensure_future(job)
+    was_terminated = False
+
+    def terminate() -> None:
+        nonlocal was_terminated
+        was_terminated = True
+        running.cancel()
+
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, terminate)
+    try:
+        return await running
+    except asyncio.CancelledError:
+        if not was_terminated:
+            raise
+        return 128 + signal.SIGTERM

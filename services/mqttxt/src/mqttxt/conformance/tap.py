@@ -22,6 +22,8 @@ from ..topics import check_prefix
 
 CONNECT_S = 5.0
 NOBODY_SUBSCRIBED = 0x10
+NO_PUBACK = 0x80
+PUBACK_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -89,12 +91,14 @@ class Tap:
     def publish(
         self, topic: str, payload: bytes, *, qos: int = 1, retain: bool = False, expiry_s: int | None = None
     ) -> asyncio.Future[int]:
-        """The future is the PUBACK's reason code."""
+        """The future is the PUBACK's reason code, NO_PUBACK where none comes in time."""
         properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
         if expiry_s is not None:
             properties.MessageExpiryInterval = expiry_s
         info = self._client.publish(topic, payload, qos, retain, properties)
-        return self._pubacks.setdefault(info.mid, self._loop.create_future())
+        acknowledged = self._pubacks.setdefault(info.mid, self._loop.create_future())
+        self._loop.call_later(PUBACK_S, _resolve, acknowledged, NO_PUBACK)
+        return acknowledged
 
     def since(self, mark: int, topic: str | None = None, below: str | None = None) -> list[Heard]:
         """What was heard from number `mark` on, on one topic or below one."""
@@ -151,5 +155,5 @@ def _resolve(future: asyncio.Future[int], value: int) -> None:
 
 
 async def clear_retained(tap: Tap, topics: Iterable[str]) -> None:
-    """Take back what the broker retains on some topics."""
+    """Take back what the broker retains on some topics, if it still answers."""
     await asyncio.gather(*(tap.publish(topic, b"", retain=True) for topic in topics))

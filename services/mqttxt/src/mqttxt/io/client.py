@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import socket
 import ssl
+import threading
 from typing import Any
 
 from paho.mqtt.client import Client
@@ -18,6 +20,7 @@ KEEPALIVE_S = 15
 """Above the 10 s between two beacons, so that a link that carries them never needs a PINGREQ; one and a half of it
 (when the broker publishes the will) is below the three beacon intervals after which silence says the same."""
 CONNECT_TIMEOUT_S = 5.0
+CONNECT_THREAD = "mqttxt-connect"
 
 
 def make_client(address: BrokerAddress, client_id: str, will: Will | None, manual_ack: bool) -> Client:
@@ -45,6 +48,33 @@ def connect(client: Client, address: BrokerAddress, session_expiry_s: int) -> No
     """Resolve, connect, shake hands and send CONNECT; blocks. Raises OSError."""
     properties = connect_properties(session_expiry_s)
     client.connect(address.host, address.port, KEEPALIVE_S, clean_start=session_expiry_s == 0, properties=properties)
+
+
+def start_connecting(client: Client, address: BrokerAddress, session_expiry_s: int) -> asyncio.Future[None]:
+    """`connect` in a thread of its own, for which nobody waits at the end of the process.
+
+    A name can take long to resolve; the event loop's own threads would be waited for.
+    """
+    loop = asyncio.get_running_loop()
+    connected: asyncio.Future[None] = loop.create_future()
+
+    def tell(error: Exception | None) -> None:
+        if error is None:
+            connected.set_result(None)
+        else:
+            connected.set_exception(error)
+
+    def work() -> None:
+        failure: Exception | None = None
+        try:
+            connect(client, address, session_expiry_s)
+        except Exception as error:  # noqa: BLE001 - raised where the future is awaited
+            failure = error
+        with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+            loop.call_soon_threadsafe(tell, failure)
+
+    threading.Thread(target=work, name=CONNECT_THREAD, daemon=True).start()
+    return connected
 
 
 def _on_socket_open(_client: Client, _userdata: Any, sock: Any) -> None:

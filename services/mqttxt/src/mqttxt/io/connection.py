@@ -20,13 +20,15 @@ from typing import Any, cast
 from paho.mqtt import MQTTException
 from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import MQTTErrorCode
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from ..errors import BrokerRefused
 from ..roles.effects import Inbound, Publish, Receipt, Subscribe, Unsubscribe, Will
 from .address import BrokerAddress
 from .aliases import AliasTable
-from .client import CONNECT_TIMEOUT_S, connect, cork, make_client
+from .client import CONNECT_TIMEOUT_S, cork, make_client, start_connecting
 from .events import LinkEvents
 from .properties import BrokerLimits, publish_properties
 
@@ -38,6 +40,7 @@ _READ_AT_ONCE = 64
 _VOID_BYTES = 65_536
 _SERIALS = count(1)
 _MISC_S = 1.0
+_WITH_WILL = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
 _UNPARSABLE = (struct.error, ValueError, LookupError, TypeError, MQTTException)
 """What paho raises, beside what it handles itself, on bytes that are not MQTT."""
 
@@ -86,7 +89,7 @@ class Connection:
     async def open(self) -> int:
         """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError without a CONNACK."""
         # paho resolves, connects and shakes hands blocking: that is done in a thread, all else in this loop.
-        connecting = self._loop.run_in_executor(None, connect, self._client, self.address, self._session_expiry_s)
+        connecting = start_connecting(self._client, self.address, self._session_expiry_s)
         try:
             await asyncio.shield(connecting)
         except asyncio.CancelledError:
@@ -151,9 +154,14 @@ class Connection:
         self._check_settled()
         await asyncio.wait({self._settled, self.ended}, timeout=limit_s, return_when=asyncio.FIRST_COMPLETED)
 
-    def close(self) -> None:
-        """DISCONNECT behind what was handed over, as far as the system takes it now; then close the socket."""
-        if self._client.disconnect() == MQTTErrorCode.MQTT_ERR_SUCCESS:
+    def close(self, *, with_will: bool = False) -> None:
+        """DISCONNECT behind what was handed over, as far as the system takes it now; then close the socket.
+
+        The broker publishes the will where that is asked for, and where something of what was handed over never left
+        because the broker acknowledges too little: the last word is the last of it.
+        """
+        reason = _WITH_WILL if with_will or self._waiting else None
+        if self._client.disconnect(reason) == MQTTErrorCode.MQTT_ERR_SUCCESS:
             self._flush()
         sock = self._client.socket()
         if sock is not None:  # the broker takes no bytes
@@ -198,7 +206,7 @@ class Connection:
                 self._client.loop_read()
             except _UNPARSABLE as error:
                 logger.error("%s: %s sent what is not MQTT: %s", self.name, self.address, error)
-                self.close()
+                self.close(with_will=True)
                 break
             if self._noted == before and not self._has_decrypted():
                 break
@@ -260,6 +268,8 @@ class Connection:
             self._check_settled()
 
     def _on_socket_close(self, _client: Client, _userdata: Any, sock: Any) -> None:
+        if sock.fileno() < 0:  # `close` was faster than paho
+            return
         self._loop.remove_reader(sock)
         self._on_unregister_write(_client, None, sock)
 

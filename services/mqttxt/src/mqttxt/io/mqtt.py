@@ -132,7 +132,7 @@ class MqttLink:
             return None
         finally:
             was_up, self._connection = self._connection is connection, None
-            connection.close()
+            connection.close(with_will=not self._is_closed)
             if was_up:
                 self._events.disconnected(self.name)
 

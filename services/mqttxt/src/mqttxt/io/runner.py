@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..clock import SessionClock
-from ..errors import Refused
+from ..errors import ConfigurationError, Refused
 from ..roles.effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
 from .mqtt import MqttLink
 
@@ -35,9 +35,14 @@ class Role(Protocol):
 
 
 class Runner:
-    """The world around one role. Subclasses carry out the effects that only their role has."""
+    """The world around one role. Subclasses carry out the effects that only their role has.
+
+    Raises ConfigurationError for a ready file that can nowhere be.
+    """
 
     def __init__(self, role: Role, clock: SessionClock, ready_file: Path | None = None) -> None:
+        if ready_file is not None and not ready_file.parent.is_dir():
+            raise ConfigurationError(f"--ready-file {ready_file}: expected a file in a folder that exists")
         self.role = role
         self.clock = clock
         self.links: dict[str, MqttLink] = {}
@@ -47,16 +52,20 @@ class Runner:
         self._stopped: asyncio.Future[None] | None = None
 
     async def run(self) -> None:
-        """Run until cancelled or stopped; raises Refused, or what a link raises that cannot be mended."""
+        """Run until cancelled or stopped; raises Refused, or what a job failed with, behind the goodbye."""
         self._stopped = asyncio.get_running_loop().create_future()
-        async with asyncio.TaskGroup() as group:
-            tasks = [group.create_task(job) for job in self.jobs()]
+        tasks = [asyncio.create_task(job) for job in self.jobs()]
+        for task in tasks:
+            task.add_done_callback(self._job_ended)
+        try:
+            await self._stopped
+        finally:
             try:
-                await self._stopped
-            finally:
                 await self._say_goodbye()
+            finally:
                 for task in tasks:
                     task.cancel()
+                await asyncio.wait(tasks)
 
     def finish(self) -> None:
         """End `run` as after a cancellation, because the role has done what it was for."""
@@ -108,10 +117,22 @@ class Runner:
         elif isinstance(output, Log):
             self.count(output.kind, output.detail)
         elif isinstance(output, Stop):
-            if self._stopped is not None and not self._stopped.done():
-                self._stopped.set_exception(Refused(output.reason))
+            self._fail(Refused(output.reason))
         else:
             self.special(output)
+
+    def _job_ended(self, job: asyncio.Task[Any]) -> None:
+        """A job that fails ends the role, whose links are up for the goodbye: nobody would be told otherwise."""
+        error = None if job.cancelled() else job.exception()
+        if error is not None and not self._fail(error):
+            logger.error("failed while it ended: %r", error)
+
+    def _fail(self, error: BaseException) -> bool:
+        """End `run` with an error, unless something else has ended it."""
+        if self._stopped is None or self._stopped.done():
+            return False
+        self._stopped.set_exception(error)
+        return True
 
     async def _tick(self) -> None:
         loop = asyncio.get_running_loop()
@@ -127,8 +148,7 @@ class Runner:
 
     async def _say_goodbye(self) -> None:
         self.carry_out(self.role.goodbye(self.clock.now_ms()))
-        for link in self.links.values():
-            await link.close()
+        await asyncio.gather(*(link.close() for link in self.links.values()))
         if self._ready_file is not None:
             _mark(self._ready_file, False)
         if self.counts:

@@ -1,0 +1,57 @@
+"""What waits for a ground station hears of its end, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+
+import pytest
+from mqtt_server import Server, eventually
+
+from mqttxt import BrokerRefused, Event, GroundStation, StationEnded
+
+TAKEN_OVER = b"\xe0\x02\x8e\x00"
+
+
+async def _all(events: AsyncIterator[Event]) -> list[Event]:
+    return [event async for event in events]
+
+
+async def test_who_listens_or_waits_is_told_that_the_station_was_left() -> None:
+    async with Server() as server:
+        async with GroundStation(f"mqtt://127.0.0.1:{server.port}") as station:
+            listening = asyncio.create_task(_all(station.events()))
+            waiting = asyncio.create_task(station.wait_until(lambda: False, 3600))
+            await eventually(lambda: station.station.connected, "connected")
+        await asyncio.wait({listening, waiting}, timeout=10)
+        assert listening.result() == []
+        with pytest.raises(StationEnded):
+            waiting.result()
+
+
+async def test_who_listens_is_told_what_ended_the_station() -> None:
+    async with Server() as server:
+        station = GroundStation(f"mqtt://127.0.0.1:{server.port}")
+        await station.__aenter__()
+        listening = asyncio.create_task(_all(station.events()))
+        await eventually(lambda: station.station.connected, "connected")
+        server.sessions[0].send(TAKEN_OVER)
+        await asyncio.wait({listening}, timeout=10)
+        with pytest.raises(BrokerRefused, match="took over"):
+            listening.result()
+        with pytest.raises(BrokerRefused, match="took over"):
+            await station.wait_until(lambda: False, 10)
+        with pytest.raises(BrokerRefused, match="took over"):
+            await station.__aexit__(None, None, None)
+
+
+async def test_listening_no_longer_leaves_no_task_behind() -> None:
+    async with Server() as server, GroundStation(f"mqtt://127.0.0.1:{server.port}") as station:
+        await eventually(lambda: station.station.connected, "connected")
+        before = asyncio.all_tasks()
+        listening = asyncio.create_task(_all(station.events()))
+        await asyncio.sleep(0)
+        listening.cancel()
+        await asyncio.wait({listening}, timeout=10)
+        await asyncio.sleep(0)
+        assert asyncio.all_tasks() == before

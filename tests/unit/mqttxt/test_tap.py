@@ -1,0 +1,22 @@
+"""The conformance kit's own connection, where its broker stops to answer."""
+
+from __future__ import annotations
+
+import pytest
+from mqtt_server import PUBLISH, Server, eventually
+
+from mqttxt.clock import SessionClock
+from mqttxt.conformance import tap as tap_module
+from mqttxt.conformance.tap import NO_PUBACK, Tap, clear_retained
+from mqttxt.io.address import BrokerAddress
+
+
+async def test_a_broker_that_acknowledges_nothing_holds_up_no_kit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tap_module, "PUBACK_S", 0.05)
+    async with Server(acknowledges=False) as server:
+        tap = Tap(BrokerAddress("127.0.0.1", server.port), "kit", SessionClock())
+        await tap.connect("--broker")
+        assert await tap.publish("drone1/reachable", b"up", retain=True) == NO_PUBACK
+        await clear_retained(tap, ["drone1/reachable", "drone2/reachable"])
+        await eventually(lambda: len(server.sessions[0].of(PUBLISH)) == 3, "all three")
+        await tap.close()
