@@ -68,7 +68,7 @@ async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path)
             async with asyncio.timeout(60):
                 await listening
             assert fog._view.broker == f"mqtt://127.0.0.1:{contained.port}"
-        assert "embedded broker ended with code" in contained.said()
+        await eventually(lambda: "embedded broker ended with code" in contained.said(), "its end is told")
         assert sorted((o.drone, o.word) for o in heard if o.is_last) == [(1, Word.COMPLETED), (2, Word.COMPLETED)]
         assert [len(system.commanded(n, 22)) for n in (1, 2)] == [1, 1]
     finally:

@@ -68,9 +68,10 @@ async def flight(tmp_path: Path) -> AsyncIterator[Flight]:
     asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(16))
     port = free_port(socket.SOCK_DGRAM)
     files = ["--events", str(tmp_path / "events.jsonl"), "--control", str(tmp_path / "control.sock")]
+    files += ["--ready-file", str(tmp_path / "sitl.ready")]
     own_port = free_port(socket.SOCK_DGRAM)
     ports = ["--listen", f"127.0.0.1:{own_port}", "--send", f"127.0.0.1:{port}"]
-    process = Process(tmp_path, "sitl", "sitl", "fly", *ports, *files).start()
+    process = Process(tmp_path, "sitl", "sitl", "fly", *ports, *files).start().wait_ready()
     mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
     try:
         await mavsdk.add_any_connection(f"udpin://127.0.0.1:{port}")
