@@ -28,6 +28,8 @@ LEAD_S = 2.0
 STARTS = 3
 ROUNDS = 3
 """A figure that is off is probed again; off three times, it is off. A right one is in 1 of 1e9."""
+RUN_BITS = 31
+"""Of a run's number, the first bytes of each probe: none looks like MAVLink, whose markers are 0xfd and 0xfe."""
 _MS = 1e-3
 RunInNode = Callable[[str, list[str]], str]
 
@@ -158,7 +160,7 @@ def run_schedule(schedule: Schedule, run_in_node: RunInNode) -> dict[int, Arriva
 
 
 def _run_once(schedule: Schedule, run_in_node: RunInNode, lead_s: float) -> dict[str, dict[str, Any]]:
-    run = random.SystemRandom().getrandbits(32)
+    run = random.SystemRandom().getrandbits(RUN_BITS)
     begin_ns = time.time_ns() + int(lead_s * 1e9)
 
     def ask(node: str) -> dict[str, Any]:

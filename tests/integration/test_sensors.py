@@ -16,6 +16,11 @@ import pytest
 from processes import NODE_IMAGE, ROOT, Broker, Process, Proxy, System, eventually, free_port
 
 from mqttxt import GroundStation, SensorReading
+from mqttxt.clock import SessionClock
+from mqttxt.conformance.tap import Tap
+from mqttxt.io.address import BrokerAddress
+from mqttxt.readings import ReadingAck, ReadingKey
+from mqttxt.wire.codec import decode
 
 pytestmark = pytest.mark.integration
 
@@ -109,6 +114,9 @@ def _as_measured(heard: list[SensorReading]) -> list[dict[str, Any]]:
 async def test_nothing_is_lost_or_doubled_whatever_fails_between_sensor_and_station(field: SensorField) -> None:
     uav, heard = field.uav, []  # type: ignore[var-annotated]
     assert uav is not None
+    tap = Tap(BrokerAddress.parse(field.fog.url), "listener", SessionClock())
+    await tap.connect("fog")
+    await tap.subscribe("drone1/sensor_ack")
     async with GroundStation(field.cloud.url) as station:
         await station.connect([1], timeout_s=30)
         listening = asyncio.create_task(_listen(station, heard))
@@ -138,8 +146,10 @@ async def test_nothing_is_lost_or_doubled_whatever_fails_between_sensor_and_stat
     assert len(measured) == 500 * KINDS
     assert {entry["event"] for entry in measured} == {"reading"}
     assert _as_measured(heard) == measured
-    await eventually(lambda: _stored(field.store) == 0, "the last of it is acknowledged, and so no longer kept")
+    await eventually(lambda: len(_acknowledged(tap)) == 500 * KINDS, "all of it is acknowledged")
+    await tap.close()
     assert await asyncio.to_thread(uav.stop) == 0
+    assert _stored(field.store) == 0
 
 
 async def test_readings_wait_on_the_drone_until_a_station_is_there(field: SensorField) -> None:
@@ -214,6 +224,11 @@ def _contained_uav(fog: str, autopilot_port: int, sensors: str) -> Any:
         detach=True,
         volumes={str(ROOT / "services"): {"bind": "/opt/services", "mode": "ro"}},
     )
+
+
+def _acknowledged(tap: Tap) -> set[ReadingKey]:
+    """What the activator has passed on, by what it told the drone."""
+    return {key for heard in tap.heard for key in decode(ReadingAck, heard.payload).readings}
 
 
 def _stored(path: Path) -> int:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import random
 
 import pytest
 from simulated_links import DOWN, TWO, UP, SimulatedNodes, changed, plan_of
 
+from net.probe import HEAD
 from testbed.calibration import Calibration, calibrate
 from testbed.errors import FleetError, ProbesLate
 from testbed.profiles.reading import profile_names, read_profile
@@ -22,6 +24,23 @@ def measured(plan: Plan, really: Plan | None = None, **options: object) -> Calib
     """What is measured for a plan over links that are `really` so."""
     nodes = SimulatedNodes(really or plan, **options)  # type: ignore[arg-type]
     return calibrate(plan, TWO, nodes.run)
+
+
+def test_no_probe_is_taken_for_mavlink(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Highest:
+        def getrandbits(self, bits: int) -> int:
+            return int(2**bits - 1)
+
+    nodes, runs = SimulatedNodes(SHARED), []
+
+    def run(node: str, command: list[str]) -> str:
+        runs.append(json.loads(command[-1])["run"])
+        return nodes.run(node, command)
+
+    monkeypatch.setattr(random, "SystemRandom", Highest)
+    calibrate(SHARED, TWO, run)
+    assert runs != []
+    assert max(HEAD.pack(number, 0, 0, 0, 0)[0] for number in runs) < 0xFD
 
 
 @pytest.mark.parametrize("profile", profile_names())
