@@ -39,8 +39,8 @@ from .fleet import MissionError, Point, Reading, Result, Status
 
 FIVE_STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 FIVE_STATES_HZ = 1.0
-logger = logging.getLogger("mission")
 NEEDED_STATES = frozenset({"armed", "flight_mode", "landed_state", "location"})
+logger = logging.getLogger("mission")
 
 
 class MqttxtFleet:
