@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from processes import ROOT, Process, System, eventually, free_port, wait_until
+from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import Arm, GroundStation, Hold, Land, Outcome, Takeoff, Word
 
@@ -184,3 +185,21 @@ async def test_a_wrong_system_id_is_refused_before_anything_is_connected(system:
     finally:
         stranger.kill()
     assert "has MAVLink system id 1; expected 7" in stranger.log.read_text()
+
+
+async def test_an_unknown_kind_of_autopilot_is_refused_before_anything_is_connected(system: System) -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    stranger = system.make_uav(7, system.fog.url, name="of-no-kind", autopilot_port=port).start()
+    codec = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
+    heartbeat = mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_SMACCMPILOT, 0, 0, 4, 3).pack(codec)
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+            while stranger.exit_code is None:
+                autopilot.sendto(heartbeat, ("127.0.0.1", port))
+                await asyncio.sleep(0.1)
+        assert stranger.exit_code == 2
+    finally:
+        stranger.kill()
+    log = stranger.log.read_text()
+    assert f"--autopilot udp:127.0.0.1:{port}: HEARTBEAT.autopilot is 11; expected PX4 (12)" in log
+    assert "Traceback" not in log

@@ -10,7 +10,7 @@ from nodes import MS, PLACES, Node, S
 from pymavlink.dialects.v20 import common as mavlink
 from world import ack, from_autopilot, heartbeat, home, landed
 
-from mqttxt.dialect.vehicle import CRUISE_SPEED_PARAMETER, MAX_SPEED_PARAMETER
+from mqttxt.dialect.px4 import Px4
 from mqttxt.roles.activator_drones import FOG
 from mqttxt.roles.effects import Journal, Transmit
 from mqttxt.roles.settings import Settings
@@ -28,7 +28,7 @@ FIGURES = (
     from_autopilot(mavlink.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, 0, 0, 90)),
     *(
         from_autopilot(mavlink.MAVLink_param_value_message(name.encode(), 10.0, 9, 1, 0))
-        for name in (MAX_SPEED_PARAMETER, CRUISE_SPEED_PARAMETER)
+        for name in (*Px4.max_speed, *Px4.cruise_speed)
     ),
 )
 """What an autopilot tells at the start, all that PSMI needs among it."""
@@ -55,9 +55,9 @@ class DroneNode(Node):
 
     def start(self) -> None:
         super().start()
+        self._tell()
         for message in FIGURES:
             self.react(self.role.on_mavlink, _of(message, self.number))
-        self._tell()
 
     def special(self, output: Any) -> None:
         if isinstance(output, Journal):

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from world import UAV_SESSION, from_autopilot, landed, ready
+from world import UAV_SESSION, from_autopilot, heartbeat, landed, ready
 
 from mqttxt.dialect.vehicle import Vehicle
 from mqttxt.errors import ConfigurationError
@@ -38,6 +38,7 @@ class Drained:
         self.true_s = true_s
         self.left_pct = full_pct
         self.now_ms = 0
+        self.hear(heartbeat())
         self.hear(cruise())
 
     def hear(self, message: Any) -> Endurance | None:
@@ -87,6 +88,7 @@ def test_another_battery_is_measured_anew_and_what_was_known_stays() -> None:
 
 def test_a_configured_one_is_said_at_once_with_the_cruise_speed() -> None:
     vehicle = Vehicle(1)
+    vehicle.update(heartbeat(), 0)
     meter = EnduranceMeter(vehicle, 1200)
     for message, told in ((battery(50), None), (cruise(7.5), Endurance(1200, 7.5)), (cruise(7.5), None)):
         vehicle.update(message, 0)

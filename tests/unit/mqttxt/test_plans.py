@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from world import heartbeat, home, landed, position
 
-from mqttxt.commands import Arm, Disarm, Goto, Hold, Land, Return, Takeoff, haversine_m
-from mqttxt.dialect.plans import CannotExecute, plan
+from mqttxt.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff, haversine_m
+from mqttxt.dialect.plans import CannotExecute, Plan
 from mqttxt.dialect.vehicle import Vehicle
 
 
@@ -21,12 +21,16 @@ def vehicle(*messages: Any) -> Vehicle:
     return made
 
 
+def plan(command: Command, seen: Vehicle) -> Plan:
+    return seen.autopilot.plan(command, seen)
+
+
 READY = (heartbeat(), home(), position(), landed(1))
 
 
 @pytest.mark.parametrize(("command", "param1"), [(Arm(), 1.0), (Disarm(), 0.0)])
 def test_arming_is_never_forced(command: Arm | Disarm, param1: float) -> None:
-    message = plan(command, vehicle()).message
+    message = plan(command, vehicle(heartbeat())).message
     assert (message.command, message.param1, message.param2) == (400, param1, 0.0)
     assert (message.target_system, message.target_component) == (3, 1)
 
@@ -45,8 +49,13 @@ def test_goto_is_a_command_int_with_a_global_frame() -> None:
 
 @pytest.mark.parametrize(("command", "sub"), [(Hold(), 3), (Return(), 5)])
 def test_hold_and_return_are_modes(command: Hold | Return, sub: int) -> None:
-    message = plan(command, vehicle()).message
+    message = plan(command, vehicle(heartbeat())).message
     assert (message.command, message.param1, message.param2, message.param3) == (176, 1.0, 4.0, float(sub))
+
+
+def test_nothing_is_said_to_an_autopilot_of_an_unknown_kind() -> None:
+    with pytest.raises(CannotExecute, match="no_autopilot"):
+        plan(Arm(), vehicle(home(), position()))
 
 
 @pytest.mark.parametrize("command", [Takeoff(altitude_m=10.0), Goto(47.5, 8.0, 10.0)])

@@ -64,7 +64,27 @@ PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
     ],
 )
 def test_a_message_tells_its_states(message: Any, told: list[Any]) -> None:
-    assert Vehicle(1).update(message, 0) == told
+    vehicle = Vehicle(1)
+    vehicle.update(heartbeat(), 0)
+    assert vehicle.update(message, 0) == told
+
+
+@pytest.mark.parametrize("first", [3, 8, 200])
+def test_a_heartbeat_of_an_unknown_or_another_kind_is_nobodys(first: int) -> None:
+    vehicle = Vehicle(1)
+    assert vehicle.update(heartbeat(kind=first), 0) == []
+    assert not vehicle.is_alive(0)
+    vehicle.update(heartbeat(), 0)
+    assert vehicle.update(heartbeat(armed=True, kind=first), 2000) == []
+    assert vehicle.seen(Armed) == Armed(False)
+    assert not vehicle.is_alive(3001)
+
+
+def test_what_kinds_mean_differently_is_not_read_before_the_kind_is_known() -> None:
+    vehicle = Vehicle(1)
+    for message in (from_autopilot(health(1, 1, 1)), from_autopilot(parameter(b"MPC_XY_CRUISE", 5.0))):
+        assert vehicle.update(message, 0) == []
+    assert vehicle.cruise_m_s is None
 
 
 @pytest.mark.parametrize(("system", "component"), [(2, 1), (1, 191)])

@@ -30,9 +30,9 @@ def from_autopilot(message: Any, system: int = 1, component: int = 1) -> Any:
     return parsed
 
 
-def heartbeat(armed: bool = False, main: int = 4, sub: int = 3, system: int = 1) -> Any:
+def heartbeat(armed: bool = False, main: int = 4, sub: int = 3, system: int = 1, kind: int = 12) -> Any:
     base = 1 | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
-    return from_autopilot(mavlink.MAVLink_heartbeat_message(2, 12, base, main << 16 | sub << 24, 4, 3), system)
+    return from_autopilot(mavlink.MAVLink_heartbeat_message(2, kind, base, main << 16 | sub << 24, 4, 3), system)
 
 
 def ack(command: int, result: int = 0, progress: int = 0) -> Any:

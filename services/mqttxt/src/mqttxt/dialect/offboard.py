@@ -1,4 +1,4 @@
-"""Offboard set-points as MAVLink messages, and the mode in which the autopilot follows them."""
+"""Offboard set-points as MAVLink messages."""
 
 from __future__ import annotations
 
@@ -8,23 +8,14 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..commands import Attitude, Offboard, Velocity
-from ..states import FlightModeName
-from .px4 import mode_numbers
-from .vehicle import AUTOPILOT_COMPONENT, Vehicle
+from .plans import AUTOPILOT_COMPONENT
+from .vehicle import Vehicle
 
 _IGNORE_RATES = 0b111
 _IGNORE_POSITION = 0b111
 _IGNORE_ACCELERATION = 0b111 << 6
 _IGNORE_YAW = 1 << 10
 _IGNORE_YAW_RATE = 1 << 11
-
-
-def set_mode(vehicle: Vehicle, name: FlightModeName) -> Any:
-    """MAV_CMD_DO_SET_MODE as COMMAND_LONG."""
-    main, sub = mode_numbers(name)
-    params = (float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
-    target = (vehicle.system_id, AUTOPILOT_COMPONENT)
-    return mavlink.MAVLink_command_long_message(*target, mavlink.MAV_CMD_DO_SET_MODE, 0, *params)
 
 
 def set_point(command: Offboard, vehicle: Vehicle, now_ms: int, braking: bool = False) -> Any:

@@ -1,24 +1,29 @@
-"""How each command is said to a PX4 autopilot, and what shows that it had its effect."""
+"""What a command is to an autopilot: a MAVLink message, and what shows that it had its effect."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, haversine_m
+from ..commands import Arm, Disarm, Goto, Takeoff, haversine_m
 from ..states import Armed, FlightMode, FlightModeName, Home, Landed, LandedState, Location
-from .offboard import set_mode
-from .vehicle import AUTOPILOT_COMPONENT, Vehicle
 
+if TYPE_CHECKING:
+    from .vehicle import Vehicle
+
+AUTOPILOT_COMPONENT: Final[int] = mavlink.MAV_COMP_ID_AUTOPILOT1
 NAN = float("nan")
 ARRIVED_ACROSS_M = 2.0
 ARRIVED_ALTITUDE_M = 1.0
 ALTITUDE_REACHED_M = 0.5
 """How far below its target altitude a takeoff counts as completed; at least 5 % of the altitude."""
+
+Effect = Callable[["Vehicle", int], bool]
+"""Whether what was received after message number `after` shows a command's effect: `effect(vehicle, after)`."""
 
 
 class Group(Enum):
@@ -36,65 +41,48 @@ class CannotExecute(Exception):
 class Plan:
     """A command as one MAVLink message, the modes in which it runs, and the proof of its effect.
 
-    `effect(vehicle, after)` looks only at what was received after message number `after`. `modes` None: the
-    command is no flight. `passing` are modes that are right only if the effect shows soon after. `message` None:
-    nothing has to be said. `on_accepted(now_ms)` is called when the command is accepted. `is_said_once`: it is never
-    repeated, and its acceptance is all that will be known of it.
+    `modes` None: the command is no flight. `passing` are modes that are right only if the effect shows soon after.
+    `message` None: nothing has to be said. `on_accepted(now_ms)` is called when the command is accepted.
+    `is_said_once`: it is never repeated, and its acceptance is all that will be known of it.
     """
 
     message: Any
     mav_cmd: int
     group: Hashable
-    effect: Callable[[Vehicle, int], bool]
+    effect: Effect
     modes: frozenset[FlightModeName] | None = None
     passing: frozenset[FlightModeName] = frozenset()
     on_accepted: Callable[[int], None] | None = None
     is_said_once: bool = False
 
 
-def plan(command: Command, vehicle: Vehicle) -> Plan:
-    """The plan of a command; raises CannotExecute where the autopilot's state does not allow to say it."""
-    if isinstance(command, Arm | Disarm):
-        return _arming(command, vehicle)
-    if isinstance(command, Takeoff):
-        return _takeoff(command, vehicle)
-    if isinstance(command, Goto):
-        return _goto(command, vehicle)
-    if isinstance(command, Land):
-        message = _long(vehicle, mavlink.MAV_CMD_NAV_LAND, NAN, NAN, NAN, NAN, NAN, NAN, NAN)
-        return Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, _is_down, frozenset({FlightModeName.LAND}))
-    if isinstance(command, Hold):
-        return _mode(vehicle, FlightModeName.HOLD, _holds, frozenset({FlightModeName.HOLD}))
-    if isinstance(command, Offboard):
-        return _mode(vehicle, FlightModeName.OFFBOARD, never, frozenset({FlightModeName.OFFBOARD}))
-    assert isinstance(command, Return)
-    return _mode(vehicle, FlightModeName.RETURN, _is_down, frozenset({FlightModeName.RETURN, FlightModeName.LAND}))
-
-
-def _long(vehicle: Vehicle, command: int, *params: float) -> Any:
+def command_long(vehicle: Vehicle, command: int, *params: float) -> Any:
+    """A MAV_CMD to the autopilot as COMMAND_LONG; parameters that are not given are 0."""
     padded = (*params, *[0.0] * (7 - len(params)))
     return mavlink.MAVLink_command_long_message(vehicle.system_id, AUTOPILOT_COMPONENT, command, 0, *padded)
 
 
-def _arming(command: Arm | Disarm, vehicle: Vehicle) -> Plan:
+def arming(command: Arm | Disarm, vehicle: Vehicle) -> Plan:
+    """COMPONENT_ARM_DISARM, never forced."""
     wanted = isinstance(command, Arm)
 
     def effect(seen: Vehicle, after: int) -> bool:
         return seen.seen(Armed, after) == Armed(wanted)
 
-    message = _long(vehicle, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0 if wanted else 0.0)
+    message = command_long(vehicle, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0 if wanted else 0.0)
     return Plan(message, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, Group.ARMING, effect)
 
 
-def _home_altitude_m(vehicle: Vehicle) -> float:
+def home_altitude_m(vehicle: Vehicle) -> float:
+    """Home's altitude above mean sea level; raises CannotExecute where it is unknown."""
     home = vehicle.seen(Home)
     if home is None:
         raise CannotExecute("home_unknown")
     return home.altitude_amsl_m
 
 
-def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
-    home_m = _home_altitude_m(vehicle)
+def climbed(command: Takeoff, home_m: float) -> Effect:
+    """Airborne at the height of a takeoff above home, itself at `home_m` above mean sea level."""
     tolerance_m = max(ALTITUDE_REACHED_M, 0.05 * command.altitude_m)
 
     def effect(seen: Vehicle, after: int) -> bool:
@@ -103,19 +91,11 @@ def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
             return False
         return location.altitude_amsl_m - home_m >= command.altitude_m - tolerance_m
 
-    message = _long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, home_m + command.altitude_m)
-    return Plan(
-        message,
-        mavlink.MAV_CMD_NAV_TAKEOFF,
-        Group.MOTION,
-        effect,
-        frozenset({FlightModeName.TAKEOFF}),
-        frozenset({FlightModeName.HOLD}),
-    )
+    return effect
 
 
-def _goto(command: Goto, vehicle: Vehicle) -> Plan:
-    target_m = _home_altitude_m(vehicle) + command.altitude_m
+def arrived(command: Goto, target_m: float) -> Effect:
+    """At a goto's position, `target_m` above mean sea level."""
 
     def effect(seen: Vehicle, after: int) -> bool:
         location = seen.seen(Location, after)
@@ -124,31 +104,7 @@ def _goto(command: Goto, vehicle: Vehicle) -> Plan:
         left_m = haversine_m(location.latitude_deg, location.longitude_deg, command.latitude_deg, command.longitude_deg)
         return left_m <= ARRIVED_ACROSS_M
 
-    message = mavlink.MAVLink_command_int_message(
-        vehicle.system_id,
-        AUTOPILOT_COMPONENT,
-        mavlink.MAV_FRAME_GLOBAL,
-        mavlink.MAV_CMD_DO_REPOSITION,
-        0,
-        0,
-        -1.0,
-        float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE),
-        0.0,
-        NAN,
-        round(command.latitude_deg * 1e7),
-        round(command.longitude_deg * 1e7),
-        target_m,
-    )
-    return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, effect, frozenset({FlightModeName.HOLD}))
-
-
-def _mode(
-    vehicle: Vehicle,
-    name: FlightModeName,
-    effect: Callable[[Vehicle, int], bool],
-    modes: frozenset[FlightModeName],
-) -> Plan:
-    return Plan(set_mode(vehicle, name), mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, modes)
+    return effect
 
 
 def never(vehicle: Vehicle, after: int) -> bool:
@@ -156,10 +112,12 @@ def never(vehicle: Vehicle, after: int) -> bool:
     return False
 
 
-def _holds(vehicle: Vehicle, after: int) -> bool:
+def holds(vehicle: Vehicle, after: int) -> bool:
+    """The autopilot is in its hold mode."""
     return vehicle.seen(FlightMode, after) == FlightMode(FlightModeName.HOLD)
 
 
-def _is_down(vehicle: Vehicle, after: int) -> bool:
+def is_down(vehicle: Vehicle, after: int) -> bool:
+    """Landed and disarmed."""
     landed = vehicle.seen(LandedState, after) == LandedState(Landed.ON_GROUND)
     return landed and vehicle.seen(Armed, after) == Armed(False)

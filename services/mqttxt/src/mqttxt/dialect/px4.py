@@ -1,10 +1,32 @@
-"""PX4's custom modes (main << 16 | sub << 24) and their names, after px4_custom_mode.h."""
+"""PX4: its custom modes (main << 16 | sub << 24, after px4_custom_mode.h), and how commands are said to it."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from ..states import FlightModeName
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff
+from ..states import FlightModeName, Health
+from .autopilot import Autopilot
+from .plans import (
+    AUTOPILOT_COMPONENT,
+    NAN,
+    Effect,
+    Group,
+    Plan,
+    arming,
+    arrived,
+    climbed,
+    command_long,
+    holds,
+    home_altitude_m,
+    is_down,
+    never,
+)
+
+if TYPE_CHECKING:
+    from .vehicle import Vehicle
 
 _MODES: Final[dict[tuple[int, int], FlightModeName]] = {
     (1, 0): FlightModeName.MANUAL,
@@ -33,3 +55,83 @@ def mode_name(custom_mode: int) -> FlightModeName:
 def mode_numbers(name: FlightModeName) -> tuple[int, int]:
     """Main and sub mode as MAV_CMD_DO_SET_MODE takes them; raises KeyError for UNKNOWN."""
     return _NUMBERS[name]
+
+
+class Px4(Autopilot):
+    """A PX4 multicopter."""
+
+    name = "PX4"
+    max_speed: ClassVar = {"MPC_XY_VEL_MAX": 1.0}
+    cruise_speed: ClassVar = {"MPC_XY_CRUISE": 1.0}
+    offboard_mode = FlightModeName.OFFBOARD
+
+    def flight_mode(self, heartbeat: Any) -> FlightModeName:
+        return mode_name(heartbeat.custom_mode)
+
+    def health(self, status: Any) -> Health:
+        enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
+        unhealthy = enabled & ~status.onboard_control_sensors_health & 0xFFFFFFFF
+        prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        if status.onboard_control_sensors_present & prearm:
+            return Health(not unhealthy & prearm, unhealthy)
+        return Health(unhealthy == 0, unhealthy)
+
+    def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:
+        custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+        return command_long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, *map(float, mode_numbers(name)))
+
+    def plan(self, command: Command, vehicle: Vehicle) -> Plan:
+        if isinstance(command, Arm | Disarm):
+            return arming(command, vehicle)
+        if isinstance(command, Takeoff):
+            return _takeoff(command, vehicle)
+        if isinstance(command, Goto):
+            return _goto(command, vehicle)
+        if isinstance(command, Land):
+            message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
+            return Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
+        if isinstance(command, Hold):
+            return self._mode(vehicle, FlightModeName.HOLD, holds)
+        if isinstance(command, Offboard):
+            return self._mode(vehicle, self.offboard_mode, never)
+        assert isinstance(command, Return)
+        return self._mode(vehicle, FlightModeName.RETURN, is_down, FlightModeName.LAND)
+
+    def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect, *others: FlightModeName) -> Plan:
+        """A command that is a mode; it may run in others, too."""
+        message = self.set_mode(vehicle, name)
+        return Plan(message, mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, frozenset({name, *others}))
+
+
+def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
+    home_m = home_altitude_m(vehicle)
+    message = command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 6, home_m + command.altitude_m)
+    return Plan(
+        message,
+        mavlink.MAV_CMD_NAV_TAKEOFF,
+        Group.MOTION,
+        climbed(command, home_m),
+        frozenset({FlightModeName.TAKEOFF}),
+        frozenset({FlightModeName.HOLD}),
+    )
+
+
+def _goto(command: Goto, vehicle: Vehicle) -> Plan:
+    target_m = home_altitude_m(vehicle) + command.altitude_m
+    message = mavlink.MAVLink_command_int_message(
+        vehicle.system_id,
+        AUTOPILOT_COMPONENT,
+        mavlink.MAV_FRAME_GLOBAL,
+        mavlink.MAV_CMD_DO_REPOSITION,
+        0,
+        0,
+        -1.0,
+        float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE),
+        0.0,
+        NAN,
+        round(command.latitude_deg * 1e7),
+        round(command.longitude_deg * 1e7),
+        target_m,
+    )
+    modes = frozenset({FlightModeName.HOLD})
+    return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, arrived(command, target_m), modes)

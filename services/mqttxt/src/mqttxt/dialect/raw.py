@@ -8,8 +8,8 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..commands import Arm, Disarm, Goto, Hold, Land, Mavlink, Offboard, Return, Stream, Takeoff
-from .plans import NAN, CannotExecute, Plan, never
-from .vehicle import AUTOPILOT_COMPONENT, Vehicle
+from .plans import AUTOPILOT_COMPONENT, NAN, CannotExecute, Plan, never
+from .vehicle import Vehicle
 
 MAV_CMDS: dict[int, str] = {
     number: entry.name for number, entry in mavlink.enums["MAV_CMD"].items() if not entry.name.endswith("_ENUM_END")

@@ -14,7 +14,6 @@ from ..states import (
     FlightMode,
     Groundspeed,
     Heading,
-    Health,
     Home,
     Landed,
     LandedState,
@@ -23,14 +22,13 @@ from ..states import (
     State,
     VitalState,
 )
-from .px4 import mode_name
+from .autopilot import Autopilot
+from .autopilots import AUTOPILOTS
+from .plans import AUTOPILOT_COMPONENT, CannotExecute
 
-AUTOPILOT_COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 OWN_COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 """What the UAV client is on its autopilot's link, in the system of the autopilot."""
 HEARTBEAT_LOST_MS = 3000
-MAX_SPEED_PARAMETER = "MPC_XY_VEL_MAX"
-CRUISE_SPEED_PARAMETER = "MPC_XY_CRUISE"
 
 Value = TypeVar("Value", bound=VitalState)
 
@@ -63,8 +61,16 @@ class Vehicle:
         self.number = 0
         self.heartbeat_ms: int | None = None
         self.states: dict[str, Seen[Any]] = {}
-        self.parameters: dict[str, float] = {}
+        self.cruise_m_s: float | None = None
+        self._autopilot: Autopilot | None = None
         self._arrivals: dict[str, Arrivals] = {}
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """Its kind; raises CannotExecute before its first heartbeat."""
+        if self._autopilot is None:
+            raise CannotExecute("no_autopilot")
+        return self._autopilot
 
     def is_alive(self, now_ms: int) -> bool:
         """Whether a heartbeat came within the last three seconds."""
@@ -96,18 +102,48 @@ class Vehicle:
         """Take in a message of this autopilot; returns the states that it told."""
         if not self.is_own(message):
             return []
-        self.number += 1
         kind = message.get_type()
+        if kind == "HEARTBEAT" and not self._is_of_kind(message):
+            return []
+        self.number += 1
         self._note_arrival(kind, now_ms)
         if kind == "HEARTBEAT":
             self.heartbeat_ms = now_ms
-        elif kind == "PARAM_VALUE" and math.isfinite(message.param_value):
-            self.parameters[message.param_id] = message.param_value
-        reader = _READERS.get(kind)
-        told = reader(message) if reader is not None else []
+        told = self._read(kind, message)
         for state in told:
             self.states[state.name] = Seen(state, self.number)
         return told
+
+    def _is_of_kind(self, heartbeat: Any) -> bool:
+        """Whether a heartbeat is of the kind that the first one told; one of another kind is nobody's."""
+        kind = AUTOPILOTS.get(heartbeat.autopilot)
+        if self._autopilot is None:
+            self._autopilot = kind
+        return kind is not None and kind is self._autopilot
+
+    def _read(self, kind: str, message: Any) -> list[State]:
+        """The states that a message tells; what kinds of autopilots mean differently is read once that is known."""
+        reader = _READERS.get(kind)
+        if reader is not None:
+            return reader(message)
+        if self._autopilot is None:
+            return []
+        if kind == "HEARTBEAT":
+            armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            return [Armed(armed), FlightMode(self._autopilot.flight_mode(message))]
+        if kind == "SYS_STATUS":
+            return [self._autopilot.health(message)]
+        return self._read_parameter(message) if kind == "PARAM_VALUE" else []
+
+    def _read_parameter(self, message: Any) -> list[State]:
+        name, value = message.param_id, message.param_value
+        if not math.isfinite(value):
+            return []
+        if name in self.autopilot.cruise_speed:
+            self.cruise_m_s = value * self.autopilot.cruise_speed[name]
+        if name in self.autopilot.max_speed:
+            return [MaxGroundspeed(value * self.autopilot.max_speed[name])]
+        return []
 
     def _note_arrival(self, kind: str, now_ms: int) -> None:
         found = self._arrivals.get(kind)
@@ -118,11 +154,6 @@ class Vehicle:
         smoothed = found.interval_ms
         found.interval_ms = interval_ms if smoothed is None else 0.9 * smoothed + 0.1 * interval_ms
         found.number, found.at_ms = self.number, now_ms
-
-
-def _heartbeat(message: Any) -> list[State]:
-    armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-    return [Armed(armed), FlightMode(mode_name(message.custom_mode))]
 
 
 def _battery(message: Any) -> list[State]:
@@ -152,30 +183,12 @@ def _home(message: Any) -> list[State]:
     return [Home(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1000)]
 
 
-def _health(message: Any) -> list[State]:
-    enabled = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled
-    unhealthy = enabled & ~message.onboard_control_sensors_health & 0xFFFFFFFF
-    prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-    if message.onboard_control_sensors_present & prearm:
-        return [Health(not unhealthy & prearm, unhealthy)]
-    return [Health(unhealthy == 0, unhealthy)]
-
-
-def _parameter(message: Any) -> list[State]:
-    if message.param_id == MAX_SPEED_PARAMETER and math.isfinite(message.param_value):
-        return [MaxGroundspeed(message.param_value)]
-    return []
-
-
 _READERS = {
-    "HEARTBEAT": _heartbeat,
     "BATTERY_STATUS": _battery,
     "GLOBAL_POSITION_INT": _position,
     "VFR_HUD": _vfr_hud,
     "EXTENDED_SYS_STATE": _landed,
     "HOME_POSITION": _home,
-    "SYS_STATUS": _health,
-    "PARAM_VALUE": _parameter,
 }
 SOURCES = {
     "battery": "BATTERY_STATUS",

@@ -11,7 +11,8 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..clock import SessionClock
-from ..dialect.vehicle import AUTOPILOT_COMPONENT
+from ..dialect.autopilots import AUTOPILOTS
+from ..dialect.plans import AUTOPILOT_COMPONENT
 from ..errors import ConfigurationError
 from ..roles.carrier import SENSORS
 from ..roles.effects import Inbound, Journal, Subscribe, Transmit
@@ -85,6 +86,7 @@ class UavRunner(Runner):
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)
         self._heard: asyncio.Event = asyncio.Event()
         self._wrong_id: int | None = None
+        self._unknown_kind: int | None = None
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
         self.links[LINK] = MqttLink(LINK, broker, client_id, self.client.will(), self)
         self._sensors: SensorPort | None = None
@@ -125,6 +127,11 @@ class UavRunner(Runner):
                 f"--drone {self.client.drone}: the autopilot at {self._autopilot.address} has MAVLink system id "
                 f"{self._wrong_id}; expected {self.client.drone}"
             )
+        if self._unknown_kind is not None:
+            known = ", ".join(f"{kind.name} ({number})" for number, kind in AUTOPILOTS.items())
+            raise ConfigurationError(
+                f"--autopilot {self._autopilot.address}: HEARTBEAT.autopilot is {self._unknown_kind}; expected {known}"
+            )
         logger.info("drone %d: heard its autopilot", self.client.drone)
         await self.links[LINK].run()
 
@@ -132,6 +139,8 @@ class UavRunner(Runner):
         if not self._heard.is_set() and _is_autopilot(message):
             if message.get_srcSystem() != self.client.drone:
                 self._wrong_id = message.get_srcSystem()
+            elif message.autopilot not in AUTOPILOTS:
+                self._unknown_kind = message.autopilot
             self._heard.set()
         self.carry_out(self.client.on_mavlink(message, self.clock.now_ms()))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..dialect.vehicle import CRUISE_SPEED_PARAMETER, Vehicle
+from ..dialect.vehicle import Vehicle
 from ..states import Battery, Endurance, Landed, LandedState
 from .uav_options import LONGEST_S, SHORTEST_S
 
@@ -37,7 +37,7 @@ class EnduranceMeter:
             self._on_battery(now_ms)
         elif kind != "PARAM_VALUE":
             return None
-        cruise_m_s = self._vehicle.parameters.get(CRUISE_SPEED_PARAMETER)
+        cruise_m_s = self._vehicle.cruise_m_s
         endurance_s = self._configured_s or self._measured_s
         if cruise_m_s is None or endurance_s is None:
             return None

@@ -6,7 +6,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..dialect.vehicle import AUTOPILOT_COMPONENT, CRUISE_SPEED_PARAMETER, MAX_SPEED_PARAMETER, Vehicle
+from ..dialect.plans import AUTOPILOT_COMPONENT, command_long
+from ..dialect.vehicle import Vehicle
+from ..states import MaxGroundspeed
 
 PATIENCE_MS = 3000
 _GAP_MS = (0, 1000, 2000, 5000, 10_000, 30_000)
@@ -19,8 +21,6 @@ _RATES_HZ = {
     "landed_state": (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 5),
     "health": (mavlink.MAVLINK_MSG_ID_SYS_STATUS, 1),
 }
-_PARAMETERS = (MAX_SPEED_PARAMETER, CRUISE_SPEED_PARAMETER)
-"""What no stream carries."""
 
 
 class Enquiries:
@@ -38,10 +38,16 @@ class Enquiries:
         if self._first_ms is None:
             self._first_ms = now_ms
         patient = now_ms - self._first_ms < PATIENCE_MS
-        missing = [name for name in _PARAMETERS if name not in self._vehicle.parameters]
+        missing = self._missing_parameters()
         if not patient:
             missing += [name for name in (*_RATES_HZ, "home") if name not in self._vehicle.states]
         return [self._question(name) for name in missing if self._is_due(name, now_ms)]
+
+    def _missing_parameters(self) -> list[str]:
+        """What no stream carries."""
+        autopilot = self._vehicle.autopilot
+        speeds = [] if self._vehicle.seen(MaxGroundspeed) else [*autopilot.max_speed]
+        return speeds + ([] if self._vehicle.cruise_m_s is not None else [*autopilot.cruise_speed])
 
     def _is_due(self, name: str, now_ms: int) -> bool:
         count, next_ms = self._asked.get(name, (0, 0))
@@ -52,16 +58,12 @@ class Enquiries:
         return True
 
     def _question(self, name: str) -> Any:
-        target = (self._vehicle.system_id, AUTOPILOT_COMPONENT)
-        if name in _PARAMETERS:
-            return mavlink.MAVLink_param_request_read_message(*target, name.encode(), -1)
         if name == "home":
-            params = (float(mavlink.MAVLINK_MSG_ID_HOME_POSITION), 0.0)
-            return mavlink.MAVLink_command_long_message(
-                *target, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, *params, 0.0, 0.0, 0.0, 0.0, 0.0
+            return command_long(
+                self._vehicle, mavlink.MAV_CMD_REQUEST_MESSAGE, float(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
             )
-        message_id, rate_hz = _RATES_HZ[name]
-        params = (float(message_id), 1e6 / rate_hz)
-        return mavlink.MAVLink_command_long_message(
-            *target, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, *params, 0.0, 0.0, 0.0, 0.0, 0.0
-        )
+        if name in _RATES_HZ:
+            message_id, rate_hz = _RATES_HZ[name]
+            return command_long(self._vehicle, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
+        target = (self._vehicle.system_id, AUTOPILOT_COMPONENT)
+        return mavlink.MAVLink_param_request_read_message(*target, name.encode(), -1)

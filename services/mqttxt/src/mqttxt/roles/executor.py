@@ -11,7 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..commands import Command, Mavlink, Offboard, Stream
-from ..dialect.plans import CannotExecute, Plan, plan
+from ..dialect.plans import CannotExecute, Plan
 from ..dialect.raw import Limits, plan_raw
 from ..dialect.vehicle import Vehicle
 from ..messages import CommandId, Word
@@ -159,7 +159,7 @@ class Executor:
             return self.streams.plan(command, now_ms)
         if isinstance(command, Mavlink):
             return plan_raw(command, self.vehicle, self._limits)
-        return plan(command, self.vehicle)
+        return self.vehicle.autopilot.plan(command, self.vehicle)
 
     def _time_out(self, run: Run, now_ms: int) -> Said:
         if isinstance(run.command, Stream):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..commands import Offboard
-from ..dialect.offboard import set_mode, set_point
+from ..dialect.offboard import set_point
 from ..dialect.vehicle import Vehicle
 from ..messages import Word
 from ..states import FlightMode, FlightModeName
@@ -120,7 +120,7 @@ class OffboardPilot:
         ending = self._flights[run].ending
         assert ending is not None
         told = self._vehicle.seen(FlightMode, ending.after)
-        if told is not None and told.mode is not FlightModeName.OFFBOARD:
+        if told is not None and told.mode is not self._vehicle.autopilot.offboard_mode:
             return [self._runs.end(run, ending.word, ending.reason)]
         if now_ms >= ending.since_ms + STOP_MS:
             if not self._vehicle.is_alive(now_ms):
@@ -132,7 +132,7 @@ class OffboardPilot:
             return []
         ending.next_hold_ms = now_ms + HOLD_AGAIN_MS
         self._runs.acks.expect(mavlink.MAV_CMD_DO_SET_MODE, now_ms)
-        return [Transmit(set_mode(self._vehicle, FlightModeName.HOLD))]
+        return [Transmit(self._vehicle.autopilot.set_mode(self._vehicle, FlightModeName.HOLD))]
 
     def superseded(self, run: Run) -> tuple[Word, str | None]:
         """The last word of a run whose place a newer flight took."""
@@ -160,7 +160,7 @@ class OffboardPilot:
     def leave(self) -> list[Output]:
         """The process ends: an autopilot that follows set-points is told to hold."""
         if any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards()):
-            return [Transmit(set_mode(self._vehicle, FlightModeName.HOLD))]
+            return [Transmit(self._vehicle.autopilot.set_mode(self._vehicle, FlightModeName.HOLD))]
         return []
 
     def _has_control(self, gs_session: int, now_ms: int) -> bool:
@@ -179,4 +179,4 @@ class OffboardPilot:
         return next((run for run in self._flights if run.phase is not Phase.WAITING), None)
 
     def _is_offboard(self) -> bool:
-        return self._vehicle.seen(FlightMode) == FlightMode(FlightModeName.OFFBOARD)
+        return self._vehicle.seen(FlightMode) == FlightMode(self._vehicle.autopilot.offboard_mode)

@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from ..commands import Stream
 from ..dialect.messages import kind_of, kinds, state_of
-from ..dialect.plans import CannotExecute, Plan
-from ..dialect.vehicle import AUTOPILOT_COMPONENT, SOURCES, Vehicle
+from ..dialect.plans import CannotExecute, Plan, command_long
+from ..dialect.vehicle import SOURCES, Vehicle
 from ..states import STATES, State
 from ..topics import MAVLINK_STATE
 
@@ -143,9 +143,8 @@ class Streams:
     def _interval(self, kind: str, rate_hz: float) -> Any:
         """SET_MESSAGE_INTERVAL in microseconds; 0 is the autopilot's own rate."""
         interval_us = 1e6 / rate_hz if rate_hz else 0.0
-        params = (float(kinds()[kind].id), interval_us, 0.0, 0.0, 0.0, 0.0, 0.0)
-        target = (self._vehicle.system_id, AUTOPILOT_COMPONENT)
-        return mavlink.MAVLink_command_long_message(*target, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, *params)
+        number = float(kinds()[kind].id)
+        return command_long(self._vehicle, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, interval_us)
 
 
 def source_of(name: str) -> str | None:

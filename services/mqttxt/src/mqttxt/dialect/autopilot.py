@@ -1,0 +1,47 @@
+"""What differs between kinds of autopilots, behind one interface; each kind has a module of its own."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ..commands import Command
+from ..states import FlightModeName, Health
+from .plans import Plan
+
+if TYPE_CHECKING:
+    from .vehicle import Vehicle
+
+
+class Autopilot(ABC):
+    """One kind of autopilot: what its messages mean, and how commands are said to it. It keeps nothing.
+
+    `max_speed` and `cruise_speed` are the parameters that have the largest horizontal speed and the cruise speed,
+    any one of each, and what makes their values metres a second. `offboard_mode` is the mode in which it follows
+    set-points.
+    """
+
+    name: ClassVar[str]
+    max_speed: ClassVar[Mapping[str, float]]
+    cruise_speed: ClassVar[Mapping[str, float]]
+    offboard_mode: ClassVar[FlightModeName]
+
+    @abstractmethod
+    def flight_mode(self, heartbeat: Any) -> FlightModeName:
+        """The mode that a HEARTBEAT tells; UNKNOWN for one that has no name here."""
+
+    @abstractmethod
+    def health(self, status: Any) -> Health:
+        """What SYS_STATUS tells."""
+
+    @abstractmethod
+    def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:
+        """MAV_CMD_DO_SET_MODE as COMMAND_LONG; raises KeyError for a mode that this kind does not have."""
+
+    @abstractmethod
+    def plan(self, command: Command, vehicle: Vehicle) -> Plan:
+        """The plan of a command; raises CannotExecute where the autopilot's state does not allow to say it.
+
+        `stream` and `mavlink` are the same for all kinds, and have their plans elsewhere.
+        """
