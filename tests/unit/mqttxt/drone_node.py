@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from nodes import MS, PLACES, Node, S
 from pymavlink.dialects.v20 import common as mavlink
-from world import ack, from_autopilot, heartbeat, home, landed
+from world import Kept, ack, from_autopilot, heartbeat, home, landed
 
 from mqttxt.dialect.px4 import Px4
 from mqttxt.roles.activator_drones import FOG
 from mqttxt.roles.effects import Journal, Transmit
 from mqttxt.roles.settings import Settings
 from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_commands import Unfinished
 from mqttxt.roles.uav_options import UavOptions
 from mqttxt.states import POLICIES
 
@@ -41,14 +40,14 @@ class DroneNode(Node):
 
     def __init__(self, sim: Simulation, number: int) -> None:
         self.number = number
-        self.journal: dict[Any, Unfinished] = {}
+        self.journal = Kept()
         self.armed = True
         self.place = PLACES[0]
         super().__init__(sim, f"drone {number}")
         self._telemetry()
 
     def make_role(self) -> UavClient:
-        left, options = list(self.journal.values()), UavOptions(endurance_s=900)
+        left, options = list(self.journal.unfinished.values()), UavOptions(endurance_s=900)
         settings = Settings(qos=self.sim.qos)
         often = {name: replace(policy, heartbeat_ms=3000) for name, policy in POLICIES.items()}
         return UavClient(self.number, self.clock.session, settings, None, often, left, options=options)
@@ -61,11 +60,9 @@ class DroneNode(Node):
 
     def special(self, output: Any) -> None:
         if isinstance(output, Journal):
-            if output.done:
-                if output.id in self.journal:
-                    self.journal[output.id] = replace(self.journal[output.id], delivered=True)
-            else:
-                self.journal[output.id] = Unfinished(output.id, output.command, output.word, output.reason)
+            self.journal.takes(output)
+            if output.is_opening:
+                self.react(self.role.on_journalled, output.id)
         elif isinstance(output, Transmit) and output.ref is not None:
             self._transmit(output)
 

@@ -38,7 +38,7 @@ def test_open_ids_and_last_words_come_back_and_which_of_them_were_heard(tmp_path
         journal = JournalFile(path)
         assert journal.unfinished == expected
         journal.close()
-    assert len(path.read_text().splitlines()) == 4
+    assert len(path.read_text().splitlines()) == 3
 
 
 def test_only_the_newest_of_the_heard_words_are_kept(tmp_path: Path) -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import cbor2
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from workbench import Bench, said, written
-from world import UAV_SESSION, World, ack, command_payload, from_autopilot, ready, results
+from world import UAV_SESSION, World, ack, command_payload, from_autopilot, on_disk, ready, results
 
 from mqttxt.commands import Mavlink
 from mqttxt.dialect.raw import GUARDED, MAV_CMDS, TYPED, Limits
@@ -145,7 +144,7 @@ def test_not_set_is_null_on_the_wire(encoding: Encoding) -> None:
 def test_the_result_says_that_nobody_observed_the_effect() -> None:
     uav = UavClient(1, UAV_SESSION, Settings())
     ready(uav)
-    uav.on_message(Inbound("drone1/commands", encode(command_payload(raw(ROI))), 1), 0)
+    on_disk(uav, uav.on_message(Inbound("drone1/commands", encode(command_payload(raw(ROI))), 1), 0), 0)
     (result,) = results(uav.on_mavlink(ack(ROI), 100))
     assert (result.word, result.observed) == (Word.COMPLETED, False)
     assert decode(ResultMessage, encode(result, Encoding.JSON)) == result
@@ -174,7 +173,6 @@ def test_guarded_and_typed_numbers_are_in_common() -> None:
 def test_a_reboot_that_is_allowed_at_the_uav_client_passes() -> None:
     uav = UavClient(1, UAV_SESSION, Settings(), options=UavOptions(limits=Limits(frozenset({REBOOT}))))
     ready(uav)
-    effects: list[Any] = list(
-        uav.on_message(Inbound("drone1/commands", encode(command_payload(raw(REBOOT, 1.0))), 1), 0)
-    )
+    wanted = Inbound("drone1/commands", encode(command_payload(raw(REBOOT, 1.0))), 1)
+    effects = on_disk(uav, uav.on_message(wanted, 0), 0)
     assert [e.message.command for e in effects if isinstance(e, Transmit)] == [REBOOT]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from carrying import reading
+from small_disk import SmallDisk
 
 from mqttxt.errors import ConfigurationError
 from mqttxt.io.sensor_store import Batch, SensorStore
@@ -129,3 +130,23 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ConfigurationError, match=r"--sensor-store .*: cannot be used: "):
         SensorStore(tmp_path / "file" / "sensors")
+
+
+@pytest.mark.parametrize("was_there", [True, False])
+def test_a_store_is_started_on_a_full_disk_and_takes_readings_once_there_is_room(
+    disk: SmallDisk, was_there: bool
+) -> None:
+    path = disk.folder / "sensors"
+    if was_there:
+        before = SensorStore(path)
+        before.carry_out(storing(0))
+        before.close()
+    disk.fill(to_the_brim=True)
+    store = SensorStore(path)
+    done = store.carry_out(storing(1))
+    assert (done.failed, len(done.refused)) == (True, 1)
+    assert "full" in done.reason or "I/O" in done.reason
+    disk.make_room()
+    assert len(store.carry_out(storing(2)).stored) == 1
+    assert loaded(store) == ([0, 2] if was_there else [2])
+    store.close()

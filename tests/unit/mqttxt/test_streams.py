@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from workbench import Bench, said, written
-from world import UAV_SESSION, ack, command_payload, from_autopilot, heartbeat, position, ready, results
+from world import UAV_SESSION, ack, command_payload, from_autopilot, heartbeat, on_disk, position, ready, results
 
 from mqttxt.commands import Stream
 from mqttxt.messages import Word
@@ -161,7 +161,7 @@ class Client:
     def command(self, state: str, rate_hz: float, seq: int = 1) -> list[Any]:
         payload = encode(command_payload(Stream(state, rate_hz), seq=seq, deadline_ms=self.now_ms + 5000))
         return [
-            *self.uav.on_message(Inbound("drone1/commands", payload, 1), self.now_ms),
+            *on_disk(self.uav, self.uav.on_message(Inbound("drone1/commands", payload, 1), self.now_ms), self.now_ms),
             *self.uav.on_mavlink(ack(INTERVAL), self.now_ms),
         ]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import cbor2
 import pytest
-from world import UAV_SESSION, ack, command_payload, heartbeat, ready, results, transmitted
+from world import UAV_SESSION, ack, command_payload, heartbeat, on_disk, ready, results, transmitted
 
 from mqttxt.commands import Arm, Disarm, Hold
 from mqttxt.messages import BeaconMessage, CommandId, DroneLease, Presence, Word
@@ -26,7 +26,7 @@ def client(qos: int = 1, unfinished: list[Unfinished] | None = None, now_ms: int
 
 
 def hear(uav: UavClient, message: Any, now_ms: int = 1000, retain: bool = False) -> list[Any]:
-    return list(uav.on_message(Inbound("drone1/commands", encode(message), 1, retain), now_ms))
+    return on_disk(uav, uav.on_message(Inbound("drone1/commands", encode(message), 1, retain), now_ms), now_ms)
 
 
 def words(effects: list[Any]) -> list[tuple[Word, str | None]]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.messages import CommandMessage, ResultMessage
+from mqttxt.messages import CommandId, CommandMessage, ResultMessage
 from mqttxt.roles.activator import Activator
 from mqttxt.roles.activator_drones import CLOUD, FOG
 from mqttxt.roles.effects import Inbound, Journal, Log, Publish, Stop, Subscribe, Transmit
@@ -85,9 +85,37 @@ def results(effects: Iterable[Any]) -> list[ResultMessage]:
     ]
 
 
+def on_disk(client: UavClient, effects: Iterable[Any], now_ms: int) -> list[Any]:
+    """The effects, and behind each opened command what follows once the journal has it."""
+    out: list[Any] = []
+    for effect in effects:
+        out.append(effect)
+        if isinstance(effect, Journal) and effect.is_opening:
+            out += on_disk(client, client.on_journalled(effect.id, now_ms), now_ms)
+    return out
+
+
 def transmitted(effects: Iterable[Any]) -> list[Any]:
     """The flight commands among the effects, not heartbeats and questions."""
     return [e for e in effects if isinstance(e, Transmit) and e.ref is not None]
+
+
+class Kept:
+    """What a journal has: by the rules of `io.journal`, without a disk."""
+
+    def __init__(self) -> None:
+        self.unfinished: dict[CommandId, Unfinished] = {}
+        self.is_full = False
+
+    def takes(self, effect: Journal) -> bool:
+        """Record, unless the disk is full; a full one loses no more than the record."""
+        if self.is_full:
+            return False
+        if not effect.done:
+            self.unfinished[effect.id] = Unfinished(effect.id, effect.command, effect.word, effect.reason)
+        elif effect.id in self.unfinished:
+            self.unfinished[effect.id] = replace(self.unfinished[effect.id], delivered=True)
+        return True
 
 
 @dataclass
@@ -100,6 +128,7 @@ class World:
     sent: list[tuple[str, Publish]] = field(default_factory=list)
     wrote: list[Transmit] = field(default_factory=list)
     journal: list[Journal] = field(default_factory=list)
+    disk: Kept = field(default_factory=Kept)
     logs: list[Log] = field(default_factory=list)
     stops: list[Stop] = field(default_factory=list)
     retained: dict[tuple[str, str], Publish] = field(default_factory=dict)
@@ -133,12 +162,12 @@ class World:
         self.run("activator", self.activator.on_connected(FOG, self.now_ms))
         self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
 
-    def restart_uav(self, session: int, unfinished: list[Unfinished]) -> None:
+    def restart_uav(self, session: int, unfinished: list[Unfinished], remembers: bool = True) -> None:
         """The UAV client dies and another one starts with what the journal kept."""
         self.subscribed = [entry for entry in self.subscribed if entry[0] != "uav"]
         will = self.uav.will()
         self.route("uav", Publish(FOG, will.topic, will.payload, 1, retain=True))
-        self.uav = UavClient(1, session, Settings(qos=self.qos), unfinished=unfinished)
+        self.uav = UavClient(1, session, Settings(qos=self.qos), unfinished=unfinished, remembers=remembers)
         for message in (heartbeat(), home(), position(), landed(1)):
             self.uav.on_mavlink(message, self.now_ms)
         self.run("uav", self.uav.on_connected(self.now_ms))
@@ -173,6 +202,10 @@ class World:
                 self._write(output)
             elif isinstance(output, Journal):
                 self.journal.append(output)
+                taken = self.disk.takes(output)
+                if output.is_opening:
+                    answer = self.uav.on_journalled if taken else self.uav.on_not_journalled
+                    self.run("uav", answer(output.id, self.now_ms))
             elif isinstance(output, Log):
                 self.logs.append(output)
             elif isinstance(output, Stop):

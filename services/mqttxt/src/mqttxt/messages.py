@@ -59,6 +59,19 @@ class Word(Named):
     def is_last(self) -> bool:
         return self not in (Word.ACCEPTED, Word.IN_PROGRESS)
 
+    @property
+    def is_definite_no(self) -> bool:
+        """Whether it says that the command was not started, and will not be."""
+        return self in (Word.DENIED, Word.UNSUPPORTED, Word.EXPIRED, Word.OVERTAKEN, Word.UNREACHABLE)
+
+
+def without_contradiction(word: Word, reason: str | None, earlier: Word | None) -> tuple[Word, str | None]:
+    """A word behind an earlier one. A definite no behind a first word, as of an executor that was started anew and
+    remembers nothing, is `unconfirmed`: what was begun may go on."""
+    if earlier is None or earlier.is_last or not word.is_definite_no:
+        return word, reason
+    return Word.UNCONFIRMED, f"{word.label} after {earlier.label}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class BeaconMessage:

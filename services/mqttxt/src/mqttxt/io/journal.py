@@ -2,6 +2,9 @@
 
 One JSON object a line, synced before the command's first write to the autopilot. It keeps no command from
 being executed (its session does that); it lets a restarted client say what became of the open ones.
+
+What a failed write or sync left in the file is not known: part of a line may be there, and a later sync that
+succeeds says nothing of what an earlier one lost. So the next record then writes the file anew.
 """
 
 from __future__ import annotations
@@ -19,53 +22,154 @@ from ..roles.effects import Journal
 from ..roles.uav_commands import Unfinished
 from ..topics import FogSide
 from ..wire.codec import encode
+from .disk import is_fault
 
 logger = logging.getLogger("mqttxt.journal")
 
 MOST_DELIVERED = 500
 """Last words that are kept although they were delivered; far more than ten minutes of them."""
+MOST_OUTDATED = 1000
+"""Lines that later ones have made useless, beyond which the file is written anew."""
 _LAST_WORDS = {word.label: word for word in Word if word.is_last}
 
 
 class JournalFile:
-    """Appends to `path`; `unfinished` is what the sessions before this one left.
+    """The journal at `path`. `is_new`: there was none that could be read, so nothing is known of the sessions before.
 
-    `is_new`: there was no journal, so nothing is known of them.
+    A disk that is full or fails does not end the client: `record` raises OSError until there is room again. Raises
+    ConfigurationError for a path that no journal can have.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._open: dict[CommandId, Unfinished] = {}
+        self._delivered: dict[CommandId, Unfinished] = {}
+        self._file: int | None = None
+        self._lines = 0
+        self._is_failing = False
+        self.is_new = True
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self.is_new = not path.exists()
-            self.unfinished = _read(path)
-            self._compact()
-            self._file = path.open("a", encoding="ascii")
+            if path.exists():
+                self._read()
+                self.is_new = False
+            self._write_anew()
         except OSError as error:
-            raise ConfigurationError(f"journal {path}: cannot be written: {error.strerror}") from error
+            if not is_fault(error):
+                raise ConfigurationError(f"journal {path}: cannot be written: {error.strerror}") from error
+            self._failed(error)
+
+    @property
+    def unfinished(self) -> list[Unfinished]:
+        """What the sessions before this one left, and what this one added: the ids not delivered, then the others."""
+        return [*self._open.values(), *self._delivered.values()]
 
     def record(self, effect: Journal) -> None:
-        """Write one record and wait until it is on the disk."""
-        self._file.write(_line(effect))
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        """Write one record and wait until it is on the disk; raises OSError, and an opening then never was."""
+        self._take(Unfinished(effect.id, effect.command, effect.word, effect.reason), effect.done)
+        try:
+            if self._file is None:
+                self._write_anew()
+            else:
+                self._append(effect)
+        except OSError as error:
+            if effect.is_opening:
+                del self._open[effect.id]
+            self._failed(error)
+            raise
+        if self._is_failing:
+            self._is_failing = False
+            logger.warning("journal %s: can be written again", self._path)
+        if effect.done and self._lines > 2 * len(self._open) + len(self._delivered) + MOST_OUTDATED:
+            self._make_smaller()
 
     def close(self) -> None:
-        self._file.close()
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
 
-    def _compact(self) -> None:
-        """Start with what may still be asked for, so that the file does not grow over the sessions."""
+    def _append(self, effect: Journal) -> None:
+        assert self._file is not None
+        _write(self._file, _line(effect))
+        os.fsync(self._file)
+        self._lines += 1
+
+    def _failed(self, error: OSError) -> None:
+        """What the file has now is not known; say so once, until a record is written."""
+        if not self._is_failing:
+            self._is_failing = True
+            what = error.strerror or error
+            logger.error("journal %s: %s; commands are denied until it can be written", self._path, what)
+        self.close()
+
+    def _make_smaller(self) -> None:
+        """Leave out what later lines made useless; where that fails, the file stays, or is written anew next time."""
+        try:
+            self._write_anew()
+        except OSError as error:
+            logger.debug("journal %s: not made smaller: %s", self._path, error)
+            self._lines = 0
+
+    def _write_anew(self) -> None:
+        """Replace the file by one with what may still be asked for; at any moment one of the two is whole."""
         fresh = self._path.with_suffix(".new")
-        lines = [_line(Journal(left.id, left.command, left.word, left.reason)) for left in self.unfinished]
-        lines += [_line(Journal(left.id, left.command, done=True)) for left in self.unfinished if left.delivered]
-        with fresh.open("w", encoding="ascii") as file:
-            file.writelines(lines)
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(self._path)
+        lines = [_line(Journal(left.id, left.command, left.word, left.reason)) for left in self._open.values()]
+        lines += [
+            _line(Journal(left.id, left.command, left.word, left.reason, True)) for left in self._delivered.values()
+        ]
+        file = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        try:
+            _write(file, b"".join(lines))
+            os.fsync(file)
+            self.close()  # from here on the path may lead to either
+            fresh.replace(self._path)
+            _sync_folder(self._path.parent)
+        except OSError:
+            os.close(file)
+            raise
+        self._file, self._lines = file, len(lines)
+
+    def _take(self, left: Unfinished, done: bool) -> None:
+        """What a record changes."""
+        known = self._open.pop(left.id, None)
+        if not done:
+            self._open[left.id] = left
+            return
+        said = left if left.word is not None else known
+        if said is not None:
+            self._delivered[left.id] = replace(said, delivered=True)
+            while len(self._delivered) > MOST_DELIVERED:
+                del self._delivered[next(iter(self._delivered))]
+
+    def _read(self) -> None:
+        """A line that a power loss cut off is left out and said."""
+        text = self._path.read_text(encoding="ascii", errors="replace")
+        for number, line in enumerate(text.splitlines(), start=1):
+            try:
+                left, done = _restored(json.loads(line))
+            except (ValueError, KeyError, TypeError, RecursionError, PayloadError):
+                logger.warning("journal %s: line %d cannot be read and is left out", self._path, number)
+                continue
+            self._take(left, done)
 
 
-def _line(effect: Journal) -> str:
+def _write(file: int, data: bytes) -> None:
+    """All of it; what a full disk took only a part of fails at the next part."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(file, rest) :]
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a renaming last over a power loss."""
+    file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def _line(effect: Journal) -> bytes:
     record = {
         "gs_session": effect.id.gs_session,
         "seq": effect.id.seq,
@@ -74,27 +178,7 @@ def _line(effect: Journal) -> str:
         "reason": effect.reason,
         "done": effect.done,
     }
-    return json.dumps(record) + "\n"
-
-
-def _read(path: Path) -> list[Unfinished]:
-    """The unfinished ids and the newest delivered ones; a line that a power loss cut off is left out and said."""
-    if not path.exists():
-        return []
-    found: dict[CommandId, Unfinished] = {}
-    for number, line in enumerate(path.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
-        try:
-            left, done = _restored(json.loads(line))
-        except (ValueError, KeyError, TypeError, RecursionError, PayloadError):
-            logger.warning("journal %s: line %d cannot be read and is left out", path, number)
-            continue
-        if not done:
-            found[left.id] = left
-        elif left.id in found:
-            found[left.id] = replace(found.pop(left.id), delivered=True)
-    delivered = [left.id for left in found.values() if left.delivered]
-    forgotten = set(delivered[:-MOST_DELIVERED])
-    return [left for left in found.values() if left.id not in forgotten]
+    return json.dumps(record).encode("ascii") + b"\n"
 
 
 def _restored(record: Any) -> tuple[Unfinished, bool]:

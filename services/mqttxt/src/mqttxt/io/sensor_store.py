@@ -16,6 +16,7 @@ from ..errors import ConfigurationError, PayloadError
 from ..readings import Reading, ReadingKey, ReadingMessage, checked
 from ..roles.effects import LoadReadings, StoreReading
 from ..wire.codec import decode, encode
+from .disk import is_fault
 
 logger = logging.getLogger("mqttxt.sensors")
 
@@ -61,20 +62,23 @@ class Done:
 
 
 class SensorStore:
-    """At most `limit` readings in `path`, for one process at a time; raises ConfigurationError.
+    """At most `limit` readings in `path`, for one process at a time; raises ConfigurationError for what cannot be it.
 
-    To be used by one thread at a time. A reading that is there already counts as stored.
+    To be used by one thread at a time. A reading that is there already counts as stored. A disk that is full or fails
+    refuses, from the start on, until it takes something again.
     """
 
     def __init__(self, path: Path, limit: int = DEFAULT_LIMIT) -> None:
         self.path = path
         self.limit = limit
+        self._count = 0
+        self._is_open = False
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._database = sqlite3.connect(path, timeout=1.0, isolation_level=None, check_same_thread=False)
-            self._count = self._open()
+            self._open()
         except (OSError, sqlite3.Error) as error:
-            raise ConfigurationError(f"--sensor-store {path}: cannot be used: {error}") from error
+            if not is_fault(error):
+                raise ConfigurationError(f"--sensor-store {path}: cannot be used: {error}") from error
+            logger.error("%s: %s; new readings stay with their sensors until it can be written", path, error)
 
     def __len__(self) -> int:
         return self._count
@@ -84,6 +88,8 @@ class SensorStore:
         done = Done()
         count = self._count
         try:
+            self._open()
+            count = self._count
             self._database.execute("BEGIN IMMEDIATE")
             self._forget(batch.forget)
             for effect in batch.store:
@@ -91,18 +97,35 @@ class SensorStore:
             if batch.load is not None:
                 done.rows = self._load(batch.load)
             self._database.execute("COMMIT")
-        except sqlite3.Error as error:
+        except (OSError, sqlite3.Error) as error:
             self._count = count
+            if not self._is_open:
+                return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
             with contextlib.suppress(sqlite3.Error):  # sqlite rolls back by itself after some errors
                 self._database.execute("ROLLBACK")
             return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
         return done
 
     def close(self) -> None:
+        if not self._is_open:
+            return
         with contextlib.suppress(sqlite3.Error):  # all that counts is on the disk already
             self._database.close()
 
-    def _open(self) -> int:
+    def _open(self) -> None:
+        """Open the file where that has not been done: a full disk may have been in the way."""
+        if self._is_open:
+            return
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._database = sqlite3.connect(self.path, timeout=1.0, isolation_level=None, check_same_thread=False)
+        try:
+            self._count = self._prepare()
+        except sqlite3.Error:
+            self._database.close()
+            raise
+        self._is_open = True
+
+    def _prepare(self) -> int:
         run = self._database.execute
         run("PRAGMA locking_mode = EXCLUSIVE")
         run("PRAGMA journal_mode = WAL")

@@ -100,11 +100,23 @@ class UavRunner(Runner):
 
     def special(self, output: Any) -> None:
         if isinstance(output, Journal):
-            self._journal.record(output)
+            self._record(output)
         elif isinstance(output, Transmit):
             self._transmit(output)
         elif self._sensors is None or not self._sensors.take(output):
             super().special(output)
+
+    def _record(self, effect: Journal) -> None:
+        """Nothing is started that the journal does not have; a last word is true without it too."""
+        try:
+            self._journal.record(effect)
+        except OSError as error:
+            self.count("journal", str(error.strerror or error))
+            if effect.is_opening:
+                self.carry_out(self.client.on_not_journalled(effect.id, self.clock.now_ms()))
+        else:
+            if effect.is_opening:
+                self.carry_out(self.client.on_journalled(effect.id, self.clock.now_ms()))
 
     def _transmit(self, effect: Transmit) -> None:
         """The last look at the clock is here, immediately before the write."""

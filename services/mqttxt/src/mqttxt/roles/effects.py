@@ -66,7 +66,8 @@ class Transmit:
 class Journal:
     """Record durably, before the next effect, that a command is open or what its last word was.
 
-    `word` None opens the id; `done` forgets it.
+    `word` None opens the id: `on_journalled` follows, or `on_not_journalled` where the disk did not take it. A last
+    word is said whether or not the disk took it. `done`: it was delivered.
     """
 
     id: CommandId
@@ -74,6 +75,10 @@ class Journal:
     word: Word | None = None
     reason: str | None = None
     done: bool = False
+
+    @property
+    def is_opening(self) -> bool:
+        return self.word is None and not self.done
 
 
 @dataclass(frozen=True)

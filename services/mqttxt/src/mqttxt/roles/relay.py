@@ -19,6 +19,7 @@ from ..messages import (
     CommandMessage,
     ResultMessage,
     Word,
+    without_contradiction,
 )
 from ..topics import CloudSide, FogSide
 from ..wire.codec import decode, encode
@@ -138,6 +139,9 @@ class Relay:
             return [self._words.publish_result(link.number, name, leg.truth)]
         if any(word.word is result.word and word.percent == result.percent for word in leg.words):
             return []
+        earlier = leg.words[-1].word if leg.words else None
+        word, reason = without_contradiction(relayed.word, relayed.reason, earlier)
+        relayed = replace(relayed, word=word, reason=reason)
         return self._say(entry, leg, relayed, now_ms)
 
     def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ..clock import DEFAULT_TTL_MS, MAX_TTL_MS, expiry_s
 from ..commands import BROADCASTABLE, Command, Offboard
 from ..errors import ConfigurationError, FogUnreachable
-from ..messages import CommandId, CommandMessage, FogResultMessage, Limit, ResultMessage, Word
+from ..messages import CommandId, CommandMessage, FogResultMessage, Limit, ResultMessage, Word, without_contradiction
 from ..outcomes import Event, Outcome, PsmiList
 from ..rankings import PsmiMessage, SelectMessage, SelectMode
 from ..topics import SELECTABLE
@@ -171,16 +172,17 @@ class StationCommands:
         if before is None or not before.is_last:
             if before is outcome.word and outcome.percent == pending.percents.get(outcome.drone):
                 return []
+            word, reason = without_contradiction(outcome.word, outcome.reason, before)
             pending.percents[outcome.drone] = outcome.percent
-            pending.words[outcome.drone] = outcome.word
+            pending.words[outcome.drone] = word
             pending.retry = Retry.after_word(self._settings.qos, now_ms)
-            if outcome.word is Word.UNCONFIRMED:
+            if word is Word.UNCONFIRMED:
                 pending.unconfirmed_here.add(outcome.drone)
-            return [Outcome(**{**vars(outcome), "settled": False})]
+            return [replace(outcome, word=word, reason=reason, settled=False)]
         if outcome.drone in pending.unconfirmed_here and outcome.word.is_last and outcome.word is not before:
             pending.unconfirmed_here.discard(outcome.drone)
             pending.words[outcome.drone] = outcome.word
-            return [Outcome(**{**vars(outcome), "settled": True})]
+            return [replace(outcome, settled=True)]
         return []
 
     def on_psmi(self, fog: FogView, message: PsmiMessage, now_ms: int) -> list[Output]:

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from ..clock import stamp
 from ..dialect.vehicle import Vehicle
 from ..errors import PayloadError
-from ..messages import BeaconMessage, DroneLease, Presence
+from ..messages import BeaconMessage, CommandId, DroneLease, Presence
 from ..states import URGENT, Policy, State, Throttle
 from ..topics import DroneTopic, FogSide
 from ..wire.bundles import drone_bundle
@@ -119,6 +119,14 @@ class UavClient:
         if self.carrier is not None and is_carried(ref):
             return self.carrier.on_published(ref, code, now_ms)
         return self.desk.on_published(ref, code, now_ms)
+
+    def on_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
+        """The journal has it that a command is open."""
+        return self.desk.on_journalled(command_id, now_ms)
+
+    def on_not_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
+        """The disk did not take that a command is open."""
+        return self.desk.on_not_journalled(command_id, now_ms)
 
     def on_mavlink(self, message: Any, now_ms: int) -> list[Effect]:
         """A message from the autopilot's link."""

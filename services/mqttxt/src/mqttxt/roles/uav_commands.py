@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..clock import MAX_TTL_MS, stamp
 from ..dialect.raw import Limits
 from ..dialect.vehicle import Vehicle
 from ..errors import PayloadError
-from ..messages import BeaconMessage, By, CommandId, CommandMessage, ResultMessage, Word
+from ..messages import BeaconMessage, By, CommandId, CommandMessage, ResultMessage, Word, without_contradiction
 from ..topics import FogSide
 from ..wire.codec import decode, encode
 from ..wire.identify import identify
@@ -29,11 +29,16 @@ KEPT_BACK_MS = 1000
 
 @dataclass
 class Answers:
-    """What was said of a command: its name for the topic, the words, and which last word was acknowledged."""
+    """What was said of a command: its name for the topic, the words, and whether the last one was acknowledged.
+
+    `is_journalled`: the journal has it. What was refused before needs no place there: an id that a later session
+    does not know is `expired`, a definite no too.
+    """
 
     name: str
     words: list[ResultMessage] = field(default_factory=list)
     delivered: bool = False
+    is_journalled: bool = False
 
     @property
     def last(self) -> ResultMessage | None:
@@ -84,9 +89,10 @@ class CommandDesk:
         self._topics = topics
         self._remembers = remembers
         self._highest_started: dict[int, tuple[int, int]] = {}
+        self._to_start: dict[CommandId, CommandMessage] = {}
         self._restored = list(unfinished)
         for left in self._restored:
-            entry = self.ledger.enter(left.id, None, Answers(left.command), 0)
+            entry = self.ledger.enter(left.id, None, Answers(left.command, is_journalled=True), 0)
             self.ledger.close(entry, 0)
 
     def on_payload(self, message: Inbound, now_ms: int) -> list[Effect]:
@@ -119,12 +125,25 @@ class CommandDesk:
         refusal = self._refusal(command, deadline_ms, retained, now_ms)
         if refusal is not None:
             return self.carry_out([refusal], now_ms)
-        assert deadline_ms is not None
+        self._to_start[command.id] = command
+        return [Journal(command.id, command.command.name)]
+
+    def on_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
+        """Start a command that the journal has, so that a restarted client can say what became of it."""
+        command, entry = self._to_start.pop(command_id), self.ledger.get(command_id)
+        assert entry is not None
+        assert command.deadline_ms is not None
+        entry.record.is_journalled = True
         limit_ms = round(command.limit_s * 1000)
-        started = self.executor.start(command.id, command.command, deadline_ms, limit_ms, now_ms)
-        if not any(isinstance(output, Said) and output.id == command.id for output in started):
+        started = self.executor.start(command_id, command.command, command.deadline_ms, limit_ms, now_ms)
+        if not any(isinstance(output, Said) and output.id == command_id for output in started):
             self._note_started(command, now_ms)
-        return [Journal(command.id, command.command.name), *self.carry_out(started, now_ms)]
+        return self.carry_out(started, now_ms)
+
+    def on_not_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
+        """Nothing is started that a restarted client would not know of."""
+        del self._to_start[command_id]
+        return self.carry_out([Said(command_id, Word.DENIED, "journal")], now_ms)
 
     def _refusal(self, command: CommandMessage, deadline_ms: int | None, retained: bool, now_ms: int) -> Said | None:
         """Why a new command is not started, None when it is."""
@@ -161,12 +180,16 @@ class CommandDesk:
                 continue
             entry = self.ledger.get(output.id)
             assert entry is not None
-            result = self._result(output, now_ms)
-            entry.record.words.append(result)
-            if output.word.is_last:
+            record = entry.record
+            earlier = record.words[-1].word if record.words else None
+            word, reason = without_contradiction(output.word, output.reason, earlier)
+            record.words.append(self._result(replace(output, word=word, reason=reason), now_ms))
+            if word.is_last:
                 self.ledger.close(entry, now_ms)
-                out.append(Journal(entry.id, entry.record.name, output.word, output.reason))
-            out += self._answer(entry.record)
+                record.is_journalled = record.is_journalled or not word.is_definite_no
+                if record.is_journalled:
+                    out.append(Journal(entry.id, record.name, word, reason))
+            out += self._answer(record)
         return out
 
     def _result(self, said: Said, now_ms: int) -> ResultMessage:
@@ -194,9 +217,13 @@ class CommandDesk:
         newest = record.words[-1]
         out: list[Effect] = [self._publish_result(record.name, newest)]
         if self._settings.qos == 0 and newest.word.is_last and not record.delivered:
-            record.delivered = True
-            out.append(Journal(newest.id, record.name, done=True))
+            out += self._delivered(newest.id, record)
         return out
+
+    def _delivered(self, command_id: CommandId, record: Answers) -> list[Effect]:
+        """Somebody has the last word, and need not be told again."""
+        record.delivered = True
+        return [Journal(command_id, record.name, done=True)] if record.is_journalled else []
 
     def republish(self) -> list[Effect]:
         """The newest words whose delivery was not acknowledged."""
@@ -231,8 +258,7 @@ class CommandDesk:
         if code == NO_MATCHING_SUBSCRIBERS or code >= 0x80:
             self.republish_at_ms = now_ms + KEPT_BACK_MS
             return []
-        entry.record.delivered = True
-        return [Journal(entry.id, entry.record.name, done=True)]
+        return self._delivered(entry.id, entry.record)
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Deadlines and limits of what runs, and last words that nobody was there to get."""

@@ -1,0 +1,194 @@
+"""A disk that is full or fails: what was recorded stays, what was not is denied, and room is all that is needed."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from small_disk import SmallDisk
+
+from mqttxt.io import journal as journals
+from mqttxt.io.journal import MOST_DELIVERED, MOST_OUTDATED, JournalFile
+from mqttxt.messages import CommandId, Word
+from mqttxt.roles.effects import Journal
+from mqttxt.roles.uav_commands import Unfinished
+
+
+def opened(seq: int) -> Journal:
+    return Journal(CommandId(1, seq), "takeoff")
+
+
+def ids(left: list[Unfinished]) -> list[int]:
+    return [one.id.seq for one in left]
+
+
+def fill_until_refused(journal: JournalFile) -> list[int]:
+    """Open commands until the disk takes none; which it took."""
+    taken = []
+    for seq in range(10_000):
+        try:
+            journal.record(opened(seq))
+        except OSError:
+            return taken
+        taken.append(seq)
+    raise AssertionError("never full")
+
+
+def test_a_full_disk_costs_what_it_did_not_take_and_nothing_else(disk: SmallDisk) -> None:
+    path = disk.folder / "journal"
+    journal = JournalFile(path)
+    journal.record(opened(90_000))
+    disk.fill()
+    taken = [90_000, *fill_until_refused(journal)]
+    with pytest.raises(OSError, match=r"."):
+        journal.record(opened(90_001))
+    assert ids(JournalFile(path).unfinished) == taken
+    disk.make_room()
+    journal.record(opened(90_002))
+    journal.record(Journal(CommandId(1, 90_000), "takeoff", Word.COMPLETED))
+    journal.close()
+    left = JournalFile(path).unfinished
+    assert sorted(ids(left)) == sorted([*taken, 90_002])
+    assert next(one.word for one in left if one.id.seq == 90_000) is Word.COMPLETED
+
+
+def test_a_last_word_that_a_full_disk_did_not_take_is_written_with_the_next_record(disk: SmallDisk) -> None:
+    path = disk.folder / "journal"
+    journal = JournalFile(path)
+    journal.record(opened(1))
+    disk.fill()
+    fill_until_refused(journal)
+    with pytest.raises(OSError, match=r"."):
+        journal.record(Journal(CommandId(1, 1), "takeoff", Word.FAILED, "timeout"))
+    disk.make_room()
+    journal.record(opened(90_000))
+    journal.close()
+    assert Unfinished(CommandId(1, 1), "takeoff", Word.FAILED, "timeout") in JournalFile(path).unfinished
+
+
+@pytest.mark.parametrize("was_there", [True, False])
+def test_a_client_is_started_on_a_full_disk_and_records_once_there_is_room(disk: SmallDisk, was_there: bool) -> None:
+    path = disk.folder / "journal"
+    if was_there:
+        before = JournalFile(path)
+        before.record(opened(1))
+        before.close()
+    disk.fill(to_the_brim=True)
+    journal = JournalFile(path)
+    assert ids(journal.unfinished) == ([1] if was_there else [])
+    assert journal.is_new is not was_there
+    if not was_there:
+        with pytest.raises(OSError, match=r"."):
+            journal.record(opened(2))
+    disk.make_room()
+    journal.record(opened(3))
+    journal.close()
+    assert ids(JournalFile(path).unfinished) == ([1, 3] if was_there else [3])
+
+
+def test_a_session_makes_its_journal_smaller_while_it_runs(tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+    journal = JournalFile(path)
+    journal.record(opened(0))
+    largest = 0
+    for seq in range(1, 3 * MOST_OUTDATED):
+        journal.record(opened(seq))
+        journal.record(Journal(CommandId(1, seq), "takeoff", Word.COMPLETED))
+        journal.record(Journal(CommandId(1, seq), "takeoff", done=True))
+        largest = max(largest, len(path.read_bytes().splitlines()) if seq % 100 == 0 else 0)
+    assert largest <= MOST_DELIVERED + MOST_OUTDATED + 10
+    journal.close()
+    left = JournalFile(path).unfinished
+    assert ids(left) == [0, *range(3 * MOST_OUTDATED - MOST_DELIVERED, 3 * MOST_OUTDATED)]
+
+
+class FaultyDisk:
+    """What the journal asks of the system, on a disk that fails as it is told: one answer for each call.
+
+    A sync that fails loses what was written since the last one; so does a power loss.
+    """
+
+    def __init__(self, faults: Iterator[str]) -> None:
+        self.faults = faults
+        self.synced: dict[int, int] = {}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(os, name)
+
+    def open(self, path: Any, flags: int, mode: int = 0o777) -> int:
+        self._may_fail("open")
+        file = os.open(path, flags, mode)
+        self.synced[file] = os.fstat(file).st_size
+        return file
+
+    def write(self, file: int, data: Any) -> int:
+        fault = next(self.faults)
+        if fault == "partly":
+            return os.write(file, data[: max(1, len(data) // 2)])
+        if fault == "write":
+            raise OSError(errno.ENOSPC, "full")
+        return os.write(file, data)
+
+    def fsync(self, file: int) -> None:
+        if next(self.faults) == "sync":
+            if not os.path.isdir(f"/proc/self/fd/{file}"):
+                os.truncate(f"/proc/self/fd/{file}", self.synced[file])
+            raise OSError(errno.EIO, "lost")
+        self.synced[file] = os.fstat(file).st_size
+
+    def _may_fail(self, what: str) -> None:
+        if next(self.faults) == what:
+            raise OSError(errno.EIO, what)
+
+
+FAULTS = st.sampled_from(["", "", "", "", "partly", "write", "sync", "open"])
+RECORDS = st.lists(st.tuples(st.integers(1, 4), st.sampled_from(["open", "said", "done", "restart"])), max_size=20)
+
+
+@given(RECORDS, st.lists(FAULTS, max_size=60))
+def test_what_was_said_to_be_recorded_is_there_whatever_failed_before_and_after(
+    tmp_path_factory: pytest.TempPathFactory, records: list[tuple[int, str]], faults: list[str]
+) -> None:
+    path = tmp_path_factory.mktemp("faulty") / "journal"
+    answers = iter(faults)
+
+    def told() -> Iterator[str]:
+        while True:
+            yield next(answers, "")
+
+    must_have: dict[int, set[Word | None]] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(journals, "os", FaultyDisk(told()))
+        journal = JournalFile(path)
+        for seq, what in records:
+            command_id = CommandId(1, seq)
+            if what == "restart":
+                journal.close()
+                journal = JournalFile(path)
+                continue
+            effect = {
+                "open": Journal(command_id, "arm"),
+                "said": Journal(command_id, "arm", Word.COMPLETED),
+                "done": Journal(command_id, "arm", done=True),
+            }[what]
+            known = must_have.get(seq, set())
+            if {"open": bool(known), "said": known != {None}, "done": Word.COMPLETED not in known}[what]:
+                continue  # an id is opened once, then said once, then done
+            with contextlib.suppress(OSError):
+                journal.record(effect)
+                if what != "done":
+                    must_have[seq] = {effect.word}
+                continue
+            if what == "said":
+                must_have[seq].add(Word.COMPLETED)  # it may come with the next record, or not at all
+        journal.close()
+    found = {left.id.seq: left.word for left in JournalFile(path).unfinished}
+    assert must_have.keys() <= found.keys()
+    assert all(found[seq] in words for seq, words in must_have.items())
