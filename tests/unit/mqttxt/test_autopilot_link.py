@@ -6,13 +6,106 @@ import asyncio
 import os
 import socket
 import tty
+from collections.abc import AsyncIterator
 from typing import Any
 
+import pytest
 from mqtt_server import eventually
 from pymavlink.dialects.v20 import common as mavlink
 from world import ack, heartbeat
 
+from mqttxt.io import mavlink as mavlink_io
 from mqttxt.io.mavlink import AutopilotAddress, AutopilotLink, _Serial
+
+AUTOPILOT = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+HEARTBEAT, ACK = heartbeat().pack(AUTOPILOT), ack(400).pack(AUTOPILOT)
+
+
+class Bench:
+    """A link that listens, and the sockets of whoever writes to it."""
+
+    def __init__(self) -> None:
+        self.heard: list[str] = []
+        self.malformed: list[str] = []
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+            found.bind(("127.0.0.1", 0))
+            self.port = found.getsockname()[1]
+        address = AutopilotAddress("udp", "127.0.0.1", self.port)
+        self.link = AutopilotLink(address, 1, lambda message: self.heard.append(message.get_type()), self._on_malformed)
+        self.sockets: list[socket.socket] = []
+
+    def _on_malformed(self, reason: str) -> None:
+        self.malformed.append(reason)
+
+    def socket(self) -> socket.socket:
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        made.connect(("127.0.0.1", self.port))
+        made.setblocking(False)
+        self.sockets.append(made)
+        return made
+
+    def write(self) -> list[bool]:
+        """Write one message; who of the sockets got it."""
+        self.link.write(heartbeat())
+        return [_has_something(one) for one in self.sockets]
+
+
+def _has_something(one: socket.socket) -> bool:
+    try:
+        return bool(one.recv(1000))
+    except BlockingIOError:
+        return False
+
+
+@pytest.fixture
+async def bench() -> AsyncIterator[Bench]:
+    made = Bench()
+    running = asyncio.create_task(made.link.run())
+    await eventually(lambda: made.link._transport is not None, "it listens")
+    yield made
+    running.cancel()
+    await asyncio.wait({running})
+    for one in made.sockets:
+        one.close()
+
+
+async def test_two_bytes_of_noise_blind_nobody(bench: Bench) -> None:
+    noise, autopilot = bench.socket(), bench.socket()
+    for _ in range(50):
+        noise.send(b"\xfd\xff")
+        autopilot.send(HEARTBEAT)
+    await eventually(lambda: len(bench.heard) == 50, "every heartbeat")
+    assert bench.malformed
+
+
+async def test_a_datagram_that_is_no_heartbeat_of_the_own_autopilot_takes_no_link(bench: Bench) -> None:
+    other_system = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
+    other_component = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+    stranger, autopilot = bench.socket(), bench.socket()
+    for data in (b"\0", HEARTBEAT[:-1], ACK, heartbeat().pack(other_system), heartbeat().pack(other_component)):
+        before = len(bench.heard) + len(bench.malformed)
+        stranger.send(data)
+        await eventually(lambda before=before: len(bench.heard) + len(bench.malformed) > before, "it was read")
+        assert bench.write() == [False, False]
+    before = len(bench.heard)
+    autopilot.send(HEARTBEAT)
+    await eventually(lambda: len(bench.heard) > before, "heard")
+    assert bench.write() == [False, True]
+
+
+async def test_a_live_peer_keeps_the_link_and_is_alone_heard(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    autopilot, forger = bench.socket(), bench.socket()
+    autopilot.send(HEARTBEAT)
+    await eventually(lambda: bench.heard == ["HEARTBEAT"], "heard")
+    forger.send(HEARTBEAT)
+    forger.send(ACK)
+    await eventually(lambda: len(bench.malformed) == 2, "refused")
+    assert bench.heard == ["HEARTBEAT"]
+    assert bench.write() == [True, False]
+    monkeypatch.setattr(mavlink_io, "HEARTBEAT_LOST_MS", 0)  # its heartbeats stay away: it may have a new port
+    forger.send(HEARTBEAT)
+    await eventually(lambda: len(bench.heard) == 2, "heard")
+    assert bench.write() == [False, True]
 
 
 async def test_an_acknowledgement_behind_other_messages_is_heard_in_the_same_turn() -> None:

@@ -10,15 +10,18 @@ import asyncio
 import logging
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import serial
 from pymavlink.dialects.v20 import common as mavlink
 
+from ..dialect.plans import AUTOPILOT_COMPONENT
+from ..dialect.vehicle import HEARTBEAT_LOST_MS
 from ..errors import ConfigurationError
 from .address import is_host, whole_number
+from .frames import Malformed, StreamFrames, in_datagram
 
 logger = logging.getLogger("mqttxt.mavlink")
 
@@ -68,6 +71,7 @@ class AutopilotLink:
         on_malformed: Callable[[str], None],
     ) -> None:
         self.address = address
+        self._system_id = system_id
         self._encoder = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=COMPONENT)
         self._gcs_encoder = mavlink.MAVLink(None, srcSystem=GCS_SYSTEM, srcComponent=GCS_COMPONENT)
         self._on_message = on_message
@@ -78,7 +82,7 @@ class AutopilotLink:
         """Keep the link open until cancelled; raises ConfigurationError when the address cannot be listened on."""
         while True:
             try:
-                self._transport = await _open(self.address)
+                self._transport = await _open(self.address, self._system_id)
             except OSError as error:
                 if self.address.kind == "udp":
                     raise ConfigurationError(
@@ -108,22 +112,20 @@ class AutopilotLink:
         return self._transport.write(packet)
 
     async def _read(self, transport: _Transport) -> None:
-        parser = mavlink.MAVLink(None)
-        parser.robust_parsing = True
         loop = asyncio.get_running_loop()
         ended: asyncio.Future[None] = loop.create_future()
 
         def readable() -> None:
             """All that is there: an acknowledgement behind other messages is heard before a tick says it is missing."""
             for _ in range(_READS_AT_ONCE):
-                data = transport.read()
-                if data is None and not ended.done():
+                found = transport.read(loop.time())
+                if found is None and not ended.done():
                     ended.set_result(None)
-                if not data:
+                if found is None or not found.was_there:
                     return
-                for message in parser.parse_buffer(data) or ():
-                    if message.get_type() == "BAD_DATA":
-                        self._on_malformed(str(message.reason))
+                for message in found.messages:
+                    if isinstance(message, Malformed):
+                        self._on_malformed(message.reason)
                     else:
                         self._on_message(message)
 
@@ -134,13 +136,24 @@ class AutopilotLink:
             loop.remove_reader(transport.fileno())
 
 
+@dataclass(frozen=True)
+class _Read:
+    """What one reading brought; `was_there` false where nothing was there to read."""
+
+    messages: Iterable[Any] = ()
+    was_there: bool = True
+
+
+_NOTHING = _Read(was_there=False)
+
+
 class _Transport:
-    """Non-blocking bytes. `read` returns None when the other side has closed, b"" when nothing is there."""
+    """Non-blocking. `read` takes the time in seconds and returns None when the other side has closed."""
 
     def fileno(self) -> int:
         raise NotImplementedError
 
-    def read(self) -> bytes | None:
+    def read(self, now_s: float) -> _Read | None:
         raise NotImplementedError
 
     def write(self, packet: bytes) -> bool:
@@ -151,9 +164,17 @@ class _Transport:
 
 
 class _Udp(_Transport):
-    """Listens, and answers whoever was heard last."""
+    """Listens to one autopilot, and answers where its heartbeats come from.
 
-    def __init__(self, address: AutopilotAddress) -> None:
+    The peer is whoever sent a valid heartbeat of the drone's autopilot. While those keep coming nobody else is heard on
+    this socket: what another one sends is neither parsed nor a reason to write there. Before there is a peer, everybody
+    is heard, and nobody is written to.
+    """
+
+    def __init__(self, address: AutopilotAddress, system_id: int) -> None:
+        self._system_id = system_id
+        self._peer: Any = None
+        self._peer_heard_s = 0.0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((address.host, address.port))
@@ -161,17 +182,28 @@ class _Udp(_Transport):
             self._socket.close()
             raise
         self._socket.setblocking(False)
-        self._peer: Any = None
 
     def fileno(self) -> int:
         return self._socket.fileno()
 
-    def read(self) -> bytes | None:
+    def read(self, now_s: float) -> _Read | None:
         try:
-            data, self._peer = self._socket.recvfrom(_READ_BYTES)
+            data, sender = self._socket.recvfrom(_READ_BYTES)
         except OSError:  # nothing there, or an ICMP error for an earlier datagram
-            return b""
-        return data
+            return _NOTHING
+        if sender != self._peer and self._peer is not None and now_s - self._peer_heard_s <= HEARTBEAT_LOST_MS / 1000:
+            return _Read([Malformed(f"a datagram of {sender[0]}:{sender[1]}, which is not the autopilot's")])
+        messages = list(in_datagram(data))
+        if any(self._is_heartbeat(message) for message in messages):
+            if sender != self._peer:
+                logger.info("the autopilot is at %s:%d", *sender)
+            self._peer, self._peer_heard_s = sender, now_s
+        return _Read(messages)
+
+    def _is_heartbeat(self, message: Any) -> bool:
+        if isinstance(message, Malformed) or message.get_type() != "HEARTBEAT":
+            return False
+        return bool((message.get_srcSystem(), message.get_srcComponent()) == (self._system_id, AUTOPILOT_COMPONENT))
 
     def write(self, packet: bytes) -> bool:
         if self._peer is None:
@@ -190,17 +222,19 @@ class _Tcp(_Transport):
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
+        self._frames = StreamFrames()
 
     def fileno(self) -> int:
         return self._socket.fileno()
 
-    def read(self) -> bytes | None:
+    def read(self, now_s: float) -> _Read | None:
         try:
-            return self._socket.recv(_READ_BYTES) or None
+            data = self._socket.recv(_READ_BYTES)
         except BlockingIOError:
-            return b""
+            return _NOTHING
         except OSError:
             return None
+        return _Read(self._frames.feed(data, now_s)) if data else None
 
     def write(self, packet: bytes) -> bool:
         try:
@@ -218,17 +252,19 @@ class _Serial(_Transport):
     def __init__(self, address: AutopilotAddress) -> None:
         try:
             self._port = serial.Serial(address.host, address.port, timeout=0, write_timeout=0)
+            self._frames = StreamFrames()
         except ValueError as error:
             raise ConfigurationError(f"autopilot {address}: {error}; expected a rate that the device has") from error
 
     def fileno(self) -> int:
         return int(self._port.fileno())
 
-    def read(self) -> bytes | None:
+    def read(self, now_s: float) -> _Read | None:
         try:
-            return bytes(self._port.read(_READ_BYTES))
+            data = bytes(self._port.read(_READ_BYTES))
         except serial.SerialException:
             return None
+        return _Read(self._frames.feed(data, now_s)) if data else _NOTHING
 
     def write(self, packet: bytes) -> bool:
         try:  # pyserial's own would try again without end where the device takes nothing
@@ -240,9 +276,9 @@ class _Serial(_Transport):
         self._port.close()
 
 
-async def _open(address: AutopilotAddress) -> _Transport:
+async def _open(address: AutopilotAddress, system_id: int) -> _Transport:
     if address.kind == "udp":
-        return _Udp(address)
+        return _Udp(address, system_id)
     if address.kind == "serial":
         return _Serial(address)
     sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)

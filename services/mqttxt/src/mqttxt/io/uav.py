@@ -16,6 +16,7 @@ from ..dialect.plans import AUTOPILOT_COMPONENT
 from ..errors import ConfigurationError
 from ..roles.carrier import SENSORS
 from ..roles.effects import Inbound, Journal, Subscribe, Transmit
+from ..roles.recognition import Recognition
 from ..roles.settings import Settings
 from ..roles.uav_client import UavClient
 from ..roles.uav_commands import LINK
@@ -85,6 +86,7 @@ class UavRunner(Runner):
         self._journal = journal
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)
         self._heard: asyncio.Event = asyncio.Event()
+        self._recognition = Recognition(drone)
         self._wrong_id: int | None = None
         self._unknown_kind: int | None = None
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
@@ -148,13 +150,24 @@ class UavRunner(Runner):
         await self.links[LINK].run()
 
     def _on_mavlink(self, message: Any) -> None:
-        if not self._heard.is_set() and _is_autopilot(message):
-            if message.get_srcSystem() != self.client.drone:
-                self._wrong_id = message.get_srcSystem()
-            elif message.autopilot not in AUTOPILOTS:
-                self._unknown_kind = message.autopilot
-            self._heard.set()
+        if not self._heard.is_set():
+            self._recognise(message)
         self.carry_out(self.client.on_mavlink(message, self.clock.now_ms()))
+
+    def _recognise(self, message: Any) -> None:
+        if message.get_srcSystem() == self.client.drone:
+            self._recognition.on_own()
+        if not _is_autopilot(message):
+            return
+        system_id = self._recognition.on_heartbeat(message.get_srcSystem(), self.clock.now_ms())
+        if system_id is None:
+            self.count("other_system", f"a heartbeat of MAVLink system id {message.get_srcSystem()}")
+            return
+        if system_id != self.client.drone:
+            self._wrong_id = system_id
+        elif message.autopilot not in AUTOPILOTS:
+            self._unknown_kind = message.autopilot
+        self._heard.set()
 
     def _on_malformed(self, reason: str) -> None:
         self.count("mavlink_malformed", reason)

@@ -1,0 +1,107 @@
+"""MAVLink frames out of bytes: each datagram is a whole, and a stream finds its way back after noise.
+
+pymavlink's own parser believes a length before it has seen the checksum: two bytes of noise swallow up to 280 that
+follow. Here what turns out to be no frame costs its first byte, and the search goes on behind that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+HELD_S = 0.5
+"""How long the rest of a frame is waited for: one of the longest takes 0.05 s at 57,600 baud."""
+_MAGIC = (mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2)
+_V1_BYTES, _V2_BYTES = 8, 12
+"""Header and checksum."""
+_DECODER = mavlink.MAVLink(None)
+
+
+@dataclass(frozen=True)
+class Malformed:
+    """Bytes that are no frame, and why."""
+
+    reason: str
+
+
+def in_datagram(data: bytes) -> Iterator[Any]:
+    """The messages of one datagram, and what in it was none."""
+    rest = bytearray(data)
+    while rest:
+        yield from _take(rest)
+        if rest:
+            yield Malformed("a frame that its datagram cuts off")
+            del rest[0]
+
+
+class StreamFrames:
+    """The frames of a stream of bytes; `len` is how many bytes wait for the rest of a frame."""
+
+    def __init__(self) -> None:
+        self._rest = bytearray()
+        self._since_s = 0.0
+
+    def __len__(self) -> int:
+        return len(self._rest)
+
+    def feed(self, data: bytes, now_s: float) -> Iterator[Any]:
+        """The messages that are whole now, and what was none."""
+        before = len(self._rest)
+        self._rest += data
+        yield from self._whole(now_s, before)
+        while self._rest and now_s - self._since_s > HELD_S:
+            yield Malformed("a frame whose rest did not come")
+            del self._rest[0]
+            yield from self._whole(now_s, 0)
+
+    def _whole(self, now_s: float, before: int) -> Iterator[Any]:
+        size = len(self._rest)
+        yield from _take(self._rest)
+        if before == 0 or len(self._rest) < size:
+            self._since_s = now_s
+
+
+def _take(data: bytearray) -> Iterator[Any]:
+    """Take what is whole from the front of `data`; what is left begins with a frame that is not."""
+    while data:
+        if data[0] not in _MAGIC:
+            start = next((at for at, byte in enumerate(data) if byte in _MAGIC), len(data))
+            yield Malformed(f"{start} bytes that begin no frame")
+            del data[:start]
+            continue
+        size = _size(data)
+        if size is None or len(data) < size:
+            return
+        try:
+            _check_flags(data)
+            message = _DECODER.decode(data[:size])
+        except mavlink.MAVError as error:
+            yield Malformed(str(error))
+            del data[0]
+            continue
+        if isinstance(message, mavlink.MAVLink_unknown) and size < len(data) and data[size] not in _MAGIC:
+            yield Malformed("bytes behind which no frame begins")  # without its checksum only its end tells
+            del data[0]
+            continue
+        del data[:size]
+        if not isinstance(message, mavlink.MAVLink_unknown):
+            yield message
+
+
+def _check_flags(data: bytearray) -> None:
+    """Raises MAVError for a frame that only a newer MAVLink understands (`incompat_flags`)."""
+    if data[0] == mavlink.PROTOCOL_MARKER_V2 and data[2] & ~mavlink.MAVLINK_IFLAG_SIGNED:
+        raise mavlink.MAVError(f"invalid incompat_flags 0x{data[2]:02x}")
+
+
+def _size(data: bytearray) -> int | None:
+    """How long the frame at the front says that it is, None before it has said so."""
+    if data[0] == mavlink.PROTOCOL_MARKER_V1:
+        return _V1_BYTES + data[1] if len(data) > 1 else None
+    if len(data) < 3:
+        return None
+    signature = mavlink.MAVLINK_SIGNATURE_BLOCK_LEN if data[2] & mavlink.MAVLINK_IFLAG_SIGNED else 0
+    return _V2_BYTES + data[1] + signature
