@@ -1,4 +1,4 @@
-"""The one module that calls Docker: brings the fleet up, runs commands in it, watches it, takes it down."""
+"""The module that calls Docker: brings the fleet up, runs commands in it, watches it, takes it down."""
 
 from __future__ import annotations
 
@@ -22,12 +22,14 @@ from requests.exceptions import RequestException
 
 from .errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError, TestbedError
 from .experiments import PROTOCOLS
+from .images import autopilot_in_image
 from .overrides import compose_files
 from .sensors import SENSOR_PROFILES
 from .topology import COMPOSE_FILE, ROOT, read_services
 
 PROJECT = "mqttxt-testbed"
-HEALTHY_TIMEOUT_S = 90.0
+HEALTHY_TIMEOUT_S = 180.0
+"""Six real autopilots need 90 s on a busy machine of two cores, until GPS and estimator agree."""
 POLL_S = 0.5
 LOG_LINES = 12
 LOCK = Path(tempfile.gettempdir()) / "mqttxt-testbed.lock"
@@ -50,12 +52,17 @@ class Containers:
     def __init__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> None:
         self._profiles = (profile, *settings.get("SENSOR_PROFILES", "").split())
         self._files = compose_files(settings)
-        self._environment = {**os.environ, **settings, "RUN_DIR": str(run_dir)}
         try:
             self._client = docker.from_env()
             self._client.ping()
         except DockerException as error:
             raise DockerError(f"Docker does not answer: {error}; type: make doctor") from error
+        self._environment = {
+            **os.environ,
+            **settings,
+            **autopilot_in_image(self._client, settings),
+            "RUN_DIR": str(run_dir),
+        }
 
     def start(self, *services: str, timeout_s: float = HEALTHY_TIMEOUT_S) -> None:
         """Start these services, or all that do not run yet, and wait until all are healthy.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from .autopilots import KINDS
 from .errors import UserError
 from .topology import COMPOSE_FILE, ROOT
 
@@ -16,8 +17,9 @@ OVERRIDES = {
 
 
 def chosen(environment: Mapping[str, str], protocols: tuple[str, ...] = ()) -> dict[str, str]:
-    """What the environment asks for, checked. Raises UserError for a name or file that is not there.
+    """What the environment asks for, checked; of an autopilot also where it is.
 
+    Raises UserError for a name, file or folder that is not there.
     `protocols` are those that are to be flown: MQTT-XT's UAV client speaks PX4's modes, so it cannot fly ArduPilot.
     """
     found = {name: environment[name] for name in OVERRIDES if environment.get(name)}
@@ -25,7 +27,8 @@ def chosen(environment: Mapping[str, str], protocols: tuple[str, ...] = ()) -> d
         _file(name, value)
     if found.get("AUTOPILOT") == "ardupilot" and "mqttxt" in protocols:
         raise UserError("AUTOPILOT=ardupilot: expected PROTOCOLS=mavlink; MQTT-XT's UAV client speaks PX4's modes")
-    return found
+    kind = KINDS.get(found.get("AUTOPILOT", ""))
+    return found if kind is None else found | kind.settings(environment)
 
 
 def suffix(settings: Mapping[str, str]) -> str:

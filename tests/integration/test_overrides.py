@@ -39,31 +39,24 @@ def said(service: dict[str, Any], what: str = "command") -> str:
     return value if isinstance(value, str) else " ".join(value)
 
 
-@pytest.mark.parametrize("profile", ["mqttxt", "mavlink"])
+@pytest.mark.parametrize("profile", ["mqttxt", "mavlink", "mqttxt-one", "mavlink-one"])
 def test_px4_takes_the_place_of_each_stand_in(profile: str) -> None:
-    plain, services = resolved(profile, {}), resolved(profile, {"AUTOPILOT": "px4"})
-    assert services.keys() - plain.keys() == {f"witness{drone}" for drone in DRONES}
-    assert plain.keys() <= services.keys()
-    for drone in DRONES:
-        sitl = services[f"sitl{drone}"]
-        assert sitl["image"] == "px4io/px4-sitl:v1.17.0"
-        assert sitl["network_mode"] == plain[f"sitl{drone}"]["network_mode"] == f"service:uav{drone}"
-        assert str(sitl["environment"]["DRONE"]) == str(drone)
-        assert sitl["environment"]["TO"] == "127.0.0.1"
-        assert 'px4 -d -i "$$DRONE"' in said(sitl)
-        assert f"--listen 127.0.0.1:{14580 + drone}" in said(plain[f"sitl{drone}"]), "PX4's instance is at this port"
-        assert f"--send 127.0.0.1:{14540 + drone}" in said(plain[f"sitl{drone}"]), "PX4's instance sends there"
-        witness = services[f"witness{drone}"]
-        assert witness["network_mode"] == f"service:uav{drone}"
-        assert witness["image"] == "mqttxt-testbed/node:latest"
-    others = [name for name in plain if not name.startswith("sitl")]
-    assert {name: services[name] for name in others} == {name: plain[name] for name in others}
+    plain, services = resolved(profile, {}), resolved(profile, {"AUTOPILOT": "px4"}, AUTOPILOT_DIR="/srv/px4")
+    assert services.keys() == plain.keys()
+    changed = {name for name in services if services[name] != plain[name]}
+    assert changed == ({"sitl1"} if profile.endswith("-one") else {f"sitl{drone}" for drone in DRONES})
+    for name in changed:
+        sitl = services[name]
+        same = ("command", "entrypoint", "network_mode", "read_only", "healthcheck", "image", "cap_drop", "cap_add")
+        assert {key: sitl[key] for key in same} == {key: plain[name][key] for key in same}
+        assert sitl["environment"] == {"SITL_AUTOPILOT": "px4"}
+        assert any("/srv/px4" in str(volume) and "/opt/autopilot" in str(volume) for volume in sitl["volumes"])
 
 
-def test_an_image_of_ones_own_and_the_way_of_a_direct_chain_reach_px4() -> None:
-    services = resolved("mavlink", {"AUTOPILOT": "px4"}, PX4_IMAGE="px4:mine", AUTOPILOT_TO="198.18.0.3")
-    assert services["sitl4"]["image"] == "px4:mine"
-    assert services["sitl4"]["environment"]["TO"] == "198.18.0.3"
+def test_the_way_of_a_direct_chain_reaches_whatever_flies() -> None:
+    there = {"AUTOPILOT_DIR": "/srv/px4", "AUTOPILOT_TO": "198.18.0.3"}
+    services = resolved("mavlink", {"AUTOPILOT": "px4"}, **there)
+    assert "--send 198.18.0.3:14544" in said(services["sitl4"])
 
 
 def test_ardupilot_sends_to_its_router_and_to_its_witness() -> None:

@@ -24,7 +24,7 @@ def test_without_a_variable_nothing_is_laid_over() -> None:
 
 def test_an_autopilot_and_a_router_come_behind_the_compose_file() -> None:
     settings = chosen({"ROUTER": "official", "AUTOPILOT": "px4"})
-    assert settings == {"AUTOPILOT": "px4", "ROUTER": "official"}
+    assert settings == {"AUTOPILOT": "px4", "ROUTER": "official", "AUTOPILOT_IMAGE": "px4io/px4-sitl:v1.17.0"}
     assert [path.name for path in compose_files(settings)] == ["compose.yaml", "px4.yaml", "official.yaml"]
 
 
@@ -52,31 +52,25 @@ def test_ardupilot_is_for_mavlink_alone(monkeypatch: pytest.MonkeyPatch) -> None
     )
 
 
-@pytest.mark.parametrize("name", ["px4", "ardupilot"])
-def test_every_drone_has_its_own_home_system_and_witness(name: str) -> None:
-    services = _services(OVERRIDES["AUTOPILOT"][name])
+def test_every_ardupilot_has_its_own_home_system_and_witness() -> None:
+    services = _services(OVERRIDES["AUTOPILOT"]["ardupilot"])
     for drone, place in _fleet()["drones"].items():
-        home = (place["latitude_deg"], place["longitude_deg"], place["altitude_m"])
-        sitl = services[f"sitl{drone}"]
-        if name == "px4":
-            said = sitl["environment"]
-            assert tuple(said[f"PX4_HOME_{what}"] for what in ("LAT", "LON", "ALT")) == home
-            assert said["DRONE"] == drone
-        else:
-            assert f"--home {home[0]},{home[1]},{home[2]},0 " in sitl["command"]
-            assert f"--sysid {drone} " in sitl["command"]
-        witness = services[f"witness{drone}"]
+        sitl, witness = services[f"sitl{drone}"], services[f"witness{drone}"]
+        home = f"{place['latitude_deg']},{place['longitude_deg']},{place['altitude_m']}"
+        assert f"--home {home},0 " in sitl["command"]
+        assert f"--sysid {drone} " in sitl["command"]
         assert witness["network_mode"] == f"service:uav{drone}"
         assert f"--system {drone} " in witness["command"]
-        assert witness["command"].endswith(f"/run-dir/sitl/uav{drone}.jsonl")
+        assert f"--events /run-dir/sitl/uav{drone}.jsonl " in witness["command"]
+        assert witness["command"].endswith(f"--position-file /run-dir/sitl/uav{drone}.position.json")
 
 
-def test_px4_is_given_the_fleets_parameters() -> None:
-    fleet, services = _fleet(), _services(OVERRIDES["AUTOPILOT"]["px4"])
-    for drone, place in fleet["drones"].items():
-        own = {**fleet["parameters"], **place["parameters"]}
-        said = services[f"sitl{drone}"]["environment"]
-        assert {name: said.get(f"PX4_PARAM_{name}") for name in own} == own
+def test_px4_stands_where_each_stand_in_stood() -> None:
+    services = _services(OVERRIDES["AUTOPILOT"]["px4"])
+    assert set(services) == {f"sitl{drone}" for drone in _fleet()["drones"]}
+    for sitl in services.values():
+        assert sitl["environment"] == {"SITL_AUTOPILOT": "px4"}
+        assert not {"command", "entrypoint", "network_mode"} & set(sitl)
 
 
 def _services(path: Path) -> dict[str, Any]:

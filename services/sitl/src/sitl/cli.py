@@ -8,18 +8,26 @@ import logging
 import signal
 import socket
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Coroutine, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from . import watch as witness
 from .errors import SitlError
 from .fleet import DroneConfig, load
 from .process import LinkConfig, Process
+from .real.process import fly as fly_real
+from .real.px4 import Px4
+from .real.watching import Watching
 from .streams import SETS
 from .vehicle import Vehicle
+
+STAND_IN, PX4 = "stand-in", "px4"
+AUTOPILOTS = (STAND_IN, PX4)
+WITNESS = ("127.0.0.1", 14550)
+"""Where a real autopilot is watched, on a link of its own."""
 
 app = typer.Typer(
     name="sitl",
@@ -50,23 +58,38 @@ def fly(
         Path | None, typer.Option(help="File with the drone's place, replaced five times a second.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.")] = 1,
+    autopilot: Annotated[
+        str, typer.Option(help=f"What flies: {', '.join(AUTOPILOTS)}.", envvar="SITL_AUTOPILOT")
+    ] = STAND_IN,
+    folder: Annotated[Path, typer.Option(help="Where a real autopilot is; px4: a folder with bin/px4 and etc.")] = Path(
+        "/opt/autopilot"
+    ),
 ) -> None:
-    """Fly one simulated drone until Ctrl-C."""
+    """Fly one simulated drone until Ctrl-C; a real autopilot's log goes beside its events."""
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     with _errors_as_lines():
         if not 1 <= system <= 250:
             raise SitlError(f"--system {system}: expected 1 to 250")
         if streams not in SETS:
             raise SitlError(f"--streams {streams!r}: expected one of {', '.join(SETS)}")
+        if autopilot not in AUTOPILOTS:
+            raise SitlError(f"--autopilot {autopilot!r}: expected one of {', '.join(AUTOPILOTS)}")
         config = load(fleet, system) if fleet is not None else DroneConfig(system)
         links = [LinkConfig(_address("--listen", listen), _reachable("--send", send), streams)]
+        if autopilot != STAND_IN:
+            told = {"events": events, "ready_file": ready_file, "position_file": position_file}
+            work = Path(tempfile.gettempdir()) / f"{autopilot}-{system}"
+            logs = events.with_suffix(".log") if events is not None else work.with_suffix(".log")
+            flown = Px4(folder, work, logs, config, links[0], WITNESS[1])
+            asyncio.run(_until_signal(fly_real(flown, Watching(system, WITNESS, **told))))
+            return
         if gcs:
             links.append(LinkConfig(("127.0.0.1", 18569 + system), ("127.0.0.1", 14550), "px4-gcs"))
             typer.echo(_how_to_connect(system, links[0]))
         vehicle = Vehicle(config, [link.streams for link in links], seed)
         files = {"events": events, "control": control, "ready_file": ready_file, "position_file": position_file}
         process = Process(vehicle, links, **files)
-        asyncio.run(_until_signal(process))
+        asyncio.run(_until_signal(process.run()))
 
 
 @app.command()
@@ -74,10 +97,17 @@ def watch(
     system: Annotated[int, typer.Option(help="MAVLink system id, 1 to 250.")],
     events: Annotated[Path, typer.Option(help="File for what happens, JSON lines.")],
     listen: Annotated[str, typer.Option(help="HOST:PORT to receive on.")] = "127.0.0.1:14550",
+    ready_file: Annotated[
+        Path | None, typer.Option(help="File touched while it tells where it is, and would arm.")
+    ] = None,
+    position_file: Annotated[
+        Path | None, typer.Option(help="File with the drone's place, replaced five times a second.")
+    ] = None,
 ) -> None:
-    """Write down when an autopilot that is not the stand-in arms and disarms, by its heartbeats, until it is ended."""
+    """Write down what an autopilot that was started elsewhere does, by its own messages, until it is ended."""
     with _errors_as_lines():
-        witness.watch(system, _address("--listen", listen), events)
+        files = {"events": events, "ready_file": ready_file, "position_file": position_file}
+        asyncio.run(_until_signal(Watching(system, _address("--listen", listen), **files).run()))
 
 
 @contextlib.contextmanager
@@ -86,11 +116,11 @@ def _errors_as_lines() -> Iterator[None]:
         yield
     except SitlError as error:
         typer.echo(f"sitl: {error}", err=True)
-        raise typer.Exit(2) from None
+        raise typer.Exit(error.exit_code) from None
 
 
-async def _until_signal(process: Process) -> None:
-    task = asyncio.create_task(process.run())
+async def _until_signal(flight: Coroutine[Any, Any, None]) -> None:
+    task = asyncio.create_task(flight)
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, task.cancel)
     with contextlib.suppress(asyncio.CancelledError):

@@ -6,9 +6,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import socket
-import struct
-import sys
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -17,7 +14,9 @@ from typing import Any, TextIO
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from .datagrams import ANCILLARY_BYTES, LARGEST_DATAGRAM, arrival_ns, bind
 from .errors import SitlError
+from .files import open_events, touch, write_event
 from .modes import Happened, Output
 from .position_file import EVERY_S, PositionFile
 from .vehicle import Vehicle
@@ -26,11 +25,6 @@ logger = logging.getLogger("sitl")
 
 TICK_S = 0.01
 _READ_AT_ONCE = 64
-_LARGEST_DATAGRAM = 65_536
-_SO_TIMESTAMPNS = 35
-"""socket(7), asm-generic/socket.h: a control message with a timespec, for each datagram."""
-_TIMESPEC = struct.Struct("@ll")
-_ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 POSITION_S = 1.0
 
 
@@ -52,7 +46,7 @@ class _Link:
         self._peer: tuple[str, int] = config.send
         self._codec = mavlink.MAVLink(None, srcSystem=process.vehicle.config.system_id, srcComponent=1)
         self._codec.robust_parsing = True
-        self._socket = _bind(config.listen)
+        self._socket = bind(config.listen)
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
         loop.add_reader(self._socket, self._readable)
@@ -65,12 +59,12 @@ class _Link:
         """Take in the datagrams that are there."""
         for _ in range(_READ_AT_ONCE):
             try:
-                data, ancillary, _, addr = self._socket.recvmsg(_LARGEST_DATAGRAM, _ANCILLARY_BYTES)
+                data, ancillary, _, addr = self._socket.recvmsg(LARGEST_DATAGRAM, ANCILLARY_BYTES)
             except BlockingIOError:
                 return
             except OSError:  # an ICMP error for an earlier datagram: nobody listens there yet
                 continue
-            self._take(data, addr, _arrival_ns(ancillary))
+            self._take(data, addr, arrival_ns(ancillary))
 
     def _take(self, data: bytes, addr: Any, arrived_ns: int) -> None:
         codec = self._codec
@@ -123,7 +117,7 @@ class Process:
         loop = asyncio.get_running_loop()
         async with contextlib.AsyncExitStack() as stack:
             if self._events_path is not None:
-                self._events = stack.enter_context(_open_events(self._events_path))
+                self._events = stack.enter_context(open_events(self._events_path))
             for number, config in enumerate(self._configs):
                 link = _Link(self, number, config)
                 link.open(loop)
@@ -155,7 +149,7 @@ class Process:
                 next_mark_s = now_s + POSITION_S
                 self._write(self.vehicle.position())
                 if self._ready_file is not None:
-                    _touch(self._ready_file)
+                    touch(self._ready_file)
             if self._position_file is not None and now_s >= next_position_s:
                 next_position_s = now_s + EVERY_S
                 self._position_file.write(self.vehicle.position().detail)
@@ -177,11 +171,8 @@ class Process:
     def _write(self, happened: Happened, arrived_ns: int | None = None) -> None:
         """A line of the events file; what a message caused tells too when the kernel received that."""
         if self._events is not None:
-            record = {"t_ns": time.time_ns(), "event": happened.event, **happened.detail}
-            if arrived_ns is not None:
-                record["arrived_ns"] = arrived_ns
-            self._events.write(json.dumps(record, default=str) + "\n")
-            self._events.flush()
+            arrived = {} if arrived_ns is None else {"arrived_ns": arrived_ns}
+            write_event(self._events, time.time_ns(), happened.event, **happened.detail, **arrived)
 
     async def _open_control(self, path: Path) -> asyncio.Server:
         try:
@@ -201,40 +192,3 @@ class Process:
                 self._carry_out(None, outputs)
                 writer.write(json.dumps(answer).encode() + b"\n")
                 await writer.drain()
-
-
-def _bind(address: tuple[str, int]) -> socket.socket:
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        sock.bind(address)
-    except OSError as error:
-        sock.close()
-        raise SitlError(f"cannot receive on {address[0]}:{address[1]}: {error.strerror}") from error
-    sock.setblocking(False)
-    if sys.platform == "linux":
-        sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-    return sock
-
-
-def _arrival_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
-    """When the kernel received a datagram, in nanoseconds since 1970; now, where it does not say."""
-    for level, kind, data in ancillary:
-        if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS:
-            seconds, nanoseconds = _TIMESPEC.unpack(data)
-            return int(seconds * 1_000_000_000 + nanoseconds)
-    return time.time_ns()
-
-
-def _open_events(path: Path) -> TextIO:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("a", encoding="utf-8")
-    except OSError as error:
-        raise SitlError(f"--events {path}: {error.strerror}") from error
-
-
-def _touch(path: Path) -> None:
-    try:
-        path.touch()
-    except OSError as error:
-        raise SitlError(f"--ready-file {path}: {error.strerror}") from error

@@ -1,0 +1,32 @@
+"""The files in which an autopilot says what it does: events, a line each, and that it is ready."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, TextIO
+
+from .errors import SitlError
+
+
+def open_events(path: Path) -> TextIO:
+    """Raises SitlError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("a", encoding="utf-8")
+    except OSError as error:
+        raise SitlError(f"--events {path}: {error.strerror}") from error
+
+
+def write_event(events: TextIO, t_ns: int, event: str, **detail: Any) -> None:
+    """One JSON object a line; `t_ns` since 1970."""
+    events.write(json.dumps({"t_ns": t_ns, "event": event, **detail}, default=str) + "\n")
+    events.flush()
+
+
+def touch(path: Path) -> None:
+    """Raises SitlError."""
+    try:
+        path.touch()
+    except OSError as error:
+        raise SitlError(f"--ready-file {path}: {error.strerror}") from error

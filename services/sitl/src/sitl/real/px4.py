@@ -1,0 +1,160 @@
+"""A PX4 prepared for its start: whatever its version, by the hooks that its own start script has for that.
+
+`rcS` looks for `px4-rc.params` (up to 1.15) and `px4-rc.mavlink` on the PATH, and sets parameters from PX4_PARAM_* in
+its environment (from 1.16 on): both are given, and what came of it is read back. PX4's folder is only read.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+import os
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import SitlError
+from ..fleet import DroneConfig
+from ..process import LinkConfig
+
+MODEL = "sihsim_quadx"
+"""PX4's own simulator in its own process, a quadrotor."""
+PARAMETERS = Path("etc/extras/parameters.json.xz")
+"""What PX4's build says of each parameter, in PX4's folder."""
+OWN: dict[str, float] = {
+    "COM_RC_IN_MODE": 4,  # nobody holds sticks
+    "NAV_DLL_ACT": 0,  # nor has to be on a link for ground stations
+    "SDLOG_MODE": 2,  # the flight log goes on from boot to shutdown, past a first disarming
+    "SDLOG_PROFILE": 1,  # and has what analyses need; by default a simulation logs for estimator replays, too
+}
+"""What every PX4 here is told beside the fleet's parameters."""
+RATE_B_S = 4_000_000
+STREAMS = {
+    "px4-onboard": ("onboard", {}),
+    "px4-normal": ("normal", {}),
+    "px4-gcs": (
+        "normal",
+        {
+            **dict.fromkeys(("POSITION_TARGET_LOCAL_NED", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"), 50),
+            **dict.fromkeys(("ATTITUDE", "ATTITUDE_QUATERNION", "ATTITUDE_TARGET", "SERVO_OUTPUT_RAW_0"), 50),
+            "RC_CHANNELS": 20,
+        },
+    ),
+    "five-states": ("custom", {"HEARTBEAT": 1}),
+}
+"""PX4's MAVLink modes, and streams in Hz on top, as its own start script has them."""
+WITNESS_HEARTBEAT_HZ = 50
+_COMMAND = re.compile(r"px4-(\w+) --instance")
+_CLOSE = 1e-4
+"""PX4 shows four decimals."""
+
+
+@dataclass(frozen=True)
+class Px4:
+    """One PX4: from `folder` (bin/px4, etc), in the folder `work`, whose logs go to `logs`.
+
+    `onboard` is its link to whoever flies it; on another it sends to `witness`, a port of its loopback.
+    """
+
+    folder: Path
+    work: Path
+    logs: Path
+    config: DroneConfig
+    onboard: LinkConfig
+    witness: int
+
+    def prepare(self) -> tuple[list[str], dict[str, str]]:
+        """Its command line and environment, with all that they need in its folder. Raises SitlError."""
+        try:
+            values = self._values()
+            self._make_folders()
+            self._write_hook("px4-rc.params", [f"param set {name} {value}" for name, value in values.items()])
+            self._write_hook("px4-rc.mavlink", self._links())
+        except OSError as error:
+            raise SitlError(f"{error.filename}: {error.strerror}; expected PX4's folder with bin and etc") from error
+        environment = {
+            **os.environ,
+            "PATH": f"{self._hooks}:{os.environ.get('PATH', os.defpath)}",
+            "PX4_SIM_MODEL": MODEL,
+            **{f"PX4_PARAM_{name}": value for name, value in values.items()},
+        }
+        words = [str(self._bin / "px4"), "-d", "-i", self._instance, "-w", str(self.work), str(self.folder / "etc")]
+        return words, environment
+
+    def questions(self) -> dict[str, list[str]]:
+        """By parameter the command that reads it back."""
+        command = [str(self._bin / "px4-param"), "--instance", self._instance, "show", "-q"]
+        return {name: [*command, name] for name in self._values()}
+
+    def check(self, answers: Mapping[str, str]) -> None:
+        """Hold what was read back to what was to be. Raises SitlError naming the first that is another."""
+        for name, value in self._values().items():
+            try:
+                is_so = abs(float(answers[name]) - float(value)) <= _CLOSE * max(1.0, abs(float(value)) / 1e3)
+            except ValueError:
+                is_so = False
+            if not is_so:
+                raise SitlError(f"PX4's {name} is {answers[name] or 'not told'}; expected {value}")
+
+    @property
+    def _instance(self) -> str:
+        return str(self.config.system_id)
+
+    @property
+    def _bin(self) -> Path:
+        return self.work / "bin"
+
+    @property
+    def _hooks(self) -> Path:
+        return self.work / "hooks"
+
+    def _values(self) -> dict[str, str]:
+        """Every parameter as PX4 has to be told it: whole numbers, and degrees in 1e-7, where it has them so."""
+        known = self._known()
+        home = self.config.home
+        place = {"SIH_LOC_LAT0": home.latitude_deg, "SIH_LOC_LON0": home.longitude_deg, "SIH_LOC_H0": home.altitude_m}
+        wanted = {**OWN, **self.config.parameters, **place, "MAV_SYS_ID": self.config.system_id}
+        values = {}
+        for name, value in wanted.items():
+            if name not in known:
+                raise SitlError(f"{self.folder / PARAMETERS}: no {name}; expected a PX4 that has it")
+            is_whole, units = known[name]["type"].startswith("Int"), known[name].get("units")
+            value = value * 1e7 if units == "deg*1e7" else value
+            values[name] = str(round(value)) if is_whole else f"{value:.7f}"
+        return values
+
+    def _known(self) -> dict[str, dict[str, Any]]:
+        path = self.folder / PARAMETERS
+        try:
+            return {entry["name"]: entry for entry in json.loads(lzma.decompress(path.read_bytes()))["parameters"]}
+        except (ValueError, KeyError, TypeError, lzma.LZMAError) as error:
+            raise SitlError(f"{path}: expected what PX4's build says of its parameters: {error}") from error
+
+    def _make_folders(self) -> None:
+        """The program with the names by which it is each of its commands: a copied folder may have lost such links."""
+        shutil.rmtree(self.work, ignore_errors=True)
+        for folder in (self._bin, self._hooks, self.logs):
+            folder.mkdir(parents=True, exist_ok=True)
+        for name in ("px4", "px4-alias.sh"):
+            (self._bin / name).symlink_to(self.folder.absolute() / "bin" / name)
+        for name in set(_COMMAND.findall((self._bin / "px4-alias.sh").read_text(encoding="utf-8"))):
+            (self._bin / f"px4-{name}").symlink_to("px4")
+        (self.work / "log").symlink_to(self.logs.absolute())
+
+    def _write_hook(self, name: str, lines: list[str]) -> None:
+        (self._hooks / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    def _links(self) -> list[str]:
+        """PX4's link for a companion computer, and the witness's; none of the others that a simulation has."""
+        (_, port), (host, to_port) = self.onboard.listen, self.onboard.send
+        mode, streams = STREAMS[self.onboard.streams]
+        own_port = 18570 + self.config.system_id
+        return [
+            f"mavlink start -x -u {port} -r {RATE_B_S} -f -m {mode} -o {to_port} -t {host}",
+            *(f"mavlink stream -u {port} -s {name} -r {rate_hz}" for name, rate_hz in streams.items()),
+            f"mavlink start -x -u {own_port} -r {RATE_B_S} -m custom -o {self.witness}",
+            f"mavlink stream -u {own_port} -s HEARTBEAT -r {WITNESS_HEARTBEAT_HZ}",
+        ]
