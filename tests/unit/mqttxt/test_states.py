@@ -11,6 +11,7 @@ from mqttxt.states import (
     FlightModeName,
     Groundspeed,
     Heading,
+    Home,
     Location,
     Policy,
     State,
@@ -26,6 +27,8 @@ from mqttxt.states import (
         (Groundspeed(5.0), Groundspeed(5.4), Groundspeed(5.6)),
         (Location(47.0, 8.0, 488.0, 0.0), Location(47.000004, 8.0, 488.4, 0.4), Location(47.000005, 8.0, 488.0, 0.0)),
         (Location(47.0, 8.0, 488.0, 0.0), Location(47.0, 8.0, 488.5, 0.5), Location(47.0, 8.0, 488.6, 0.6)),
+        (Location(47.0, 8.0, 488.0, 0.0), Location(47.0, 8.0, 488.0, 0.5), Location(47.0, 8.0, 488.0, 0.6)),
+        (Home(47.0, 8.0, 488.0), Home(47.000008, 8.0, 489.0), Home(47.00001, 8.0, 488.0)),
     ],
 )
 def test_a_change_within_the_deadband_waits_and_one_beyond_does_not(first: State, within: State, beyond: State) -> None:
@@ -36,6 +39,27 @@ def test_a_change_within_the_deadband_waits_and_one_beyond_does_not(first: State
     assert throttle.due(5000) == []
     throttle.update(beyond)
     assert throttle.due(5000) == [beyond]
+
+
+def test_a_battery_that_wavers_between_two_figures_is_told_once() -> None:
+    throttle = Throttle()
+    published: list[State] = []
+    for second, percent in enumerate((62, 61, 62, 61, 62, 61, 60, 61, 60, 59, 61)):
+        throttle.update(Battery(percent))
+        published += throttle.due(second * 2000)
+    assert published == [Battery(each) for each in (62, 61, 60, 59, 61)]
+
+
+def test_home_at_rest_has_a_deadband_and_as_of_arming_is_exact() -> None:
+    throttle = Throttle()
+    throttle.update(Armed(False))
+    throttle.update(Home(47.0, 8.0, 488.0))
+    throttle.due(0)
+    throttle.update(Home(47.0, 8.000005, 488.9))
+    assert throttle.due(2000) == []
+    throttle.update(Armed(True))
+    throttle.update(Home(47.0, 8.000005, 488.4))
+    assert throttle.due(3000) == [Armed(True), Home(47.0, 8.000005, 488.4)]
 
 
 def test_slow_drift_is_compared_with_what_was_published() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from mqttxt.errors import ConfigurationError
 from mqttxt.messages import CommandMessage, Word
-from mqttxt.states import POLICIES, STATES
+from mqttxt.states import POLICIES, STATES, Battery, Groundspeed, Heading, Home, Location, VitalState
 from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, topics_of
 from mqttxt.topics import CloudSide, FogSide, SensorSide, station_reachable
 from mqttxt.wire import schema, tables
@@ -111,23 +112,28 @@ def test_states_are_told_with_their_deadband_and_rate() -> None:
     assert "| any change | 10 Hz |" in rows["armed"]
 
 
-def test_a_deadband_in_words_is_the_one_that_is_kept() -> None:
+@pytest.mark.parametrize(
+    ("old", "at", "beyond"),
+    [
+        (Battery(50), lambda by: Battery(50 + round(by)), Battery(49)),
+        (Heading(10.0), lambda by: Heading(10.0 + by), None),
+        (Groundspeed(10.0), lambda by: Groundspeed(10.0 + by), None),
+        (Location(47, 8, 488, 0), lambda by: Location(47, 8, 488 + by, 0), None),
+        (Location(47, 8, 488, 0), lambda by: Location(47, 8, 488, by), None),
+        (Home(47, 8, 488), lambda by: Home(47, 8, 488 + by), None),
+    ],
+)
+def test_a_deadband_in_words_is_the_one_that_is_kept(
+    old: VitalState, at: Callable[[float], VitalState], beyond: VitalState | None
+) -> None:
     """Just beyond the words it is exceeded, and at them it is not."""
-    number = {name: float(p.deadband.split()[0].rstrip("°")) for name, p in POLICIES.items() if p.deadband[0].isdigit()}
-    assert set(number) == {"location", "heading", "groundspeed"}
-    heading, speed = STATES["heading"], STATES["groundspeed"]
-    for policy, cls, most in (
-        (POLICIES["heading"], heading, number["heading"]),
-        (POLICIES["groundspeed"], speed, number["groundspeed"]),
-    ):
-        old = cls(10.0)  # type: ignore[call-arg]
-        assert not policy.exceeds(old, cls(10.0 + most))  # type: ignore[call-arg]
-        assert policy.exceeds(old, cls(10.0 + most + 0.01))  # type: ignore[call-arg]
-    place = STATES["location"]
-    at = place(47.0, 8.0, 500.0, 0.0)  # type: ignore[call-arg]
-    higher = place(47.0, 8.0, 500.0 + number["location"], 0.0)  # type: ignore[call-arg]
-    assert not POLICIES["location"].exceeds(at, higher)
-    assert POLICIES["location"].exceeds(at, place(47.0, 8.0, 500.01 + number["location"], 0.0))  # type: ignore[call-arg]
+    policy = POLICIES[old.name]
+    words = re.match(r"([0-9.]+)", policy.deadband)
+    assert words is not None
+    most = float(words[1])
+    assert not policy.exceeds(old, at(most))
+    assert policy.exceeds(old, at(most + (1 if isinstance(old, Battery) else 0.01)))
+    assert beyond is None or policy.exceeds(old, beyond)
 
 
 def test_the_meaning_of_every_last_word_is_told() -> None:

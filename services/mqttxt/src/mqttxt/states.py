@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
@@ -53,7 +54,7 @@ class Battery:
 
 @dataclass(frozen=True)
 class Location:
-    """Position: WGS84 degrees, metres above mean sea level, metres above home (GLOBAL_POSITION_INT)."""
+    """Position: WGS84 degrees, metres above mean sea level, metres above home (GLOBAL_POSITION_INT and R3.10)."""
 
     name: ClassVar[str] = "location"
     latitude_deg: Latitude
@@ -112,7 +113,7 @@ class MaxGroundspeed:
 
 @dataclass(frozen=True)
 class Home:
-    """The take-off point: WGS84 degrees, metres above mean sea level (HOME_POSITION)."""
+    """The take-off point: WGS84 degrees, metres above mean sea level (HOME_POSITION and R3.10)."""
 
     name: ClassVar[str] = "home"
     latitude_deg: Latitude
@@ -193,51 +194,90 @@ STATE = Variant("state", tuple((code, cls.name, cls) for code, cls in enumerate(
 """A state by its code (CBOR) or its name (JSON), where no topic names it."""
 
 
+def _any_change(old: State, new: State) -> bool:
+    return old != new
+
+
 @dataclass(frozen=True)
 class Policy:
     """When a state is published: beyond its deadband, at most at its rate, at least once a heartbeat interval.
 
-    `exceeds(old, new)` tells whether the change is larger than the deadband; `deadband` says it in words.
+    `exceeds(old, new)` tells whether the change is larger than the deadband; `deadband` says it in words. Where it
+    `is_for_rest`, that holds for a drone that is disarmed, and an armed one publishes any change.
     """
 
     exceeds: Callable[[Any, Any], bool]
     min_interval_ms: int
     heartbeat_ms: int = 30_000
     deadband: str = "any change"
+    is_for_rest: bool = False
 
 
-def _changed(old: State, new: State) -> bool:
-    return old != new
+def _beyond(
+    limit: float, unit: str, change: Callable[[Any, Any], float], words: str = "", rest: bool = False
+) -> Policy:
+    """Once a change is larger than `limit`; `words` go with it in the specification's table."""
+    said = f"{limit:g}{unit}{words}"
+    return Policy(lambda old, new: change(old, new) > limit, 1000, deadband=said, is_for_rest=rest)
 
 
-def _moved(old: Location, new: Location) -> bool:
-    across = haversine_m(old.latitude_deg, old.longitude_deg, new.latitude_deg, new.longitude_deg)
-    return across > 0.5 or abs(old.altitude_amsl_m - new.altitude_amsl_m) > 0.5
+def _across_m(old: Location | Home, new: Location | Home) -> float:
+    return haversine_m(old.latitude_deg, old.longitude_deg, new.latitude_deg, new.longitude_deg)
 
 
-def _turned(old: Heading, new: Heading) -> bool:
+def _up_m(old: Location | Home, new: Location | Home) -> float:
+    return abs(old.altitude_amsl_m - new.altitude_amsl_m)
+
+
+def _moved_m(old: Location, new: Location) -> float:
+    return max(_across_m(old, new), _up_m(old, new), abs(old.altitude_m - new.altitude_m))
+
+
+def _home_moved_m(old: Home, new: Home) -> float:
+    return max(_across_m(old, new), _up_m(old, new))
+
+
+def _gained_pct(old: Battery, new: Battery) -> float:
+    """A battery under load is told a percent lower and higher by turns: each figure is told once while it drains."""
+    gained = new.remaining_pct - old.remaining_pct
+    return math.inf if gained < 0 else gained
+
+
+def _turned_deg(old: Heading, new: Heading) -> float:
     turn = abs(old.heading_deg - new.heading_deg) % 360
-    return min(turn, 360 - turn) > 5
+    return min(turn, 360 - turn)
 
 
-def _sped(old: Groundspeed, new: Groundspeed) -> bool:
-    return abs(old.groundspeed_m_s - new.groundspeed_m_s) > 0.5
+def _sped_m_s(old: Groundspeed, new: Groundspeed) -> float:
+    return abs(old.groundspeed_m_s - new.groundspeed_m_s)
 
+
+_URGENTLY = Policy(_any_change, min_interval_ms=100)
+_AT_ONCE = Policy(_any_change, min_interval_ms=1000)
+HOME_M = 1.0
+"""Home that is further from where it was is another place: PX4 moves it by up to 0.7 m across and 1.2 m up, every two
+seconds, while its position settles."""
 
 POLICIES: dict[str, Policy] = {
-    "battery": Policy(_changed, min_interval_ms=1000),
-    "location": Policy(_moved, min_interval_ms=1000, deadband="0.5 m"),
-    "heading": Policy(_turned, min_interval_ms=1000, deadband="5°"),
-    "groundspeed": Policy(_sped, min_interval_ms=1000, deadband="0.5 m/s"),
-    "flight_mode": Policy(_changed, min_interval_ms=100),
-    "armed": Policy(_changed, min_interval_ms=100),
-    "landed_state": Policy(_changed, min_interval_ms=100),
-    "max_groundspeed": Policy(_changed, min_interval_ms=1000),
-    "home": Policy(_changed, min_interval_ms=1000),
-    "health": Policy(_changed, min_interval_ms=1000),
-    "endurance": Policy(_changed, min_interval_ms=1000),
+    "battery": _beyond(1, " %", _gained_pct, " more, any less"),
+    "location": _beyond(0.5, " m", _moved_m),
+    "heading": _beyond(5, "°", _turned_deg),
+    "groundspeed": _beyond(0.5, " m/s", _sped_m_s),
+    "flight_mode": _URGENTLY,
+    "armed": _URGENTLY,
+    "landed_state": _URGENTLY,
+    "max_groundspeed": _AT_ONCE,
+    "home": _beyond(HOME_M, " m, any change while armed", _home_moved_m, rest=True),
+    "health": _AT_ONCE,
+    "endurance": _AT_ONCE,
 }
-"""The defaults: battery 1 %, location 0.5 m, heading 5 degrees, groundspeed 0.5 m/s, the others any change."""
+"""The defaults."""
+
+
+def is_elsewhere(old: Home, new: Home) -> bool:
+    """Whether home was put to another place, and not only corrected in its altitude."""
+    return _across_m(old, new) > HOME_M
+
 
 URGENT = frozenset({"armed", "flight_mode", "landed_state"})
 """What a bundle does not wait with."""
@@ -284,4 +324,5 @@ class Throttle:
         last, at_ms = self._published[state.name]
         if now_ms - at_ms >= policy.heartbeat_ms:
             return True
-        return now_ms - at_ms >= policy.min_interval_ms and policy.exceeds(last, state)
+        exceeds = _any_change if policy.is_for_rest and self.current(Armed.name) == Armed(True) else policy.exceeds
+        return now_ms - at_ms >= policy.min_interval_ms and exceeds(last, state)

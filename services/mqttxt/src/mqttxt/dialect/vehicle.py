@@ -24,6 +24,7 @@ from ..states import (
 )
 from .autopilot import Autopilot
 from .autopilots import AUTOPILOTS
+from .home import HomeOfArming
 from .plans import AUTOPILOT_COMPONENT, CannotExecute
 
 OWN_COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -64,6 +65,7 @@ class Vehicle:
         self.cruise_m_s: float | None = None
         self._autopilot: Autopilot | None = None
         self._arrivals: dict[str, Arrivals] = {}
+        self._home = HomeOfArming()
 
     @property
     def autopilot(self) -> Autopilot:
@@ -109,7 +111,7 @@ class Vehicle:
         self._note_arrival(kind, now_ms)
         if kind == "HEARTBEAT":
             self.heartbeat_ms = now_ms
-        told = self._read(kind, message)
+        told = self._home.correct(self._read(kind, message), self.seen(Armed) == Armed(True))
         for state in told:
             self.states[state.name] = Seen(state, self.number)
         return told
