@@ -60,8 +60,8 @@ def uav_takes_any_session() -> None:
 
 def uav_executes_duplicates() -> None:
     def make(original: Any) -> Any:
-        def examine(self: Any, command_id: Any, contents: Any, deadline_ms: int, now_ms: int) -> Any:
-            verdict = original(self, command_id, contents, deadline_ms, now_ms)
+        def examine(self: Any, command_id: Any, *more: Any) -> Any:
+            verdict = original(self, command_id, *more)
             entry = self.get(command_id)
             if verdict is Admission.DUPLICATE and entry.record.words[-1].word is Word.COMPLETED:
                 del self._entries[command_id]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from mqttxt.commands import Arm, Disarm
+from mqttxt.commands import Arm, Disarm, Land
 from mqttxt.messages import CommandId
-from mqttxt.roles.ledger import KEEP_MS, Admission, Ledger
+from mqttxt.roles.ledger import CAPACITY, KEEP_MS, Admission, Ledger, Share
 
 ONE, TWO = CommandId(1, 1), CommandId(1, 2)
 
@@ -54,3 +54,43 @@ def test_an_id_from_a_journal_matches_any_contents() -> None:
     ledger: Ledger[None] = Ledger()
     ledger.close(ledger.enter(ONE, None, None, 0), 0)
     assert ledger.examine(ONE, Disarm(), 5000, 10) is Admission.DUPLICATE
+
+
+def fill(ledger: Ledger[None], share: Share) -> int:
+    """Enter ids of one share until there is no room for it; how many."""
+    for seq in range(10_000):
+        verdict = ledger.examine(CommandId(100 + share.value, seq), Arm(), 100, 0, share)
+        if verdict is not Admission.NEW:
+            return seq
+        ledger.close(ledger.enter(CommandId(100 + share.value, seq), Arm(), None, 100, share), 0)
+    raise AssertionError("never full")
+
+
+def test_outsiders_fill_their_share_and_what_halts_a_drone_finds_room_last() -> None:
+    ledger: Ledger[None] = Ledger()
+    assert fill(ledger, Share.OUTSIDERS) == CAPACITY // 4
+    assert fill(ledger, Share.ORDINARY) == CAPACITY - CAPACITY // 4 - CAPACITY // 16
+    assert fill(ledger, Share.OVERRIDING) == CAPACITY // 16
+    assert len(ledger.entries()) == CAPACITY
+
+
+def test_outsiders_without_room_hear_nothing_and_bar_nobody() -> None:
+    """What is denied must not be executed later; what was not answered may be, by a station that took control."""
+    ledger: Ledger[None] = Ledger()
+    fill(ledger, Share.OUTSIDERS)
+    assert ledger.examine(ONE, Arm(), 5000, 0, Share.OUTSIDERS) is Admission.IGNORED
+    assert ledger.examine(ONE, Arm(), 5000, 0, Share.ORDINARY) is Admission.NEW
+
+
+def test_an_ordinary_command_that_is_denied_bars_no_landing() -> None:
+    ledger: Ledger[None] = Ledger()
+    fill(ledger, Share.ORDINARY)
+    assert ledger.examine(ONE, Arm(), 5000, 0, Share.ORDINARY) is Admission.FULL
+    assert ledger.examine(TWO, Land(), 5000, 0, Share.of(Land(), in_control=True)) is Admission.NEW
+
+
+def test_room_comes_back_with_time() -> None:
+    ledger: Ledger[None] = Ledger()
+    fill(ledger, Share.OUTSIDERS)
+    assert ledger.examine(ONE, Arm(), 5000, KEEP_MS + 101, Share.OUTSIDERS) is Admission.NEW
+    assert ledger.entries() == []

@@ -8,10 +8,11 @@ import pytest
 from fogs import BORN_MS, UAV_AHEAD_MS, Bench, of, ready, words
 from world import GS_SESSION, UAV_SESSION
 
-from mqttxt.commands import Arm, Command, Goto, Hold
+from mqttxt.commands import Arm, Command, Goto, Hold, Land
 from mqttxt.messages import (
     CommandId,
     CommandMessage,
+    Control,
     FogResultMessage,
     Presence,
     ResultMessage,
@@ -157,3 +158,20 @@ def test_at_qos_0_an_unanswered_command_is_sent_again_as_the_same_bytes() -> Non
     (first,) = bench.command()
     (again,) = of(bench.until(BORN_MS + 2000), "drone1/commands")
     assert again.payload == first.payload
+
+
+def test_an_unregistered_client_cannot_keep_a_drone_from_landing() -> None:
+    """Neither by commands that it may not give, nor by questions about an earlier session."""
+    bench = ready()
+    for seq in range(4200):
+        asked = {"executor_session": 0x99} if seq % 2 else {}
+        bench.command(Arm(), gs_session=0x77, seq=seq, **asked)
+    assert of(bench.command(Land(), seq=5), "drone1/commands")
+
+
+def test_the_answer_to_who_is_not_in_control_stays_the_same_once_it_is() -> None:
+    bench = ready()
+    assert words(bench.command(Arm(), gs_session=0x77)) == [(Word.DENIED, "not_in_control, alpha")]
+    bench.register(name="other", session=0x77, control=Control.TAKE)
+    assert words(bench.command(Arm(), gs_session=0x77)) == [(Word.DENIED, "not_in_control, alpha")]
+    assert of(bench.command(Arm(), gs_session=0x77, seq=2, epoch=1), "drone1/commands")

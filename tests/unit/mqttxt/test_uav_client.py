@@ -8,7 +8,7 @@ import cbor2
 import pytest
 from world import UAV_SESSION, ack, command_payload, heartbeat, on_disk, ready, results, transmitted
 
-from mqttxt.commands import Arm, Disarm, Hold
+from mqttxt.commands import Arm, Disarm, Hold, Land, Return
 from mqttxt.messages import BeaconMessage, CommandId, DroneLease, Presence, Word
 from mqttxt.roles.effects import Inbound, Journal, Log, Publish, Stop, Subscribe, Transmit
 from mqttxt.roles.settings import Settings
@@ -122,8 +122,30 @@ def test_a_malformed_command_is_denied_where_it_can_be_named() -> None:
     assert [type(e) for e in client().on_message(Inbound("drone1/commands", b"\xff"), 1000)] == [Log]
 
 
-def test_a_full_ledger_denies() -> None:
+def controlled() -> UavClient:
+    """A client whose drone the station of `command_payload` controls."""
     uav = client()
+    fields = {"activator_session": 9, "drone_session": UAV_SESSION, "nonce": 42, "bound": True, "deadline_ms": 60_000}
+    lease = DroneLease(**fields, holder_session=0x11)
+    uav.on_message(Inbound("drone1/init_connect", encode(lease)), 1000)
+    return uav
+
+
+def test_whoever_is_not_in_control_leaves_room_for_who_is() -> None:
+    """Thousands of commands that nobody relayed are neither started nor in the way."""
+    uav = controlled()
+    for seq in range(5000):
+        hear(uav, command_payload(Land(), gs_session=0x77, seq=seq, deadline_ms=0))
+    for seq in range(4000):
+        hear(uav, command_payload(Arm(), seq=seq, deadline_ms=0))
+    assert words(hear(uav, command_payload(Arm(), seq=9000)))[0][1] == "ledger_full"
+    for seq, command in ((9001, Hold()), (9002, Land())):
+        assert len(transmitted(hear(uav, command_payload(command, seq=seq)))) == 1
+    assert words(hear(uav, command_payload(Return(), seq=9003))) == []  # it waits for its MAV_CMD to be free
+
+
+def test_a_full_ledger_denies() -> None:
+    uav = controlled()
     uav.desk.ledger._capacity = 0
     effects = hear(uav, command_payload(Arm()))
     assert words(effects) == [(Word.DENIED, "ledger_full")]

@@ -81,6 +81,11 @@ class Leases:
     def epoch(self, drone: int) -> int:
         return self._epochs.get(drone, 0)
 
+    def controls(self, gs_session: int, drone: int | None) -> bool:
+        """Whether a station controls a drone; with None, any drone of the fog."""
+        keys = self._holders.values() if drone is None else [self._holders.get(drone)]
+        return any(key is not None and key[1] == gs_session for key in keys)
+
     def refusal(self, drone: int, gs_session: int, epoch: int) -> str | None:
         """Why a station's command for a drone is refused; None when the station is in control."""
         holder = self.holder(drone)

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..clock import MAX_TTL_MS, expiry_s, stamp
-from ..commands import BROADCASTABLE, Goto, Hold, Land, Offboard, Return, Takeoff
+from ..commands import BROADCASTABLE, Goto, Land, Offboard, Return, Takeoff
 from ..errors import PayloadError
 from ..messages import (
     CommandId,
@@ -28,12 +28,10 @@ from .activator_drones import FOG, DroneLink, Drones
 from .effects import Effect, Inbound, Log, Publish
 from .jobs import CHOSEN, Job, Leg
 from .leases import Leases
-from .ledger import Admission, Entry, Ledger
+from .ledger import OVERRIDING, Admission, Entry, Ledger, Share
 from .relay_words import RelayWords
 from .settings import GRACE_MS, NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry, Settings
 
-OVERRIDING = (Hold, Land, Return)
-"""What ends the search of a drone for an earlier command."""
 FLYING = (Takeoff, Goto, Land, Return, Offboard)
 """A drone is busy from one of these to its last word."""
 
@@ -79,17 +77,23 @@ class Relay:
         known = command.executor_session == self._session and command.deadline_ms is not None
         deadline_ms = command.deadline_ms if known and command.deadline_ms is not None else now_ms
         keep_ms = min(deadline_ms, now_ms + MAX_TTL_MS)
-        verdict = self.ledger.examine(command.id, contents, keep_ms, now_ms)
+        in_control = self._leases.controls(command.gs_session, target or None)
+        share = Share.of(command.command, in_control)
+        verdict = self.ledger.examine(command.id, contents, keep_ms, now_ms, share)
         entry = self.ledger.get(command.id)
         if verdict is Admission.DUPLICATE and entry is not None and entry.record.target == target:
             return None, self._answer(entry)
+        if verdict is Admission.IGNORED:
+            return None, [
+                Log("outsiders", f"{command.command.name} of session {command.gs_session:08x}: no room for it")
+            ]
         if verdict is not Admission.NEW:
             reason = "ledger_full" if verdict is Admission.FULL else "id_conflict"
             return None, [self._denial(target, command.command.name, command.id, reason, now_ms)]
         close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
         query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
         job = Job(target, command, deadline_ms, close_at_ms, query)
-        entry = self.ledger.enter(command.id, contents, job, keep_ms)
+        entry = self.ledger.enter(command.id, contents, job, keep_ms, share)
         refusal = self._refusal(job, known, retained, now_ms)
         return (entry, []) if refusal is None else (None, self.refuse(entry, refusal, now_ms))
 

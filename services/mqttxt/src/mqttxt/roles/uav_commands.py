@@ -16,7 +16,7 @@ from ..wire.identify import identify
 from .effects import Effect, Inbound, Journal, Log, Publish
 from .executor import Executor
 from .leases import NOT_IN_CONTROL
-from .ledger import KEEP_MS, Admission, Ledger
+from .ledger import KEEP_MS, Admission, Ledger, Share
 from .runs import Output, Said
 from .settings import NO_DEADLINE, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Settings
 
@@ -112,16 +112,19 @@ class CommandDesk:
         if command.executor_session != self._session:
             deadline_ms = None
         known_until_ms = min(deadline_ms or now_ms, now_ms + MAX_TTL_MS)
-        verdict = self.ledger.examine(command.id, command.command, known_until_ms, now_ms)
+        share = Share.of(command.command, self.executor.holder_session == command.gs_session)
+        verdict = self.ledger.examine(command.id, command.command, known_until_ms, now_ms, share)
         if verdict is Admission.DUPLICATE:
             entry = self.ledger.get(command.id)
             assert entry is not None
             return self._answer(entry.record)
+        if verdict is Admission.IGNORED:
+            return [Log("outsiders", f"{command.command.name} of {command.id}: no room for it")]
         if verdict in (Admission.CONFLICT, Admission.FULL):
             reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
             denial = self._result(Said(command.id, Word.DENIED, reason), now_ms)
             return [self._publish_result(command.command.name, denial, kept=False)]
-        self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms)
+        self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms, share)
         refusal = self._refusal(command, deadline_ms, retained, now_ms)
         if refusal is not None:
             return self.carry_out([refusal], now_ms)
