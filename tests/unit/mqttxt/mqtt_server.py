@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import ssl
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Self
 
+SILENCE = -1
 CONNECT, PUBLISH, PUBACK, SUBSCRIBE, DISCONNECT = 1, 3, 4, 8, 14
 _DATA_SEGMENTS_IN = 152
 """Where tcpi_data_segs_in is in struct tcp_info (linux/tcp.h)."""
@@ -66,7 +67,9 @@ def _length(length: int) -> bytes:
 class Session:
     """One connection of a client, behind its CONNACK."""
 
-    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, acknowledges: bool) -> None:
+    def __init__(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, acknowledges: bool, granted: Iterator[int]
+    ) -> None:
         self.packets: list[Packet] = []
         self.ended = self.was_reset = False
         self.reads = asyncio.Event()
@@ -74,6 +77,7 @@ class Session:
         self._reader = reader
         self._writer = writer
         self._acknowledges = acknowledges
+        self._granted = granted
 
     def of(self, kind: int) -> list[Packet]:
         return [packet for packet in self.packets if packet.kind == kind]
@@ -112,7 +116,9 @@ class Session:
                 await self.reads.wait()
                 packet = await self.read()
                 if packet.kind == SUBSCRIBE:
-                    self.send(b"\x90\x04" + packet.body[:2] + b"\0\x01")
+                    code = next(self._granted, 1)
+                    if code != SILENCE:
+                        self.send(b"\x90\x04" + packet.body[:2] + b"\0" + bytes([code]))
                 if packet.kind == PUBLISH and packet.qos and self._acknowledges:
                     self.acknowledge(packet.publish()[3])
         except (asyncio.IncompleteReadError, ConnectionError) as end:
@@ -122,11 +128,20 @@ class Session:
 
 
 class Server:
-    """Accepts connections on loopback; `connack` are the CONNACK's properties, `code` its reason code."""
+    """Accepts connections on loopback; `connack` are the CONNACK's properties, `code` its reason code.
+
+    `granted` are the reason codes of the first SUBACKs, of whichever session; SILENCE leaves one out.
+    """
 
     def __init__(
-        self, connack: bytes = b"", code: int = 0, acknowledges: bool = True, tls: ssl.SSLContext | None = None
+        self,
+        connack: bytes = b"",
+        code: int = 0,
+        acknowledges: bool = True,
+        tls: ssl.SSLContext | None = None,
+        granted: Iterable[int] = (),
     ) -> None:
+        self._granted = iter(granted)
         self.sessions: list[Session] = []
         self._connack = b"\0" + bytes([code]) + _length(len(connack)) + connack
         self._acknowledges = acknowledges
@@ -156,7 +171,7 @@ class Server:
         task = asyncio.current_task()
         assert task is not None
         self._tasks.append(task)
-        session = Session(reader, writer, self._acknowledges)
+        session = Session(reader, writer, self._acknowledges, self._granted)
         await session.read()
         session.send(b"\x20" + _length(len(self._connack)) + self._connack)
         self.sessions.append(session)

@@ -233,3 +233,11 @@ def test_more_stations_than_an_activator_remembers_are_not_registered() -> None:
     assert len(bench.role.leases) == MOST_STATIONS
     assert [type(effect) for effect in bench.register(name="late", session=5)] == [Log]
     assert of(bench.register(), "fog1/clock") != []
+
+
+def test_a_forged_will_again_and_again_does_not_put_the_birth_off() -> None:
+    bench, births = Bench(), 0
+    for _ in range(12):
+        bench.cloud("reachable", FogPresence(session=FOG_SESSION, up=False), retain=True)
+        births += len(of(bench.until(bench.now_ms + 800), "fog1/reachable"))
+    assert 5 <= births <= 10

@@ -13,7 +13,18 @@ from ssl import PROTOCOL_TLS_SERVER, SSLContext
 from typing import Any
 
 import pytest
-from mqtt_server import CONNECT, DISCONNECT, PUBACK, PUBLISH, Server, eventually, numbers, publish
+from mqtt_server import (
+    CONNECT,
+    DISCONNECT,
+    PUBACK,
+    PUBLISH,
+    SILENCE,
+    SUBSCRIBE,
+    Server,
+    eventually,
+    numbers,
+    publish,
+)
 
 from mqttxt.errors import BrokerRefused
 from mqttxt.io import connection as connection_module
@@ -443,3 +454,63 @@ async def test_a_certificate_that_nobody_vouches_for_is_not_talked_to(
             assert (heard.connections, server.sessions, running.done()) == (0, [], False)
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
+
+
+@pytest.mark.parametrize("code", [0x80, 0x83, 0x91, 0x97])
+async def test_a_subscription_that_is_refused_this_time_is_asked_for_on_a_new_connection(
+    code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mqtt_module, "FIRST_PAUSE_S", 0.01)
+    async with Server(granted=[code]) as server, linked(server) as (link, heard):
+        link.subscribe(Subscribe("fog", ("drone1/commands",)))
+        await eventually(lambda: heard.connections == 2, "connected again")
+        link.subscribe(Subscribe("fog", ("drone1/commands",)))
+        await eventually(lambda: len(heard.subscribes) == 1, "subscribed")
+        (left,) = server.sessions[0].of(DISCONNECT)
+        assert left.body[:1] == WITH_WILL
+
+
+async def test_a_broker_that_goes_on_refusing_is_asked_at_growing_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+    sleep = asyncio.sleep
+
+    async def noted(pause_s: float) -> None:
+        pauses.append(pause_s)
+        await sleep(0)
+
+    monkeypatch.setattr(mqtt_module.random, "uniform", lambda low, high: high)
+    monkeypatch.setattr(
+        mqtt_module.asyncio, "sleep", lambda pause_s: noted(pause_s) if pause_s >= 0.1 else sleep(pause_s)
+    )
+    async with Server(granted=[0x91] * 100) as server, linked(server) as (link, heard):
+        for count in range(1, 5):
+            await eventually(lambda count=count: heard.connections >= count, "connected")  # type: ignore[misc]
+            link.subscribe(Subscribe("fog", ("drone1/commands",)))
+            await eventually(lambda count=count: len(pauses) >= count, "a pause")  # type: ignore[misc]
+    assert pauses[:4] == [0.2, 0.4, 0.8, 1.6]
+
+
+@pytest.mark.parametrize("code", [0x87, 0x8F, 0x9E, 0xA1, 0xA2])
+async def test_a_subscription_that_is_never_granted_ends_the_role(code: int) -> None:
+    async with Server(granted=[code]) as server:
+        address = BrokerAddress.parse(f"mqtt://localhost:{server.port}")
+        heard = Heard()
+        link = MqttLink("fog", address, "client-1", None, heard)
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: heard.connections == 1, "connected")
+        link.subscribe(Subscribe("fog", ("drone1/commands",)))
+        with pytest.raises(BrokerRefused, match="refused the subscription to drone1/commands"):
+            await running
+
+
+async def test_one_subscribe_is_under_way_at_a_time() -> None:
+    async with Server(granted=[SILENCE]) as server, linked(server) as (link, heard):
+        (session,) = server.sessions
+        for topic in ("a", "b", "c"):
+            link.subscribe(Subscribe("fog", (topic,)))
+        await eventually(lambda: len(session.of(SUBSCRIBE)) == 1, "the first")
+        link.publish(state("battery", qos=1, ref=1))
+        await eventually(lambda: heard.acknowledged == [(1, 0)], "what came behind it")
+        assert len(session.of(SUBSCRIBE)) == 1
+        session.send(b"\x90\x04" + session.of(SUBSCRIBE)[0].body[:2] + b"\0\x01")
+        await eventually(lambda: [one.filters for one in heard.subscribes] == [("a",), ("b",), ("c",)], "all in order")

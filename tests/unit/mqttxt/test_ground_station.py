@@ -204,6 +204,17 @@ def test_a_late_will_is_answered_with_a_new_birth_also_below_a_prefix() -> None:
     assert len(of(station.tick(1100), "acme/gs/alpha/reachable")) == 1
 
 
+def test_a_forged_will_again_and_again_does_not_put_the_birth_off() -> None:
+    station, births = GroundStation("alpha", GS_SESSION, Settings()), 0
+    station.on_connected(0)
+    forged = Inbound("gs/alpha/reachable", encode(Presence(session=GS_SESSION, up=False)), 1)
+    for now_ms in range(2000, 12_000, 100):
+        if now_ms % 800 == 0:
+            station.on_message(forged, now_ms)
+        births += len(of(station.tick(now_ms), "gs/alpha/reachable"))
+    assert 5 <= births <= 10
+
+
 def test_a_clean_stop_ends_the_lease() -> None:
     end, down = Bench().role.goodbye(10_000)
     assert decode(Registration, end.payload).lease_s == 0  # type: ignore[union-attr]

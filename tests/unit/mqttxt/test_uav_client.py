@@ -223,6 +223,16 @@ def test_a_late_will_is_answered_with_a_new_birth(seen: Presence) -> None:
     assert birth.retain
 
 
+def test_a_forged_will_again_and_again_does_not_put_the_birth_off() -> None:
+    uav, births = client(), 0
+    forged = Inbound("drone1/reachable", encode(Presence(session=UAV_SESSION, up=False)), retain=True)
+    for now_ms in range(2000, 12_000, 100):
+        if now_ms % 800 == 0:
+            uav.on_message(forged, now_ms)
+        births += len(published(list(uav.tick(now_ms)), "drone1/reachable"))
+    assert 5 <= births <= 10
+
+
 def test_the_own_birth_needs_no_answer() -> None:
     uav = client()
     uav.on_message(Inbound("drone1/reachable", encode(Presence(session=UAV_SESSION, up=True)), retain=True), 1100)

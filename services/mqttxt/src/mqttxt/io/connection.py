@@ -40,6 +40,10 @@ _READ_AT_ONCE = 64
 _VOID_BYTES = 65_536
 _SERIALS = count(1)
 _MISC_S = 1.0
+UNSPECIFIED = 0x80
+"""From this reason code on MQTT's are errors."""
+_NEVER_GRANTED = frozenset({0x87, 0x8F, 0x9E, 0xA1, 0xA2})
+"""SUBACK reason codes that asking again cannot mend (MQTT 5.0, 3.9.3)."""
 _WITH_WILL = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
 _UNPARSABLE = (struct.error, ValueError, LookupError, TypeError, MQTTException)
 """What paho raises, beside what it handles itself, on bytes that are not MQTT."""
@@ -68,7 +72,10 @@ class Connection:
         self._accepted: asyncio.Future[int] = self._loop.create_future()
         self._notes: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
         self._noted = 0
-        self._subscribes: dict[int, Subscribe] = {}
+        self.refusal: str | None = None
+        """Why this connection was given up though the broker had accepted it."""
+        self._subscribes: deque[Subscribe] = deque()
+        self._subscribing: int | None = None
         self._refs: dict[int, Hashable] = {}
         self._unacknowledged: set[int] = set()
         self._waiting: deque[Publish] = deque()
@@ -130,13 +137,18 @@ class Connection:
                 self._refs[info.mid] = effect.ref
 
     def subscribe(self, effect: Subscribe) -> None:
+        """One SUBSCRIBE after the other: a broker may take a second one for the first one's repetition."""
+        self._subscribes.append(effect)
+        if self._subscribing is None:
+            self._subscribe_next()
+
+    def _subscribe_next(self) -> None:
+        effect = self._subscribes[0]
         handling = (
             SubscribeOptions.RETAIN_DO_NOT_SEND if effect.live_only else SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE
         )
         options = SubscribeOptions(qos=1, retainAsPublished=effect.live_only, retainHandling=handling)
-        _, mid = self._client.subscribe([(topic, options) for topic in effect.filters])
-        if mid is not None:
-            self._subscribes[mid] = effect
+        _, self._subscribing = self._client.subscribe([(topic, options) for topic in effect.filters])
 
     def unsubscribe(self, effect: Unsubscribe) -> None:
         self._client.unsubscribe(list(effect.filters))
@@ -318,19 +330,30 @@ class Connection:
             _resolve(self._settled, 0)
 
     def _subscribed(self, mid: int, codes: list[int]) -> None:
-        effect = self._subscribes.pop(mid, None)
-        if effect is None:
+        if mid != self._subscribing:
             return
+        self._subscribing = None
+        effect = self._subscribes.popleft()
         granted = dict(zip(effect.filters, codes, strict=False))
-        refused = [topic for topic in effect.filters if granted.get(topic, 0x80) >= 0x80]
-        if not refused:
-            self._events.subscribed(effect)
+        refused = {topic: code for topic in effect.filters if (code := granted.get(topic, UNSPECIFIED)) >= UNSPECIFIED}
+        if refused:
+            self._refused(refused)
             return
-        logger.error("%s: %s does not allow to subscribe to %s", self.name, self.address, ", ".join(refused))
-        if not self.ended.done():
-            self.ended.set_exception(
-                BrokerRefused(f"{self.name}: {self.address} refused the subscription to {refused[0]}")
-            )
+        if self._subscribes:
+            self._subscribe_next()
+        self._events.subscribed(effect)
+
+    def _refused(self, refused: dict[str, int]) -> None:
+        """Some filters were not granted: for good, or only this time, and then all begins anew on a new connection."""
+        topic, code = next(((t, c) for t, c in refused.items() if c in _NEVER_GRANTED), next(iter(refused.items())))
+        self.refusal = f"the subscription to {topic} was refused with reason code 0x{code:02x}"
+        if self.ended.done():
+            return
+        if code in _NEVER_GRANTED:
+            logger.error("%s: %s: %s", self.name, self.address, self.refusal)
+            self.ended.set_exception(BrokerRefused(f"{self.name}: {self.address} refused the subscription to {topic}"))
+        else:
+            self.close(with_will=True)
 
 
 def _resolve(future: asyncio.Future[int], value: int) -> None:

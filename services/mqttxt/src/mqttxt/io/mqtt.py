@@ -101,7 +101,7 @@ class MqttLink:
             await connection.leave(GOODBYE_S)
 
     async def _one_connection(self) -> str | None:
-        """One connection from CONNECT to its end; returns why it never came about, None if it did."""
+        """One connection from CONNECT to its end; returns why it never came about, or was of no use, None if it was."""
         connection = Connection(
             self.name,
             self.address,
@@ -129,7 +129,7 @@ class MqttLink:
             code = await connection.ended
             if code == SESSION_TAKEN_OVER:
                 raise BrokerRefused(f"{self.name}: {self.address}: another client took over the id {self._client_id}")
-            return None
+            return connection.refusal
         finally:
             was_up, self._connection = self._connection is connection, None
             connection.close(with_will=not self._is_closed)

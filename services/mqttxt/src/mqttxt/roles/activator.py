@@ -15,7 +15,7 @@ from .leases import Leases
 from .relay import Relay
 from .selector import Selector
 from .sensor_relay import Carried, SensorRelay
-from .settings import REBIRTH_MS, Settings
+from .settings import Rebirth, Settings
 from .state_relay import StateRelay
 
 CHALLENGE_MS = 3000
@@ -59,7 +59,7 @@ class Activator:
         self._next_beacon_ms = 0
         self._rival: int | None = None
         self._challenge_until_ms: int | None = None
-        self._rebirth_at_ms: int | None = None
+        self._rebirth = Rebirth()
 
     def will(self) -> Will:
         """The will of the connection to the cloud broker; the fog broker needs none."""
@@ -126,8 +126,7 @@ class Activator:
         if self._challenge_until_ms is not None and now_ms >= self._challenge_until_ms:
             self._rival = self._challenge_until_ms = None
             out += self._be_born(now_ms)
-        if self._rebirth_at_ms is not None and now_ms >= self._rebirth_at_ms and self.born:
-            self._rebirth_at_ms = None
+        if self._rebirth.is_due(now_ms) and self.born:
             out.append(self._publish_presence(up=True))
         if self.born and self.drones.roster_changed:
             out.append(self._publish_presence(up=True))
@@ -224,10 +223,10 @@ class Activator:
     def _on_own_presence(self, presence: FogPresence, now_ms: int) -> list[Effect]:
         if presence.session == self.session:
             if not presence.up and self.born:
-                self._rebirth_at_ms = now_ms + REBIRTH_MS
+                self._rebirth.arm(now_ms)
             return []
         if self.born:
-            self._rebirth_at_ms = now_ms + REBIRTH_MS
+            self._rebirth.arm(now_ms)
         elif presence.up:
             self._rival = presence.session
         elif presence.session == self._rival:
@@ -251,7 +250,6 @@ class Activator:
 
     def _be_born(self, now_ms: int) -> list[Effect]:
         self.born = self._was_born = True
-        self._rebirth_at_ms = None
         return [
             Unsubscribe(CLOUD, (self.cloud.clock,)),
             self._publish_presence(up=True),

@@ -25,7 +25,7 @@ from ..wire.bundles import FogBundle, states_of
 from ..wire.codec import decode, encode
 from ..wire.states import decode_state
 from .effects import Inbound, Log, Publish, Subscribe, Will
-from .settings import REBIRTH_MS, Settings
+from .settings import Rebirth, Settings
 from .station_commands import Output, StationCommands
 from .station_fog import LINK, FogView
 from .station_readings import Readings
@@ -57,7 +57,7 @@ class GroundStation:
         self._lease_s = lease_s
         self._control = Control.WANT if control else Control.NONE
         self._presence_topic = station_reachable(name, prefix)
-        self._rebirth_at_ms: int | None = None
+        self._rebirth = Rebirth()
 
     def will(self) -> Will:
         """One will serves all fogs of the station."""
@@ -156,8 +156,7 @@ class GroundStation:
         for fog in self.fogs.values():
             effects, events = fog.tick(now_ms)
             out += [*effects, *events]
-        if self._rebirth_at_ms is not None and now_ms >= self._rebirth_at_ms:
-            self._rebirth_at_ms = None
+        if self._rebirth.is_due(now_ms):
             out.append(self._birth(up=True))
         return out + self.commands.tick(self.fogs, now_ms)
 
@@ -197,7 +196,7 @@ class GroundStation:
 
     def _on_own_presence(self, presence: Presence, now_ms: int) -> list[Output]:
         if self.connected and (presence.session != self.session or not presence.up):
-            self._rebirth_at_ms = now_ms + REBIRTH_MS
+            self._rebirth.arm(now_ms)
         return []
 
     def _subscribe(self, fog: FogView) -> Subscribe:

@@ -43,6 +43,24 @@ def next_turn_ms(due_ms: int, now_ms: int, interval_ms: int) -> int:
     return (due_ms if on_schedule else now_ms) + interval_ms
 
 
+class Rebirth:
+    """When an owner puts its retained topic right. Once it is armed nothing puts it off: a stranger may write on."""
+
+    def __init__(self) -> None:
+        self._at_ms: int | None = None
+
+    def arm(self, now_ms: int) -> None:
+        if self._at_ms is None:
+            self._at_ms = now_ms + REBIRTH_MS
+
+    def is_due(self, now_ms: int) -> bool:
+        """Whether it is time; asking when it is disarms it."""
+        if self._at_ms is None or now_ms < self._at_ms:
+            return False
+        self._at_ms = None
+        return True
+
+
 class Retry:
     """When to send an unanswered message again: pauses double from two to sixteen seconds."""
 

@@ -19,7 +19,7 @@ from .carrier import Carrier, is_carried
 from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Transmit, Will
 from .endurance import EnduranceMeter
 from .enquiries import Enquiries
-from .settings import REBIRTH_MS, Settings, next_turn_ms
+from .settings import Rebirth, Settings, next_turn_ms
 from .uav_commands import LINK, CommandDesk, Unfinished
 from .uav_options import UavOptions
 
@@ -60,7 +60,7 @@ class UavClient:
         self._next_mav_heartbeat_ms = 0
         self._next_bundle_ms = 0
         self._for_bundle: dict[str, State] = {}
-        self._rebirth_at_ms: int | None = None
+        self._rebirth = Rebirth()
         self._lease: DroneLease | None = None
 
     @property
@@ -159,8 +159,7 @@ class UavClient:
             return out
         if now_ms >= self._next_beacon_ms:
             out.append(self._beacon(now_ms))
-        if self._rebirth_at_ms is not None and now_ms >= self._rebirth_at_ms:
-            self._rebirth_at_ms = None
+        if self._rebirth.is_due(now_ms):
             out.append(self._birth())
         if self.carrier is not None:
             out += self.carrier.tick(now_ms)
@@ -183,7 +182,7 @@ class UavClient:
         if topic.kind == "reachable":
             seen = decode(Presence, message.payload)
             if self.born and (seen.session != self.session or not seen.up):
-                self._rebirth_at_ms = now_ms + REBIRTH_MS
+                self._rebirth.arm(now_ms)
             return []
         if topic.kind == "init_connect":
             lease = decode(DroneLease, message.payload)
