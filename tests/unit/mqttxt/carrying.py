@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from mqttxt.io.sensor_store import Batch, Done, SensorStore
+from mqttxt.messages import Registration
 from mqttxt.outcomes import SensorReading
 from mqttxt.readings import Reading, ReadingMessage, checked
 from mqttxt.roles.activator_drones import CLOUD, FOG
 from mqttxt.roles.carrier import SENSORS, Carrier
 from mqttxt.roles.effects import Acknowledge, ForgetReadings, Inbound, LoadReadings, Log, Publish, StoreReading
+from mqttxt.roles.leases import Leases
 from mqttxt.roles.sensor_relay import Carried, SensorRelay
 from mqttxt.roles.settings import Settings
 from mqttxt.roles.station_readings import Readings
@@ -54,6 +56,8 @@ class Way:
     heard: list[SensorReading] = field(default_factory=list)
     logs: list[Log] = field(default_factory=list)
     listens: bool = True
+    says_nobody: bool = True
+    """Whether the cloud broker says that nobody subscribes."""
 
     def __post_init__(self) -> None:
         self.station = Readings()
@@ -62,9 +66,16 @@ class Way:
         self.restart_drone()
 
     def restart_activator(self) -> None:
-        self.relay = SensorRelay(Settings(), CloudSide(1), FogSide())
+        self.leases = Leases()
+        self.relay = SensorRelay(Settings(), CloudSide(1), FogSide(), self.leases)
+        self.register()
         self.to_cloud.clear()
         self.to_drone.clear()
+
+    def register(self) -> None:
+        """The station is registered while it listens."""
+        lease_s = 3600 if self.listens else 0
+        self.leases.register(Registration(name="g", session=1, nonce=0, lease_s=lease_s), self.now_ms)
 
     def restart_drone(self) -> None:
         """The client starts with what its store holds, and nothing else."""
@@ -133,13 +144,14 @@ class Way:
         """Up to `most` readings reach the cloud broker, and the station if it listens."""
         for _ in range(min(most, len(self.to_cloud))):
             publish = self.to_cloud.pop(0)
+            code = 0x10 if self.says_nobody and not self.listens else 0
             if self.listens:
                 topic = CloudSide(1).parse(publish.topic)
                 assert isinstance(topic, DroneTopic)
                 message = checked(topic.sensor, topic.name, decode(ReadingMessage, publish.payload))
                 self.heard += self.station.on_reading(1, 1, message)
             assert isinstance(publish.ref, Carried)
-            self.take(self.relay.on_published(publish.ref, 0 if self.listens else 0x10, self.now_ms))
+            self.take(self.relay.on_published(publish.ref, code, self.now_ms))
 
     def back_to_the_drone(self, most: int = 1000) -> None:
         """Acknowledgements cross the air."""

@@ -175,15 +175,37 @@ def test_an_outage_is_made_up_for_oldest_first(way: Way) -> None:
     assert len(way.store) == 0
 
 
-def test_while_no_station_listens_readings_stay_on_the_drone(way: Way) -> None:
+@pytest.mark.parametrize("says_nobody", [True, False])
+def test_while_no_station_listens_readings_stay_on_the_drone(way: Way, says_nobody: bool) -> None:
+    """Also where the broker leaves out that nobody subscribes, as it may."""
+    way.says_nobody = says_nobody
     way.listens = False
+    way.register()
     way.measure(0, 1)
     way.settle()
     assert way.store is not None
     assert (len(way.store), way.heard) == (2, [])
     way.listens = True
+    way.register()
     way.settle()
     assert [r.seq for r in way.heard] == [0, 1]
+
+
+def test_a_station_that_registers_behind_a_reading_has_not_heard_it(way: Way) -> None:
+    way.says_nobody = way.listens = False
+    way.register()
+    way.measure(0)
+    way.connect()
+    way.work()
+    way.to_the_activator()
+    way.to_the_station()
+    way.listens = True
+    way.register()
+    way.back_to_the_drone()
+    assert way.store is not None
+    assert len(way.store) == 1
+    way.settle()
+    assert [r.seq for r in way.heard] == [0]
 
 
 def test_a_repeated_reading_is_forwarded_once_while_the_cloud_has_not_answered(way: Way) -> None:

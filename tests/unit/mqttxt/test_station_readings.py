@@ -70,6 +70,7 @@ def test_an_activator_passes_readings_on_outside_of_the_gate_and_acknowledges_wh
     assert (publish.qos, publish.retain, publish.payload) == (1, False, payload)
     bench.role.on_published("cloud", publish.ref, 0x10, BORN_MS)
     assert of(bench.role.tick(BORN_MS + 100), "drone1/sensor_ack") == []
+    bench.register()
     (publish,) = of(bench.fog("drone1/sensor1/temperature", payload), "fog1/drone1/sensor1/temperature")
     bench.role.on_published("cloud", publish.ref, 0, BORN_MS)
     (ack,) = of(bench.role.tick(BORN_MS + 200), "drone1/sensor_ack")

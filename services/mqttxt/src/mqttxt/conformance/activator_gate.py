@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -165,7 +166,26 @@ async def passes_readings_on(kit: ActivatorKit) -> str:
     await kit.fog.until(lambda: kit.fog.since(below, ack), PATIENCE_S)
     named = [shapes.shown(heard.payload) for heard in kit.fog.since(below, ack)]
     expect(named and str(reading.boot) in named[0], f"boot {reading.boot} passed on; on {ack} came {named}")
-    return f"{told} on {topic}; then {named[0]} on {ack}"
+    return f"{told} on {topic}; then {named[0]} on {ack}; {await _keeps_for_stations(kit, reading)}"
+
+
+async def _keeps_for_stations(kit: ActivatorKit, reading: ReadingMessage) -> str:
+    """While no station is registered a reading passes, but its drone is not told that it may forget it."""
+    try:
+        kit.station.register(lease_s=0)
+        await asyncio.sleep(QUIET_S)
+        unheard = replace(reading, seq=reading.seq + 1)
+        mark, below = len(kit.cloud.heard), len(kit.fog.heard)
+        kit.fog.publish(kit.fog_side.sensor(1, 4, "temperature"), encode(unheard))
+        topic, ack = kit.topics.drone_sensor(1, 4, "temperature"), kit.fog_side.sensor_ack(1)
+        await kit.cloud.until(lambda: kit.cloud.since(mark, topic), PATIENCE_S)
+        expect(kit.cloud.since(mark, topic), f"nothing on {topic} while no station was registered")
+        await asyncio.sleep(QUIET_S)
+        named = [shapes.shown(heard.payload) for heard in kit.fog.since(below, ack)]
+        expect(not named, f"no station was registered; on {ack} came {named}")
+    finally:
+        await kit.echoed(kit.station.register())
+    return f"without a station nothing on {ack}"
 
 
 @rule("activator", "R6.2", "R6.3")

@@ -50,7 +50,7 @@ class Activator:
         self.relay = Relay(session, settings, self.cloud, self.fog_side, self.drones, self.leases)
         self.selector = Selector(session, settings, self.cloud, self.drones, self.leases, self.relay)
         self.states = StateRelay(session, settings, self.cloud, self.drones, self.leases)
-        self.sensors = SensorRelay(settings, self.cloud, self.fog_side)
+        self.sensors = SensorRelay(settings, self.cloud, self.fog_side, self.leases)
         self.connected = {CLOUD: False, FOG: False}
         self.born = False
         self._was_born = False

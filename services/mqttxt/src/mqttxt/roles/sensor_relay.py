@@ -9,6 +9,7 @@ from ..topics import CloudSide, DroneTopic, FogSide
 from ..wire.codec import decode, encode
 from .activator_drones import CLOUD, FOG
 from .effects import Effect, Publish
+from .leases import Leases
 from .settings import Settings
 
 
@@ -21,13 +22,19 @@ class Carried:
 
 
 class SensorRelay:
-    """Keeps nothing: what the cloud broker has not taken, for somebody who is there, stays on the drone."""
+    """Keeps nothing: what the cloud broker has not taken, for a station that is registered, stays on the drone.
 
-    def __init__(self, settings: Settings, cloud: CloudSide, fog_side: FogSide) -> None:
+    A broker may leave out that nobody subscribes (MQTT 5.0, 3.4.2.1), so its PUBACK alone does not say that somebody
+    is there. Who registers has subscribed before.
+    """
+
+    def __init__(self, settings: Settings, cloud: CloudSide, fog_side: FogSide, leases: Leases) -> None:
         self._settings = settings
         self._cloud = cloud
         self._fog = fog_side
-        self._on_the_way: set[Carried] = set()
+        self._leases = leases
+        self._on_the_way: dict[Carried, bool] = {}
+        """Whether a station was registered when it left."""
         self._safe: dict[int, list[ReadingKey]] = {}
 
     def on_reading(self, topic: DroneTopic, payload: bytes, now_ms: int) -> list[Effect]:
@@ -36,14 +43,14 @@ class SensorRelay:
         carried = Carried(topic.drone, reading.key)
         if carried in self._on_the_way:
             return []
-        self._on_the_way.add(carried)
+        self._on_the_way[carried] = bool(self._leases)
         to = self._cloud.drone_sensor(topic.drone, reading.sensor, reading.kind)
         return [Publish(CLOUD, to, encode(reading.message, self._settings.encoding), qos=1, ref=carried)]
 
     def on_published(self, carried: Carried, code: int, now_ms: int) -> list[Effect]:
-        """The cloud broker's PUBACK; 0x10 says that nobody is there to get it: then the drone keeps it."""
-        self._on_the_way.discard(carried)
-        if code == 0:
+        """The cloud broker's PUBACK; where nobody was there to get it the drone keeps the reading."""
+        had_station = self._on_the_way.pop(carried, False)
+        if code == 0 and had_station and self._leases:
             self._safe.setdefault(carried.drone, []).append(carried.key)
         return []
 
