@@ -22,7 +22,7 @@ with atheris.instrument_imports(include=["mqttxt"]):
     from mqttxt.topics import CloudSide, FogSide
     from mqttxt.wire.codec import decode, encode, plan_of
     from mqttxt.wire.examples import examples
-    from mqttxt.wire.fields import Constant, Finite, Integer, Items, Named, Real, Scaled, Text
+    from mqttxt.wire.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
     from mqttxt.wire.identify import identify
     from mqttxt.wire.schema import MESSAGES
     from mqttxt.wire.states import decode_state, encode_state, message_class
@@ -91,7 +91,7 @@ def value(mark: Any, most: bool) -> Any:
     if isinstance(mark, Constant):
         return mark.value
     if isinstance(mark, Text):
-        return "x" * mark.longest if most else ""
+        return "x" * mark.longest if most else "x" if isinstance(mark, Name) else ""
     if isinstance(mark, Items):
         return (value(mark.of, most),) * max(1, mark.least)
     if mark is bool:

@@ -13,7 +13,7 @@ from mqttxt.roles.effects import Inbound
 from mqttxt.states import STATES
 from mqttxt.topic_table import TopicRow
 from mqttxt.wire.codec import encode, plan_of
-from mqttxt.wire.fields import Constant, Finite, Integer, Items, Named, Real, Scaled, Text
+from mqttxt.wire.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.wire.states import message_class
 from mqttxt.wire.values import Encoding
 
@@ -37,6 +37,8 @@ def values(mark: Any, known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
     if isinstance(mark, Scaled):
         low, high = round(mark.low * mark.per_unit), round(mark.high * mark.per_unit)
         return st.integers(low, high).map(lambda ticks: ticks / mark.per_unit)
+    if isinstance(mark, Name):
+        return st.from_regex(mark.pattern, fullmatch=True, alphabet=st.characters(codec="ascii"))
     if isinstance(mark, Text):
         return st.text(max_size=mark.longest)
     if isinstance(mark, Items):

@@ -22,6 +22,7 @@ from .wire.fields import (
     Scaled,
     Session,
     Stamp,
+    StationName,
     Text,
     Version,
 )
@@ -188,7 +189,7 @@ class DroneRecord:
     activator_session: Session
     up: bool
     drone_session: Session | None = None
-    holder: Annotated[str, Text(64)] | None = None
+    holder: StationName | None = None
     holder_session: Session | None = None
     epoch: U32 | None = None
 
@@ -226,7 +227,7 @@ class Registration:
     """
 
     version: Version = VERSION
-    name: Annotated[str, Text(64)]
+    name: StationName
     session: Session
     nonce: U32
     lease_s: Annotated[int, Integer(0, 3600)]

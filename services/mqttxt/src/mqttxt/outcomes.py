@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .messages import CommandId, Word
+from .printable import printable
 from .rankings import Candidate, Ranked
 from .states import State
 
@@ -37,7 +38,7 @@ class Outcome:
 
     def __str__(self) -> str:
         who = f"fog {self.fog}" if self.drone is None else f"drone {self.drone}"
-        what = f"{self.word.label}({self.reason})" if self.reason else self.word.label
+        what = f"{self.word.label}({printable(self.reason)})" if self.reason else self.word.label
         if self.superseded_by is not None:
             what = f"{self.word.label}(by {self.superseded_by})"
         if self.percent is not None:
@@ -95,7 +96,7 @@ class PsmiList:
     def __str__(self) -> str:
         lines = [f"fog {self.fog}: PSMI {[candidate.drone for candidate in self.listed]}"]
         lines += [f"  drone {c.drone}: {c.distance_m:.0f} m, {c.arrival_s:.1f} s" for c in self.listed if c.arrival_s]
-        return "\n".join(lines + [f"  drone {c.drone} left out: {c.reason}" for c in self.left_out])
+        return "\n".join(lines + [f"  drone {c.drone} left out: {printable(c.reason or '')}" for c in self.left_out])
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,7 @@ class SensorReading:
     time_ms: int
 
     def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
+        unit = f" {printable(self.unit)}" if self.unit else ""
         return f"drone {self.drone} sensor {self.sensor}: {self.kind} {self.value:g}{unit}"
 
 

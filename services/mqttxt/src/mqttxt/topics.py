@@ -15,7 +15,10 @@ from .errors import ConfigurationError, PayloadError
 MAX_DRONE = 250
 MAX_SENSOR = 999_999_999
 _NUMBER = re.compile(r"[1-9][0-9]{0,8}")
-_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+NAME = "[A-Za-z0-9_.-]{1,64}"
+"""Of ground stations, commands and states; a regular expression as JSON Schema and CDDL read it too."""
+NAME_EXPECTED = "1 to 64 characters out of letters, digits, '_', '.' and '-'"
+_NAME = re.compile(NAME)
 _KIND = re.compile(r"[a-z][a-z0-9_]{0,31}")
 
 
@@ -34,9 +37,7 @@ def check_prefix(prefix: str) -> str:
 def check_station_name(name: str) -> str:
     """A ground station's name; raises ConfigurationError when it cannot be a topic level."""
     if not _NAME.fullmatch(name):
-        raise ConfigurationError(
-            f"ground station name {name!r}: expected 1 to 64 characters out of letters, digits, '_', '.' and '-'"
-        )
+        raise ConfigurationError(f"ground station name {name!r}: expected {NAME_EXPECTED}")
     return name
 
 

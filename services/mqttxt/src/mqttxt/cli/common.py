@@ -15,6 +15,7 @@ import typer
 
 from ..errors import ConfigurationError, MqttxtError
 from ..io.runner import Runner
+from ..printable import printable
 from ..roles.settings import Settings
 from ..wire.values import Encoding
 
@@ -25,14 +26,23 @@ def errors_as_lines() -> Iterator[None]:
     try:
         yield
     except MqttxtError as error:
-        typer.echo(f"mqttxt: {error}", err=True)
+        typer.echo(printable(f"mqttxt: {error}"), err=True)
         raise typer.Exit(error.exit_code) from None
+
+
+class _Lines(logging.Formatter):
+    """A message is one line, whatever of others' texts is in it."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        record.message = printable(record.message)
+        return super().formatMessage(record)
 
 
 def set_up_logging(verbose: bool) -> None:
     """Log lines go to stderr."""
-    level = logging.DEBUG if verbose else logging.INFO
-    logging.basicConfig(stream=sys.stderr, level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_Lines("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(handlers=[handler], level=logging.DEBUG if verbose else logging.INFO)
 
 
 def settings(qos: int, json: bool, bundles: bool = False) -> Settings:

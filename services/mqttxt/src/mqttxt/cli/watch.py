@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..gs import Drone, Fog, GroundStation, KnownState
+from ..printable import printable
 from ..states import (
     Armed,
     Battery,
@@ -64,9 +65,14 @@ def readings(fogs: list[Fog]) -> Table:
     for heading in ("value", "measured (UTC)"):
         shown.add_column(heading, justify="right")
     for reading in (reading for fog in fogs for drone in fog.drones for reading in drone.readings):
-        value = escape(f"{reading.value:g} {reading.unit}".strip())
+        value = _shown(f"{reading.value:g} {reading.unit}".strip())
         shown.add_row(str(reading.drone), str(reading.sensor), reading.kind, value, _time_of(reading.time_ms))
     return shown
+
+
+def _shown(text: str) -> str:
+    """Text of others, as it is: neither markup nor anything that a terminal obeys."""
+    return escape(printable(text))
 
 
 def _time_of(unix_ms: int) -> str:
@@ -99,7 +105,7 @@ def _cells(drone: Drone) -> list[str]:
     return [
         str(drone.number),
         "[green]yes[/]" if drone.is_reachable else "[red]no[/]",
-        drone.holder or "-",
+        _shown(drone.holder or "-"),
         _armed(states),
         *_described(states),
         _age(states),

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
+from ..printable import printable
 from ..wire.tables import table
 from .registry import Finding, Rule, Verdict
 
@@ -48,8 +50,7 @@ def count(findings: list[Finding], verdict: Verdict) -> int:
 
 
 def _escaped(finding: Finding) -> str:
-    text = f"{finding.rule.statement}\n{finding.evidence}"
-    return text.replace("[", r"\[")
+    return escape(f"{finding.rule.statement}\n{printable(finding.evidence)}")
 
 
 def rules_table(rules: list[Rule]) -> str:

@@ -59,6 +59,14 @@ def _text(most: int) -> Judge:
     return lambda value, _: isinstance(value, str) and len(value) <= most
 
 
+def _name(value: Any, _: bool) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= 64 and value.isascii() and all(_is_of_name(c) for c in value)
+
+
+def _is_of_name(character: str) -> bool:
+    return character.isalnum() or character in "_.-"
+
+
 def _flag(value: Any, _: bool) -> bool:
     return type(value) is bool
 
@@ -107,7 +115,7 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "activator_session": _SESSION,
         "up": _flag,
         "drone_session": _SESSION,
-        "holder": _text(64),
+        "holder": _name,
         "holder_session": _SESSION,
         "epoch": _U32,
     },
@@ -121,7 +129,7 @@ MESSAGES: dict[str, dict[str, Judge]] = {
     },
     "registration": {
         "version": _VERSION,
-        "name": _text(64),
+        "name": _name,
         "session": _SESSION,
         "nonce": _U32,
         "lease_s": _whole(0, 3600),

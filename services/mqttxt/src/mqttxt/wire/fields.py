@@ -12,6 +12,8 @@ from enum import IntEnum
 from functools import cached_property
 from typing import Annotated, Any
 
+from ..topics import NAME
+
 
 @dataclass(frozen=True)
 class Integer:
@@ -57,6 +59,14 @@ class Text:
 
 
 @dataclass(frozen=True)
+class Name(Text):
+    """A name as topics have it (R2.1)."""
+
+    longest: int = 64
+    pattern: str = NAME
+
+
+@dataclass(frozen=True)
 class Items:
     """A list of `least` to `most` items; `of` is their mark, which `codec` takes from the annotation."""
 
@@ -95,6 +105,7 @@ Milliseconds = Annotated[int, Integer(0, 2**53 - 1)]
 """A time in somebody's session clock; JSON numbers are exact up to 2**53."""
 DroneNumber = Annotated[int, Integer(1, 250)]
 Stamp = U16
+StationName = Annotated[str, Name()]
 Reason = Annotated[str, Text(200)]
 Latitude = Annotated[float, Scaled(10_000_000, -90, 90)]
 Longitude = Annotated[float, Scaled(10_000_000, -180, 180)]

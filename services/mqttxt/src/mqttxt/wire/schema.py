@@ -14,7 +14,7 @@ from .. import messages, rankings, readings
 from ..states import STATES
 from . import bundles
 from .codec import FieldPlan, Plan, plan_of
-from .fields import VERSION, Constant, Finite, Integer, Items, Named, Real, Scaled, Text
+from .fields import VERSION, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from .states import message_class
 
 MESSAGES: tuple[type[Any], ...] = (
@@ -87,6 +87,8 @@ def _json_field(mark: Any, definitions: dict[str, Any]) -> dict[str, Any]:
         return {"type": ["number", "null"], "minimum": -mark.largest, "maximum": mark.largest}
     if isinstance(mark, Finite):
         return {"type": "number"}
+    if isinstance(mark, Name):
+        return {"type": "string", "pattern": f"^{mark.pattern}$"}
     if isinstance(mark, Text):
         return {"type": "string", "maxLength": mark.longest}
     if isinstance(mark, Items):
@@ -159,6 +161,8 @@ def _cddl_type(mark: Any, rules: dict[str, str]) -> str:
         return "number / null"
     if isinstance(mark, Finite):
         return "int / float"
+    if isinstance(mark, Name):
+        return f'tstr .regexp "{mark.pattern}"'
     if isinstance(mark, Text):
         return f"tstr .size (0..{4 * mark.longest})"
     if isinstance(mark, Items):

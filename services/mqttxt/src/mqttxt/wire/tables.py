@@ -21,7 +21,7 @@ from ..states import POLICIES, STATE, STATES, Policy
 from ..topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, TopicRow, topics_of
 from .codec import Plan, plan_of
 from .examples import examples
-from .fields import Constant, Finite, Integer, Items, Named, Real, Scaled, Text
+from .fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from .schema import MESSAGES, rule_name
 from .values import item_of, mark_of
 
@@ -157,6 +157,8 @@ def _forms(name: str, hint: Any) -> tuple[str, str]:
         return ("a number or null", "the same")
     if isinstance(mark, Finite):
         return ("a finite number: integer or float", "a finite number")
+    if isinstance(mark, Name):
+        return ("a name (R2.1)", "the same")
     if isinstance(mark, Text):
         return (f"text of at most {mark.longest} characters", "the same")
     if isinstance(mark, Items):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import is_dataclass
@@ -9,7 +10,8 @@ from enum import Enum
 from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 from ..errors import PayloadError
-from .fields import Constant, Finite, Integer, Items, Named, Real, Scaled, Text
+from ..topics import NAME_EXPECTED
+from .fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 
 Plain = Any
 """What cbor2 and json read and write."""
@@ -155,6 +157,8 @@ def _text(mark: Text) -> Converters:
             refuse(path, f"a string of at most {mark.longest} characters", plain)
         if any("\ud800" <= character <= "\udfff" for character in plain):
             refuse(path, "text that UTF-8 can carry", plain)
+        if isinstance(mark, Name) and not re.fullmatch(mark.pattern, plain):
+            refuse(path, NAME_EXPECTED, plain)
         return plain
 
     def to_plain(value: Any, _: Encoding) -> str:
