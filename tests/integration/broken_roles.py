@@ -15,6 +15,7 @@ from typing import Any
 import mqttxt
 from mqttxt.clock import stamp
 from mqttxt.messages import CommandMessage, ResultMessage, Word
+from mqttxt.roles import psmi
 from mqttxt.roles.activator_drones import Drones
 from mqttxt.roles.effects import Publish
 from mqttxt.roles.executor import Executor
@@ -22,10 +23,12 @@ from mqttxt.roles.ground_station import GroundStation
 from mqttxt.roles.leases import Leases
 from mqttxt.roles.ledger import Admission, Ledger
 from mqttxt.roles.relay import Relay
+from mqttxt.roles.sensor_relay import SensorRelay
 from mqttxt.roles.station_commands import StationCommands
 from mqttxt.roles.station_fog import FogView
 from mqttxt.roles.uav_client import UavClient
 from mqttxt.roles.uav_commands import CommandDesk
+from mqttxt.states import Armed, LandedState
 from mqttxt.wire.codec import decode, encode
 
 Patch = Callable[[], None]
@@ -161,6 +164,23 @@ def activator_obeys_everybody() -> None:
     wrap(Leases, "refusal", lambda original: lambda self, drone, gs_session, epoch: None)
 
 
+def activator_chooses_who_cannot_go() -> None:
+    psmi.USED = tuple(state for state in psmi.USED if state not in (Armed, LandedState))
+    value = psmi._value
+    psmi._value = lambda link, cls: None if cls in (Armed, LandedState) else value(link, cls)
+
+
+def activator_believes_every_puback() -> None:
+    def make(original: Any) -> Any:
+        def on_published(self: Any, carried: Any, code: int, now_ms: int) -> Any:
+            self._safe.setdefault(carried.drone, []).append(carried.key)
+            return []
+
+        return on_published
+
+    wrap(SensorRelay, "on_published", make)
+
+
 def gs_counts_nothing() -> None:
     def make(original: Any) -> Any:
         def addressed(self: Any, *arguments: Any) -> Any:
@@ -240,6 +260,8 @@ VARIANTS: dict[str, Patch] = {
     "activator-copies-the-expiry": activator_copies_the_expiry,
     "activator-stamps-on-arrival": activator_stamps_on_arrival,
     "activator-obeys-everybody": activator_obeys_everybody,
+    "activator-chooses-who-cannot-go": activator_chooses_who_cannot_go,
+    "activator-believes-every-puback": activator_believes_every_puback,
     "gs-counts-nothing": gs_counts_nothing,
     "gs-retains-commands": gs_retains_commands,
     "gs-never-renews": gs_never_renews,

@@ -38,6 +38,8 @@ ACTIVATOR_VARIANTS = {
     "activator-says-two-last-words": {"says-one-last-word"},
     "activator-copies-the-expiry": {"sets-the-expiry-anew"},
     "activator-stamps-on-arrival": {"stamps-states-conservatively"},
+    "activator-chooses-who-cannot-go": {"leaves-out-who-cannot-go"},
+    "activator-believes-every-puback": {"passes-readings-on"},
     "activator-obeys-everybody": {"lets-one-station-command", "raises-the-epoch-at-a-takeover"},
 }
 GS_VARIANTS = {

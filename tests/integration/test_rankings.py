@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from processes import ROOT, Broker, Process, System, eventually, free_port
 
-from mqttxt import Arm, Fog, Goto, GroundStation, Hold, Outcome, PsmiList, Takeoff, Word
+from mqttxt import Arm, Fog, Goto, GroundStation, Hold, Land, Outcome, PsmiList, Takeoff, Word
 from mqttxt.rankings import SelectMode
 
 pytestmark = pytest.mark.integration
@@ -78,7 +78,7 @@ async def airborne(folder: Path) -> AsyncIterator[tuple[TwoFogs, GroundStation, 
 
 
 def known(fog: Fog, drone: int) -> bool:
-    needed = {"location", "battery", "max_groundspeed", "endurance"}
+    needed = {"location", "battery", "max_groundspeed", "endurance", "armed", "landed_state"}
     return fog.drone(drone).is_controlled and needed <= set(fog.drone(drone).states)
 
 
@@ -126,6 +126,22 @@ async def test_the_best_drone_of_a_fog_and_of_all_fogs_is_sent_and_a_dying_stati
         assert system.flown_to() == {1: 0, 2: 1, 4: 1}
         heard = [event async for event in one.best(NEAR_2, ttl_s=20)]
         assert isinstance(heard[-1], Outcome)
+
+
+async def test_a_nearer_drone_on_the_ground_is_passed_over_for_one_that_flies_on_another_fog(tmp_path: Path) -> None:
+    async with airborne(tmp_path) as (system, station, (_, two)):
+        assert (await two.drone(4).send(Land())).word is Word.COMPLETED
+        heard: list[Outcome | PsmiList] = []
+        async for event in station.best(NEAR_4):
+            heard.append(event)
+            if isinstance(event, Outcome) and event.word is Word.ACCEPTED:
+                break  # it is half a kilometre to go
+        left_out = {c.drone: c.reason for one in heard if isinstance(one, PsmiList) for c in one.left_out}
+        assert left_out == {4: "disarmed"}
+        sent = heard[-1]
+        assert isinstance(sent, Outcome)
+        assert (sent.fog, sent.word) == (1, Word.ACCEPTED)
+        assert {drone: count for drone, count in system.flown_to().items() if count} == {sent.drone: 1}
 
 
 async def test_the_command_line_sends_the_best_of_several_fogs_and_shows_rank_and_control(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from world import UAV_SESSION
 from mqttxt.commands import Goto, Hold
 from mqttxt.messages import CommandMessage, Control, FogResultMessage, Word
 from mqttxt.rankings import Candidate, PsmiMessage, SelectMode
-from mqttxt.states import Battery, Endurance, Location, MaxGroundspeed
+from mqttxt.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed
 from mqttxt.wire.codec import decode
 
 TARGET = Goto(47.4, 8.5, 20)
@@ -33,6 +33,8 @@ def flock(*km_south: float, controlled: bool = True, **changed: Any) -> Bench:
             "battery": Battery(100),
             "speed": MaxGroundspeed(10),
             "endurance": Endurance(900, 10),
+            "armed": Armed(armed=True),
+            "landed": LandedState(Landed.IN_AIR),
         }
         states |= changed.get(f"drone{drone}", {})
         bench.tell(*(state for state in states.values() if state is not None), drone=drone)
@@ -119,6 +121,45 @@ def test_old_figures_leave_a_drone_out() -> None:
         bench.register()
         bench.tell(Battery(90), MaxGroundspeed(10), Endurance(900, 10))
     assert reasons(psmi(bench.select(TARGET))[0]) == {1: "stale(location)"}
+
+
+@pytest.mark.parametrize(
+    ("state", "reason"),
+    [
+        ({"armed": Armed(armed=False)}, "disarmed"),
+        ({"landed": LandedState(Landed.ON_GROUND)}, "on_ground"),
+        ({"landed": LandedState(Landed.UNDEFINED)}, "unknown(landed_state)"),
+        ({"armed": None}, "unknown(armed)"),
+        ({"landed": None}, "unknown(landed_state)"),
+    ],
+)
+def test_a_drone_that_cannot_go_as_it_is_is_left_out_however_near_it_is(state: dict[str, Any], reason: str) -> None:
+    effects = flock(1, 2, drone1=state).select(TARGET)
+    (message,) = psmi(effects)
+    assert (numbers(message.listed), reasons(message)) == ([2], {1: reason})
+    assert sent_to(effects) == [2]
+
+
+def test_what_a_drone_said_of_itself_long_ago_is_not_how_it_is() -> None:
+    bench = flock(1)
+    for _ in range(5):
+        bench.until(bench.now_ms + 10_000)
+        bench.echo(session=UAV_SESSION + 1)
+        bench.register()
+        bench.tell(place(1), Battery(90), MaxGroundspeed(10), Endurance(900, 10), Armed(armed=True))
+    assert reasons(psmi(bench.select(TARGET))[0]) == {1: "stale(landed_state)"}
+
+
+def test_an_offer_that_names_an_earlier_one_leaves_out_whom_that_was_for() -> None:
+    bench = flock(3, 1, 2)
+    assert psmi(bench.select(TARGET, seq=1, mode=SelectMode.OFFER))[0].chosen == 2
+    bench.select(TARGET, seq=2, mode=SelectMode.COMMIT, reservation=1)
+    bench.word(2, Word.DENIED, seq=2)
+    (second,) = psmi(bench.select(TARGET, seq=3, mode=SelectMode.OFFER, reservation=1))
+    assert (second.chosen, reasons(second)) == (3, {2: "tried"})
+    (third,) = psmi(bench.select(TARGET, seq=4, mode=SelectMode.OFFER, reservation=3))
+    assert (third.chosen, reasons(third)) == (1, {2: "tried", 3: "tried"})
+    assert denial(bench.select(TARGET, seq=5, mode=SelectMode.OFFER, reservation=9)) == "no_reservation"
 
 
 def test_a_drone_that_is_unreachable_or_another_stations_is_left_out() -> None:

@@ -189,8 +189,8 @@ class GroundStation(Runner):
         """Send a command to the drone that arrives first; yields PSMI's lists and the words of whoever it went to.
 
         One fog chooses by itself and tries the next drone after a definite no. Of several (by default all that
-        are connected) each reserves its best, and the best of those gets the command. Raises FogUnreachable when
-        none of the activators is live.
+        are connected) each reserves its best, and the best of those gets the command; after a definite no the next.
+        Raises FogUnreachable when none of the activators is live.
         """
         numbers = [*self.station.fogs] if fogs is None else [*fogs]
         async for event in best(self, command, numbers, ttl_s, limit_s):

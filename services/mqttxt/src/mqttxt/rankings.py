@@ -43,7 +43,8 @@ class SelectMode(Named):
 class SelectMessage(CommandHead):
     """A command for whichever drone PSMI chooses; the fields are those of a command.
 
-    `offer` reserves the best drone for `limit_s` and sends nothing; `commit` sends the command to the drone that
+    `offer` reserves the best drone for `limit_s` and sends nothing, with `reservation` the best beside those that the
+    same station's offer of that number, and those before it, were for; `commit` sends the command to the drone that
     the same station's offer number `reservation` has reserved; `release` gives it up.
     """
 

@@ -6,9 +6,9 @@ import asyncio
 from typing import Any
 
 from ..commands import Arm, Goto
-from ..messages import Control
+from ..messages import CommandMessage, Control
 from ..rankings import SelectMessage, SelectMode
-from ..states import Battery
+from ..states import Armed, Battery, Landed, LandedState
 from ..wire.codec import encode
 from . import shapes
 from .activator_kit import PATIENCE_S, QUIET_S, ActivatorKit, Station
@@ -115,14 +115,7 @@ async def ranks_by_qods(kit: ActivatorKit) -> str:
 async def chooses_by_psmi(kit: ActivatorKit) -> str:
     """A goto on fogX/commands/goto goes to who arrives first; the list says each figure, on fogX/PSMI."""
     await _rank(kit)
-    mark = len(kit.cloud.heard)
-    base = kit.command(Goto(0.0, 8.0, 20.0))
-    fields = {name: value for name, value in vars(base).items() if name != "version"}
-    kit.cloud.publish(kit.topics.select("goto"), encode(SelectMessage(**fields, mode=SelectMode.SELECT)))
-    found = await kit.cloud.until(lambda: kit.cloud.since(mark, kit.topics.psmi), PATIENCE_S)
-    if not found:
-        raise Broken(f"no list on {kit.topics.psmi}; came {[result for _, result in kit.fog_results(base, mark)]}")
-    said = shapes.read("psmi", found[0].payload)
+    base, said = await _select(kit)
     listed = [_number(one) for one in said["listed"]]
     expect(listed == [2, 1], f"drone 2 is nearer: listed {listed}, left out {said['left_out']}")
     expect(said.get("chosen") == 2, f"listed {listed}, chosen {said.get('chosen')}")
@@ -130,7 +123,38 @@ async def chooses_by_psmi(kit: ActivatorKit) -> str:
     words = await kit.outcome(base, 2)
     kit.expect_kept(base, "drone 2 was chosen")
     expect(words.names[-1:] == ["completed"], f"drone 2 said completed: came {words}")
-    return f"drone 2 is nearer: {shapes.shown(found[0].payload)}; it got the goto: {words}"
+    return f"drone 2 is nearer: listed {listed}; it got the goto: {words}"
+
+
+@rule("activator", "R7.3")
+async def leaves_out_who_cannot_go(kit: ActivatorKit) -> str:
+    """A drone that is disarmed, or on the ground, is left out of PSMI's list however near it is."""
+    said = []
+    for state in (Armed(armed=False), LandedState(Landed.ON_GROUND)):
+        await _rank(kit)
+        kit.two.state(state)
+        await asyncio.sleep(QUIET_S)
+        base, answer = await _select(kit)
+        listed = [_number(one) for one in answer["listed"]]
+        expect(listed == [1], f"drone 2 is nearer and {state}: listed {listed}, left out {answer['left_out']}")
+        await kit.outcome(base, 1)
+        gone = kit.forwarded(base, 2)
+        expect(not gone, f"drone 1 was chosen; drone 2 got the goto too, {len(gone)} times")
+        said.append(f"{state}: listed {listed}")
+    await _rank(kit)
+    return "; ".join(said)
+
+
+async def _select(kit: ActivatorKit) -> tuple[CommandMessage, dict[str, Any]]:
+    """A goto for whoever arrives first, and the list that came; raises Broken where none did."""
+    mark = len(kit.cloud.heard)
+    base = kit.command(Goto(0.0, 8.0, 20.0))
+    fields = {name: value for name, value in vars(base).items() if name != "version"}
+    kit.cloud.publish(kit.topics.select("goto"), encode(SelectMessage(**fields, mode=SelectMode.SELECT)))
+    found = await kit.cloud.until(lambda: kit.cloud.since(mark, kit.topics.psmi), PATIENCE_S)
+    if not found:
+        raise Broken(f"no list on {kit.topics.psmi}; came {[result for _, result in kit.fog_results(base, mark)]}")
+    return base, shapes.read("psmi", found[0].payload)
 
 
 @rule("activator", "R10.3")

@@ -11,7 +11,7 @@ from typing import Any
 from ..clock import Beacon, RemoteClock, SessionClock
 from ..commands import Arm, Command
 from ..messages import BeaconMessage, CommandMessage, Control, Presence, Registration
-from ..states import Battery, Endurance, Location, MaxGroundspeed
+from ..states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed
 from ..topics import CloudSide, FogSide, station_reachable
 from ..wire.codec import encode
 from . import shapes
@@ -239,9 +239,9 @@ class ActivatorKit:
     def tell_all(self, distances: dict[int, float]) -> None:
         """Every state that the rankings use; drones stand so many degrees north of the equator."""
         for number, latitude_deg in distances.items():
-            for state in (Location(latitude_deg, 8.0, 500.0, 10.0), Battery(90), MaxGroundspeed(10.0)):
+            place, figures = Location(latitude_deg, 8.0, 500.0, 10.0), (Battery(90), MaxGroundspeed(10.0))
+            for state in (place, *figures, Endurance(1800, 8.0), Armed(armed=True), LandedState(Landed.IN_AIR)):
                 self.drones[number].state(state)
-            self.drones[number].state(Endurance(1800, 8.0))
 
     def states(self, mark: int, drone: int = 1) -> list[tuple[Heard, str]]:
         below = f"{self.topics.root}drone{drone}/state/"

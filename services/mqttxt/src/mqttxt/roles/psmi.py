@@ -7,14 +7,14 @@ from typing import TypeVar
 
 from ..commands import Goto, haversine_m
 from ..rankings import Candidate
-from ..states import Battery, Endurance, Location, MaxGroundspeed, VitalState
+from ..states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed, VitalState
 from .activator_drones import DroneLink
 from .leases import Leases
 
 RESERVE_PCT = 20
 """What must be left in the battery on arrival."""
-USED = (Location, Battery, MaxGroundspeed, Endurance)
-"""The states whose figures are used."""
+USED = (Location, Battery, MaxGroundspeed, Endurance, Armed, LandedState)
+"""The states that are used."""
 
 Value = TypeVar("Value", bound=VitalState)
 
@@ -27,13 +27,15 @@ def rank(
     gs_session: int,
     epoch: int,
     busy: set[int],
+    tried: frozenset[int] = frozenset(),
     stale_ms: int,
     now_ms: int,
 ) -> tuple[tuple[Candidate, ...], tuple[Candidate, ...]]:
     """The drones that can take a goto, soonest arrival first, and those that are left out, each with its reason.
 
     Time to arrive is the great-circle distance over the largest groundspeed; ties go by number. Range is
-    (remaining - 20 %) x endurance x cruise speed. A figure older than `stale_ms` leaves its drone out.
+    (remaining - 20 %) x endurance x cruise speed. A state older than `stale_ms` leaves its drone out, and so does being
+    disarmed or on the ground: a goto takes nobody off. `tried` are those that an earlier offer was for.
     """
     found = [_candidate(command, link, now_ms) for link in links]
     known = {link.number: link for link in links}
@@ -46,6 +48,8 @@ def rank(
             reason = "unreachable"
         elif control is not None:
             reason = control
+        elif candidate.drone in tried:
+            reason = "tried"
         elif candidate.drone in busy:
             reason = "busy"
         else:
@@ -89,6 +93,13 @@ def _unfit(candidate: Candidate, link: DroneLink, stale_ms: int, now_ms: int) ->
             return f"unknown({state.name})"
         if age_ms > stale_ms:
             return f"stale({state.name})"
+    armed, landed = _value(link, Armed), _value(link, LandedState)
+    if armed is not None and not armed.armed:
+        return "disarmed"
+    if landed is not None and landed.landed is Landed.ON_GROUND:
+        return "on_ground"
+    if landed is not None and landed.landed is Landed.UNDEFINED:
+        return f"unknown({LandedState.name})"
     if candidate.arrival_s is None:
         return f"unknown({MaxGroundspeed.name})"
     if candidate.range_m is None or candidate.distance_m is None or candidate.range_m < candidate.distance_m:

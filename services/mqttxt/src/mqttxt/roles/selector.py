@@ -30,12 +30,16 @@ MOST_RESERVATIONS = 256
 
 @dataclass
 class Choice:
-    """A command for which a drone is being chosen: who comes next, and what was said of the list."""
+    """A command for which a drone is being chosen: who comes next, and what was said of the list.
+
+    `tried` are the drones of the offers before it that it goes on from.
+    """
 
     listed: tuple[Candidate, ...]
     left_out: tuple[Candidate, ...]
     next_index: int = 0
     cancelled: bool = False
+    tried: frozenset[int] = frozenset()
     said: PsmiMessage | None = None
 
 
@@ -95,8 +99,14 @@ class Selector:
             del self._choices[key]
 
     def _choose(self, entry: Entry[Job], wanted: SelectMessage, command: Goto, now_ms: int) -> list[Effect]:
-        listed, left_out = self._rank(wanted, command, now_ms)
-        choice = self._choices[entry.id] = Choice(listed, left_out)
+        tried: frozenset[int] = frozenset()
+        if wanted.mode is SelectMode.OFFER and wanted.reservation is not None:
+            before = self._choices.get(CommandId(wanted.gs_session, wanted.reservation))
+            if before is None or before.said is None:
+                return self._relay.refuse(entry, "no_reservation", now_ms)
+            tried = before.tried | {before.said.chosen or 0}
+        listed, left_out = self._rank(wanted, command, tried, now_ms)
+        choice = self._choices[entry.id] = Choice(listed, left_out, tried=tried)
         if not listed:
             reasons = "; ".join(f"drone {candidate.drone} {candidate.reason}" for candidate in left_out)
             out = self._say(entry.id, choice, None, None, now_ms)
@@ -106,7 +116,7 @@ class Selector:
         return self._try_next(entry, choice, now_ms)
 
     def _rank(
-        self, wanted: SelectMessage, command: Goto, now_ms: int
+        self, wanted: SelectMessage, command: Goto, tried: frozenset[int], now_ms: int
     ) -> tuple[tuple[Candidate, ...], tuple[Candidate, ...]]:
         return rank(
             command,
@@ -115,6 +125,7 @@ class Selector:
             gs_session=wanted.gs_session,
             epoch=wanted.epoch,
             busy=self._relay.busy_drones() | {held.drone for held in self._reservations.values()},
+            tried=tried,
             stale_ms=self._settings.state_limit_ms,
             now_ms=now_ms,
         )

@@ -18,7 +18,7 @@ from ..wire.codec import encode
 from ..wire.fields import Scaled
 from ..wire.values import mark_of
 from .effects import Effect, Log, Publish
-from .ledger import KEEP_MS
+from .ledger import KEEP_MS, OVERRIDING
 from .pending import Pending
 from .settings import GRACE_MS, Retry, Settings
 from .station_fog import LINK, FogView
@@ -45,6 +45,11 @@ class StationCommands:
         self._session = session
         self._settings = settings
         self._seq = 0
+        self._overriding_seq = -1
+
+    def is_overridden(self, command_id: CommandId) -> bool:
+        """Whether a hold, land or return was sent behind a command: nobody is sent in place of whom that stops."""
+        return command_id.seq < self._overriding_seq
 
     def send(
         self,
@@ -68,6 +73,8 @@ class StationCommands:
         topic = fog.topics.broadcast if drone is None else fog.topics.drone_commands(drone)
         pending = self._pend(fog, drone, message, topic, ttl_ms, now_ms)
         pending.roster = None if drone is None else (drone,)
+        if isinstance(command, OVERRIDING):
+            self._overriding_seq = message.seq
         return message.id, [pending.publish]
 
     def select(

@@ -1,0 +1,143 @@
+"""A choice across fogs: who says a definite no is passed over, in its fog and in others, and nobody is sent twice."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+import pytest
+
+from mqttxt.clock import SessionClock
+from mqttxt.commands import Goto
+from mqttxt.errors import FogUnreachable
+from mqttxt.gs_best import best
+from mqttxt.messages import CommandId, Word
+from mqttxt.outcomes import Outcome, PsmiList
+from mqttxt.rankings import Candidate, SelectMode
+
+TARGET = Goto(47.4, 8.5, 20)
+
+
+class Commands:
+    def __init__(self) -> None:
+        self.overriding_seq = -1
+
+    def is_overridden(self, command_id: CommandId) -> bool:
+        return command_id.seq < self.overriding_seq
+
+
+class Station:
+    """A station and its fogs: each has drones with the seconds to arrive, and each drone has its words."""
+
+    def __init__(self, fogs: dict[int, dict[int, float]], words: dict[int, list[Word]]) -> None:
+        self.fogs = fogs
+        self.words = words
+        self.station = self
+        self.commands = Commands()
+        self.clock = SessionClock()
+        self.reserved: dict[int, tuple[int, int]] = {}
+        self.tried: dict[int, set[int]] = {}
+        self.sent: list[int] = []
+        self.gone: set[int] = set()
+        self.lands_behind: int | None = None
+        self._seq = 0
+
+    def select(self, fog: int, command: Any, now_ms: int, **how: Any) -> tuple[Any, list[Any]]:
+        if fog in self.gone:
+            raise FogUnreachable(f"fog {fog}: no live activator")
+        self._seq += 1
+        asked = (self._seq, fog, how["mode"], how["reservation"])
+        if how["mode"] is SelectMode.RELEASE:
+            del self.reserved[how["reservation"]]
+        return asked, []
+
+    def carry_out(self, effects: Any) -> None:
+        assert effects == []
+
+    async def follow(self, start: Callable[[], Any]) -> AsyncIterator[Any]:
+        (seq, fog, mode, reservation), _ = start()
+        if mode is SelectMode.OFFER:
+            yield self._offer(CommandId(1, seq), fog, reservation)
+            return
+        _, drone = self.reserved.pop(reservation)
+        self.sent.append(drone)
+        for word in self.words[drone]:
+            yield Outcome(CommandId(1, seq), fog, drone, "goto", word)
+        if drone == self.lands_behind:
+            self.commands.overriding_seq = seq + 1
+
+    def _offer(self, command_id: CommandId, fog: int, before: int | None) -> PsmiList:
+        tried = self.tried.get(before, set()) if before is not None else set()
+        free = {drone: at for drone, at in self.fogs[fog].items() if drone not in tried}
+        listed = tuple(Candidate(drone=d, arrival_s=free[d]) for d in sorted(free, key=lambda d: free[d]))
+        chosen = listed[0].drone if listed else None
+        if chosen is not None:
+            self.reserved[command_id.seq] = (fog, chosen)
+        self.tried[command_id.seq] = tried | ({chosen} if chosen is not None else set())
+        return PsmiList(fog, command_id, listed, (), chosen)
+
+
+async def choose(station: Station, ttl_s: float = 5.0) -> list[Any]:
+    return [event async for event in best(station, TARGET, [*station.fogs], ttl_s, None)]  # type: ignore[arg-type]
+
+
+FLEET = {1: {1: 10.0, 2: 30.0}, 2: {4: 20.0}}
+FLIES = [Word.ACCEPTED, Word.COMPLETED]
+
+
+async def test_the_first_that_does_not_refuse_is_sent_in_the_order_of_arrival_over_all_fogs() -> None:
+    station = Station(FLEET, {1: [Word.DENIED], 4: [Word.UNSUPPORTED], 2: FLIES})
+    heard = await choose(station)
+    assert station.sent == [1, 4, 2]
+    assert (heard[-1].drone, heard[-1].word) == (2, Word.COMPLETED)
+    assert station.reserved == {}
+
+
+@pytest.mark.parametrize("last", [Word.FAILED, Word.UNCONFIRMED, Word.OVERTAKEN, Word.SUPERSEDED])
+async def test_behind_anything_but_a_definite_no_nobody_else_is_sent(last: Word) -> None:
+    station = Station(FLEET, {1: [last], 4: FLIES, 2: FLIES})
+    await choose(station)
+    assert station.sent == [1]
+    assert station.reserved == {}
+
+
+async def test_who_is_reserved_elsewhere_is_released_as_soon_as_one_may_fly() -> None:
+    station = Station(FLEET, {1: FLIES})
+    async for event in best(station, TARGET, [1, 2], 5.0, None):  # type: ignore[arg-type]
+        if isinstance(event, Outcome) and event.word is Word.ACCEPTED:
+            assert station.reserved == {}
+    assert station.sent == [1]
+
+
+async def test_a_fog_that_is_gone_is_passed_over() -> None:
+    station = Station(FLEET, {1: FLIES, 4: FLIES})
+    events = best(station, TARGET, [1, 2], 5.0, None)  # type: ignore[arg-type]
+    await anext(events)
+    station.gone.add(1)
+    heard = [event async for event in events]
+    assert station.sent == [4]
+    assert heard[-1].word is Word.COMPLETED
+
+
+async def test_a_hold_or_landing_of_the_same_station_ends_the_search() -> None:
+    station = Station(FLEET, {1: [Word.DENIED], 4: FLIES})
+    station.lands_behind = 1
+    heard = await choose(station)
+    assert station.sent == [1]
+    assert (heard[-1].drone, heard[-1].word, heard[-1].reason) == (None, Word.DENIED, "cancelled")
+    assert station.reserved == {}
+
+
+async def test_past_the_time_to_start_nobody_else_is_sent() -> None:
+    station = Station(FLEET, {1: [Word.DENIED], 4: FLIES})
+    heard = await choose(station, ttl_s=0.000_001)
+    assert station.sent == [1]
+    assert (heard[-1].word, heard[-1].reason) == (Word.DENIED, "expired")
+
+
+async def test_when_all_refuse_that_is_the_end() -> None:
+    station = Station(FLEET, {1: [Word.DENIED], 4: [Word.EXPIRED], 2: [Word.UNREACHABLE]})
+    heard = await choose(station)
+    assert station.sent == [1, 4, 2]
+    assert heard[-1].chosen is None
+    assert station.reserved == {}
