@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 from fogs import BORN_MS, Bench, of, words
-from world import UAV_SESSION
+from world import FOG_SESSION, UAV_SESSION
 
 from mqttxt.commands import Goto, Hold
-from mqttxt.messages import CommandMessage, Control, FogResultMessage, Word
+from mqttxt.messages import BeaconMessage, CommandMessage, Control, DroneRecord, FogResultMessage, Word
 from mqttxt.rankings import Candidate, PsmiMessage, SelectMode
 from mqttxt.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed
 from mqttxt.wire.codec import decode
@@ -298,6 +298,36 @@ def test_a_choice_of_an_earlier_session_is_asked_of_every_drone_because_any_may_
     assert {query.deadline_ms for query in queries} == {0}
     assert words_of(bench.word(1, Word.EXPIRED), 1) == [Word.EXPIRED]
     assert words_of(bench.word(2, Word.COMPLETED), 2) == [Word.COMPLETED]
+
+
+def restarted() -> Bench:
+    """An activator that was started anew: the broker retains that drone 7 was there, which is not back yet."""
+    bench = Bench(drones=(1,), born=False)
+    bench.cloud("drone7/reachable", DroneRecord(activator_session=77, up=True, drone_session=5), retain=True)
+    bench.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=bench.now_ms))
+    bench.appear(1, UAV_SESSION + 1)
+    return bench
+
+
+def test_a_choice_of_an_earlier_session_is_asked_of_a_drone_that_is_not_back_yet() -> None:
+    """It may be the one that flies: that the others know nothing is no definite no."""
+    bench = restarted()
+    bench.select(TARGET, executor_session=77)
+    assert of(bench.word(1, Word.EXPIRED), "fog1/commands_result/goto") == []
+    assert sent_to(bench.appear(7, UAV_SESSION + 7)) == [7]
+    assert words_of(bench.word(7, Word.COMPLETED), 7) == [Word.COMPLETED]
+
+
+def test_a_broadcast_of_an_earlier_session_is_asked_of_a_drone_that_is_not_back_yet() -> None:
+    bench = restarted()
+    bench.command(Hold(), to="commands", executor_session=77)
+    assert sent_to(bench.appear(7, UAV_SESSION + 7)) == [7]
+
+
+def test_a_new_broadcast_concerns_nobody_who_is_only_remembered() -> None:
+    bench = restarted()
+    (roster,) = of(bench.command(Hold(), to="commands"), "fog1/commands_result/hold")
+    assert [entry.drone for entry in decode(FogResultMessage, roster.payload).roster or ()] == [1]
 
 
 def test_a_choice_of_an_earlier_session_that_nobody_has_is_expired() -> None:

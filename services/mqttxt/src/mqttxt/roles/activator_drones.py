@@ -93,6 +93,7 @@ class Drones:
         self._fog = fog
         self._leases = leases
         self.links: dict[int, DroneLink] = {number: DroneLink(number) for number in configured}
+        self._of_before: set[int] = set()
         self.appeared: list[DroneLink] = []
         self.roster_changed = False
 
@@ -104,6 +105,11 @@ class Drones:
             RosterEntry(drone=link.number, session=link.session if link.announced else None)
             for link in sorted(self.links.values(), key=lambda link: link.number)
         )
+
+    def asked(self) -> tuple[RosterEntry, ...]:
+        """Whom an earlier session of this activator may have sent a command: the roster, and whom that told of."""
+        missing = (RosterEntry(drone=number) for number in self._of_before - self.links.keys())
+        return tuple(sorted((*self.roster(), *missing), key=lambda entry: entry.drone))
 
     def forget_connections(self) -> list[int]:
         """The fog broker is gone: no drone is reachable until it says so again. Returns those that were."""
@@ -189,6 +195,7 @@ class Drones:
         key: Key | None = None
         if record.holder is not None and record.holder_session is not None:
             key = (record.holder, record.holder_session)
+        self._of_before.add(number)
         self._leases.restore(number, key, record.epoch or 0, now_ms)
 
     def is_own_record(self, number: int, record: DroneRecord) -> bool:

@@ -198,7 +198,7 @@ class Relay:
         if job.target is not None:
             job.legs[job.target] = Leg(job.target)
             return self._forward(entry, job.legs[job.target], now_ms)
-        roster = self._drones.roster()
+        roster = self._drones.asked() if job.query else self._drones.roster()
         job.answer = self._words.fog_result(entry.id, now_ms, roster, None)
         out: list[Effect] = [self._words.publish_fog_result(job.message.command.name, job.answer)]
         for listed in roster:

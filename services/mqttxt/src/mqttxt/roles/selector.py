@@ -183,7 +183,7 @@ class Selector:
 
     def _ask_everyone(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
         """An earlier session of this activator may have sent it to any of the drones: only they can tell."""
-        drones = [listed.drone for listed in self._drones.roster()]
+        drones = [listed.drone for listed in self._drones.asked()]
         if not drones:
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
         entry.record.choosing = True
