@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 from world import ack, heartbeat
 
-from mqttxt.io.frames import HELD_S, Malformed, StreamFrames, in_datagram
+from mqttxt.io.frames import HELD_S, MOST_SPOILT, Malformed, StreamFrames, in_datagram
 
 AUTOPILOT = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 HEARTBEAT = heartbeat().pack(AUTOPILOT)
@@ -33,6 +33,11 @@ def test_what_is_no_frame_costs_no_datagram_but_its_own(noise: bytes) -> None:
     assert any(isinstance(found, Malformed) for found in in_datagram(noise))
     assert kinds(in_datagram(HEARTBEAT)) == ["HEARTBEAT"]
     assert kinds(in_datagram(noise + ACK)) == ["COMMAND_ACK"]
+
+
+@pytest.mark.parametrize("noise", [b"\xfe\x00", b"\xfd\x00\x00", b"\xfd", b"\xfd\xff\x00"])
+def test_a_datagram_of_noise_is_given_up_before_it_costs_much(noise: bytes) -> None:
+    assert 0 < len(list(in_datagram(noise * (65_000 // len(noise))))) <= MOST_SPOILT
 
 
 @given(st.lists(st.sampled_from([HEARTBEAT, ACK, UNKNOWN]), max_size=8), st.data())

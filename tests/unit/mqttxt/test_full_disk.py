@@ -109,6 +109,21 @@ def test_a_session_makes_its_journal_smaller_while_it_runs(tmp_path: Path) -> No
     assert ids(left) == [0, *range(3 * MOST_OUTDATED - MOST_DELIVERED, 3 * MOST_OUTDATED)]
 
 
+def test_a_file_system_that_syncs_no_folder_is_good_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fsync = os.fsync
+
+    def of_files_only(file: int) -> None:
+        if os.path.isdir(f"/proc/self/fd/{file}"):
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+        fsync(file)
+
+    monkeypatch.setattr(journals.os, "fsync", of_files_only)
+    journal = JournalFile(tmp_path / "journal")
+    journal.record(opened(1))
+    journal.close()
+    assert ids(JournalFile(tmp_path / "journal").unfinished) == [1]
+
+
 class FaultyDisk:
     """What the journal asks of the system, on a disk that fails as it is told: one answer for each call.
 

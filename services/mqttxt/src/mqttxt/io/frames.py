@@ -14,6 +14,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 HELD_S = 0.5
 """How long the rest of a frame is waited for: one of the longest takes 0.05 s at 57,600 baud."""
+MOST_SPOILT = 32
+"""Places at which a datagram may be no frame before the rest of it is given up: each costs a checksum."""
 _MAGIC = (mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2)
 _V1_BYTES, _V2_BYTES = 8, 12
 """Header and checksum."""
@@ -28,8 +30,16 @@ class Malformed:
 
 
 def in_datagram(data: bytes) -> Iterator[Any]:
-    """The messages of one datagram, and what in it was none."""
-    rest = bytearray(data)
+    """The messages of one datagram, and what in it was none; of noise alone only the beginning is looked at."""
+    spoilt = 0
+    for found in _in_whole(bytearray(data)):
+        yield found
+        spoilt += isinstance(found, Malformed)
+        if spoilt == MOST_SPOILT:
+            return
+
+
+def _in_whole(rest: bytearray) -> Iterator[Any]:
     while rest:
         yield from _take(rest)
         if rest:

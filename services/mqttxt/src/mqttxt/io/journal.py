@@ -9,6 +9,7 @@ succeeds says nothing of what an earlier one lost. So the next record then write
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import os
@@ -161,10 +162,13 @@ def _write(file: int, data: bytes) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make a renaming last over a power loss."""
+    """Make a renaming last over a power loss, where the file system can be asked to."""
     file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(file)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
     finally:
         os.close(file)
 
