@@ -10,9 +10,9 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Protocol
 
+from . import flight_logs
 from . import links as link_files
 from .calibration import calibrate
 from .containers import Containers, Usage, start_network
@@ -22,6 +22,7 @@ from .flights import limit_s_of, mission_command, profile_of, remove_sockets, se
 from .manifest import describe, mosquitto_version
 from .profiles.resolve import Plan as LinkPlan
 from .profiles.run_plan import Gate
+from .quiet import LEAST_IDLE, LIMIT_S, Waited, wait_for_quiet
 from .results import INTERRUPTED, Attempt, Series, new_attempt, point_latest, read_json, write_json
 from .sensors import closed_links, read_gates
 from .topology import read_topology
@@ -83,7 +84,8 @@ def run_series(
     """Fly every attempt of a plan, over one protocol after the other; who is first alternates.
 
     Both attempts of a number met the same links, or neither counts: with one of them the other is void, and both are
-    flown again, twice at most. A failed attempt does not end the series; a lost Docker does, with DockerError.
+    flown again, twice at most, each time after waiting for a quieter moment of the machine. A failed attempt does not
+    end the series; a lost Docker does, with DockerError.
     `begun` is what there is of a series that was broken off, by number. Returns how each number's attempts ended at
     last, in the order in which they were flown.
     """
@@ -93,13 +95,13 @@ def run_series(
             there = (begun or {}).get(number, Begun())
             flown = dict(there.flown)
             for repeat in range(there.repeat, there.repeat + there.left):
-                flown = {} if repeat > there.repeat else flown
+                flown, waited = ({}, _wait(progress)) if repeat > there.repeat else (flown, None)
                 for protocol in plan.order(number):
                     if any(attempt.protocol == protocol for attempt in flown):
                         continue
                     progress.attempt(protocol, number, plan.attempts, repeat)
                     attempt = new_attempt(series, protocol, number, repeat)
-                    flown[attempt] = _fly_or_keep(plan, attempt, progress, make_containers)
+                    flown[attempt] = _fly_or_keep(plan, attempt, progress, make_containers, waited)
                     progress.ended(flown[attempt].status, flown[attempt].reason)
                     point_latest(series)
                     if flown[attempt].status == "void":
@@ -111,9 +113,21 @@ def run_series(
     return endings
 
 
-def _fly_or_keep(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
+def _wait(progress: Progress) -> Waited:
+    """Wait until the machine has room, and say so; not for ever."""
+    with progress.phase(f"waiting until {LEAST_IDLE:.0%} of the processors are idle, {LIMIT_S:.0f} s at most"):
+        return wait_for_quiet()
+
+
+def _fly_or_keep(
+    plan: Plan,
+    attempt: Attempt,
+    progress: Progress,
+    make_containers: Callable[..., Containers],
+    waited: Waited | None,
+) -> Ended:
     try:
-        return _fly(plan, attempt, progress, make_containers)
+        return _fly(plan, attempt, progress, make_containers, waited)
     except OSError as error:
         raise TestbedError(
             f"{attempt.path}: {error.strerror or error}; the containers are ended, what was written is kept"
@@ -133,7 +147,13 @@ def void_together(flown: dict[Attempt, Ended]) -> None:
             write_json(path, read_json(path) | {"status": "void", "reason": flown[attempt].reason})
 
 
-def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Callable[..., Containers]) -> Ended:
+def _fly(
+    plan: Plan,
+    attempt: Attempt,
+    progress: Progress,
+    make_containers: Callable[..., Containers],
+    waited: Waited | None,
+) -> Ended:
     settings = settings_of(plan, attempt.protocol)
     if plan.mission is not None:
         shutil.copyfile(plan.mission, attempt.path / plan.mission.name)
@@ -143,6 +163,8 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     folder = attempt.path / "links"
     link_files.write_plan(folder, links, topology, plan.shaper, gates=gates)
     manifest = describe(plan, attempt, topology, settings, links)
+    if waited is not None:
+        manifest["host"] |= {"waited_s": waited.seconds, "idle": waited.idle}
     write_json(attempt.path / "manifest.json", manifest)
     ended, begun_s = Ended("failed", INTERRUPTED), time.monotonic()
     try:
@@ -151,7 +173,7 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
             command = mission_command(plan, attempt.protocol)
             ended = _mission(command, limit_s_of(plan), containers, attempt, progress)
         if ended.status == "failed":
-            ended = _held_to_its_links(ended, folder, links)
+            ended = _held_to_its_conditions(ended, attempt, links)
     except Interrupted:
         raise
     except (LinksOff, ProbesLate) as error:
@@ -166,6 +188,7 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
         nodes = [node["name"] for node in manifest["topology"]["nodes"]]
         if ended.status == "completed":
             reason = void_reason(manifest["captures"], nodes) or link_files.void_reason(folder, links)
+            reason = reason or flight_logs.void_reason(attempt)
             ended = Ended("void", reason) if reason is not None else ended
         manifest |= {"status": ended.status, "reason": ended.reason, "took_s": round(time.monotonic() - begun_s, 1)}
         manifest["host"]["load_after"] = os.getloadavg()[0]
@@ -173,10 +196,13 @@ def _fly(plan: Plan, attempt: Attempt, progress: Progress, make_containers: Call
     return ended
 
 
-def _held_to_its_links(failed: Ended, folder: Path, links: LinkPlan) -> Ended:
-    """A mission that failed on other links than planned is void, for the failure may be theirs; its own words stay."""
+def _held_to_its_conditions(failed: Ended, attempt: Attempt, links: LinkPlan) -> Ended:
+    """A mission that failed on other links than planned, or with autopilots that were slowed down, is void.
+
+    The failure may be theirs; its own words stay.
+    """
     try:
-        reason = link_files.off_reason(folder, links)
+        reason = link_files.off_reason(attempt.path / "links", links) or flight_logs.slow_reason(attempt)
     except ResultsError:
         return failed
     return failed if reason is None else Ended("void", with_failure(reason, failed.status, failed.reason))

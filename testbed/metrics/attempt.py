@@ -7,6 +7,7 @@ from typing import Any
 
 import polars as pl
 
+from .. import flight_logs
 from ..packets import Packets, load
 from ..results import Attempt
 from ..validity import unsound_reason
@@ -29,10 +30,15 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
     packets = load(attempt) if arm_asked_ns(events) is not None else None
     window = mission_window(attempt, events, packets)
     status, reason = manifest["status"], manifest["reason"]
+    flights = flight_logs.compare_flights(attempt) if status == "completed" else {}
     unsound = unsound_reason(attempt, manifest, events) if status == "completed" else None
     if status == "completed" and unsound is None:
         logs = {"events.jsonl": events, **{f"sitl/{n}.jsonl": log for n, log in attempt.autopilot_events().items()}}
-        unsound = shaping.void or (clock_step(packets, logs) if packets is not None else None)
+        unsound = (
+            shaping.void
+            or flight_logs.disagreement(flights)
+            or (clock_step(packets, logs) if packets is not None else None)
+        )
     if unsound is not None:
         status, reason = "void", unsound
     return {
@@ -49,6 +55,7 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
         **readings.measure(attempt, manifest, packets, window, shaping),
         "outcomes": outcomes(events),
         "links_measured": shaping.measured,
+        "flight_logs": {node: found.to_data() for node, found in flights.items()},
         "cpu_s": manifest.get("cpu_s", {}),
         "memory_bytes": manifest.get("memory_bytes", {}),
     }

@@ -45,6 +45,7 @@ def measure_series(series: Series) -> dict[str, Any]:
         "notes": differences(flown),
     }
     measured = _measure(series, flown, unreadable)
+    loads = {attempt: manifest["host"]["load_after"] for attempt, manifest in flown if "load_after" in manifest["host"]}
     links_void = {  # by folder: a repeated attempt makes a pair with the other side's repeated one
         attempt.path.name: shaping.void
         for (attempt, _), shaping in zip(flown, shapings, strict=True)
@@ -58,7 +59,8 @@ def measure_series(series: Series) -> dict[str, Any]:
             entry |= {"status": "void", "reason": with_failure(reason, entry["status"], entry["reason"])}
         if entry["status"] == "void":
             repeat = {"repeat": attempt.repeat} if attempt.repeat else {}
-            side["void"].append({"attempt": attempt.number, **repeat, "reason": entry["reason"]})
+            load = {"load": loads[attempt]} if attempt in loads else {}
+            side["void"].append({"attempt": attempt.number, **repeat, "reason": entry["reason"], **load})
         else:
             side["attempts"].append(entry)
     document["ratios"] = ratios(document["protocols"])

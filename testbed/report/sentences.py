@@ -63,7 +63,11 @@ def notes(metrics: dict[str, Any]) -> list[str]:
             if attempt.get("truncated"):
                 files = ", ".join(attempt["truncated"])
                 said.append(f"{which}: cut off, and counted up to the cut: {files}; its counts are too low")
-        said += [f"{name}, attempt {void['attempt']} is void, not counted: {void['reason']}" for void in side["void"]]
+        said += [
+            f"{name}, attempt {void['attempt']} is void, not counted: {void['reason']}"
+            + (f" (the machine's load was {void['load']:.1f} at its end)" if "load" in void else "")
+            for void in side["void"]
+        ]
     return said
 
 

@@ -1,6 +1,24 @@
-"""Makes `attempts` importable for the tests beside it."""
+"""Makes `attempts` importable for the tests beside it; no test waits for a quiet machine."""
 
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+from testbed import runner
+from testbed.quiet import Waited
+
+
+@pytest.fixture(autouse=True)
+def waits(monkeypatch: pytest.MonkeyPatch) -> list[Waited]:
+    """How often a run waited until the machine was quiet, which it is at once."""
+    found: list[Waited] = []
+
+    def wait() -> Waited:
+        found.append(Waited(2.0, 0.9))
+        return found[-1]
+
+    monkeypatch.setattr(runner, "wait_for_quiet", wait)
+    return found

@@ -17,6 +17,7 @@ from testbed import runner
 from testbed.calibration.calibrate import Calibration
 from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, ProbesLate, TestbedError, UserError
 from testbed.experiments import make_plan
+from testbed.quiet import Waited
 from testbed.results import Series, new_series, read_json
 from testbed.runner import Ended, Interrupted, run_series
 
@@ -106,6 +107,33 @@ def test_a_capture_that_dropped_makes_the_attempt_void_and_it_is_repeated_twice(
     folders = ["attempt-01", "attempt-01-repeat-1", "attempt-01-repeat-2"]
     assert sorted(folder.name for folder in (path / "mqttxt").iterdir()) == folders
     assert [entry for entry in progress.said if entry[0] == "mqttxt"] == [("mqttxt", 1, 1, n) for n in range(3)]
+
+
+def test_before_each_repeat_it_is_waited_for_a_quieter_machine_and_the_manifest_says_so(
+    tmp_path: Path, waits: list[Waited]
+) -> None:
+    path, _, progress = _fly(tmp_path, Fleet([TAKEOFF], dropped=2))
+    assert len(waits) == 2
+    hosts = [
+        json.loads((folder / "manifest.json").read_text())["host"] for folder in sorted((path / "mqttxt").iterdir())
+    ]
+    assert [(host.get("waited_s"), host.get("idle")) for host in hosts] == [(None, None), (2.0, 0.9), (2.0, 0.9)]
+    assert "waiting until 60% of the processors are idle, 300 s at most" in str(progress.said)
+
+
+def test_a_flight_whose_log_says_otherwise_is_void(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner.flight_logs, "void_reason", lambda _: "uav3: events and flight log disagree: landed")
+    _, endings, _ = _fly(tmp_path, Fleet([TAKEOFF]))
+    assert endings == [Ended("void", "uav3: events and flight log disagree: landed")]
+
+
+def test_a_mission_that_failed_with_autopilots_that_were_slowed_down_is_void(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runner.flight_logs, "slow_reason", lambda _: "uav1: the autopilot's clock ran at 0.70")
+    _, endings, _ = _fly(tmp_path, Fleet(["mission: scenario-1 failed: takeoff: denied"], code=1))
+    assert endings[0].status == "void"
+    assert str(endings[0].reason).startswith("uav1: the autopilot's clock ran at 0.70; this one had failed: ")
 
 
 def test_where_one_protocol_is_void_its_pair_is_and_both_are_flown_again(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ SYSTEM, COMPONENT = 250, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 """Who asks. A witness says no heartbeat: to the autopilot it is no ground station whose loss would matter."""
 AGAIN_NS = 2_000_000_000
 """What has not come for so long is asked for (again)."""
-MARK_NS = 1_000_000_000
-"""How often `position` and `clock` are told."""
+EVERY_NS = {"position": 1_000_000_000, "clock": 150_000_000}
+"""How often these are told at most; `clock` as often as SYSTEM_TIME comes."""
 _AIRBORNE = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 _IDS = {name: next(i for i, kind in mavlink.mavlink_map.items() if kind.msgname == name) for name in WANTED_HZ}
 
@@ -43,8 +43,8 @@ class Witness:
     def take(self, datagram: bytes, t_ns: int) -> list[Event]:
         """The events that a datagram tells of, which came at `t_ns` (since 1970).
 
-        armed, disarmed, took_off, landed; once a second position (of which `boot_ms` is the autopilot's own time) and
-        clock (the autopilot's time as it was sent).
+        armed, disarmed, took_off, landed; once a second position (of which `boot_ms` is the autopilot's own time), and
+        with each SYSTEM_TIME clock (the autopilot's time as it was sent).
         """
         events: list[Event] = []
         parser = mavlink.MAVLink(None)  # a new one each time: messages do not go on from one datagram to the next
@@ -103,7 +103,7 @@ class Witness:
         return [{"event": "took_off" if self._airborne else "landed"}]
 
     def _mark(self, event: str, t_ns: int, boot_ms: int, detail: dict[str, float]) -> list[Event]:
-        if t_ns - self._marked_ns.get(event, 0) < MARK_NS:
+        if t_ns - self._marked_ns.get(event, 0) < EVERY_NS[event]:
             return []
         self._marked_ns[event] = t_ns
         return [{"event": event, "boot_ms": boot_ms, **detail}]
