@@ -13,7 +13,7 @@ from net.shaping.run_plan import Gate, RunPlan, read_run_plan
 from testbed.profiles import run_plan as host
 from testbed.profiles.reading import read_profile
 from testbed.profiles.resolve import resolve
-from testbed.topology import read_topology
+from testbed.topology import ROOT, read_topology
 
 TOPOLOGY = read_topology()
 
@@ -75,3 +75,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(PlanError) as error:
         read_run_plan(tmp_path / "plan.json")
     assert str(error.value) == f"{tmp_path}/plan.json: No such file or directory; expected a plan in JSON"
+
+
+def test_the_plan_that_the_image_has_shapes_nothing() -> None:
+    assert not read_run_plan(ROOT / "services" / "net" / "unshaped.json").is_shaped

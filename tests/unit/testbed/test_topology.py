@@ -13,7 +13,7 @@ from testbed.containers import services_of
 from testbed.errors import UserError
 from testbed.experiments import PROTOCOLS
 from testbed.sensors import sensor_settings
-from testbed.topology import COMPOSE_FILE, read_topology
+from testbed.topology import COMPOSE_FILE, read_services, read_topology
 
 DRONES = range(1, 7)
 
@@ -190,3 +190,10 @@ def test_a_malformed_file_is_named(tmp_path: Path, text: str, said: str) -> None
         read_topology(path)
     assert str(path) in str(error.value)
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize("profile", ["mqttxt", "mavlink", "mqttxt-one", "mavlink-one", "sensors", "mavlink-sensors"])
+def test_what_a_profile_joins_is_in_it(profile: str) -> None:
+    services = {name: one for name, one in read_services().items() if profile in one["profiles"]}
+    joined = {one["network_mode"].removeprefix("service:") for one in services.values() if "network_mode" in one}
+    assert joined <= set(services)
