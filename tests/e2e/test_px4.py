@@ -1,0 +1,34 @@
+"""Real PX4s in the stand-ins' place; PX4_DIR names a build of it, as for `make scenario-1 AUTOPILOT=px4`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from flying import Run
+
+pytestmark = [
+    pytest.mark.e2e,
+    pytest.mark.timeout(3600),
+    pytest.mark.skipif("PX4_DIR" not in os.environ, reason="PX4_DIR names no PX4"),
+]
+
+
+@pytest.mark.parametrize("experiment", ["scenario-1", "scenario-4"])
+def test_what_six_px4s_did_is_what_their_own_logs_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, experiment: str
+) -> None:
+    monkeypatch.setenv("AUTOPILOT", "px4")
+    run = Run(tmp_path / "results", "--samples", "5", experiment=experiment)
+    code = run.wait(3500)
+    found = run.metrics()["protocols"]
+    if any(side["void"] and not side["attempts"] for side in found.values()):
+        pytest.skip(f"the machine had no room for six PX4s: {run.output.splitlines()[-1]}")
+    assert code == 0, run.output
+    for side in found.values():
+        (attempt,) = side["attempts"]
+        assert set(attempt["flight_logs"]) == {f"uav{drone}" for drone in range(1, 7)}
+        for log in attempt["flight_logs"].values():
+            assert log["off"] is None
+            assert [change["event"] for change in log["changes"]] == ["armed", "took_off", "landed", "disarmed"]
