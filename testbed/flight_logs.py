@@ -30,8 +30,11 @@ comes every 50 ms, and a busy machine adds to that.
 TOLERANCE_M = 0.5
 HOME_S = 0.5
 """How long after PX4 moved its home a height may still be told from the one before."""
-LEAST_SPEED = 0.9
-"""Slower than this against the host's clock, and the drone flew through another time than the network."""
+LEAST_SPEED = 0.95
+"""Slower than this against the host's clock, and the drone flew through another time than the network.
+
+At 0.91 PX4s missed their own sensors, and went into failsafes.
+"""
 ARMED = 2
 """vehicle_status.arming_state of an armed PX4."""
 TOPICS = ["vehicle_status", "vehicle_land_detected", "vehicle_global_position", "home_position"]

@@ -35,7 +35,7 @@ def events_of(flight: Flight, speed: float = 1.0, **late_ms: float) -> list[dict
     return sorted(found, key=lambda event: int(event["t_ns"]))
 
 
-@pytest.mark.parametrize("speed", [1.0, 0.95])
+@pytest.mark.parametrize("speed", [1.0, 0.97])
 def test_events_that_the_log_bears_out_are_sound_whatever_the_clocks_speed(tmp_path: Path, speed: float) -> None:
     found = compare(write_ulog(tmp_path / "a.ulg", Flight()), events_of(Flight(), speed))
     assert found.off is None
@@ -68,7 +68,7 @@ def test_heights_that_differ_are_said(tmp_path: Path) -> None:
 
 def test_an_autopilot_whose_clock_was_held_up_flew_through_another_time_than_the_network(tmp_path: Path) -> None:
     found = compare(write_ulog(tmp_path / "a.ulg", Flight()), events_of(Flight(), speed=0.7))
-    said = "the autopilot's clock ran at 0.70 of the time; expected 0.9 at least: the machine was too busy"
+    said = "the autopilot's clock ran at 0.70 of the time; expected 0.95 at least: the machine was too busy"
     assert found.off == said
 
 
