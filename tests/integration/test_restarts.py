@@ -191,7 +191,7 @@ async def test_an_unknown_kind_of_autopilot_is_refused_before_anything_is_connec
     port = free_port(socket.SOCK_DGRAM)
     stranger = system.make_uav(7, system.fog.url, name="of-no-kind", autopilot_port=port).start()
     codec = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
-    heartbeat = mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_SMACCMPILOT, 0, 0, 4, 3).pack(codec)
+    heartbeat = mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_UDB, 0, 0, 4, 3).pack(codec)
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
             while stranger.exit_code is None:
@@ -201,5 +201,8 @@ async def test_an_unknown_kind_of_autopilot_is_refused_before_anything_is_connec
     finally:
         stranger.kill()
     log = stranger.log.read_text()
-    assert f"--autopilot udp:127.0.0.1:{port}: HEARTBEAT.autopilot is 11; expected PX4 (12)" in log
+    assert (
+        f"--autopilot udp:127.0.0.1:{port}: HEARTBEAT.autopilot is {mavlink.MAV_AUTOPILOT_UDB}; expected PX4 (12)"
+        in log
+    )
     assert "Traceback" not in log

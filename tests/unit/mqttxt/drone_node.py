@@ -83,7 +83,7 @@ class DroneNode(Node):
             self.sim.judge.takes_on(self, effect.ref)
         if result == 0 and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             self.armed = message.param1 == 1.0
-        if result == 0 and message.command == mavlink.MAV_CMD_DO_REPOSITION:
+        if result == 0 and message.get_type() == "COMMAND_INT":
             self.place = min(PLACES, key=lambda place: abs(place.lat - message.x))
         if rng.random() >= self.sim.dangers.mute:
             delay_us = rng.randint(1 * MS, 80 * MS) if rng.random() < 0.95 else rng.randint(1 * MS, 2 * S)

@@ -16,9 +16,17 @@ from world import ack, heartbeat
 
 from mqttxt.io import mavlink as mavlink_io
 from mqttxt.io.mavlink import AutopilotAddress, AutopilotLink, _Serial
+from mqttxt.io.repeats import Repeats
 
 AUTOPILOT = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 HEARTBEAT, ACK = heartbeat().pack(AUTOPILOT), ack(400).pack(AUTOPILOT)
+
+
+def beat(seq: int) -> bytes:
+    """A heartbeat with a number of its own, as senders give them."""
+    counting = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    counting.seq = seq
+    return bytes(heartbeat().pack(counting))
 
 
 class Bench:
@@ -71,9 +79,9 @@ async def bench() -> AsyncIterator[Bench]:
 
 async def test_two_bytes_of_noise_blind_nobody(bench: Bench) -> None:
     noise, autopilot = bench.socket(), bench.socket()
-    for _ in range(50):
+    for seq in range(50):
         noise.send(b"\xfd\xff")
-        autopilot.send(HEARTBEAT)
+        autopilot.send(beat(seq))
     await eventually(lambda: len(bench.heard) == 50, "every heartbeat")
     assert bench.malformed
 
@@ -103,7 +111,7 @@ async def test_a_live_peer_keeps_the_link_and_is_alone_heard(bench: Bench, monke
     assert bench.heard == ["HEARTBEAT"]
     assert bench.write() == [True, False]
     monkeypatch.setattr(mavlink_io, "HEARTBEAT_LOST_MS", 0)  # its heartbeats stay away: it may have a new port
-    forger.send(HEARTBEAT)
+    forger.send(beat(1))
     await eventually(lambda: len(bench.heard) == 2, "heard")
     assert bench.write() == [False, True]
 
@@ -126,8 +134,8 @@ async def test_an_acknowledgement_behind_other_messages_is_heard_in_the_same_tur
     await eventually(lambda: link._transport is not None, "it listens")
     autopilot = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for message in [*[heartbeat() for _ in range(100)], ack(400)]:
-            sender.sendto(message.pack(autopilot), ("127.0.0.1", port))
+        for data in [*[beat(seq) for seq in range(100)], ack(400).pack(autopilot)]:
+            sender.sendto(data, ("127.0.0.1", port))
     await eventually(lambda: held != [], "heard")
     assert held == [["HEARTBEAT"] * 100 + ["COMMAND_ACK"]]
     running.cancel()
@@ -152,3 +160,21 @@ def test_a_device_that_takes_nothing_holds_nobody_up() -> None:
         line.close()
         os.close(ours)
         os.close(theirs)
+
+
+def test_a_frame_that_the_link_doubled_is_heard_once() -> None:
+    repeats = Repeats()
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def frame(seq: int) -> bytes:
+        sender.seq = seq
+        return bytes(ack(400).pack(sender))
+
+    assert [repeats.is_copy(frame(seq), now_s) for seq, now_s in ((7, 0.0), (8, 0.1), (7, 2.9), (8, 3.0))] == [
+        False,
+        False,
+        True,
+        True,
+    ]
+    assert not repeats.is_copy(frame(7), 3.2)  # the number has gone round meanwhile
+    assert len(repeats._heard_s) == 1

@@ -10,6 +10,7 @@ from world import ack, heartbeat, home, landed, position
 from mqttxt.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff
 from mqttxt.messages import CommandId, Word
 from mqttxt.roles.effects import Log, Transmit
+from mqttxt.roles.runs import Said
 
 
 def test_completed_needs_the_effect_newer_than_the_acknowledgement() -> None:
@@ -140,8 +141,51 @@ def test_in_progress_tells_its_percentage_and_ends_retransmission() -> None:
 def test_progress_is_told_when_it_has_changed_and_255_is_unknown() -> None:
     bench = Bench()
     bench.start(1, Arm())
-    out = bench.hear(*(ack(ARM, 5, percent) for percent in (255, 255, 10, 10, 55, 255)))
+    out = []
+    for percent in (255, 255, 10, 10, 55, 255):
+        out += [*bench.hear(ack(ARM, 5, percent)), *bench.until(bench.now_ms + 1000)]
     assert [o.percent for o in out] == [None, 10, 55, None]
+
+
+def test_of_much_progress_the_newest_is_told_once_a_second() -> None:
+    bench = Bench()
+    bench.start(1, Arm(), limit_ms=10_000)
+    told = []
+    for now_ms in range(0, 5000, 10):
+        bench.now_ms = now_ms
+        told += [(now_ms, o.percent) for o in bench.hear(ack(ARM, 5, now_ms // 50)) if isinstance(o, Said)]
+    assert told == [(0, 0), (1000, 20), (2000, 40), (3000, 60), (4000, 80)]
+    assert [o.percent for o in bench.until(6000) if isinstance(o, Said)] == [99]
+
+
+@pytest.mark.parametrize("result", [1, 2, 3, 4, 9, 77])
+def test_a_refusal_after_progress_is_no_definite_no(result: int) -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    bench.hear(ack(ARM, 5, 50))
+    ((_, word, reason),) = said(bench.hear(ack(ARM, result)))
+    assert (word, bool(reason)) == (Word.FAILED, True)
+
+
+@pytest.mark.parametrize(
+    ("result", "word", "reason"),
+    [
+        (1, Word.DENIED, "temporarily_rejected"),
+        (2, Word.DENIED, "autopilot"),
+        (3, Word.UNSUPPORTED, None),
+        (4, Word.FAILED, "autopilot"),
+        (6, Word.FAILED, "cancelled"),
+        (7, Word.DENIED, "command_long_only"),
+        (8, Word.DENIED, "command_int_only"),
+        (9, Word.DENIED, "command_unsupported_mav_frame"),
+        (10, Word.DENIED, "not_in_control_of_autopilot"),
+        (11, Word.FAILED, "mav_result_11"),
+    ],
+)
+def test_every_result_has_a_name(result: int, word: Word, reason: str | None) -> None:
+    bench = Bench()
+    bench.start(1, Arm())
+    assert said(bench.hear(ack(ARM, result))) == [(1, word, reason)]
 
 
 def test_the_acknowledgement_after_progress_decides() -> None:
@@ -197,7 +241,7 @@ def test_without_the_autopilots_heartbeat_nothing_starts() -> None:
 
 @pytest.mark.parametrize("command", [Takeoff(altitude_m=10), Goto(47.0, 8.0, 10.0)])
 def test_altitudes_need_home(command: Command) -> None:
-    assert said(Bench(heartbeat()).start(1, command)) == [(1, Word.DENIED, "home_unknown")]
+    assert said(Bench(heartbeat(armed=True), landed(2)).start(1, command)) == [(1, Word.DENIED, "home_unknown")]
 
 
 def test_a_pilots_mode_ends_a_running_command() -> None:

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from workbench import LAND, MODE, Bench, said, set_points, written
+from workbench import LAND, MODE, REPOSITION, Bench, said, set_points, written
 from world import ack, heartbeat, home, landed, position
 
-from mqttxt.commands import Attitude, Goto, Hold, Land, Offboard, Velocity
+from mqttxt.commands import Attitude, Goto, Hold, Land, Offboard, Return, Velocity
 from mqttxt.dialect.offboard import quaternion
 from mqttxt.messages import CommandId, Word
 from mqttxt.roles.effects import Transmit
@@ -182,7 +182,7 @@ def test_a_pilots_mode_while_it_stops_is_not_overridden() -> None:
     assert flight.fly_until(13_000) == []
 
 
-@pytest.mark.parametrize(("newer", "number"), [(Hold(), MODE), (Land(), LAND), (Goto(47.4, 8.5, 10.0), 192)])
+@pytest.mark.parametrize(("newer", "number"), [(Hold(), REPOSITION), (Land(), LAND), (Goto(47.4, 8.5, 10.0), 192)])
 def test_a_later_flight_command_takes_over_when_it_is_accepted(newer: Any, number: int) -> None:
     flight = Flight().engage()
     assert written(flight.start(2, newer)) == [number]
@@ -290,7 +290,7 @@ def test_a_command_after_the_flight_does_not_wait_for_acknowledgements_that_have
     flight = Flight().engage()
     flight.fly_until(10_500)
     flight.hear(ack(MODE), in_hold())
-    assert written(flight.start(2, Hold())) == [MODE]
+    assert written(flight.start(2, Return())) == [MODE]
 
 
 def test_a_write_that_the_link_did_not_take_is_primed_and_written_again() -> None:

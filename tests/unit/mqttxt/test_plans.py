@@ -6,6 +6,8 @@ import math
 from typing import Any
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 from world import heartbeat, home, landed, position
 
 from mqttxt.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff, haversine_m
@@ -43,7 +45,7 @@ def test_a_takeoff_names_metres_above_home_and_changes_no_parameter() -> None:
 
 def test_goto_is_a_command_int_with_a_global_frame() -> None:
     message = plan(Goto(47.5, -8.25, 12.5), vehicle(*READY)).message
-    assert (message.get_type(), message.command, message.frame) == ("COMMAND_INT", 192, 0)
+    assert (message.get_type(), message.command, message.frame) == ("COMMAND_INT", 192, 5)
     assert (message.x, message.y, message.z) == (475_000_000, -82_500_000, 500.5)
 
 
@@ -90,3 +92,14 @@ def test_goto_is_done_within_two_metres_and_one_of_altitude(north_1e7: int, alti
 def test_distances_are_of_a_sphere_of_6371_km() -> None:
     assert haversine_m(0, 0, 0, 180) == pytest.approx(math.pi * 6_371_000)
     assert haversine_m(47, 8, 48, 8) == pytest.approx(math.pi * 6_371_000 / 180)
+
+
+ANY_NUMBER = st.floats(-1e9, 1e9)
+
+
+@given(ANY_NUMBER, ANY_NUMBER, ANY_NUMBER, ANY_NUMBER)
+@example(104.4, -28.9, 47.4, 8.5)
+@example(1.0, 0.0, -1.0, 180.0)
+@example(89.99999999, 0.1, -89.99999999, -179.9)
+def test_any_two_positions_have_a_distance(lat_1: float, lon_1: float, lat_2: float, lon_2: float) -> None:
+    assert 0 <= haversine_m(lat_1, lon_1, lat_2, lon_2) <= math.pi * 6_371_000 * 1.000001

@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from world import from_autopilot, heartbeat, home, landed, position
 
 from mqttxt.dialect.vehicle import Vehicle
+from mqttxt.errors import PayloadError
 from mqttxt.states import (
     Armed,
     Battery,
@@ -111,3 +112,43 @@ def test_newer_means_a_later_message() -> None:
     assert vehicle.seen(Armed, number) is None
     vehicle.update(heartbeat(armed=True), 0)
     assert vehicle.seen(Armed, number) == Armed(True)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        mavlink.MAVLink_global_position_int_message(0, 1_044_000_000, -289_000_000, 0, 0, 0, 0, 0, 9000),
+        mavlink.MAVLink_global_position_int_message(0, 0, 1_800_000_001, 0, 0, 0, 0, 0, 9000),
+        mavlink.MAVLink_home_position_message(0, 0, 2**31 - 1, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, 0),
+        mavlink.MAVLink_vfr_hud_message(0.0, 1e30, 0, 0, 0.0, 0.0),
+        mavlink.MAVLink_param_value_message(b"MPC_XY_VEL_MAX", -1.0, 9, 1, 0),
+    ],
+)
+def test_what_cannot_be_is_not_believed(message: Any) -> None:
+    vehicle = Vehicle(1)
+    for known in (heartbeat(), home(), position()):
+        vehicle.update(known, 0)
+    before = dict(vehicle.states)
+    with pytest.raises(PayloadError, match="expected"):
+        vehicle.update(from_autopilot(message), 0)
+    assert vehicle.states == before
+
+
+def test_parameters_that_nobody_reads_are_not_kept() -> None:
+    vehicle = Vehicle(1)
+    vehicle.update(heartbeat(), 0)
+    before = set(vars(vehicle))
+    sizes = {name: len(value) for name, value in vars(vehicle).items() if hasattr(value, "__len__")}
+    for number in range(1000):
+        assert vehicle.update(from_autopilot(parameter(f"P{number}".encode(), 1.0)), 0) == []
+    assert set(vars(vehicle)) == before
+    sizes["_arrivals"] += 1
+    assert {name: len(value) for name, value in vars(vehicle).items() if hasattr(value, "__len__")} == sizes
+
+
+@pytest.mark.parametrize("healthy", [True, False])
+def test_px4_says_that_it_would_arm_in_the_health_bits_alone(healthy: bool) -> None:
+    vehicle = Vehicle(1)
+    vehicle.update(heartbeat(), 0)
+    (told,) = vehicle.update(from_autopilot(health(0b1, 0b1, 0b1 | (PREARM if healthy else 0))), 0)
+    assert told == Health(healthy, 0)

@@ -13,7 +13,7 @@ from mqttxt.roles.effects import Transmit
 from mqttxt.roles.executor import Executor
 from mqttxt.roles.runs import Said
 
-ARM, TAKEOFF, LAND, MODE = 400, 22, 21, 176
+ARM, TAKEOFF, LAND, MODE, REPOSITION = 400, 22, 21, 176, 192
 
 
 class Bench:
@@ -23,7 +23,7 @@ class Bench:
         self.vehicle = Vehicle(1)
         self.executor = Executor(self.vehicle)
         self.now_ms = 0
-        for message in told or (heartbeat(), home(), position(), landed(1)):
+        for message in told or (heartbeat(armed=True), home(), position(), landed(1)):
             self.vehicle.update(message, 0)
 
     def start(self, seq: int, command: Command, deadline_ms: int = 60_000, limit_ms: int = 60_000) -> list[Any]:

@@ -59,10 +59,10 @@ class Goto:
 
 @dataclass(frozen=True)
 class Hold:
-    """Stop and stay. Completed when the autopilot is in its hold mode."""
+    """Stop and stay. Completed when the autopilot is in its hold mode and stands still."""
 
     name: ClassVar[str] = "hold"
-    limit_s: ClassVar[float] = 10.0
+    limit_s: ClassVar[float] = 30.0
 
 
 @dataclass(frozen=True)
@@ -181,9 +181,12 @@ COMMAND = Variant("command", tuple((code, cls.name, cls) for code, cls in enumer
 
 
 def haversine_m(latitude_1: float, longitude_1: float, latitude_2: float, longitude_2: float) -> float:
-    """Great-circle distance in metres between two positions in degrees, on a sphere of R = 6,371,000 m."""
+    """Great-circle distance in metres between two positions in degrees, on a sphere of R = 6,371,000 m.
+
+    Any finite numbers have one: rounding at antipodes and latitudes beyond a pole are kept inside the sphere.
+    """
     phi_1, phi_2 = math.radians(latitude_1), math.radians(latitude_2)
     half_phi = (phi_2 - phi_1) / 2
     half_lambda = math.radians(longitude_2 - longitude_1) / 2
     a = math.sin(half_phi) ** 2 + math.cos(phi_1) * math.cos(phi_2) * math.sin(half_lambda) ** 2
-    return 2 * 6_371_000 * math.asin(min(1.0, math.sqrt(a)))
+    return 2 * 6_371_000 * math.asin(math.sqrt(min(1.0, max(0.0, a))))

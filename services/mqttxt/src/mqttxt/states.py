@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Annotated, Any, ClassVar, get_type_hints
 
 from .commands import haversine_m
+from .errors import PayloadError
 from .wire.fields import U32, Altitude, Integer, Latitude, Longitude, Named, Scaled, Variant
+from .wire.values import mark_of
 
 Speed = Annotated[float, Scaled(100, 0, 655)]
 """Metres a second; CBOR carries centimetres a second."""
@@ -192,6 +195,24 @@ STATES: dict[str, type[VitalState]] = {
 
 STATE = Variant("state", tuple((code, cls.name, cls) for code, cls in enumerate(STATES.values(), start=1)))
 """A state by its code (CBOR) or its name (JSON), where no topic names it."""
+
+
+@cache
+def _ranges(name: str) -> tuple[tuple[str, Integer | Scaled], ...]:
+    cls = STATES[name]
+    hints = get_type_hints(cls, include_extras=True)
+    marks = ((item.name, mark_of(hints[item.name])) for item in fields(cls))
+    return tuple((field, mark) for field, mark in marks if isinstance(mark, Integer | Scaled))
+
+
+def check_range(state: State) -> None:
+    """Raises PayloadError where a number of a state is outside the range that the state has."""
+    if isinstance(state, MavlinkState):
+        return
+    for field, mark in _ranges(state.name):
+        value = getattr(state, field)
+        if not mark.low <= value <= mark.high:
+            raise PayloadError(f"{state.name}.{field}: expected {mark.low:g} to {mark.high:g}, got {value!r}")
 
 
 def _any_change(old: State, new: State) -> bool:

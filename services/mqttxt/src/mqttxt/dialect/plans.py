@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..commands import Arm, Disarm, Goto, Takeoff, haversine_m
+from ..commands import Arm, Command, Disarm, Goto, Offboard, Takeoff, haversine_m
 from ..states import Armed, FlightMode, FlightModeName, Home, Landed, LandedState, Location
 
 if TYPE_CHECKING:
@@ -21,6 +21,8 @@ ARRIVED_ACROSS_M = 2.0
 ARRIVED_ALTITUDE_M = 1.0
 ALTITUDE_REACHED_M = 0.5
 """How far below its target altitude a takeoff counts as completed; at least 5 % of the altitude."""
+ALTITUDE_NEAR_M = 2.0
+"""How far below its target altitude an autopilot may end its takeoff (PX4: NAV_MC_ALT_RAD); at least 10 %."""
 
 Effect = Callable[["Vehicle", int], bool]
 """Whether what was received after message number `after` shows a command's effect: `effect(vehicle, after)`."""
@@ -41,9 +43,10 @@ class CannotExecute(Exception):
 class Plan:
     """A command as one MAVLink message, the modes in which it runs, and the proof of its effect.
 
-    `modes` None: the command is no flight. `passing` are modes that are right only if the effect shows soon after.
-    `message` None: nothing has to be said. `on_accepted(now_ms)` is called when the command is accepted.
-    `is_said_once`: it is never repeated, and its acceptance is all that will be known of it.
+    `first_mode`: the mode that the autopilot is put into before the message is said, None where its mode is right.
+    `modes` None: the command is no flight. `passing` are modes that are right once the effect is `near`, and only
+    if it shows soon after. `message` None: nothing has to be said. `on_accepted(now_ms)` is called when the command
+    is accepted. `is_said_once`: it is never repeated, and its acceptance is all that will be known of it.
     """
 
     message: Any
@@ -52,6 +55,8 @@ class Plan:
     effect: Effect
     modes: frozenset[FlightModeName] | None = None
     passing: frozenset[FlightModeName] = frozenset()
+    near: Effect | None = None
+    first_mode: FlightModeName | None = None
     on_accepted: Callable[[int], None] | None = None
     is_said_once: bool = False
 
@@ -73,6 +78,21 @@ def arming(command: Arm | Disarm, vehicle: Vehicle) -> Plan:
     return Plan(message, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, Group.ARMING, effect)
 
 
+def check(command: Command, vehicle: Vehicle) -> None:
+    """Raises CannotExecute where an autopilot may accept a command that must not be said to it now.
+
+    On the ground, `goto` takes off, and `takeoff` without armed motors climbs as soon as somebody arms them.
+    """
+    if isinstance(command, Goto):
+        landed = vehicle.seen(LandedState)
+        if landed is None or landed.landed is Landed.UNDEFINED:
+            raise CannotExecute("landed_state_unknown")
+        if landed.landed is Landed.ON_GROUND:
+            raise CannotExecute("on_ground")
+    if isinstance(command, Takeoff | Goto | Offboard) and vehicle.seen(Armed) != Armed(True):
+        raise CannotExecute("disarmed")
+
+
 def home_altitude_m(vehicle: Vehicle) -> float:
     """Home's altitude above mean sea level; raises CannotExecute where it is unknown."""
     home = vehicle.seen(Home)
@@ -81,15 +101,22 @@ def home_altitude_m(vehicle: Vehicle) -> float:
     return home.altitude_amsl_m
 
 
-def climbed(command: Takeoff, home_m: float) -> Effect:
-    """Airborne at the height of a takeoff above home, itself at `home_m` above mean sea level."""
-    tolerance_m = max(ALTITUDE_REACHED_M, 0.05 * command.altitude_m)
+def above(altitude_amsl_m: float) -> Effect:
+    """Not below an altitude in metres above mean sea level."""
 
     def effect(seen: Vehicle, after: int) -> bool:
-        location, landed = seen.seen(Location, after), seen.seen(LandedState, after)
-        if location is None or landed != LandedState(Landed.IN_AIR):
-            return False
-        return location.altitude_amsl_m - home_m >= command.altitude_m - tolerance_m
+        location = seen.seen(Location, after)
+        return location is not None and location.altitude_amsl_m >= altitude_amsl_m
+
+    return effect
+
+
+def climbed(command: Takeoff, home_m: float) -> Effect:
+    """Airborne at the height of a takeoff above home, itself at `home_m` above mean sea level."""
+    is_there = above(home_m + command.altitude_m - max(ALTITUDE_REACHED_M, 0.05 * command.altitude_m))
+
+    def effect(seen: Vehicle, after: int) -> bool:
+        return seen.seen(LandedState, after) == LandedState(Landed.IN_AIR) and is_there(seen, after)
 
     return effect
 
@@ -113,8 +140,10 @@ def never(vehicle: Vehicle, after: int) -> bool:
 
 
 def holds(vehicle: Vehicle, after: int) -> bool:
-    """The autopilot is in its hold mode."""
-    return vehicle.seen(FlightMode, after) == FlightMode(FlightModeName.HOLD)
+    """The autopilot is in its hold mode, and stands: on the ground, or still in the air."""
+    if vehicle.seen(FlightMode, after) != FlightMode(FlightModeName.HOLD):
+        return False
+    return vehicle.is_still(after) or vehicle.seen(LandedState, after) == LandedState(Landed.ON_GROUND)
 
 
 def is_down(vehicle: Vehicle, after: int) -> bool:

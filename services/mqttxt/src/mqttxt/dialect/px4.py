@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff
-from ..states import FlightModeName, Health
+from ..states import Armed, FlightMode, FlightModeName, Health, Landed, LandedState
 from .autopilot import Autopilot
 from .plans import (
+    ALTITUDE_NEAR_M,
     AUTOPILOT_COMPONENT,
     NAN,
     Effect,
     Group,
     Plan,
+    above,
     arming,
     arrived,
     climbed,
@@ -44,6 +47,17 @@ _MODES: Final[dict[tuple[int, int], FlightModeName]] = {
     (6, 0): FlightModeName.OFFBOARD,
     (7, 0): FlightModeName.STABILIZED,
 }
+_STAYS = frozenset(
+    {
+        FlightModeName.MANUAL,
+        FlightModeName.ALTITUDE,
+        FlightModeName.POSITION,
+        FlightModeName.ACRO,
+        FlightModeName.STABILIZED,
+        FlightModeName.HOLD,
+    }
+)
+"""Modes in which a drone that is armed on the ground stays there; in TAKEOFF or MISSION it flies off."""
 _NUMBERS = {name: numbers for numbers, name in _MODES.items()}
 
 
@@ -69,19 +83,20 @@ class Px4(Autopilot):
         return mode_name(heartbeat.custom_mode)
 
     def health(self, status: Any) -> Health:
+        """PX4 says that it would arm in the health bits alone; PREARM_CHECK is neither present nor enabled."""
         enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
         unhealthy = enabled & ~status.onboard_control_sensors_health & 0xFFFFFFFF
-        prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        if status.onboard_control_sensors_present & prearm:
-            return Health(not unhealthy & prearm, unhealthy)
-        return Health(unhealthy == 0, unhealthy)
+        return Health(bool(status.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK), unhealthy)
 
     def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, *map(float, mode_numbers(name)))
 
     def plan(self, command: Command, vehicle: Vehicle) -> Plan:
-        if isinstance(command, Arm | Disarm):
+        if isinstance(command, Arm):
+            stays = vehicle.seen(Armed) == Armed(True) or _mode_of(vehicle) in _STAYS
+            return replace(arming(command, vehicle), first_mode=None if stays else FlightModeName.HOLD)
+        if isinstance(command, Disarm):
             return arming(command, vehicle)
         if isinstance(command, Takeoff):
             return _takeoff(command, vehicle)
@@ -91,11 +106,20 @@ class Px4(Autopilot):
             message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
             return Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
         if isinstance(command, Hold):
-            return self._mode(vehicle, FlightModeName.HOLD, holds)
+            return self._hold(vehicle)
         if isinstance(command, Offboard):
             return self._mode(vehicle, self.offboard_mode, never)
         assert isinstance(command, Return)
         return self._mode(vehicle, FlightModeName.RETURN, is_down, FlightModeName.LAND)
+
+    def _hold(self, vehicle: Vehicle) -> Plan:
+        """In the air a reposition to where it is: a goto is HOLD mode already, and DO_SET_MODE would not stop it."""
+        landed, modes = vehicle.seen(LandedState), frozenset({FlightModeName.HOLD})
+        if landed is None or landed.landed in (Landed.UNDEFINED, Landed.ON_GROUND):
+            return self._mode(vehicle, FlightModeName.HOLD, holds)
+        here = (-1.0, float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE), 0.0, NAN, NAN, NAN, NAN)
+        message = command_long(vehicle, mavlink.MAV_CMD_DO_REPOSITION, *here)
+        return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, holds, modes)
 
     def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect, *others: FlightModeName) -> Plan:
         """A command that is a mode; it may run in others, too."""
@@ -105,23 +129,30 @@ class Px4(Autopilot):
 
 def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
     home_m = home_altitude_m(vehicle)
-    message = command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 6, home_m + command.altitude_m)
+    target_m = home_m + command.altitude_m
     return Plan(
-        message,
+        command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 6, target_m),
         mavlink.MAV_CMD_NAV_TAKEOFF,
         Group.MOTION,
         climbed(command, home_m),
-        frozenset({FlightModeName.TAKEOFF}),
-        frozenset({FlightModeName.HOLD}),
+        modes=frozenset({FlightModeName.TAKEOFF}),
+        passing=frozenset({FlightModeName.HOLD}),
+        near=above(target_m - max(ALTITUDE_NEAR_M, 0.1 * command.altitude_m)),
     )
 
 
+def _mode_of(vehicle: Vehicle) -> FlightModeName:
+    told = vehicle.seen(FlightMode)
+    return FlightModeName.UNKNOWN if told is None else told.mode
+
+
 def _goto(command: Goto, vehicle: Vehicle) -> Plan:
+    """In MAV_FRAME_GLOBAL_INT: some builds between PX4 1.16 and 1.17 refuse MAV_FRAME_GLOBAL."""
     target_m = home_altitude_m(vehicle) + command.altitude_m
     message = mavlink.MAVLink_command_int_message(
         vehicle.system_id,
         AUTOPILOT_COMPONENT,
-        mavlink.MAV_FRAME_GLOBAL,
+        mavlink.MAV_FRAME_GLOBAL_INT,
         mavlink.MAV_CMD_DO_REPOSITION,
         0,
         0,

@@ -21,6 +21,7 @@ from ..states import (
     MaxGroundspeed,
     State,
     VitalState,
+    check_range,
 )
 from .autopilot import Autopilot
 from .autopilots import AUTOPILOTS
@@ -30,6 +31,8 @@ from .plans import AUTOPILOT_COMPONENT, CannotExecute
 OWN_COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 """What the UAV client is on its autopilot's link, in the system of the autopilot."""
 HEARTBEAT_LOST_MS = 3000
+STILL_M_S, STILL_CLIMB_M_S, STILL_MS = 1.0, 0.5, 1000
+"""Slower than both for this long is standing still: a drone that turns back passes through zero sooner."""
 
 Value = TypeVar("Value", bound=VitalState)
 
@@ -64,6 +67,7 @@ class Vehicle:
         self.states: dict[str, Seen[Any]] = {}
         self.cruise_m_s: float | None = None
         self._autopilot: Autopilot | None = None
+        self._still: list[tuple[int, int]] = []
         self._arrivals: dict[str, Arrivals] = {}
         self._home = HomeOfArming()
 
@@ -83,6 +87,11 @@ class Vehicle:
         found = self.states.get(cls.name)
         return found.state if found is not None and found.number > after else None
 
+    def is_still(self, after: int) -> bool:
+        """Whether the drone has been standing still for a second, by messages after message number `after`."""
+        shown = [at_ms for number, at_ms in self._still if number > after]
+        return bool(shown) and shown[-1] - shown[0] >= STILL_MS
+
     def is_own(self, message: Any) -> bool:
         """Whether a message is of this autopilot."""
         return bool(message.get_srcSystem() == self.system_id and message.get_srcComponent() == AUTOPILOT_COMPONENT)
@@ -101,7 +110,10 @@ class Vehicle:
         return 1000 / max(1.0, found.interval_ms, since_ms if since_ms > 3 * found.interval_ms else 0.0)
 
     def update(self, message: Any, now_ms: int) -> list[State]:
-        """Take in a message of this autopilot; returns the states that it told."""
+        """Take in a message of this autopilot; returns the states that it told.
+
+        Raises PayloadError, and believes none of it, where a value is outside its state's range.
+        """
         if not self.is_own(message):
             return []
         kind = message.get_type()
@@ -112,6 +124,10 @@ class Vehicle:
         if kind == "HEARTBEAT":
             self.heartbeat_ms = now_ms
         told = self._home.correct(self._read(kind, message), self.seen(Armed) == Armed(True))
+        for state in told:
+            check_range(state)
+        if kind == "GLOBAL_POSITION_INT":
+            self._note_motion(message, now_ms)
         for state in told:
             self.states[state.name] = Seen(state, self.number)
         return told
@@ -146,6 +162,16 @@ class Vehicle:
         if name in self.autopilot.max_speed:
             return [MaxGroundspeed(value * self.autopilot.max_speed[name])]
         return []
+
+    def _note_motion(self, message: Any, now_ms: int) -> None:
+        """Keep when the drone stood still: from the last moment that is a second ago, or since it stopped."""
+        across_m_s, climb_m_s = math.hypot(message.vx, message.vy) / 100, abs(message.vz) / 100
+        if across_m_s > STILL_M_S or climb_m_s > STILL_CLIMB_M_S:
+            self._still.clear()
+            return
+        self._still.append((self.number, now_ms))
+        while len(self._still) > 1 and now_ms - self._still[1][1] >= STILL_MS:
+            del self._still[0]
 
     def _note_arrival(self, kind: str, now_ms: int) -> None:
         found = self._arrivals.get(kind)

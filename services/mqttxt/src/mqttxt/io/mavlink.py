@@ -22,6 +22,7 @@ from ..dialect.vehicle import HEARTBEAT_LOST_MS
 from ..errors import ConfigurationError
 from .address import is_host, whole_number
 from .frames import Malformed, StreamFrames, in_datagram
+from .repeats import Repeats
 
 logger = logging.getLogger("mqttxt.mavlink")
 
@@ -114,6 +115,7 @@ class AutopilotLink:
     async def _read(self, transport: _Transport) -> None:
         loop = asyncio.get_running_loop()
         ended: asyncio.Future[None] = loop.create_future()
+        repeats = Repeats()
 
         def readable() -> None:
             """All that is there: an acknowledgement behind other messages is heard before a tick says it is missing."""
@@ -126,7 +128,7 @@ class AutopilotLink:
                 for message in found.messages:
                     if isinstance(message, Malformed):
                         self._on_malformed(message.reason)
-                    else:
+                    elif not repeats.is_copy(bytes(message.get_msgbuf()), loop.time()):
                         self._on_message(message)
 
         loop.add_reader(transport.fileno(), readable)

@@ -10,11 +10,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..commands import Command, Mavlink, Offboard, Stream
-from ..dialect.plans import CannotExecute, Plan
+from ..commands import Command, Mavlink, Offboard, Stream, Takeoff
+from ..dialect.plans import CannotExecute, Plan, check
 from ..dialect.raw import Limits, plan_raw
 from ..dialect.vehicle import Vehicle
 from ..messages import CommandId, Word
+from ..states import FlightMode, FlightModeName
 from .acks import Stray
 from .effects import Log, Transmit
 from .interruptions import interrupted
@@ -22,12 +23,17 @@ from .offboard import OffboardPilot
 from .results import is_for_us, percent_of, refusal
 from .runs import UNSENT, Output, Phase, Run, Runs, Said
 from .streams import Streams
+from .takeoffs import Takeoffs
 
 SENDS = 4
 RESEND_MS = 500
 """MAVLink's command protocol: repeated until acknowledged; the counts are MAVSDK's."""
 ONCE_MS = 3000
 """How long what is never repeated may stay without an acknowledgement."""
+PREPARE_MS = 3000
+"""How long a command waits for the mode that the autopilot has to be in before."""
+PROGRESS_MS = 1000
+"""Percentages are told at most as often; of those in between the newest."""
 
 _FLIGHT_COMMANDS = frozenset(
     {
@@ -48,6 +54,7 @@ class Executor:
         self._limits = limits or Limits()
         self._runs = Runs()
         self._pilot = OffboardPilot(vehicle, self._runs)
+        self._takeoffs = Takeoffs(vehicle, self._runs)
         self.streams = Streams(vehicle)
 
     @property
@@ -123,7 +130,7 @@ class Executor:
         """A message of the autopilot, after `vehicle` has taken it in."""
         if message.get_type() == "COMMAND_ACK":
             return self._on_ack(message, now_ms)
-        return self._observe(now_ms)
+        return self._observe(now_ms) + self._takeoffs.undo(now_ms)
 
     def tick(self, now_ms: int) -> list[Output]:
         """Deadlines, retransmissions and limits; to be called at least ten times a second."""
@@ -132,7 +139,7 @@ class Executor:
             if run.phase in UNSENT:
                 out += self._try_send(run, now_ms)
             elif run.phase is Phase.SENT:
-                out += self._await_ack(run, now_ms)
+                out += self._tell_progress(run, now_ms) + self._await_ack(run, now_ms)
             elif run.phase is Phase.STOPPING:
                 out += self._pilot.go_on_stopping(run, now_ms)
             elif isinstance(run.command, Offboard):
@@ -140,7 +147,7 @@ class Executor:
                 out += self._pilot.stop(run, *over, now_ms) if over is not None else []
             elif now_ms >= run.started_ms + run.limit_ms:
                 out.append(self._time_out(run, now_ms))
-        return out + self._observe(now_ms) + self._pilot.set_points(now_ms)
+        return out + self._observe(now_ms) + self._takeoffs.undo(now_ms) + self._pilot.set_points(now_ms)
 
     def ask(self, message: Any, now_ms: int) -> list[Output]:
         """Write a question of our own, unless a command waits for an acknowledgement of the same number."""
@@ -159,6 +166,7 @@ class Executor:
             return self.streams.plan(command, now_ms)
         if isinstance(command, Mavlink):
             return plan_raw(command, self.vehicle, self._limits)
+        check(command, self.vehicle)
         return self.vehicle.autopilot.plan(command, self.vehicle)
 
     def _time_out(self, run: Run, now_ms: int) -> Said:
@@ -170,17 +178,22 @@ class Executor:
     def _try_send(self, run: Run, now_ms: int) -> list[Output]:
         if now_ms > run.deadline_ms:
             return [self._runs.end(run, Word.EXPIRED)]
+        try:
+            run.plan = self._plan(run.command, now_ms)  # what has become of the autopilot meanwhile counts
+        except CannotExecute as error:
+            return [self._runs.end(run, Word.DENIED, str(error))]
         if run.phase is Phase.WAITING:
             run.started_ms = now_ms
+        if run.plan.message is None:
+            return self._begin_unsaid(run, now_ms)
+        first = run.plan.first_mode
+        if first is not None and self.vehicle.seen(FlightMode) != FlightMode(first):
+            return self._prepare(run, first, now_ms)
         if isinstance(run.command, Offboard) and self._pilot.needs_priming(run):
             run.phase = Phase.PRIMING
             self._pilot.begin(run, now_ms)
             if not self._pilot.is_primed(run):
                 return []
-        if isinstance(run.command, Stream):
-            run.plan = self._plan(run.command, now_ms)  # what others asked for meanwhile counts
-            if run.plan.message is None:
-                return self._begin_unsaid(run, now_ms)
         if not self._runs.is_free(run.plan.mav_cmd, now_ms):
             return []
         self._runs.acks.begin(run.plan.mav_cmd)
@@ -194,9 +207,26 @@ class Executor:
         _, *superseded = self._on_accepted(run, now_ms)
         return superseded
 
+    def _prepare(self, run: Run, mode: FlightModeName, now_ms: int) -> list[Output]:
+        """Command the mode that has to come first, now and then, until a heartbeat shows it."""
+        if run.prepared_ms is None:
+            run.phase, run.prepared_ms = Phase.PREPARING, now_ms
+        elif now_ms > run.prepared_ms + PREPARE_MS:
+            return [self._runs.end(run, Word.DENIED, "wrong_mode")]
+        elif now_ms < run.last_send_ms + RESEND_MS:
+            return []
+        message = self.vehicle.autopilot.set_mode(self.vehicle, mode)
+        if self._runs.awaiting(message.command) is not None:
+            return []
+        run.last_send_ms = now_ms
+        self._runs.acks.expect(message.command, now_ms)
+        return [Transmit(message, run.deadline_ms)]
+
     def _send(self, run: Run, now_ms: int) -> list[Output]:
         run.sends += 1
         run.last_send_ms = now_ms
+        if isinstance(run.command, Takeoff):
+            self._takeoffs.said(now_ms)
         return [Transmit(run.plan.message, run.deadline_ms, run.id)]
 
     def _await_ack(self, run: Run, now_ms: int) -> list[Output]:
@@ -212,7 +242,8 @@ class Executor:
             and not run.plan.is_said_once
             and run.sends < SENDS
             and now_ms <= run.deadline_ms
-            and self._runs.newer(run) is None
+            and self._runs.is_newest(run)
+            and self._may_repeat(run, now_ms)
         ):
             return self._send(run, now_ms)
         if now_ms < run.last_send_ms + 2 * RESEND_MS:
@@ -222,6 +253,13 @@ class Executor:
         if isinstance(run.command, Offboard):
             return self._pilot.stop(run, Word.UNCONFIRMED, reason, now_ms)
         return [self._runs.end(run, Word.UNCONFIRMED, reason)]
+
+    def _may_repeat(self, run: Run, now_ms: int) -> bool:
+        """Whether what allowed the first copy still does."""
+        try:
+            return self._plan(run.command, now_ms).first_mode in (None, run.plan.first_mode)
+        except CannotExecute:
+            return False
 
     def _rest(self, run: Run, now_ms: int) -> None:
         """Leave the number alone while acknowledgements of this run may still come."""
@@ -239,7 +277,10 @@ class Executor:
             return self._on_progress(run, percent_of(message), now_ms)
         run.acks += 1
         if message.result != mavlink.MAV_RESULT_ACCEPTED:
-            return self._on_refusal(run, *refusal(message.result), now_ms)
+            word, reason = refusal(message.result)
+            if run.in_progress:  # it was started: a definite no would be false
+                return self._on_refusal(run, Word.FAILED, reason or word.label, now_ms)
+            return self._on_refusal(run, word, reason, now_ms)
         if run.sends > run.acks:
             self._rest(run, now_ms)
         if run.plan.is_said_once:
@@ -258,12 +299,22 @@ class Executor:
         return []
 
     def _on_progress(self, run: Run, percent: int | None, now_ms: int) -> list[Output]:
-        """It is being done: not said again, and told only where the percentage is another one."""
-        if run.in_progress and percent == run.percent:
-            return []
-        run.in_progress = True
+        """It is being done, and is not said again."""
         run.percent = percent
-        return [Said(run.id, Word.IN_PROGRESS, percent=percent, late_ms=run.late_ms), *self._supersede(run, now_ms)]
+        if run.in_progress:
+            return self._tell_progress(run, now_ms)
+        run.in_progress = True
+        return [self._progress(run, now_ms), *self._supersede(run, now_ms)]
+
+    def _tell_progress(self, run: Run, now_ms: int) -> list[Output]:
+        """The newest percentage, where it is another one than was told, and not too soon after that."""
+        if not run.in_progress or run.percent == run.told_percent or now_ms < run.told_percent_ms + PROGRESS_MS:
+            return []
+        return [self._progress(run, now_ms)]
+
+    def _progress(self, run: Run, now_ms: int) -> Said:
+        run.told_percent, run.told_percent_ms = run.percent, now_ms
+        return Said(run.id, Word.IN_PROGRESS, percent=run.percent, late_ms=run.late_ms)
 
     def _on_accepted(self, run: Run, now_ms: int) -> list[Output]:
         run.phase = Phase.RUNNING

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..commands import Goto, Offboard, Takeoff
 from ..dialect.vehicle import Vehicle
-from ..states import Armed, FlightMode
+from ..states import Armed, FlightMode, FlightModeName
 from .runs import Phase, Run, Runs
 
 MODE_GRACE_MS = 3000
@@ -25,8 +25,14 @@ def interrupted(run: Run, runs: Runs, vehicle: Vehicle, now_ms: int) -> str | No
         run.entered_mode = True
         run.passing_since_ms = None
         return None
-    if run.entered_mode and told.mode not in run.plan.passing:
+    if run.entered_mode and not _is_passing(run, vehicle, told.mode):
         return "mode_changed"
     if run.passing_since_ms is None:
         run.passing_since_ms = now_ms
     return "mode_changed" if now_ms - run.passing_since_ms > MODE_GRACE_MS else None
+
+
+def _is_passing(run: Run, vehicle: Vehicle, mode: FlightModeName) -> bool:
+    """Whether the autopilot itself may have gone on to a mode, because the effect is about to show."""
+    near = run.plan.near
+    return mode in run.plan.passing and (near is None or near(vehicle, run.accepted_number))

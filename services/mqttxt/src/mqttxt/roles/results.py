@@ -9,18 +9,30 @@ from pymavlink.dialects.v20 import common as mavlink
 from ..dialect.vehicle import OWN_COMPONENT
 from ..messages import Word
 
+_NAMES = {
+    number: entry.name.removeprefix("MAV_RESULT_").lower()
+    for number, entry in mavlink.enums["MAV_RESULT"].items()
+    if not entry.name.endswith("_ENUM_END")
+} | {
+    6: "cancelled",
+    9: "command_unsupported_mav_frame",
+    10: "not_in_control_of_autopilot",  # MAV_RESULT_NOT_IN_CONTROL; `not_in_control` is a reason of R6.6
+}
+"""Every MAV_RESULT; pymavlink's table has not got the last ones yet."""
+
 _RESULTS = {
-    mavlink.MAV_RESULT_TEMPORARILY_REJECTED: (Word.DENIED, "temporarily_rejected"),
     mavlink.MAV_RESULT_DENIED: (Word.DENIED, "autopilot"),
     mavlink.MAV_RESULT_UNSUPPORTED: (Word.UNSUPPORTED, None),
     mavlink.MAV_RESULT_FAILED: (Word.FAILED, "autopilot"),
-    6: (Word.FAILED, "cancelled"),  # MAV_RESULT_CANCELLED
+    6: (Word.FAILED, _NAMES[6]),
 }
 
 
 def refusal(result: int) -> tuple[Word, str | None]:
-    """The last word for a MAV_RESULT other than accepted and in progress."""
-    return _RESULTS.get(result, (Word.FAILED, f"mav_result_{result}"))
+    """The last word for a MAV_RESULT other than accepted and in progress; one that has no name says nothing sure."""
+    if result in _RESULTS:
+        return _RESULTS[result]
+    return (Word.DENIED, _NAMES[result]) if result in _NAMES else (Word.FAILED, f"mav_result_{result}")
 
 
 def percent_of(message: Any) -> int | None:

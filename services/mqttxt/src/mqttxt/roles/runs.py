@@ -32,18 +32,20 @@ Output = Effect | Said
 class Phase(Enum):
     """Where a command is.
 
-    WAITING for its MAV_CMD to be free; PRIMING: set-points are streamed before it is sent; SENT and not
-    acknowledged; RUNNING: accepted; STOPPING: on the way to a safe end, its last word is known but not said.
+    WAITING for its MAV_CMD to be free; PREPARING: the autopilot is put into another mode before it is sent;
+    PRIMING: set-points are streamed before it is sent; SENT and not acknowledged; RUNNING: accepted; STOPPING: on the
+    way to a safe end, its last word is known but not said.
     """
 
     WAITING = auto()
+    PREPARING = auto()
     PRIMING = auto()
     SENT = auto()
     RUNNING = auto()
     STOPPING = auto()
 
 
-UNSENT = (Phase.WAITING, Phase.PRIMING)
+UNSENT = (Phase.WAITING, Phase.PREPARING, Phase.PRIMING)
 
 
 @dataclass(eq=False)
@@ -64,6 +66,9 @@ class Run:
     accepted_number: int = 0
     in_progress: bool = False
     percent: int | None = None
+    told_percent: int | None = None
+    told_percent_ms: int = 0
+    prepared_ms: int | None = None
     refused: tuple[Word, str | None] | None = None
     entered_mode: bool = False
     passing_since_ms: int | None = None
@@ -128,3 +133,7 @@ class Runs:
         """A later command of the same group that was sent too: the older one must not be said again after it."""
         later = self._runs[self._runs.index(run) + 1 :]
         return next((r for r in later if r.is_of_group(run) and r.phase not in UNSENT), None)
+
+    def is_newest(self, run: Run) -> bool:
+        """Whether no later command of the same group is there, not even one that waits."""
+        return not any(r.is_of_group(run) for r in self._runs[self._runs.index(run) + 1 :])

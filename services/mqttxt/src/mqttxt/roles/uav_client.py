@@ -130,12 +130,16 @@ class UavClient:
 
     def on_mavlink(self, message: Any, now_ms: int) -> list[Effect]:
         """A message from the autopilot's link."""
-        for state in self.vehicle.update(message, now_ms):
-            self._throttle.update(state)
+        out: list[Effect] = []
+        try:
+            for state in self.vehicle.update(message, now_ms):
+                self._throttle.update(state)
+        except PayloadError as error:
+            out.append(Log("autopilot_value", str(error)))
         endurance = self._endurance.on_message(message, now_ms)
         if endurance is not None:
             self._throttle.update(endurance)
-        out = self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
+        out += self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
         streamed = self._without_bundled(self._streams.on_message(message, now_ms))
         return out + [effect for state in streamed for effect in self._publish_state(state, now_ms)]
 
