@@ -101,6 +101,13 @@ async def test_behind_anything_but_a_definite_no_nobody_else_is_sent(last: Word)
     assert station.reserved == {}
 
 
+async def test_behind_silence_nobody_else_is_sent() -> None:
+    station = Station(FLEET, {1: [], 4: FLIES})
+    await choose(station)
+    assert station.sent == [1]
+    assert station.reserved == {}
+
+
 async def test_who_is_reserved_elsewhere_is_released_as_soon_as_one_may_fly() -> None:
     station = Station(FLEET, {1: FLIES})
     async for event in best(station, TARGET, [1, 2], 5.0, None):  # type: ignore[arg-type]

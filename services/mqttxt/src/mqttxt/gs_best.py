@@ -55,7 +55,8 @@ async def best(
             except FogUnreachable:  # it was not sent
                 if not held:
                     raise
-            if last is not None and last not in DEFINITE_NO:
+                last = Word.UNREACHABLE
+            if last not in DEFINITE_NO:
                 return
             reason = _why_to_end(station, chosen, start_until_s)
             if reason is not None:
