@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import fcntl
 import os
+import sys
 from collections.abc import Generator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 from xdist import is_xdist_worker
 
+sys.path.insert(0, str(Path(__file__).parent))
+import lateness
+
 # How long an example takes says how busy the machine is. The quick check tries fewer of them.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("quick", settings.get_profile("any machine"), max_examples=20)
 settings.load_profile("any machine")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(lateness)
+
+
 _turn: int | None = None
 """A worker's lock: all share it until nothing is left for them but what is to be alone; then one has it at a time."""
 

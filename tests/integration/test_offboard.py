@@ -12,7 +12,7 @@ from processes import System, eventually
 
 from mqttxt import Arm, Attitude, Drone, GroundStation, Offboard, Outcome, Takeoff, Velocity, Word
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.timed]
 
 
 @pytest.fixture

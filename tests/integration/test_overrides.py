@@ -15,7 +15,7 @@ from testbed.containers import compose_command
 from testbed.overrides import compose_files
 from testbed.topology import FLEET
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.timed]
 DRONES = [drone for drones in FLEET.values() for drone in drones]
 
 

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import Arm, GroundStation, Hold, Land, Outcome, Takeoff, Word
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.timed]
 
 TAKEOFF, LAND = 22, 21
 ALTITUDE_M = 8

@@ -26,7 +26,7 @@ from mission.points import all_points
 from mqttxt.commands import haversine_m
 from mqttxt.readings import UNITS
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.timed]
 DRONES = (1, 2)
 LOW_M = 3.0
 SAMPLES = 3

@@ -9,7 +9,7 @@ from processes import System, eventually
 
 from mqttxt import Arm, GroundStation, Land, Stream, Takeoff, Word
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.timed]
 STATES = frozenset(
     {"armed", "battery", "flight_mode", "groundspeed", "heading", "health", "home", "landed_state", "location"}
 )

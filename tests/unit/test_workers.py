@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-CONFTEST = Path(__file__).parents[1] / "conftest.py"
+TESTS_OWN = [Path(__file__).parents[1] / name for name in ("conftest.py", "lateness.py")]
 WORDS = ["--numprocesses", "3", "--dist", "loadfile", "--no-loadscope-reorder", "-p", "no:cacheprovider"]
 TESTS = """
 import json, os, time
@@ -31,7 +31,8 @@ FILES = {"test_a": "", "test_b": "", "test_c": "", "test_d": "", "test_x": "alon
 
 @pytest.mark.long
 def test_a_file_is_on_one_worker_and_what_is_alone_runs_last_beside_nothing(tmp_path: Path) -> None:
-    (tmp_path / "conftest.py").write_text(CONFTEST.read_text())
+    for own in TESTS_OWN:
+        (tmp_path / own.name).write_text(own.read_text())
     (tmp_path / "pyproject.toml").write_text('[tool.pytest.ini_options]\nmarkers = ["alone: a", "e2e: b"]\n')
     for name, mark in FILES.items():
         (tmp_path / f"{name}.py").write_text(TESTS.replace("MARKS", f"@pytest.mark.{mark}" if mark else ""))
