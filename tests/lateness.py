@@ -1,9 +1,9 @@
 """Tests that fly or measure times, on a machine that is late: flown again, and inconclusive where it stays late.
 
 A process beside the tests sleeps in short steps and writes down when it woke up late: that is the machine's doing, not
-the code's. Where a test marked `alone`, `e2e` or `timed` fails by what lateness may cause, and the machine was late while
-it ran, the test is run anew with all its fixtures, once the machine is quieter, TURNS times at most. After that it is
-neither passed nor failed but inconclusive, which the last lines say. Any other failure is one at once.
+the code's. Where a test marked `alone`, `e2e` or `timed` fails by what lateness may cause, and the machine was late
+while it ran, the test is run anew with all its fixtures, once the machine is quieter, TURNS times at most. After that
+it is neither passed nor failed but inconclusive, which the last lines say. Any other failure is one at once.
 """
 
 from __future__ import annotations

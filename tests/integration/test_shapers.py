@@ -1,6 +1,6 @@
 """A kernel's netem and the emulator make the same links of a plan: both in virtual machines, by the same probe.
 
-The machines' time is their own, so a busy computer changes nothing; what is compared is in tests/shapers.
+The machines' time is their own, but two runs differ by up to a millisecond; what is compared is in tests/shapers.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tests.shapers.comparison import Row, compare, features
 from tests.shapers.machine import Machine
 from tests.shapers.rounds import job, rounds
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.integration, pytest.mark.timed, pytest.mark.timeout(900)]
 ROUNDS = rounds()
 
 

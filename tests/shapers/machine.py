@@ -1,8 +1,8 @@
 """Boots the virtual machine that `make tools` made, with a job, and returns what the job wrote.
 
 The machine has no clock of the host's: QEMU's -icount counts one nanosecond for an instruction, and while the machine
-waits for a timer its time jumps there. So what is measured in it does not depend on what else this computer does, and
-a minute of waiting takes no time.
+waits for a timer its time jumps there. So a busy computer makes nothing in it slower, and a minute of waiting takes no
+time. Two runs still differ, in when a datagram is sent by up to a millisecond.
 """
 
 from __future__ import annotations
