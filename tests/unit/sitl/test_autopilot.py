@@ -29,8 +29,8 @@ def test_zero_turns_disarming_by_itself_off(make_drone: Any) -> None:
 def test_a_takeoff_climbs_at_its_speed_and_ends_in_hold(drone: Any) -> None:
     drone.command(400, 1)
     drone.command(22, *[NAN] * 6, 498.0)
-    drone.fly(4)
-    assert drone.autopilot.motion.velocity[2] == pytest.approx(1.5)
+    drone.fly_until(lambda: drone.up_m > 5)
+    assert drone.autopilot.motion.velocity[2] == pytest.approx(1.5, abs=0.05)
     assert drone.autopilot.landed_state == mavlink.MAV_LANDED_STATE_TAKEOFF
     drone.fly_until(lambda: drone.mode == "HOLD")
     assert drone.autopilot.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR
@@ -41,24 +41,28 @@ def test_a_takeoff_climbs_at_its_speed_and_ends_in_hold(drone: Any) -> None:
 def test_hold_in_a_takeoff_stops_the_climb(drone: Any) -> None:
     drone.command(400, 1)
     drone.command(22, *[NAN] * 6, 538.0)
-    drone.fly(6)
+    drone.fly_until(lambda: drone.up_m > 4)
     drone.command(176, 1, 4, 3)
     height_m = drone.up_m
     drone.fly(20)
     assert drone.up_m == pytest.approx(height_m, abs=1)
 
 
-def test_hold_in_cruise_brakes_and_does_not_fly_back(drone: Any) -> None:
+def test_hold_in_cruise_flies_on_and_a_reposition_to_nowhere_brakes(drone: Any) -> None:
     drone.take_off()
     place = drone.autopilot.guidance.origin.offset(100, 0, 0)
     drone.command_int(192, -1, 1, x=round(place.latitude_deg * 1e7), y=round(place.longitude_deg * 1e7), z=NAN)
     drone.fly(8)
-    drone.command(176, 1, 4, 3)
+    assert drone.command(176, 1, 4, 3) == 0
+    drone.fly(2)
+    assert drone.autopilot.motion.velocity[0] > 4, "a goto is hold for PX4: hold changes nothing"
+    stop = {"x": 2**31 - 1, "y": 2**31 - 1, "z": NAN}
+    assert drone.command_int(192, -1, 1, **stop) == 0
     slowest = 0.0
     for _ in range(500):
         drone.fly(0.02)
         slowest = min(slowest, drone.autopilot.motion.velocity[0])
-    assert slowest > -0.1
+    assert slowest > -0.5
     assert drone.autopilot.motion.groundspeed_m_s < 0.05
 
 
@@ -80,7 +84,7 @@ def test_return_climbs_flies_home_lands_and_disarms(make_drone: Any) -> None:
     drone.fly_until(lambda: drone.autopilot.motion.position[0] > 59)
     drone.command(176, 1, 4, 5)
     drone.fly_until(lambda: drone.autopilot.motion.position[0] < 55)
-    assert drone.up_m == pytest.approx(20, abs=0.5), "it climbs before it flies"
+    assert drone.up_m == pytest.approx(20, abs=0.9), "it climbs before it flies"
     drone.fly_until(lambda: not drone.autopilot.armed)
     assert drone.autopilot.motion.position == pytest.approx([0, 0, 0], abs=0.5)
 
@@ -99,7 +103,25 @@ def test_return_never_descends_to_its_height(make_drone: Any) -> None:
 def test_return_at_home_lands_at_once(drone: Any) -> None:
     drone.take_off(5)
     drone.command(176, 1, 4, 5)
-    drone.fly_until(lambda: drone.autopilot.landed, limit_s=15)
+    drone.fly_until(lambda: drone.autopilot.landed_state == mavlink.MAV_LANDED_STATE_LANDING, limit_s=2)
+    drone.fly_until(lambda: drone.autopilot.landed, limit_s=20)
+    drone.fly_until(lambda: not drone.autopilot.armed, limit_s=3)
+    assert drone.mode == "HOLD", "a return that is over gives way to hold"
+
+
+def test_a_return_from_near_home_stays_within_the_cone(make_drone: Any) -> None:
+    """Farther than NAV_ACC_RAD and nearer than RTL_MIN_DIST it climbs no higher than RTL_CONE_ANG allows."""
+    drone = make_drone()
+    drone.take_off(3)
+    place = drone.autopilot.guidance.origin.offset(8, 0, 0)
+    drone.command_int(192, -1, 1, x=round(place.latitude_deg * 1e7), y=round(place.longitude_deg * 1e7), z=NAN)
+    drone.fly(15)
+    drone.command(176, 1, 4, 5)
+    highest = 0.0
+    while drone.autopilot.armed:
+        drone.fly(0.1)
+        highest = max(highest, drone.up_m)
+    assert highest == pytest.approx(8, abs=1)
 
 
 def test_it_flies_again(drone: Any) -> None:
@@ -137,8 +159,8 @@ def test_time_in_one_leap_is_time_in_small_steps(make_drone: Any) -> None:
     for drone in (leap, steps):
         drone.command(400, 1)
         drone.command(22, *[NAN] * 7)
-    leap.vehicle.advance(2.0)
-    for tick in range(1, 201):
+    leap.vehicle.advance(8.0)
+    for tick in range(1, 801):
         steps.vehicle.advance(tick * 0.01)
     assert leap.autopilot.motion == steps.autopilot.motion
     assert leap.up_m > 1

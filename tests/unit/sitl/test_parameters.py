@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from sitl.errors import SitlError
+from sitl.fleet import DroneConfig
 from sitl.parameters import SPECS, Parameters
+from sitl.vehicle import Vehicle
 
 INT32, REAL32 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32
 
@@ -65,7 +67,9 @@ def test_a_set_that_is_wrong_is_answered_with_what_stays(drone: Any, name: str, 
 
 def test_its_own_identity_and_battery_are_its_configurations(drone: Any) -> None:
     assert drone.autopilot.parameters["MAV_SYS_ID"] == 1
-    assert drone.autopilot.parameters["BAT1_CAPACITY"] == pytest.approx(70 / 14.8 * 1000)
+    assert drone.autopilot.parameters["BAT1_CAPACITY"] == -1, "PX4's simulated battery has none"
+    own = Vehicle(DroneConfig(7, capacity_wh=70.0), ["px4-onboard"]).autopilot.parameters
+    assert (own["MAV_SYS_ID"], own["BAT1_CAPACITY"]) == (7, pytest.approx(70 / 14.8 * 1000))
 
 
 def test_an_override_must_be_possible() -> None:

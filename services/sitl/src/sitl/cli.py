@@ -10,6 +10,7 @@ import socket
 import sys
 import tempfile
 from collections.abc import Coroutine, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -64,6 +65,7 @@ def fly(
     folder: Annotated[Path, typer.Option(help="Where a real autopilot is; px4: a folder with bin/px4 and etc.")] = Path(
         "/opt/autopilot"
     ),
+    quiet: Annotated[bool, typer.Option("--quiet", help="Without noise: what it says is true.")] = False,
 ) -> None:
     """Fly one simulated drone until Ctrl-C; a real autopilot's log goes beside its events."""
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
@@ -74,7 +76,7 @@ def fly(
             raise SitlError(f"--streams {streams!r}: expected one of {', '.join(SETS)}")
         if autopilot not in AUTOPILOTS:
             raise SitlError(f"--autopilot {autopilot!r}: expected one of {', '.join(AUTOPILOTS)}")
-        config = load(fleet, system) if fleet is not None else DroneConfig(system)
+        config = replace(load(fleet, system) if fleet is not None else DroneConfig(system), quiet=quiet)
         links = [LinkConfig(_address("--listen", listen), _reachable("--send", send), streams)]
         if autopilot != STAND_IN:
             told = {"events": events, "ready_file": ready_file, "position_file": position_file}
@@ -108,6 +110,41 @@ def watch(
     with _errors_as_lines():
         files = {"events": events, "ready_file": ready_file, "position_file": position_file}
         asyncio.run(_until_signal(Watching(system, _address("--listen", listen), **files).run()))
+
+
+@app.command()
+def record(
+    output: Annotated[Path, typer.Argument(help="The recording in JSON; flights that are in it stay.")],
+    px4_dir: Annotated[Path | None, typer.Option(help="A PX4 with its simulator: a folder with bin and etc.")] = None,
+    stand_in: Annotated[bool, typer.Option("--stand-in", help="The stand-in as a process, in real time.")] = False,
+    instance: Annotated[int, typer.Option(help="PX4's instance, 0 to 249; its ports follow from it.")] = 0,
+    cases: Annotated[list[str] | None, typer.Option("--case", help="Only this case; can be repeated.")] = None,
+) -> None:
+    """Fly cases on an autopilot, started for it on loopback, and write down what it did: numbers and times."""
+    from .likeness import commands as likeness
+
+    with _errors_as_lines():
+        likeness.record_into(output, likeness.subject(px4_dir, stand_in, instance), cases or [], _say)
+
+
+@app.command()
+def compare(
+    recording: Annotated[Path | None, typer.Argument(help="What is compared with; PX4 main's without.")] = None,
+    other: Annotated[Path | None, typer.Argument(help="Another one; the stand-in in simulated time without.")] = None,
+    write: Annotated[Path | None, typer.Option(help="A page, whose table of it is made anew.")] = None,
+) -> None:
+    """Say where two recordings differ by more than they may; exit code 1 if they do."""
+    from .likeness import commands as likeness
+
+    with _errors_as_lines():
+        differing = likeness.compare_with(recording, other, write, _say)
+    for line in differing:
+        typer.echo(line)
+    raise typer.Exit(1 if differing else 0)
+
+
+def _say(text: str) -> None:
+    typer.echo(text, err=True)
 
 
 @contextlib.contextmanager

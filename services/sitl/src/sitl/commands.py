@@ -25,6 +25,7 @@ _FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT, *_RELATIVE)
 ACCEPTED, DENIED = int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_DENIED)
 REJECTED = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
+FAILED = int(mavlink.MAV_RESULT_FAILED)
 IN_PROGRESS = int(mavlink.MAV_RESULT_IN_PROGRESS)
 
 
@@ -32,9 +33,9 @@ def handle(autopilot: Autopilot, message: Any) -> list[Output]:
     """Carry out a command, a mode change or a set-point that is for this system; other messages have no answer."""
     kind = message.get_type()
     if kind in ("COMMAND_LONG", "COMMAND_INT"):
-        handler = _COMMANDS.get(message.command, _unsupported)
-        result = handler(autopilot, message)
-        return [received(message), Reply(acknowledgement(message, result)), *autopilot.take_out()]
+        results = _results(autopilot, message)
+        answers = [Reply(acknowledgement(message, result)) for result in results]
+        return [received(message), *answers, *autopilot.take_out()]
     if kind == "SET_MODE":
         _set_mode(autopilot, message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF)
     elif kind == "SET_POSITION_TARGET_LOCAL_NED":
@@ -42,6 +43,19 @@ def handle(autopilot: Autopilot, message: Any) -> list[Output]:
     elif kind == "SET_ATTITUDE_TARGET":
         _attitude_target(autopilot, message)
     return autopilot.take_out()
+
+
+def _results(autopilot: Autopilot, message: Any) -> list[int]:
+    """The results in the order of their acknowledgements; none for what PX4 leaves unanswered."""
+    if message.command in _UNANSWERED or _is_no_arming(message):
+        return []
+    if message.command == mavlink.MAV_CMD_MISSION_START:
+        return [DENIED]
+    if message.command in _NOTHING_TO_DO:
+        return [ACCEPTED]
+    result = _COMMANDS.get(message.command, _unsupported)(autopilot, message)
+    # PX4 says that it has taken a mode change, and then what became of it.
+    return [ACCEPTED, result] if message.command == mavlink.MAV_CMD_DO_SET_MODE else [result]
 
 
 def received(message: Any) -> Happened:
@@ -74,10 +88,8 @@ def _unsupported(autopilot: Autopilot, message: Any) -> int:
 
 
 def _arm_disarm(autopilot: Autopilot, message: Any) -> int:
-    if message.param1 not in (0.0, 1.0):
-        return _refuse(autopilot, f"Unsupported ARM_DISARM param: {message.param1:.3f}", UNSUPPORTED)
     forced = message.param2 == FORCE
-    if message.param1 == 1.0:
+    if _rounded(message.param1) == 1:
         reason = None if autopilot.armed or forced else autopilot.arm_refusal()
         if reason is not None:
             return _refuse(autopilot, reason)
@@ -89,12 +101,17 @@ def _arm_disarm(autopilot: Autopilot, message: Any) -> int:
     return ACCEPTED
 
 
+def _rounded(param: float) -> int | None:
+    return whole(param + 0.5) if math.isfinite(param) and param > -0.5 else None
+
+
+def _is_no_arming(message: Any) -> bool:
+    """An arming by another number than 0 and 1, which PX4 leaves unanswered."""
+    return message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM and _rounded(message.param1) not in (0, 1)
+
+
 def _takeoff(autopilot: Autopilot, message: Any) -> int:
-    if not autopilot.armed:
-        return _refuse(autopilot, "Takeoff denied: disarmed")
-    if not autopilot.landed:
-        # A retransmission of the takeoff that is being flown is no new command.
-        return ACCEPTED if autopilot.mode is Mode.TAKEOFF else _refuse(autopilot, "Takeoff denied: already in air")
+    """Accepted whether armed or not: disarmed the mode stays, and the next arming climbs."""
     z = _z(message)
     if math.isinf(z):
         return _refuse(autopilot, "Takeoff denied: altitude is not a number", DENIED)
@@ -120,9 +137,8 @@ def _land(autopilot: Autopilot, message: Any) -> int:
 
 
 def _reposition(autopilot: Autopilot, message: Any) -> int:
+    """Accepted anywhere: disarmed nothing follows, armed on the ground it takes off, and x, y, z left out stop here."""
     guidance = autopilot.guidance
-    if not autopilot.armed or autopilot.landed:
-        return _refuse(autopilot, "Reposition rejected: not flying")
     z = _z(message)
     place = _horizontal(autopilot, message)
     if place is None or math.isinf(z) or (message.get_type() == "COMMAND_INT" and message.frame not in _FRAMES):
@@ -130,10 +146,23 @@ def _reposition(autopilot: Autopilot, message: Any) -> int:
     changes_mode = bool((whole(message.param2) or 0) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
     if autopilot.mode is not Mode.HOLD and not changes_mode:
         return _refuse(autopilot, "Reposition rejected: not in hold")
-    up = guidance.motion.position[2] if math.isnan(z) else max(0.0, _up(autopilot, message, z))
     autopilot.enter(Mode.HOLD)
-    guidance.target = (*guidance.origin.metres_to(*place), up)
+    if not autopilot.armed:
+        return ACCEPTED
+    if _leaves_out_the_place(message):
+        guidance.stop_here()
+        if not math.isnan(z):
+            guidance.target = (*guidance.target[:2], max(0.0, _up(autopilot, message, z)))
+        return ACCEPTED
+    up = guidance.motion.position[2] if math.isnan(z) else max(0.0, _up(autopilot, message, z))
+    guidance.go((*guidance.origin.metres_to(*place), up), autopilot.now_s)
     return ACCEPTED
+
+
+def _leaves_out_the_place(message: Any) -> bool:
+    if message.get_type() == "COMMAND_INT":
+        return bool(message.x == _CURRENT and message.y == _CURRENT)
+    return math.isnan(message.param5) and math.isnan(message.param6)
 
 
 def _horizontal(autopilot: Autopilot, message: Any) -> tuple[float, float] | None:
@@ -151,23 +180,22 @@ def _horizontal(autopilot: Autopilot, message: Any) -> tuple[float, float] | Non
 def _do_set_mode(autopilot: Autopilot, message: Any) -> int:
     flags, main, sub = (whole(value) for value in (message.param1, message.param2, message.param3))
     if flags is None or not flags & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-        return _refuse(autopilot, "Mode change denied: custom mode expected", DENIED)
+        return _refuse(autopilot, "Mode change denied: custom mode expected")
     return _set_mode(autopilot, main or 0, sub or 0)
 
 
 def _set_mode(autopilot: Autopilot, main: int, sub: int) -> int:
+    """Disarmed any mode, armed those that it can fly in."""
     try:
         mode = Mode((main, sub))
     except ValueError:
-        return _refuse(autopilot, f"Unknown mode {main} {sub}", DENIED)
-    if mode is Mode.OFFBOARD and not autopilot.guidance.has_set_point(autopilot.now_s):
-        return _refuse(autopilot, "Switching to offboard is not possible: no signal")
-    if mode is not Mode.TAKEOFF:
-        autopilot.enter(mode)
-    elif autopilot.armed and autopilot.landed:
+        return _refuse(autopilot, f"Unsupported mode {main} {sub}")
+    if autopilot.armed and not autopilot.can_fly_in(mode):
+        return _refuse(autopilot, f"Switching to {mode.name.title()} is currently not available")
+    if mode is Mode.TAKEOFF:
         _take_off_to(autopilot, None)
-    elif autopilot.mode is not Mode.TAKEOFF:
-        return _refuse(autopilot, "Takeoff denied: not armed on the ground")
+    else:
+        autopilot.enter(mode)
     return ACCEPTED
 
 
@@ -220,6 +248,25 @@ def _finite(values: tuple[float, ...]) -> bool:
     return all(math.isfinite(value) for value in values)
 
 
+_UNANSWERED = frozenset(
+    {
+        mavlink.MAV_CMD_DO_DIGICAM_CONTROL,
+        mavlink.MAV_CMD_DO_MOUNT_CONFIGURE,
+        mavlink.MAV_CMD_DO_MOUNT_CONTROL,
+        mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+        mavlink.MAV_CMD_SET_CAMERA_MODE,
+    }
+)
+"""Left to payloads, of which PX4's simulation has none that answers."""
+_NOTHING_TO_DO = frozenset(
+    {
+        mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
+        mavlink.MAV_CMD_DO_CHANGE_SPEED,
+        mavlink.MAV_CMD_PREFLIGHT_CALIBRATION,
+        mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
+    }
+)
+"""Accepted, with nothing that a stand-in could do about it."""
 _COMMANDS: dict[int, Callable[[Autopilot, Any], int]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
     mavlink.MAV_CMD_NAV_TAKEOFF: _takeoff,

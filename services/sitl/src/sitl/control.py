@@ -33,10 +33,9 @@ def parse(request: Any) -> dict[str, Any] | None:
 
 def apply(autopilot: Autopilot, wanted: dict[str, Any]) -> None:
     """Put the drone into a state. `armed` and `altitude_m` put it back home first; `mode` is a pilot's hand."""
-    battery = autopilot.battery
     autopilot.healthy = wanted.get("healthy", autopilot.healthy)
     if "battery_pct" in wanted:
-        battery.left_wh = battery.capacity_wh * wanted["battery_pct"] / 100
+        autopilot.battery.charge(wanted["battery_pct"])
     if "armed" in wanted or "altitude_m" in wanted:
         autopilot.put_back(altitude_m=wanted.get("altitude_m", 0.0), armed=wanted.get("armed", False))
     if "mode" in wanted:

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Protocol
 
 EARTH_M = 6_371_000.0
-VERTICAL_ACCELERATION_M_S2 = 2.0
+GRAVITY_M_S2 = 9.80665
+LAG_S = 0.4
+"""How far the drone is behind its trajectory."""
+SPEEDING_UP = 0.7
+"""A trajectory waits for its drone: it speeds up with so much of its acceleration."""
+TURNING_M_S = 0.5
+"""Slower it does not turn to where it flies."""
+YAW_RATE_RAD_S, YAW_ACCELERATION_RAD_S2 = math.radians(60), math.radians(20)
 Vector = tuple[float, float, float]
 """North, east, up."""
 HOVER_W = 220.0
@@ -37,40 +45,136 @@ class Place:
 
 
 @dataclass
+class Limits:
+    """What a trajectory keeps to, in metres and seconds: horizontal, upward, downward acceleration, and jerk."""
+
+    horizontal: float
+    up: float
+    down: float
+    jerk: float
+
+
+@dataclass
 class Motion:
-    """Where a drone is relative to its home and how fast: north, east, up in metres and metres a second."""
+    """Where a drone is relative to its home and how fast: north, east, up in metres and metres a second.
+
+    `aim` is the velocity of the trajectory, which changes within limits of acceleration and jerk; the drone's own
+    velocity follows it, LAG_S behind.
+    """
 
     position: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     velocity: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     yaw_rad: float = 0.0
+    yaw_aim_rad: float = 0.0
+    aim: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    acceleration: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    _yaw_rate: float = 0.0
 
     @property
     def groundspeed_m_s(self) -> float:
         return math.hypot(self.velocity[0], self.velocity[1])
 
-    def step(self, wanted: Vector, acceleration_m_s2: float, dt_s: float) -> None:
-        """Move on by `dt_s` towards the wanted velocity, as fast as the acceleration allows; the ground stops."""
-        change = [wanted[0] - self.velocity[0], wanted[1] - self.velocity[1]]
-        size = math.hypot(*change)
-        most = acceleration_m_s2 * dt_s
-        scale = 1.0 if size <= most else most / size
-        self.velocity[0] += change[0] * scale
-        self.velocity[1] += change[1] * scale
-        most = VERTICAL_ACCELERATION_M_S2 * dt_s
-        self.velocity[2] += max(-most, min(most, wanted[2] - self.velocity[2]))
+    def step(self, wanted: Vector, limits: Limits, dt_s: float) -> None:
+        """Move on by `dt_s` towards the wanted velocity; the ground stops."""
+        self._aim_across(wanted, limits, dt_s)
+        self._aim_up(wanted[2], limits, dt_s)
+        share = dt_s / LAG_S
         for axis in range(3):
+            self.velocity[axis] += (self.aim[axis] - self.velocity[axis]) * share
             self.position[axis] += self.velocity[axis] * dt_s
         if self.position[2] <= 0.0 and self.velocity[2] <= 0.0:
-            self.position[2] = 0.0
-            self.velocity = [0.0, 0.0, 0.0]
-        if self.groundspeed_m_s > 0.5:
-            self.yaw_rad = math.atan2(self.velocity[1], self.velocity[0])
+            self.rest(0.0)
+        if math.hypot(wanted[0], wanted[1]) > TURNING_M_S:
+            self.yaw_aim_rad = math.atan2(wanted[1], wanted[0])
+        self._turn(dt_s)
+
+    def fall(self, speed_m_s: float, dt_s: float) -> None:
+        """Without motors, down to the ground."""
+        for axis in (0, 1):
+            self.aim[axis] = self.velocity[axis]
+            self.position[axis] += self.velocity[axis] * dt_s
+        self.velocity[2] = max(speed_m_s, self.velocity[2] - GRAVITY_M_S2 * dt_s)
+        self.position[2] += self.velocity[2] * dt_s
+        if self.position[2] <= 0.0:
+            self.rest(0.0)
+
+    def rest(self, up_m: float) -> None:
+        """Without any speed, at a height."""
+        self.position[2] = up_m
+        for values in (self.velocity, self.aim, self.acceleration):
+            values[:] = (0.0, 0.0, 0.0)
+
+    def _aim_across(self, wanted: Vector, limits: Limits, dt_s: float) -> None:
+        north, east = wanted[0] - self.aim[0], wanted[1] - self.aim[1]
+        change = math.hypot(north, east)
+        if change < 1e-9 and self.acceleration[0] == self.acceleration[1] == 0.0:
+            return
+        speeds_up = math.hypot(wanted[0], wanted[1]) > math.hypot(self.aim[0], self.aim[1])
+        most = limits.horizontal * (SPEEDING_UP * self._facing() if speeds_up else 1.0)
+        size = min(math.sqrt(2 * limits.jerk * change), change / dt_s, most) / max(change, 1e-9)
+        steps = north * size - self.acceleration[0], east * size - self.acceleration[1]
+        scale = min(1.0, limits.jerk * dt_s / max(math.hypot(*steps), 1e-9))
+        for axis in (0, 1):
+            self.acceleration[axis] += steps[axis] * scale
+            self.aim[axis] += self.acceleration[axis] * dt_s
+
+    def _aim_up(self, wanted: float, limits: Limits, dt_s: float) -> None:
+        change = wanted - self.aim[2]
+        if abs(change) < 1e-9 and self.acceleration[2] == 0.0:
+            return
+        size = min(math.sqrt(2 * limits.jerk * abs(change)), abs(change) / dt_s, limits.up if change > 0 else limits.down)
+        most = limits.jerk * dt_s
+        self.acceleration[2] += max(-most, min(most, math.copysign(size, change) - self.acceleration[2]))
+        self.aim[2] += self.acceleration[2] * dt_s
+
+    def _facing(self) -> float:
+        """How much of the acceleration it has while it turns."""
+        return 1.0 if abs(_wrapped(self.yaw_aim_rad - self.yaw_rad)) < math.radians(45) else 0.5
+
+    def _turn(self, dt_s: float) -> None:
+        """The heading follows, YAW_RATE at most, and turns up and down with YAW_ACCELERATION."""
+        left = _wrapped(self.yaw_aim_rad - self.yaw_rad)
+        if left == 0.0 and self._yaw_rate == 0.0:
+            return
+        wanted = math.copysign(min(YAW_RATE_RAD_S, math.sqrt(2 * YAW_ACCELERATION_RAD_S2 * abs(left))), left)
+        most = YAW_ACCELERATION_RAD_S2 * dt_s
+        self._yaw_rate += max(-most, min(most, wanted - self._yaw_rate))
+        if abs(left) <= most * dt_s * 2 and abs(self._yaw_rate) <= 2 * most:
+            self.yaw_rad, self._yaw_rate = self.yaw_aim_rad, 0.0
+        else:
+            self.yaw_rad = _wrapped(self.yaw_rad + self._yaw_rate * dt_s)
 
 
-def approach(distance_m: float, fastest_m_s: float, braking_m_s2: float) -> float:
-    """The speed towards something `distance_m` away (signed) from which one can still stop there."""
-    speed = min(fastest_m_s, math.sqrt(2 * 0.8 * braking_m_s2 * abs(distance_m)), abs(distance_m) * 2)
-    return math.copysign(speed, distance_m)
+def _wrapped(angle_rad: float) -> float:
+    """Between minus and plus half a turn."""
+    return (angle_rad + math.pi) % math.tau - math.pi
+
+
+def approach(distance_m: float, fastest_m_s: float, braking_m_s2: float, jerk_m_s3: float) -> float:
+    """The speed towards something `distance_m` away (signed) from which one can still stop there.
+
+    It is reached with the acceleration and the jerk, so that 2 d a = v^2 + v 4 a^2 / j.
+    """
+    ramp = 4 * braking_m_s2 * braking_m_s2 / jerk_m_s3
+    speed = 0.5 * (math.sqrt(ramp * ramp + 8 * braking_m_s2 * abs(distance_m)) - ramp)
+    return math.copysign(min(fastest_m_s, speed), distance_m)
+
+
+class Energy(Protocol):
+    """A battery: what is left of it, and what flying takes."""
+
+    power_w: float
+
+    @property
+    def remaining_pct(self) -> float: ...
+
+    @property
+    def voltage_v(self) -> float: ...
+
+    def charge(self, percent: float) -> None:
+        """Set what is left."""
+
+    def step(self, motion: Motion, armed: bool, flying: bool, dt_s: float) -> None: ...
 
 
 @dataclass
@@ -89,9 +193,37 @@ class Battery:
     def voltage_v(self) -> float:
         return 14.0 + 2.8 * self.remaining_pct / 100
 
-    def step(self, motion: Motion, flying: bool, dt_s: float) -> None:
+    def charge(self, percent: float) -> None:
+        self.left_wh = self.capacity_wh * percent / 100
+
+    def step(self, motion: Motion, armed: bool, flying: bool, dt_s: float) -> None:
         self.power_w = IDLE_W
         if flying:
             climbing = max(0.0, motion.velocity[2])
             self.power_w = HOVER_W + CLIMB_W_PER_M_S * climbing + CRUISE_W_PER_M_S * motion.groundspeed_m_s
         self.left_wh = max(0.0, self.left_wh - self.power_w * dt_s / 3600)
+
+
+@dataclass
+class SimulatedBattery:
+    """As PX4's own simulations have it: armed, empty in SIM_BAT_DRAIN seconds, but SIM_BAT_MIN_PCT stays; disarmed, full."""
+
+    drain_s: float
+    least_pct: float
+    remaining_pct: float = 100.0
+    power_w: float = 0.0
+    _full_pct: float = 100.0
+
+    @property
+    def voltage_v(self) -> float:
+        return 14.0 + 2.2 * self.remaining_pct / 100
+
+    def charge(self, percent: float) -> None:
+        self.remaining_pct = self._full_pct = percent
+
+    def step(self, motion: Motion, armed: bool, flying: bool, dt_s: float) -> None:
+        if not armed:
+            self.remaining_pct = self._full_pct
+        elif self.remaining_pct > self.least_pct:
+            lost_pct = 100.0 * dt_s / max(dt_s, self.drain_s)
+            self.remaining_pct = max(self.least_pct, self.remaining_pct - lost_pct)

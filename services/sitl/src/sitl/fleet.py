@@ -31,9 +31,12 @@ class DroneConfig:
 
     system_id: int
     home: Place = ZURICH
-    capacity_wh: float = 70.0
+    capacity_wh: float | None = None
+    """None: PX4's simulated battery."""
     charge_pct: float = 100.0
     parameters: dict[str, float] = field(default_factory=dict)
+    quiet: bool = False
+    """Whether what it says is without noise."""
 
 
 def load(path: Path, system_id: int) -> DroneConfig:

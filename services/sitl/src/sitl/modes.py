@@ -27,6 +27,15 @@ class Mode(Enum):
         """main << 16 | sub << 24, as HEARTBEAT carries it."""
         return self.value[0] << 16 | self.value[1] << 24
 
+    @property
+    def is_auto(self) -> bool:
+        """Whether the autopilot flies by itself in it."""
+        return self.value[0] == 4
+
+
+NEEDS_STICKS = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.ACRO, Mode.STABILIZED})
+"""Modes for a pilot's hands, which the stand-in has none of."""
+
 
 @dataclass(frozen=True)
 class Happened:

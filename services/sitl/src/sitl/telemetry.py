@@ -11,9 +11,11 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from .autopilot import Autopilot
+from .dynamics import GRAVITY_M_S2, Battery, Place
 from .modes import Mode
+from .unnamed import Unnamed
+from .wander import Quiet, Wander
 
-GRAVITY_M_S2 = 9.80665
 SENSORS = (
     mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
@@ -21,25 +23,49 @@ SENSORS = (
     | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
     | mavlink.MAV_SYS_STATUS_SENSOR_GPS
     | mavlink.MAV_SYS_STATUS_GEOFENCE
-    | mavlink.MAV_SYS_STATUS_PREARM_CHECK
 )
+HOME_M = 0.25
+"""A smaller error of it is not corrected."""
+_EXTENDED = mavlink.MAV_SYS_STATUS_RECOVERY_SYSTEM
+HOME_S = 2.0
+"""How often home's height is corrected in flight."""
+_WANDERS = {
+    "north": (0.04, 0.2, 8.0),
+    "east": (0.04, 0.2, 8.0),
+    "up": (0.004, 0.15, 5.0),
+    "climb": (0.005, 0.12, 0.5),
+    "speed": (0.007, 0.1, 1.0),
+    "heading": (0.0015, 0.004, 3.0),
+    "roll": (0.001, 0.02, 0.3),
+    "voltage": (0.0, 0.06, 0.3),
+    "home": (0.0, 0.45, 3.0),
+}
+"""Standard deviations at rest and in flight and their memory: metres, metres a second, radians, volts; seconds."""
 
 
 class Telemetry:
-    """Messages by name, as the autopilot would stream them now."""
+    """Messages by name, as the autopilot would stream them now; quiet ones tell the truth."""
 
-    def __init__(self, autopilot: Autopilot, seed: int) -> None:
+    def __init__(self, autopilot: Autopilot, seed: int, *, quiet: bool = False) -> None:
         self._ap = autopilot
+        self._quiet = quiet
         self._random = random.Random(seed)
+        self._wanders = {name: Quiet() if quiet else Wander(self._random, *sizes) for name, sizes in _WANDERS.items()}
+        self._home_error_m, self._home_s = 0.0, -math.inf
         self._pings = 0
+        self._sent = 0
         self._modes = itertools.cycle(enumerate(Mode, 1))
 
     def make(self, name: str) -> Any:
-        """The message `name`; raises KeyError for one that is not streamed."""
+        """The message `name`, None where there is nothing to say now; raises KeyError for one that is not streamed."""
+        self._sent += 1
         return _MAKERS[name](self)
 
+    def _wander(self, name: str) -> float:
+        return self._wanders[name].at(self._ap.now_s, not self._ap.landed)
+
     def _noise(self, size: float) -> float:
-        return self._random.uniform(-size, size)
+        return 0.0 if self._quiet else self._random.uniform(-size, size)
 
     def _boot_ms(self) -> int:
         return round(self._ap.now_s * 1000)
@@ -47,11 +73,37 @@ class Telemetry:
     def _usec(self) -> int:
         return round(self._ap.now_s * 1e6)
 
+    def _position(self) -> tuple[float, float, float]:
+        """North, east, up as the estimator has it."""
+        p = self._ap.motion.position
+        return p[0] + self._wander("north"), p[1] + self._wander("east"), p[2] + self._wander("up")
+
+    def _velocity(self) -> tuple[float, float, float]:
+        v, error = self._ap.motion.velocity, self._wander("speed")
+        return v[0] + error, v[1] - error, v[2] + self._wander("climb")
+
+    def _place(self) -> Place:
+        return self._ap.guidance.origin.offset(*self._position())
+
+    def _home(self) -> Place:
+        """Home, whose height PX4 corrects in flight as its estimate of the height changes."""
+        home, now_s = self._ap.guidance.home, self._ap.now_s
+        if now_s - self._home_s >= HOME_S:
+            self._home_s, error_m = now_s, self._wander("home")
+            if abs(error_m - self._home_error_m) > HOME_M:
+                self._home_error_m = error_m
+        return Place(home.latitude_deg, home.longitude_deg, home.altitude_m + self._home_error_m)
+
+    def _yaw(self) -> float:
+        return self._ap.motion.yaw_rad + self._wander("heading")
+
     def _tilt(self) -> tuple[float, float, float]:
-        v = self._ap.motion.velocity
-        yaw = self._ap.motion.yaw_rad
+        v, yaw = self._ap.motion.velocity, self._yaw()
         forward = v[0] * math.cos(yaw) + v[1] * math.sin(yaw)
-        return self._noise(0.01), -0.03 * forward + self._noise(0.01), yaw
+        return self._wander("roll"), -0.03 * forward + self._noise(0.001), yaw
+
+    def _rates(self) -> list[float]:
+        return [self._noise(0.01) for _ in range(3)]
 
     def _quaternion(self) -> list[float]:
         roll, pitch, yaw = (angle / 2 for angle in self._tilt())
@@ -63,55 +115,70 @@ class Telemetry:
             cr * cp * sy - sr * sp * cy,
         ]
 
+    def _heartbeat(self) -> Any:
+        ap = self._ap
+        base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if ap.armed else 0)
+        state = mavlink.MAV_STATE_ACTIVE if ap.armed else mavlink.MAV_STATE_STANDBY
+        if ap.failsafe:
+            state = mavlink.MAV_STATE_CRITICAL
+        kind = int(ap.parameters["MAV_TYPE"])
+        return mavlink.MAVLink_heartbeat_message(
+            kind, mavlink.MAV_AUTOPILOT_PX4, base, ap.mode.custom_mode, state, 3
+        )
+
+    def _home_position(self) -> Any:
+        home, origin = self._home(), self._ap.guidance.origin
+        north, east = origin.metres_to(home.latitude_deg, home.longitude_deg)
+        return mavlink.MAVLink_home_position_message(
+            *(round(home.latitude_deg * 1e7), round(home.longitude_deg * 1e7), round(home.altitude_m * 1000)),
+            *(north, east, origin.altitude_m - home.altitude_m, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0),
+            self._usec(),
+        )
+
     def _attitude(self) -> Any:
-        rates = [self._noise(0.01) for _ in range(3)]
-        return mavlink.MAVLink_attitude_message(self._boot_ms(), *self._tilt(), *rates)
+        return mavlink.MAVLink_attitude_message(self._boot_ms(), *self._tilt(), *self._rates())
 
     def _attitude_quaternion(self) -> Any:
-        rates = [self._noise(0.01) for _ in range(3)]
-        return mavlink.MAVLink_attitude_quaternion_message(self._boot_ms(), *self._quaternion(), *rates)
+        return mavlink.MAVLink_attitude_quaternion_message(self._boot_ms(), *self._quaternion(), *self._rates())
 
     def _global_position(self) -> Any:
-        ap, place, v = self._ap, self._ap.guidance.place, self._ap.motion.velocity
-        relative_mm = round((place.altitude_m - ap.guidance.home.altitude_m) * 1000)
+        place, v = self._place(), self._velocity()
         return mavlink.MAVLink_global_position_int_message(
             self._boot_ms(),
             *(round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)),
-            *(round(place.altitude_m * 1000), relative_mm),
+            *(round(place.altitude_m * 1000), round((place.altitude_m - self._home().altitude_m) * 1000)),
             *(round(v[0] * 100), round(v[1] * 100), round(-v[2] * 100), self._heading_cdeg()),
         )
 
     def _heading_cdeg(self) -> int:
-        return round(math.degrees(self._ap.motion.yaw_rad) * 100) % 36_000
+        return round(math.degrees(self._yaw()) * 100) % 36_000
 
     def _local_position(self) -> Any:
-        p, v = self._ap.motion.position, self._ap.motion.velocity
+        p, v = self._position(), self._velocity()
         return mavlink.MAVLink_local_position_ned_message(self._boot_ms(), p[0], p[1], -p[2], v[0], v[1], -v[2])
 
     def _imu(self) -> Any:
         acc = (self._noise(0.1), self._noise(0.1), -GRAVITY_M_S2 + self._noise(0.1))
         gyro = [self._noise(0.01) for _ in range(3)]
         mag = (0.21 + self._noise(0.002), 0.01 + self._noise(0.002), 0.43 + self._noise(0.002))
-        height = self._ap.guidance.place.altitude_m
+        height = self._place().altitude_m
         return mavlink.MAVLink_highres_imu_message(
             self._usec(), *acc, *gyro, *mag, self._pressure_hpa(), 0.0, height, 25.0, 0x1DFF, 0
         )
 
     def _pressure_hpa(self) -> float:
-        return float(1013.25 * (1 - self._ap.guidance.place.altitude_m / 44_330) ** 5.255)
+        return float(1013.25 * (1 - self._place().altitude_m / 44_330) ** 5.255)
 
     def _odometry(self) -> Any:
-        p, v = self._ap.motion.position, self._ap.motion.velocity
-        covariance = [0.01, *[0.0] * 5, 0.01, *[0.0] * 4, 0.01, *[0.0] * 3, 0.01, 0.0, 0.0, 0.01, 0.0, 0.01]
-        rates = [self._noise(0.01) for _ in range(3)]
+        p, v = self._position(), self._velocity()
         return mavlink.MAVLink_odometry_message(
             *(self._usec(), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD),
-            *(p[0], p[1], -p[2], self._quaternion(), v[0], v[1], -v[2], *rates),
-            *(covariance, covariance, 0, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, 100),
+            *(p[0], p[1], -p[2], self._quaternion(), v[0], v[1], -v[2], *self._rates()),
+            *(_COVARIANCE, _COVARIANCE, 0, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, 0),
         )
 
     def _attitude_target(self) -> Any:
-        thrust = 0.0 if self._ap.landed else 0.5 + self._noise(0.02)
+        thrust = 0.01 if self._ap.landed else 0.5 + self._noise(0.02)
         return mavlink.MAVLink_attitude_target_message(
             self._boot_ms(), 0, self._quaternion(), 0.0, 0.0, self._noise(0.01), thrust
         )
@@ -123,6 +190,9 @@ class Telemetry:
         )
 
     def _position_target_global(self) -> Any:
+        """Told in the automatic modes only."""
+        if not self._ap.armed or not self._ap.mode.is_auto:
+            return None
         place = self._ap.guidance.origin.offset(*self._ap.guidance.target)
         return mavlink.MAVLink_position_target_global_int_message(
             self._boot_ms(),
@@ -135,14 +205,15 @@ class Telemetry:
     def _servo(self) -> Any:
         level = 900 if not self._ap.armed else 1100 if self._ap.landed else 1500
         motors = [level + self._random.randint(0, 40) if level > 1000 else level for _ in range(4)]
-        return mavlink.MAVLink_servo_output_raw_message(self._usec() & 0xFFFFFFFF, 0, *motors, 0, 0, 0, 0)
+        idle = [900] * 12
+        return mavlink.MAVLink_servo_output_raw_message(self._usec() & 0xFFFFFFFF, 0, *motors, *idle)
 
     def _rc(self) -> Any:
         sticks = [1500, 1500, 1000, 1500, *[1000] * 4]
         return mavlink.MAVLink_rc_channels_message(self._boot_ms(), 8, *sticks, *[0] * 10, 255)
 
     def _gps(self) -> Any:
-        place, speed = self._ap.guidance.place, self._ap.motion.groundspeed_m_s
+        place, speed = self._place(), math.hypot(*self._velocity()[:2])
         altitude_mm = round(place.altitude_m * 1000)
         return mavlink.MAVLink_gps_raw_int_message(
             *(self._usec(), mavlink.GPS_FIX_TYPE_3D_FIX),
@@ -152,17 +223,17 @@ class Telemetry:
         )
 
     def _vfr_hud(self) -> Any:
-        motion = self._ap.motion
-        throttle = 0 if self._ap.landed else 50
+        v = self._velocity()
+        speed, throttle = math.hypot(v[0], v[1]), 0 if self._ap.landed else 50
         return mavlink.MAVLink_vfr_hud_message(
-            *(motion.groundspeed_m_s, motion.groundspeed_m_s, self._heading_cdeg() // 100, throttle),
-            *(self._ap.guidance.place.altitude_m, motion.velocity[2]),
+            *(speed, speed, self._heading_cdeg() // 100, throttle, self._place().altitude_m, v[2])
         )
 
     def _altitude(self) -> Any:
-        up = self._ap.motion.position[2]
-        amsl = self._ap.guidance.place.altitude_m
-        return mavlink.MAVLink_altitude_message(self._usec(), amsl, amsl, up, up - self._ap.guidance.home_up_m, up, up)
+        up, place = self._position()[2], self._place()
+        above_home = place.altitude_m - self._home().altitude_m
+        amsl = place.altitude_m
+        return mavlink.MAVLink_altitude_message(self._usec(), amsl, amsl, up, above_home, up, max(0.01, up))
 
     def _nav(self) -> Any:
         t, p = self._ap.guidance.target, self._ap.motion.position
@@ -174,28 +245,39 @@ class Telemetry:
         )
 
     def _sys_status(self) -> Any:
-        health = SENSORS
-        if not self._ap.healthy:
-            health &= ~(mavlink.MAV_SYS_STATUS_SENSOR_GPS | mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+        """PX4 says PREARM_CHECK in health alone, and never that it is present."""
+        health = SENSORS & ~mavlink.MAV_SYS_STATUS_SENSOR_GPS
+        if self._ap.healthy:
+            health = SENSORS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
         battery = self._ap.battery
-        current_ca = round(100 * battery.power_w / battery.voltage_v)
         return mavlink.MAVLink_sys_status_message(
-            *(SENSORS, SENSORS, health, 250, round(battery.voltage_v * 1000), current_ca),
-            *(round(battery.remaining_pct), 0, 0, 0, 0, 0, 0),
+            *(SENSORS, SENSORS, health, 250, round(self._voltage_v() * 1000), self._current_ca()),
+            *(round(battery.remaining_pct), 0, 0, 0, 0, 0, 0, _EXTENDED, _EXTENDED, _EXTENDED),
         )
+
+    def _voltage_v(self) -> float:
+        return self._ap.battery.voltage_v + self._wander("voltage")
+
+    def _current_ca(self) -> int:
+        """-1 A for a battery whose current nobody measures, as in PX4's simulation."""
+        battery = self._ap.battery
+        return round(100 * battery.power_w / battery.voltage_v) if battery.power_w > 0 else -100
 
     def _extended(self) -> Any:
         return mavlink.MAVLink_extended_sys_state_message(0, self._ap.landed_state)
 
     def _battery(self) -> Any:
         battery = self._ap.battery
-        cells = [round(battery.voltage_v / 4 * 1000)] * 4 + [0xFFFF] * 6
-        used_wh = battery.capacity_wh - battery.left_wh
+        cells = [round(self._voltage_v() / 4 * 1000)] * 4 + [0xFFFF] * 6
+        used_mah, used_hj, left_s = -1, -1, 0
+        if isinstance(battery, Battery):
+            used_wh = battery.capacity_wh - battery.left_wh
+            used_mah, used_hj = round(used_wh * 1000 / battery.voltage_v), round(used_wh * 36)
+            left_s = round(battery.left_wh / battery.power_w * 3600)
         return mavlink.MAVLink_battery_status_message(
             *(0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 3000, cells),
-            *(round(100 * battery.power_w / battery.voltage_v), round(used_wh * 1000 / battery.voltage_v)),
-            *(round(used_wh * 36), round(battery.remaining_pct)),
-            *(round(battery.left_wh / battery.power_w * 3600), mavlink.MAV_BATTERY_CHARGE_STATE_OK),
+            *(self._current_ca(), used_mah, used_hj, round(battery.remaining_pct)),
+            *(left_s, mavlink.MAV_BATTERY_CHARGE_STATE_OK),
         )
 
     def _estimator(self) -> Any:
@@ -222,7 +304,7 @@ class Telemetry:
     def _wind(self) -> Any:
         wind = (self._noise(0.5), self._noise(0.5), 0.0)
         return mavlink.MAVLink_wind_cov_message(
-            self._usec(), *wind, 0.1, 0.0, self._ap.guidance.place.altitude_m, 0.5, 0.0
+            self._usec(), *wind, 0.1, 0.0, self._place().altitude_m, 0.5, 0.0
         )
 
     def _timesync(self) -> Any:
@@ -250,7 +332,44 @@ class Telemetry:
             *(len(Mode), index, _STANDARD_MODES.get(mode, 0), mode.custom_mode, 0, mode.name.title().encode())
         )
 
+    def _distance(self) -> Any:
+        """To the ground, by the sensor that PX4's simulation has."""
+        height_cm = max(2, min(40_00, round(self._position()[2] * 100)))
+        down = mavlink.MAV_SENSOR_ROTATION_PITCH_270
+        return mavlink.MAVLink_distance_sensor_message(
+            self._boot_ms(), 2, 40_00, height_cm, mavlink.MAV_DISTANCE_SENSOR_LASER, 0, down, 0
+        )
 
+    def _open_drone_id_location(self) -> Any:
+        place, v = self._place(), self._velocity()
+        flies = mavlink.MAV_ODID_STATUS_GROUND if self._ap.landed else mavlink.MAV_ODID_STATUS_AIRBORNE
+        above_home = place.altitude_m - self._home().altitude_m
+        return mavlink.MAVLink_open_drone_id_location_message(
+            *(0, 0, _NO_ID, flies, self._heading_cdeg(), round(math.hypot(v[0], v[1]) * 100), round(v[2] * 100)),
+            *(round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7), place.altitude_m, place.altitude_m),
+            *(mavlink.MAV_ODID_HEIGHT_REF_OVER_TAKEOFF, above_home, 11, 5, 4, 4, self._ap.now_s % 3600, 1),
+        )
+
+    def _open_drone_id_system(self) -> Any:
+        home = self._home()
+        takeoff = mavlink.MAV_ODID_OPERATOR_LOCATION_TYPE_TAKEOFF
+        return mavlink.MAVLink_open_drone_id_system_message(
+            *(0, 0, _NO_ID, takeoff, 0, round(home.latitude_deg * 1e7), round(home.longitude_deg * 1e7), 1, 0),
+            *(-1000.0, -1000.0, 0, 0, home.altitude_m, 0),
+        )
+
+    def _link(self) -> Any:
+        return Unnamed("LINK_NODE_STATUS", (self._usec(), 25_000, 100, self._sent, 1, 0, 0, 0, 0, 0, 0))
+
+    def _time_estimate(self) -> Any:
+        return Unnamed("TIME_ESTIMATE_TO_TARGET", (-1, -1, -1, -1, -1))
+
+    def _event_sequence(self) -> Any:
+        return Unnamed("CURRENT_EVENT_SEQUENCE", (7, 0))
+
+
+_NO_ID = [0] * 20
+_COVARIANCE = [0.01, *[0.0] * 5, 0.01, *[0.0] * 4, 0.01, *[0.0] * 3, 0.01, 0.0, 0.0, 0.01, 0.0, 0.01]
 _STANDARD_MODES = {
     Mode.POSITION: mavlink.MAV_STANDARD_MODE_POSITION_HOLD,
     Mode.ALTITUDE: mavlink.MAV_STANDARD_MODE_ALTITUDE_HOLD,
@@ -260,8 +379,8 @@ _STANDARD_MODES = {
     Mode.TAKEOFF: mavlink.MAV_STANDARD_MODE_TAKEOFF,
 }
 _MAKERS: dict[str, Callable[[Telemetry], Any]] = {
-    "HEARTBEAT": lambda telemetry: telemetry._ap.heartbeat(),
-    "HOME_POSITION": lambda telemetry: telemetry._ap.home_position(),
+    "HEARTBEAT": Telemetry._heartbeat,
+    "HOME_POSITION": Telemetry._home_position,
     "ATTITUDE": Telemetry._attitude,
     "ATTITUDE_QUATERNION": Telemetry._attitude_quaternion,
     "GLOBAL_POSITION_INT": Telemetry._global_position,
@@ -291,4 +410,10 @@ _MAKERS: dict[str, Callable[[Telemetry], Any]] = {
     "MISSION_CURRENT": Telemetry._mission,
     "CURRENT_MODE": Telemetry._current_mode,
     "AVAILABLE_MODES": Telemetry._available_modes,
+    "DISTANCE_SENSOR": Telemetry._distance,
+    "OPEN_DRONE_ID_LOCATION": Telemetry._open_drone_id_location,
+    "OPEN_DRONE_ID_SYSTEM": Telemetry._open_drone_id_system,
+    "LINK_NODE_STATUS": Telemetry._link,
+    "TIME_ESTIMATE_TO_TARGET": Telemetry._time_estimate,
+    "CURRENT_EVENT_SEQUENCE": Telemetry._event_sequence,
 }

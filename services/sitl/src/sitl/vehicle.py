@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from . import commands, control
 from .autopilot import STEP_S, Autopilot
-from .dynamics import Battery
+from .dynamics import Battery, Energy, SimulatedBattery
 from .fleet import DroneConfig
 from .modes import Happened, Output, Reply
 from .parameters import Parameters
@@ -39,11 +39,12 @@ class Vehicle:
 
     def __init__(self, config: DroneConfig, stream_sets: list[str], seed: int = 1) -> None:
         self.config = config
-        own = {"MAV_SYS_ID": config.system_id, "BAT1_CAPACITY": config.capacity_wh / NOMINAL_V * 1000}
+        own: dict[str, float] = {"MAV_SYS_ID": config.system_id}
+        if config.capacity_wh is not None:
+            own["BAT1_CAPACITY"] = config.capacity_wh / NOMINAL_V * 1000
         parameters = Parameters({**config.parameters, **own})
-        battery = Battery(config.capacity_wh, config.capacity_wh * config.charge_pct / 100)
-        self.autopilot = Autopilot(config.system_id, config.home, battery, parameters)
-        self.telemetry = Telemetry(self.autopilot, seed * 1000 + config.system_id)
+        self.autopilot = Autopilot(config.system_id, config.home, _battery(config, parameters), parameters)
+        self.telemetry = Telemetry(self.autopilot, seed * 1000 + config.system_id, quiet=config.quiet)
         self.links = [Streams(chosen) for chosen in stream_sets]
         self.muted: set[str] = set()
         self.progress = Progress()
@@ -62,7 +63,8 @@ class Vehicle:
     def streamed(self, link: int, now_s: float) -> list[Any]:
         """The messages that are due on a link."""
         names = self.links[link].due(now_s)
-        return [self.telemetry.make(name) for name in names if name not in self.muted]
+        made = [self.telemetry.make(name) for name in names if name not in self.muted]
+        return [message for message in made if message is not None]
 
     def handle(self, link: int, message: Any) -> list[Output]:
         """Answer a message that came in on a link; one for another system has no answer."""
@@ -118,7 +120,7 @@ class Vehicle:
             result = commands.DENIED
         elif message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             if not self.links[link].set_interval(wanted, message.param2):
-                result = commands.UNSUPPORTED
+                result = commands.FAILED
         elif message.command == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
             if 0 <= wanted <= 0xFFFF:
                 interval_us = self.links[link].interval_us(wanted)
@@ -127,10 +129,10 @@ class Vehicle:
                 result = commands.UNSUPPORTED
         elif wanted == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             answers.append(self._version())
-        elif wanted in NAMES:
-            answers.append(self.telemetry.make(NAMES[wanted]))
+        elif (answer := self.telemetry.make(NAMES[wanted]) if wanted in NAMES else None) is not None:
+            answers.append(answer)
         else:
-            result = commands.UNSUPPORTED
+            result = commands.DENIED
         return [Reply(commands.acknowledgement(message, result)), *(Reply(answer) for answer in answers)]
 
     def _version(self) -> Any:
@@ -151,6 +153,13 @@ _REQUESTS = frozenset(
         mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
     }
 )
+
+
+def _battery(config: DroneConfig, parameters: Parameters) -> Energy:
+    """Of the fleet's capacity, so that rankings have something to rank; else as PX4's simulations have it."""
+    if config.capacity_wh is not None:
+        return Battery(config.capacity_wh, config.capacity_wh * config.charge_pct / 100)
+    return SimulatedBattery(parameters["SIM_BAT_DRAIN"], parameters["SIM_BAT_MIN_PCT"])
 
 
 def _source(message: Any) -> tuple[int, int]:

@@ -1,0 +1,81 @@
+"""What `sitl record` and `sitl compare` do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from ..errors import SitlError
+from . import page
+from .agreement import Fact, compare
+from .apart import APART
+from .cases import CASES
+from .pilot import Timeout
+from .recorder import record
+from .recording import Recording, load
+from .subjects import Px4, Simulated, StandIn, Subject
+
+RECORDINGS = Path(__file__).resolve().parents[3] / "recordings"
+"""The project's own recordings of real autopilots."""
+Say = Callable[[str], None]
+
+
+def subject(px4_dir: Path | None, stand_in: bool, instance: int) -> Subject:
+    """The autopilot that the options name."""
+    if (px4_dir is not None) == stand_in:
+        raise SitlError("expected either --px4-dir FOLDER or --stand-in")
+    if not 0 <= instance <= 249:
+        raise SitlError(f"--instance {instance}: expected 0 to 249")
+    return StandIn(14_580 + instance) if px4_dir is None else Px4(px4_dir, instance)
+
+
+def record_into(path: Path, flown: Subject, names: list[str], say: Say) -> None:
+    """Fly the cases, all without names, and write each down as soon as it is over, beside what the file has."""
+    for name in names:
+        if name not in CASES:
+            raise SitlError(f"--case {name!r}: expected one of {', '.join(CASES)}")
+    before = load(path) if path.exists() else Recording(flown.described)
+
+    def done(recording: Recording, name: str) -> None:
+        together = Recording(before.autopilot)
+        together.add(before)
+        together.add(recording)
+        try:
+            path.write_text(together.text(), encoding="utf-8")
+        except OSError as error:
+            raise SitlError(f"{path}: {error.strerror}") from error
+        say(f"{name}: done")
+
+    _record(flown, names or CASES, done)
+
+
+def compare_with(first: Path | None, second: Path | None, write: Path | None, say: Say) -> list[str]:
+    """What differs, a line each; what is known to stay apart is none of it."""
+    recording = load(first or RECORDINGS / "px4-main.json")
+    other = load(second) if second is not None else stand_in(recording.cases)
+    facts = compare(recording, other)
+    if write is not None:
+        page.write(write, recording, other)
+    differing = [fact for fact in facts if not fact.agrees]
+    say(f"{len(facts) - len(differing)} of {len(facts)} facts agree")
+    return [str(fact) for fact in differing if second is not None or not is_apart(fact)]
+
+
+def stand_in(names: Iterable[str]) -> Recording:
+    """The stand-in's own recording of cases, each flown by a new one in simulated time."""
+    recording = Recording("stand-in")
+    for name in names:
+        recording.add(_record(Simulated(), [name], lambda _, __: None))
+    return recording
+
+
+def is_apart(fact: Fact) -> bool:
+    """Whether a difference is one that stays, for a reason."""
+    return any(fact.case == case and fact.name.startswith(name) for case, name in APART)
+
+
+def _record(flown: Subject, names: Iterable[str], done: Callable[[Recording, str], None]) -> Recording:
+    try:
+        return record(flown, names, done)
+    except Timeout as error:
+        raise SitlError(f"{flown.described}: {error}") from error

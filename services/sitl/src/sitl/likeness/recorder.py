@@ -1,0 +1,52 @@
+"""Flies cases on an autopilot and collects their recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from .cases import CASES
+from .pilot import Pilot
+from .recording import Recording
+from .subjects import Subject, wait_ready
+
+SETTLED_S = 3.0
+"""Between two cases, so that what the one before left is over."""
+
+
+def record(
+    subject: Subject, names: Iterable[str], done: Callable[[Recording, str], None] = lambda _, __: None
+) -> Recording:
+    """Fly the cases one after the other on one autopilot, each as it was left by the one before, but at rest.
+
+    `done` hears of each case that is over. Raises Timeout where a case does not get to its end, SitlError where the
+    autopilot does not run.
+    """
+    recording = Recording(subject.described)
+    with subject:
+        pilots: dict[str, Pilot] = {"onboard": subject.pilot("onboard")}
+        wait_ready(subject, pilots["onboard"])
+        for name in names:
+            procedure = CASES[name]
+            if procedure.link not in subject.links:
+                continue
+            if procedure.link not in pilots:
+                pilots[procedure.link] = subject.pilot(procedure.link)
+            _settle(pilots["onboard"])
+            pilot = pilots[procedure.link]
+            pilot.begin(everything=procedure.counts)
+            procedure.fly(pilot)
+            recording.add(Recording(subject.described, {name: [pilot.case]}))
+            done(recording, name)
+    return recording
+
+
+def _settle(pilot: Pilot) -> None:
+    """Disarmed, on the ground, in hold."""
+    pilot.begin(everything=False)
+    if pilot.armed:
+        pilot.land()
+        pilot.until("disarmed", lambda: not pilot.armed, 120)
+    if pilot.mode != "hold":
+        pilot.set_mode("hold")
+        pilot.until("hold", lambda: pilot.mode == "hold", 10)
+    pilot.wait(SETTLED_S)

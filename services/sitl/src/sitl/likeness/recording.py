@@ -1,0 +1,72 @@
+"""What was recorded: facts of named cases in JSON, numbers and times only."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..errors import SitlError
+
+Event = tuple[float, str, str]
+"""When in seconds since the case began, what (armed, mode, landed_state, text), and which value."""
+
+
+@dataclass
+class Case:
+    """The facts of one case; times in seconds, rates in Hz, sizes in bytes."""
+
+    acks: list[tuple[str, str | None]] = field(default_factory=list)
+    """Each command and its MAV_RESULT in order; null where nothing answered."""
+    events: list[Event] = field(default_factory=list)
+    durations_s: dict[str, float] = field(default_factory=dict)
+    numbers: dict[str, float] = field(default_factory=dict)
+    streams: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Of each kind of message: how many a second, and how large on average."""
+    track: list[tuple[float, ...]] = field(default_factory=list)
+    """Once a second: time, north, east, up in metres of where the case began."""
+
+
+@dataclass
+class Recording:
+    """The cases of one autopilot; each as often as it was flown, for no two flights are alike."""
+
+    autopilot: str
+    cases: dict[str, list[Case]] = field(default_factory=dict)
+
+    def add(self, other: Recording) -> None:
+        """What was flown another time."""
+        for name, flights in other.cases.items():
+            self.cases.setdefault(name, []).extend(flights)
+
+    def text(self) -> str:
+        """JSON, one fact of a flight a line."""
+        cases = []
+        for name, flights in sorted(self.cases.items()):
+            texts = []
+            for case in flights:
+                facts = [f"   {json.dumps(key)}: {json.dumps(value)}" for key, value in asdict(case).items() if value]
+                texts.append("  {\n" + ",\n".join(facts) + "\n  }")
+            cases.append(f" {json.dumps(name)}: [\n" + ",\n".join(texts) + "\n ]")
+        return f'{{"autopilot": {json.dumps(self.autopilot)}, "cases": {{\n' + ",\n".join(cases) + "\n}}\n"
+
+
+def load(path: Path) -> Recording:
+    """Read a recording; raises SitlError naming the file and what is wrong with it."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        cases = {name: [_case(facts) for facts in flights] for name, flights in document["cases"].items()}
+        return Recording(document["autopilot"], cases)
+    except OSError as error:
+        raise SitlError(f"{path}: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SitlError(f"{path}: not a recording: {error!r}") from error
+
+
+def _case(facts: dict[str, Any]) -> Case:
+    tuples = {name: [tuple(one) for one in facts.get(name, ())] for name in ("acks", "events", "track")}
+    streams = {kind: tuple(found) for kind, found in facts.get("streams", {}).items()}
+    return Case(
+        **tuples, durations_s=facts.get("durations_s", {}), numbers=facts.get("numbers", {}), streams=streams
+    )
