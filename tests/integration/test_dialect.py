@@ -65,10 +65,10 @@ async def test_a_state_that_does_not_change_comes_all_the_same(station: GroundSt
     ("command", "word", "reason"),
     [
         (Stream("mavlink/NO_SUCH", 1.0), Word.DENIED, "unknown_message"),
-        (Stream("mavlink/GPS2_RAW", 1.0), Word.UNSUPPORTED, None),
+        (Stream("mavlink/RAW_IMU", 1.0), Word.FAILED, "autopilot"),
         (Mavlink(246, (1.0, *[0.0] * 6)), Word.DENIED, "mav_cmd_not_enabled"),
         (Mavlink(21, (0.0,) * 7), Word.DENIED, "use_typed_command, land"),
-        (Mavlink(195, (0.0,) * 7), Word.UNSUPPORTED, None),
+        (Mavlink(183, (0.0,) * 7), Word.UNSUPPORTED, None),
     ],
 )
 async def test_what_cannot_be_has_its_word(

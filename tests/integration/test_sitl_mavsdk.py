@@ -48,7 +48,7 @@ class Flight:
     async def takeoff(self) -> None:
         await self.action.arm()
         await self.action.takeoff()
-        await eventually(self.telemetry.flight_mode, lambda mode: mode == FlightMode.HOLD and self.up_m() > 2)
+        await eventually(self.telemetry.flight_mode, lambda mode: mode == FlightMode.HOLD and self.up_m() > 1.5)
 
     def up_m(self) -> float:
         return float(self.control({"get": "state"})["altitude_m"])
@@ -70,7 +70,7 @@ async def flight(tmp_path: Path) -> AsyncIterator[Flight]:
     files = ["--events", str(tmp_path / "events.jsonl"), "--control", str(tmp_path / "control.sock")]
     files += ["--ready-file", str(tmp_path / "sitl.ready")]
     own_port = free_port(socket.SOCK_DGRAM)
-    ports = ["--listen", f"127.0.0.1:{own_port}", "--send", f"127.0.0.1:{port}"]
+    ports = ["--listen", f"127.0.0.1:{own_port}", "--send", f"127.0.0.1:{port}", "--quiet"]
     process = Process(tmp_path, "sitl", "sitl", "fly", *ports, *files).start().wait_ready()
     mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
     try:
@@ -132,14 +132,20 @@ async def test_arm_and_disarm_on_the_ground(flight: Flight) -> None:
 
 
 async def test_denials_are_errors(flight: Flight) -> None:
-    with pytest.raises(ActionError):
-        await flight.action.takeoff()
     flight.control({"set": {"healthy": False}})
     with pytest.raises(ActionError):
         await flight.action.arm()
     flight.control({"set": {"healthy": True, "altitude_m": 10}})
     with pytest.raises(ActionError):
         await flight.action.disarm()
+
+
+async def test_a_takeoff_while_disarmed_is_accepted_and_waits_for_the_arming(flight: Flight) -> None:
+    await flight.action.takeoff()
+    await eventually(flight.telemetry.flight_mode, lambda mode: mode == FlightMode.TAKEOFF)
+    assert flight.up_m() == 0
+    await flight.action.arm()
+    await eventually(flight.telemetry.flight_mode, lambda mode: mode == FlightMode.HOLD and flight.up_m() > 1.5)
 
 
 async def test_a_lost_acknowledgement_is_a_timeout_though_it_was_done(flight: Flight) -> None:
@@ -162,7 +168,7 @@ async def test_offboard_velocity(flight: Flight) -> None:
     await flight.offboard.set_velocity_ned(VelocityNedYaw(2.0, 0.0, 0.0, 0.0))
     await flight.offboard.start()
     await eventually(flight.telemetry.flight_mode, lambda mode: mode == FlightMode.OFFBOARD)
-    await eventually(flight.telemetry.velocity_ned, lambda found: found.north_m_s > 1.9)
+    await eventually(flight.telemetry.velocity_ned, lambda found: found.north_m_s > 1.6)
     await flight.offboard.stop()
     await eventually(flight.telemetry.flight_mode, lambda mode: mode == FlightMode.HOLD)
 

@@ -122,7 +122,9 @@ class Motion:
         change = wanted - self.aim[2]
         if abs(change) < 1e-9 and self.acceleration[2] == 0.0:
             return
-        size = min(math.sqrt(2 * limits.jerk * abs(change)), abs(change) / dt_s, limits.up if change > 0 else limits.down)
+        size = min(
+            math.sqrt(2 * limits.jerk * abs(change)), abs(change) / dt_s, limits.up if change > 0 else limits.down
+        )
         most = limits.jerk * dt_s
         self.acceleration[2] += max(-most, min(most, math.copysign(size, change) - self.acceleration[2]))
         self.aim[2] += self.acceleration[2] * dt_s
@@ -206,7 +208,7 @@ class Battery:
 
 @dataclass
 class SimulatedBattery:
-    """As PX4's own simulations have it: armed, empty in SIM_BAT_DRAIN seconds, but SIM_BAT_MIN_PCT stays; disarmed, full."""
+    """As PX4's simulations have it: armed, empty in SIM_BAT_DRAIN seconds, but SIM_BAT_MIN_PCT stays; else full."""
 
     drain_s: float
     least_pct: float

@@ -23,6 +23,10 @@ GROUNDED_S = 3.7
 """The land detector wants to see the ground for so long."""
 REPOSITION_UP, REPOSITION_DOWN = 0.87, 0.87
 """A reposition climbs and descends with so much of the speed of the automatic modes: its path bends with the wind."""
+ASLANT = 0.93
+"""Across it is slower while it climbs or descends."""
+FOLLOWED = 0.86
+"""A velocity's set-point is reached to this part, against drag."""
 RETURN_UP = 0.95
 """And so a return."""
 TRAILING = 0.0019
@@ -68,9 +72,7 @@ class Guidance:
     def limits(self) -> Limits:
         """Of acceleration and jerk."""
         read = self.parameters
-        return Limits(
-            read["MPC_ACC_HOR"], read["MPC_ACC_UP_MAX"], read["MPC_ACC_DOWN_MAX"], read["MPC_JERK_AUTO"]
-        )
+        return Limits(read["MPC_ACC_HOR"], read["MPC_ACC_UP_MAX"], read["MPC_ACC_DOWN_MAX"], read["MPC_JERK_AUTO"])
 
     def has_set_point(self, now_s: float) -> bool:
         """Whether an offboard controller was heard within COM_OF_LOSS_T."""
@@ -190,7 +192,7 @@ class Guidance:
         speed = math.hypot(north, east)
         scale = min(1.0, self.parameters["MPC_XY_VEL_MAX"] / speed) if speed > 0 else 1.0
         up = max(-self.parameters["MPC_Z_VEL_MAX_DN"], min(self.parameters["MPC_Z_VEL_MAX_UP"], up))
-        return north * scale, east * scale, up
+        return north * scale * FOLLOWED, east * scale * FOLLOWED, up
 
     def _towards(self, target: Vector, share_up: float, share_down: float) -> Vector:
         here = self.motion.position
@@ -203,7 +205,7 @@ class Guidance:
         if distance > 1.0 and abs(up) > 1.0:
             # On a straight line: neither part is over before the other.
             speed = math.hypot(*across)
-            share = min(1.0, abs(wanted_up) / (speed * abs(up) / distance))
+            share = min(ASLANT, abs(wanted_up) / (speed * abs(up) / distance))
             across = across[0] * share, across[1] * share
             wanted_up = math.copysign(min(abs(wanted_up), speed * share * abs(up) / distance), up)
         return (*across, wanted_up)
@@ -222,4 +224,3 @@ class Guidance:
         if up > 0:
             return approach(up, fastest_up or RETURN_UP * self.parameters["MPC_Z_V_AUTO_UP"], limits.down, limits.jerk)
         return approach(up, fastest_down or self.parameters["MPC_Z_V_AUTO_DN"], limits.up, limits.jerk)
-

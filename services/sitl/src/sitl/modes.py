@@ -30,7 +30,7 @@ class Mode(Enum):
     @property
     def is_auto(self) -> bool:
         """Whether the autopilot flies by itself in it."""
-        return self.value[0] == 4
+        return self.custom_mode >> 16 & 0xFF == 4
 
 
 NEEDS_STICKS = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.ACRO, Mode.STABILIZED})

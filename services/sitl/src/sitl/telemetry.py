@@ -30,12 +30,12 @@ _EXTENDED = mavlink.MAV_SYS_STATUS_RECOVERY_SYSTEM
 HOME_S = 2.0
 """How often home's height is corrected in flight."""
 _WANDERS = {
-    "north": (0.04, 0.2, 8.0),
-    "east": (0.04, 0.2, 8.0),
-    "up": (0.004, 0.15, 5.0),
+    "north": (0.04, 0.26, 8.0),
+    "east": (0.04, 0.26, 8.0),
+    "up": (0.004, 0.11, 5.0),
     "climb": (0.005, 0.12, 0.5),
-    "speed": (0.007, 0.1, 1.0),
-    "heading": (0.0015, 0.004, 3.0),
+    "speed": (0.012, 0.1, 1.0),
+    "heading": (0.0015, 0.0028, 3.0),
     "roll": (0.001, 0.02, 0.3),
     "voltage": (0.0, 0.06, 0.3),
     "home": (0.0, 0.45, 3.0),
@@ -122,9 +122,7 @@ class Telemetry:
         if ap.failsafe:
             state = mavlink.MAV_STATE_CRITICAL
         kind = int(ap.parameters["MAV_TYPE"])
-        return mavlink.MAVLink_heartbeat_message(
-            kind, mavlink.MAV_AUTOPILOT_PX4, base, ap.mode.custom_mode, state, 3
-        )
+        return mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_PX4, base, ap.mode.custom_mode, state, 3)
 
     def _home_position(self) -> Any:
         home, origin = self._home(), self._ap.guidance.origin
@@ -303,9 +301,7 @@ class Telemetry:
 
     def _wind(self) -> Any:
         wind = (self._noise(0.5), self._noise(0.5), 0.0)
-        return mavlink.MAVLink_wind_cov_message(
-            self._usec(), *wind, 0.1, 0.0, self._place().altitude_m, 0.5, 0.0
-        )
+        return mavlink.MAVLink_wind_cov_message(self._usec(), *wind, 0.1, 0.0, self._place().altitude_m, 0.5, 0.0)
 
     def _timesync(self) -> Any:
         return mavlink.MAVLink_timesync_message(0, self._usec() * 1000)

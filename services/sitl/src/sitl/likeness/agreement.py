@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -68,7 +69,7 @@ def _facts(name: str, a: list[Case], b: list[Case]) -> Iterator[Fact]:
         yield _number(name, key, first_range, second_range)
     if any(case.track for case in a):
         for key, of in (("fastest climb, m/s", _climb), ("fastest descent, m/s", _descent), ("fastest, m/s", _across)):
-            ranges = (_range(_fastest(case, of) for case in cases) for cases in (a, b))
+            ranges = (_range(_fastest(case, of) for case in cases if case.track) for cases in (a, b))
             yield _numbers(name, key, *ranges, relative=SPEED, absolute=SPEED_M_S)
 
 
@@ -85,16 +86,18 @@ def _streams(name: str, a: list[Case], b: list[Case]) -> Iterator[Fact]:
 
 def _words(case: str, name: str, first: list[str], second: list[str]) -> Fact:
     """What one of them says has to be among what the other says."""
-    shown = (" or ".join(dict.fromkeys(words)) for words in (first, second))
-    return Fact(case, name, *shown, agrees=bool(set(first) & set(second)))
+    one, other = (" or ".join(dict.fromkeys(words)) for words in (first, second))
+    return Fact(case, name, one, other, bool(set(first) & set(second)))
 
 
 def _numbers(
     case: str, name: str, first: Range | None, second: Range | None, *, relative: float = 0.0, absolute: float = 0.0
 ) -> Fact:
     """The ranges of all flights have to meet, within the larger allowance."""
-    agrees = first is not None and second is not None and _gap(first, second) <= max(
-        absolute, relative * max(abs(first[0]), abs(first[1]))
+    agrees = (
+        first is not None
+        and second is not None
+        and _gap(first, second) <= max(absolute, relative * max(abs(first[0]), abs(first[1])))
     )
     return Fact(case, name, _shown(first), _shown(second), agrees)
 
@@ -124,7 +127,7 @@ def _bytes(case: Case) -> float:
 
 
 def _fastest(case: Case, of: Callable[[tuple[float, ...], tuple[float, ...]], float]) -> float:
-    return max((of(p, q) for p, q in zip(case.track, case.track[1:], strict=False)), default=0.0)
+    return max((of(p, q) for p, q in itertools.pairwise(case.track)), default=0.0)
 
 
 def _climb(p: tuple[float, ...], q: tuple[float, ...]) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import development as mavlink
 
 from . import noise
+from .channel import Heard
 from .pilot import NAN, Pilot
 
 HEIGHT_M = 10.0
@@ -378,7 +379,7 @@ def _hover(pilot: Pilot) -> None:
 @case("state messages of a flight", counts=True)
 def _changes(pilot: Pilot) -> None:
     """How often home, battery and heading change from the start to the end of a short flight."""
-    tap: list[noise.Heard] = []
+    tap: list[Heard] = []
     pilot.tap(tap.append)
     _up(pilot)
     pilot.goto(30, 30, HEIGHT_M)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from ..errors import SitlError
 from . import page
-from .agreement import Fact, compare
-from .apart import APART
+from .agreement import compare
+from .apart import reason
 from .cases import CASES
 from .pilot import Timeout
 from .recorder import record
@@ -58,7 +58,7 @@ def compare_with(first: Path | None, second: Path | None, write: Path | None, sa
         page.write(write, recording, other)
     differing = [fact for fact in facts if not fact.agrees]
     say(f"{len(facts) - len(differing)} of {len(facts)} facts agree")
-    return [str(fact) for fact in differing if second is not None or not is_apart(fact)]
+    return [str(fact) for fact in differing if second is not None or reason(fact.case, fact.name) is None]
 
 
 def stand_in(names: Iterable[str]) -> Recording:
@@ -67,11 +67,6 @@ def stand_in(names: Iterable[str]) -> Recording:
     for name in names:
         recording.add(_record(Simulated(), [name], lambda _, __: None))
     return recording
-
-
-def is_apart(fact: Fact) -> bool:
-    """Whether a difference is one that stays, for a reason."""
-    return any(fact.case == case and fact.name.startswith(name) for case, name in APART)
 
 
 def _record(flown: Subject, names: Iterable[str], done: Callable[[Recording, str], None]) -> Recording:

@@ -48,7 +48,11 @@ class Px4Manners(Manners):
     """PX4: modes in main and sub, altitudes above mean sea level, integers bytewise."""
 
     def __init__(self) -> None:
-        super().__init__("px4", {mode.name.lower(): mode.custom_mode for mode in Mode}, tuple(name for name in SPECS if name != "MAV_SYS_ID"))
+        super().__init__(
+            "px4",
+            {mode.name.lower(): mode.custom_mode for mode in Mode},
+            tuple(name for name in SPECS if name != "MAV_SYS_ID"),
+        )
 
     def mode_params(self, mode: str) -> Sequence[float]:
         number = self.modes[mode]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 from collections.abc import Sequence
@@ -37,7 +38,7 @@ def changes(heard: Sequence[Heard]) -> dict[str, float]:
     homes = [(one.latitude, one.longitude, one.altitude) for one in _of_kind(heard, "HOME_POSITION")]
     headings = [round(one.hdg / 100) % 360 for one in _of_kind(heard, "GLOBAL_POSITION_INT")]
     percents = [one.battery_remaining for one in _of_kind(heard, "BATTERY_STATUS")]
-    jumps = [math.dist(_metres(a), _metres(b)) for a, b in zip(homes, homes[1:], strict=False) if a != b]
+    jumps = [math.dist(_metres(a), _metres(b)) for a, b in itertools.pairwise(homes) if a != b]
     return {
         "changes of home": _changed(homes),
         "changes of heading": _changed(headings),
@@ -53,7 +54,7 @@ def _metres(home: tuple[int, int, int]) -> tuple[float, float, float]:
 
 
 def _changed(values: Sequence[Any]) -> int:
-    return sum(a != b for a, b in zip(values, values[1:], strict=False))
+    return sum(a != b for a, b in itertools.pairwise(values))
 
 
 def _of_kind(heard: Sequence[Heard], kind: str) -> list[Any]:

@@ -1,4 +1,4 @@
-"""Writes the table of two recordings' facts into a page, between its markers."""
+"""Writes two tables into a page, each between its markers: the streams, and two recordings' facts."""
 
 from __future__ import annotations
 
@@ -6,41 +6,70 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import SitlError
+from ..streams import RATES_HZ
 from .agreement import Fact, compare
+from .apart import OF_ITSELF, reason
 from .recording import Recording
 
-BEGIN, END = "<!-- likeness: made by `python -m sitl compare` -->", "<!-- likeness: end -->"
+STREAMS = ("<!-- streams: made by `python -m sitl compare --write` -->", "<!-- streams: end -->")
+LIKENESS = ("<!-- likeness: made by `python -m sitl compare --write` -->", "<!-- likeness: end -->")
+ASKED_FOR = ("BATTERY_STATUS", "GLOBAL_POSITION_INT", "VFR_HUD")
+"""What the ground station asks for at 1 Hz in five-states, beside the heartbeats."""
 _IN_WORDS = ("acknowledgement", "armed", "mode", "landed_state")
 
 
 def write(path: Path, first: Recording, second: Recording) -> None:
-    """Put the table where the last one was. Raises SitlError for a page without markers."""
+    """Put the tables where the last ones were. Raises SitlError for a page without markers."""
     try:
         text = path.read_text(encoding="utf-8")
+        for (begin, end), table in ((STREAMS, streams()), (LIKENESS, likeness(first, second))):
+            before, found, rest = text.partition(begin)
+            _, ended, after = rest.partition(end)
+            if not found or not ended:
+                raise SitlError(f"{path}: expected {begin} and {end}")
+            text = f"{before}{begin}\n\n{table}\n{end}{after}"
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise SitlError(f"{path}: {error.strerror}") from error
-    before, found, rest = text.partition(BEGIN)
-    _, ended, after = rest.partition(END)
-    if not found or not ended:
-        raise SitlError(f"{path}: expected {BEGIN} and {END}")
-    path.write_text(f"{before}{BEGIN}\n\n{table(first, second)}\n{END}{after}", encoding="utf-8")
 
 
-def table(first: Recording, second: Recording) -> str:
-    """Markdown: what has a number a row; what agrees in words counts as one row a case."""
+def streams() -> str:
+    """Markdown: each message's rate in each set; the total below."""
+    lines = ["| message | px4-onboard | px4-normal | px4-gcs | five-states |", "|---|---|---|---|---|"]
+    for name, rates in RATES_HZ.items():
+        if any(rates):
+            few = 1 if name in (*ASKED_FOR, "HEARTBEAT") else 0
+            lines.append("| " + " | ".join([name, *(f"{hz:g}" if hz else "" for hz in (*rates, few))]) + " |")
+    totals = [sum(rates[place] for rates in RATES_HZ.values()) for place in range(3)]
+    lines.append("| together | " + " | ".join(f"{total:.0f}" for total in (*totals, 1 + len(ASKED_FOR))) + " |")
+    return "\n".join([*lines, ""])
+
+
+def likeness(first: Recording, second: Recording) -> str:
+    """Markdown: what has a number is a row; what agrees in words, or in a message's rate and size, is counted."""
     facts = compare(first, second)
-    lines = [f"| case | what | {first.autopilot} | {second.autopilot} | |", "|---|---|---|---|---|"]
+    lines = [f"| case | what | {first.autopilot} | {second.autopilot} |", "|---|---|---|---|"]
     for case in dict.fromkeys(fact.case for fact in facts):
         lines += _rows(case, [fact for fact in facts if fact.case == case])
+    lines += ["", "What stays apart:", ""]
+    for fact in facts:
+        if not fact.agrees:
+            why = reason(fact.case, fact.name) or "not explained"
+            lines.append(f"- {fact.case}, {fact.name}: {fact.first} beside {fact.second}. {why}.")
+    lines += [f"- {text}" for text in OF_ITSELF]
     return "\n".join([*lines, ""])
 
 
 def _rows(case: str, facts: Sequence[Fact]) -> list[str]:
-    """The facts in words that agree are counted; those that differ and all with numbers are rows of their own."""
-    words = [fact for fact in facts if fact.name.startswith(_IN_WORDS)]
-    same = [fact for fact in words if fact.agrees]
-    rows = [f"| {case} | results and transitions | {len(same)} | the same | |"] if same else []
-    for fact in [*(fact for fact in words if not fact.agrees), *(fact for fact in facts if fact not in words)]:
-        mark = "" if fact.agrees else "differs"
-        rows.append(f"| {case} | {fact.name} | {fact.first} | {fact.second} | {mark} |")
-    return rows
+    counted = {
+        "results and transitions": [fact for fact in facts if fact.name.startswith(_IN_WORDS)],
+        "messages' rates and sizes": [fact for fact in facts if fact.name.endswith((", Hz", ", bytes"))],
+        "parameters' defaults": [fact for fact in facts if fact.case == "parameters"],
+    }
+    rows = []
+    for what, found in counted.items():
+        agreeing = [fact for fact in found if fact.agrees]
+        if agreeing:
+            rows.append(f"| {case} | {what} | {len(found)} | {len(agreeing)} the same |")
+    those = [fact for found in counted.values() for fact in found if fact.agrees]
+    return rows + [f"| {case} | {fact.name} | {fact.first} | {fact.second} |" for fact in facts if fact not in those]

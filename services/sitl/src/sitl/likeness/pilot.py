@@ -176,7 +176,9 @@ class Pilot:
         self, name: str, number: int, *params: float, x: int, y: int, z: float, frame: int = 0
     ) -> str | None:
         four = [*params, *[0.0] * (4 - len(params))]
-        return self._ask(name, mavlink.MAVLink_command_int_message(self._system, 1, frame, number, 0, 0, *four, x, y, z))
+        return self._ask(
+            name, mavlink.MAVLink_command_int_message(self._system, 1, frame, number, 0, 0, *four, x, y, z)
+        )
 
     def arm(self) -> str | None:
         return self.command("arm", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
@@ -186,9 +188,7 @@ class Pilot:
 
     def takeoff(self, height_m: float) -> str | None:
         amsl_m = self.last["GLOBAL_POSITION_INT"].alt / 1000 - self.position[2] + height_m
-        return self.command(
-            "takeoff", mavlink.MAV_CMD_NAV_TAKEOFF, *self.manners.takeoff_params(amsl_m, height_m)
-        )
+        return self.command("takeoff", mavlink.MAV_CMD_NAV_TAKEOFF, *self.manners.takeoff_params(amsl_m, height_m))
 
     def land(self) -> str | None:
         return self.command("land", mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
@@ -208,11 +208,24 @@ class Pilot:
         x = here.lat + math.degrees((north_m - at[0]) / radius_m) * 1e7
         y = here.lon + math.degrees((east_m - at[1]) / (radius_m * math.cos(math.radians(here.lat / 1e7)))) * 1e7
         z = here.alt / 1000 - at[2] + up_m
-        return self.command_int(name, mavlink.MAV_CMD_DO_REPOSITION, -1, 1, 0, NAN, x=round(x), y=round(y), z=z, frame=frame)
+        return self.command_int(
+            name, mavlink.MAV_CMD_DO_REPOSITION, -1, 1, 0, NAN, x=round(x), y=round(y), z=z, frame=frame
+        )
 
     def stop_here(self) -> str | None:
         """DO_REPOSITION to the place where it is."""
-        return self.command_int("stop", mavlink.MAV_CMD_DO_REPOSITION, -1, 1, 0, NAN, x=CURRENT, y=CURRENT, z=NAN, frame=mavlink.MAV_FRAME_GLOBAL_INT)
+        return self.command_int(
+            "stop",
+            mavlink.MAV_CMD_DO_REPOSITION,
+            -1,
+            1,
+            0,
+            NAN,
+            x=CURRENT,
+            y=CURRENT,
+            z=NAN,
+            frame=mavlink.MAV_FRAME_GLOBAL_INT,
+        )
 
     def velocity(self, north: float, east: float, down: float) -> None:
         """One set-point for offboard control."""
@@ -251,9 +264,9 @@ class Pilot:
     def _ask(self, name: str, message: Any) -> str | None:
         self._results.clear()
         self._asked = message.command
-        self._commanded_s, sent_s = self._clock_s, self._channel.now_s
+        self._commanded_s, given_up_s = self._clock_s, self._channel.now_s + PATIENCE * ANSWER_S
         self.send(message)
-        while not self._results and self._channel.now_s < sent_s + ANSWER_S:
+        while not self._results and self._clock_s < self._commanded_s + ANSWER_S and self._channel.now_s < given_up_s:
             self._listen(0.01)
         if self._results:
             self._listen(SECOND_ANSWER_S)

@@ -67,6 +67,4 @@ def load(path: Path) -> Recording:
 def _case(facts: dict[str, Any]) -> Case:
     tuples = {name: [tuple(one) for one in facts.get(name, ())] for name in ("acks", "events", "track")}
     streams = {kind: tuple(found) for kind, found in facts.get("streams", {}).items()}
-    return Case(
-        **tuples, durations_s=facts.get("durations_s", {}), numbers=facts.get("numbers", {}), streams=streams
-    )
+    return Case(**tuples, durations_s=facts.get("durations_s", {}), numbers=facts.get("numbers", {}), streams=streams)

@@ -45,9 +45,11 @@ class Subject(ABC):
     def open(self, link: str) -> Channel:
         """A new channel to one of its links."""
 
+    @abstractmethod
     def start(self) -> None:
         """Start it."""
 
+    @abstractmethod
     def end(self) -> None:
         """End what was started."""
 
@@ -55,7 +57,9 @@ class Subject(ABC):
         self.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.end()
 
     def pilot(self, link: str) -> Pilot:
@@ -132,8 +136,14 @@ class Px4(ProcessSubject):
         text = script.read_text()
         for found, made in (
             ("# GCS link\n", f"# GCS link\nudp_offboard_port_remote={self._own('onboard')}\n"),
-            ("mavlink start -x -u $udp_gcs_port_local -r", f"mavlink start -x -u $udp_gcs_port_local -o {self._own('gcs')} -r"),
-            (CAMERA_LINK, f"mavlink start -x -u {PORTS['normal'] + self._instance} -r 4000000 -o {self._own('normal')}"),
+            (
+                "mavlink start -x -u $udp_gcs_port_local -r",
+                f"mavlink start -x -u $udp_gcs_port_local -o {self._own('gcs')} -r",
+            ),
+            (
+                CAMERA_LINK,
+                f"mavlink start -x -u {PORTS['normal'] + self._instance} -r 4000000 -o {self._own('normal')}",
+            ),
         ):
             if found not in text:
                 raise SitlError(f"{self.described}: this PX4 starts its links in another way: no {found!r}")
@@ -189,6 +199,12 @@ class Simulated(Subject):
         self._clock = Clock()
         self.system = self._vehicle.config.system_id
         self.described = "stand-in"
+
+    def start(self) -> None:
+        """It is there already."""
+
+    def end(self) -> None:
+        """There is nothing to end."""
 
     def open(self, link: str) -> Channel:
         return SimulatedChannel(self._vehicle, self.links.index(link), self._clock)

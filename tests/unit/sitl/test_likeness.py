@@ -1,0 +1,90 @@
+"""The stand-in, flown in simulated time through the cases that PX4 main was recorded in, does the same."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from sitl.errors import SitlError
+from sitl.likeness.agreement import compare
+from sitl.likeness.apart import APART, reason
+from sitl.likeness.cases import CASES
+from sitl.likeness.commands import RECORDINGS, record_into, stand_in, subject
+from sitl.likeness.recording import Case, Recording, load
+
+PX4_MAIN = load(RECORDINGS / "px4-main.json")
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_stand_in_does_as_px4_main_was_recorded_to(case: str) -> None:
+    facts = compare(PX4_MAIN, stand_in([case]))
+    assert len(facts) > 2
+    assert [str(fact) for fact in facts if not fact.agrees and reason(fact.case, fact.name) is None] == []
+
+
+def test_what_stays_apart_is_in_the_recordings() -> None:
+    known = {(fact.case, fact.name) for fact in compare(PX4_MAIN, PX4_MAIN)}
+    assert all(any(case == at and name.startswith(what) for at, name in known) for case, what in APART)
+
+
+@pytest.mark.parametrize("name", ["px4-main", "px4-1.15"])
+def test_recordings_are_of_the_cases_and_small(name: str, tmp_path: Path) -> None:
+    path = RECORDINGS / f"{name}.json"
+    recording = load(path)
+    assert set(recording.cases) <= set(CASES)
+    assert path.stat().st_size < 60_000
+    (tmp_path / "again.json").write_text(recording.text())
+    assert load(tmp_path / "again.json") == recording
+
+
+@pytest.mark.skipif("PX4_DIR" not in os.environ, reason="PX4_DIR names no PX4 with its simulator")
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.timeout(400)
+def test_a_real_px4_does_as_it_was_recorded_to(case: str, tmp_path: Path) -> None:
+    """With PX4_DIR, a folder with bin and etc of PX4 main; each case has a PX4 of its own."""
+    path = tmp_path / "again.json"
+    record_into(path, subject(Path(os.environ["PX4_DIR"]), False, 240), [case], lambda _: None)
+    facts = compare(PX4_MAIN, load(path))
+    assert [str(fact) for fact in facts if not fact.agrees] == []
+
+
+def _flown(**facts: object) -> Recording:
+    return Recording("one", {"case": [Case(**facts)]})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "told"),
+    [
+        ({"acks": [("arm", "accepted")]}, {"acks": [("arm", None)]}, "acknowledgement 1, arm: accepted and no answer"),
+        ({"durations_s": {"goto": 10.0}}, {"durations_s": {"goto": 11.5}}, "goto, s: 10 and 11.5"),
+        ({"durations_s": {"goto": 10.0}}, {}, "goto, s: 10 and -"),
+        ({"events": [(1.0, "mode", "hold")]}, {"events": [(1.0, "mode", "land")]}, "mode: hold and land"),
+        ({"streams": {"PING": (1.0, 21.0)}}, {"streams": {"PING": (1.3, 21.0)}}, "PING, Hz: 1 and 1.3"),
+        ({"numbers": {"north_m": 0.1}}, {"numbers": {"north_m": 0.21}}, "north_m: 0.1 and 0.21"),
+        ({"track": [(0, 0, 0, 0), (1, 5, 0, 0)]}, {"track": [(0, 0, 0, 0), (1, 6, 0, 0)]}, "fastest, m/s: 5 and 6"),
+    ],
+)
+def test_what_differs_is_told(first: dict[str, object], second: dict[str, object], told: str) -> None:
+    differing = [str(fact) for fact in compare(_flown(**first), _flown(**second)) if not fact.agrees]
+    assert f"case: {told}" in differing
+    assert all(fact.agrees for fact in compare(_flown(**first), _flown(**first)))
+
+
+def test_ranges_of_several_flights_have_to_meet() -> None:
+    first, second = _flown(durations_s={"goto": 10.0}), _flown(durations_s={"goto": 12.4})
+    assert not all(fact.agrees for fact in compare(first, second))
+    first.add(_flown(durations_s={"goto": 12.0}))
+    assert all(fact.agrees for fact in compare(first, second))
+
+
+def test_a_file_that_is_no_recording_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "x.json"
+    path.write_text("[]")
+    with pytest.raises(SitlError, match=r"x\.json: not a recording"):
+        load(path)
+    with pytest.raises(SitlError, match="expected either --px4-dir FOLDER or --stand-in"):
+        subject(None, False, 0)
+    with pytest.raises(SitlError, match="expected bin/px4 in it"):
+        subject(tmp_path, False, 0)
