@@ -114,7 +114,7 @@ def _range(values: Iterable[float | None]) -> Range | None:
 def _shown(found: Range | None) -> str:
     if found is None:
         return "-"
-    low, high = (f"{value:.4g}" for value in found)
+    low, high = (f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}" for value in found)
     return low if low == high else f"{low} to {high}"
 
 
