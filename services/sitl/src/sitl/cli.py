@@ -123,6 +123,7 @@ def record(
     """Fly cases on an autopilot, started for it on loopback, and write down what it did: numbers and times."""
     from .likeness import commands as likeness
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the autopilot ends with its recorder
     with _errors_as_lines():
         likeness.record_into(output, likeness.subject(px4_dir, stand_in, instance), cases or [], _say)
 

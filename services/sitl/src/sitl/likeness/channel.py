@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from ..errors import SitlError
 from ..modes import Reply
 from ..streams import RATES_HZ
 from ..unnamed import NUMBERS
@@ -57,7 +58,11 @@ class UdpChannel:
     def __init__(self, port: int, own_port: int = 0) -> None:
         self._to = ("127.0.0.1", port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", own_port))
+        try:
+            self._socket.bind(("127.0.0.1", own_port))
+        except OSError as error:
+            self._socket.close()
+            raise SitlError(f"cannot receive on 127.0.0.1:{own_port}: {error.strerror}") from error
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         self._codec = mavlink.MAVLink(None, GCS_SYSTEM, GCS_COMPONENT)
 
