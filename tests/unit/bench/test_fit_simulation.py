@@ -125,7 +125,7 @@ def test_the_lowest_rate_is_found_between_its_bounds_and_in_whole_steps() -> Non
 
 def test_exact_streams_are_the_stand_ins_rates_in_flight() -> None:
     onboard, gcs = (load_of(exact(chosen, 20)) for chosen in ("px4-onboard", "px4-gcs"))
-    assert onboard.frames_s == pytest.approx(449.8, abs=0.5)
-    assert onboard.kbit_s == pytest.approx(361.4, abs=1.0)
-    assert gcs.frames_s == pytest.approx(391.3, abs=0.5)
-    assert gcs.kbit_s == pytest.approx(265.6, abs=1.0)
+    assert onboard.frames_s == pytest.approx(420.1, abs=0.5)
+    assert onboard.kbit_s == pytest.approx(341.8, abs=1.0)
+    assert gcs.frames_s == pytest.approx(372.7, abs=0.5)
+    assert gcs.kbit_s == pytest.approx(262.0, abs=1.0)
