@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from pymavlink.dialects.v20 import common as mavlink
-from world import heartbeat, home, landed, position
+from world import from_autopilot, heartbeat, home, landed, position
 
 from mqttxt.dialect.vehicle import Vehicle
 from mqttxt.roles.enquiries import Enquiries
@@ -54,4 +54,39 @@ def test_what_has_come_is_not_asked_for_again_and_pauses_grow() -> None:
     assert times[0] == 3000
     assert gaps[:5] == [1000, 2000, 5000, 10_000, 30_000]
     vehicle.update(home(), 60_000)
-    assert home_id not in _asked(enquiries, vehicle, 200_000)
+    assert home_id not in _asked(enquiries, vehicle, 69_000)
+
+
+def _streaming(vehicle: Vehicle, now_ms: int) -> None:
+    told = (
+        mavlink.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, 0, 0, 90),
+        mavlink.MAVLink_vfr_hud_message(*[0] * 6),
+    )
+    status = mavlink.MAVLink_sys_status_message(*[0] * 13)
+    for message in (heartbeat(), home(), position(), landed(1), *map(from_autopilot, (*told, status))):
+        vehicle.update(message, now_ms)
+
+
+def test_what_stops_coming_is_asked_for_again() -> None:
+    vehicle = Vehicle(1)
+    enquiries = Enquiries(vehicle)
+    for now_ms in range(0, 20_000, 1000):
+        _streaming(vehicle, now_ms)
+        assert not {name for name in _asked(enquiries, vehicle, now_ms) if isinstance(name, int)}
+    assert not {name for name in _asked(enquiries, vehicle, 28_000) if isinstance(name, int)}
+    asked = _asked(enquiries, vehicle, 30_000)
+    assert {mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, mavlink.MAVLINK_MSG_ID_HOME_POSITION} < asked
+
+
+def test_an_autopilot_that_was_away_is_asked_for_what_it_does_not_send_any_more() -> None:
+    vehicle = Vehicle(1)
+    enquiries = Enquiries(vehicle)
+    for now_ms in range(0, 5000, 1000):
+        _streaming(vehicle, now_ms)
+        enquiries.due(now_ms)
+    assert enquiries.due(8000) == [], "silent for more than three seconds"
+    _asked(enquiries, vehicle, 9000)
+    vehicle.update(landed(1), 10_000)
+    asked = _asked(enquiries, vehicle, 12_000)
+    assert mavlink.MAVLINK_MSG_ID_SYS_STATUS in asked
+    assert mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE not in asked

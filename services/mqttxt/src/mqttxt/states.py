@@ -18,7 +18,11 @@ Speed = Annotated[float, Scaled(100, 0, 655)]
 
 
 class FlightModeName(Named):
-    """PX4's flight modes by their common names; UNKNOWN for any other."""
+    """The flight modes of PX4 and of ArduPilot's multicopters; UNKNOWN for any other.
+
+    GUIDED and what follows it are ArduPilot's alone. Its STABILIZE, ALT_HOLD, AUTO and RTL are STABILIZED, ALTITUDE,
+    MISSION and RETURN.
+    """
 
     UNKNOWN = 0
     MANUAL = 1
@@ -35,6 +39,25 @@ class FlightModeName(Named):
     FOLLOW = 12
     PRECISION_LAND = 13
     ORBIT = 14
+    GUIDED = 15
+    LOITER = 16
+    BRAKE = 17
+    CIRCLE = 18
+    DRIFT = 19
+    SPORT = 20
+    FLIP = 21
+    AUTOTUNE = 22
+    POSHOLD = 23
+    THROW = 24
+    AVOID_ADSB = 25
+    GUIDED_NOGPS = 26
+    SMART_RTL = 27
+    FLOWHOLD = 28
+    ZIGZAG = 29
+    SYSTEMID = 30
+    AUTOROTATE = 31
+    AUTO_RTL = 32
+    TURTLE = 33
 
 
 class Landed(Named):
@@ -108,7 +131,7 @@ class LandedState:
 
 @dataclass(frozen=True)
 class MaxGroundspeed:
-    """Largest horizontal speed in metres a second (parameter MPC_XY_VEL_MAX)."""
+    """Largest horizontal speed in metres a second (parameter MPC_XY_VEL_MAX; ArduPilot: WPNAV_SPEED or WP_SPD)."""
 
     name: ClassVar[str] = "max_groundspeed"
     max_groundspeed_m_s: Speed
@@ -135,7 +158,10 @@ class Health:
 
 @dataclass(frozen=True)
 class Endurance:
-    """How long a full battery lasts in flight, configured or measured, and the cruise speed (MPC_XY_CRUISE)."""
+    """How long a full battery lasts in flight, configured or measured, and the cruise speed.
+
+    The cruise speed is MPC_XY_CRUISE; with ArduPilot WPNAV_SPEED or WP_SPD.
+    """
 
     name: ClassVar[str] = "endurance"
     endurance_s: Annotated[int, Integer(60, 86_400)]

@@ -17,15 +17,23 @@ if TYPE_CHECKING:
 class Autopilot(ABC):
     """One kind of autopilot: what its messages mean, and how commands are said to it. It keeps nothing.
 
+    `types` are the HEARTBEAT.type of those that fly so, None where modes and commands are the same for all.
     `max_speed` and `cruise_speed` are the parameters that have the largest horizontal speed and the cruise speed,
-    any one of each, and what makes their values metres a second. `offboard_mode` is the mode in which it follows
-    set-points.
+    any one of each, and what makes their values metres a second. `hold_mode` is the mode in which it stays where it
+    is, `offboard_mode` the one in which it follows set-points; `is_offboard_alone`: it does nothing else there.
+    `priming` set-points have to come before that mode. `refuses_as_failed`: it says MAV_RESULT_FAILED of what it does
+    not begin.
     """
 
     name: ClassVar[str]
     max_speed: ClassVar[Mapping[str, float]]
     cruise_speed: ClassVar[Mapping[str, float]]
+    types: ClassVar[frozenset[int] | None] = None
+    hold_mode: ClassVar[FlightModeName]
     offboard_mode: ClassVar[FlightModeName]
+    is_offboard_alone: ClassVar[bool]
+    priming: ClassVar[int]
+    refuses_as_failed: ClassVar[bool]
 
     @abstractmethod
     def flight_mode(self, heartbeat: Any) -> FlightModeName:

@@ -1,12 +1,23 @@
-"""The kinds of autopilots that are known, by HEARTBEAT.autopilot."""
+"""The kinds of autopilots that are known, by HEARTBEAT."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from .ardupilot import ArduCopter
 from .autopilot import Autopilot
 from .px4 import Px4
 
-AUTOPILOTS: Final[dict[int, Autopilot]] = {mavlink.MAV_AUTOPILOT_PX4: Px4()}
+AUTOPILOTS: Final[dict[int, Autopilot]] = {
+    mavlink.MAV_AUTOPILOT_PX4: Px4(),
+    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: ArduCopter(),
+}
+"""By HEARTBEAT.autopilot."""
+
+
+def kind_of(heartbeat: Any) -> Autopilot | None:
+    """The kind that a HEARTBEAT tells, None for one that is not known: ArduPilot's planes have other modes."""
+    found = AUTOPILOTS.get(heartbeat.autopilot)
+    return found if found is None or found.types is None or heartbeat.type in found.types else None

@@ -141,7 +141,7 @@ def never(vehicle: Vehicle, after: int) -> bool:
 
 def holds(vehicle: Vehicle, after: int) -> bool:
     """The autopilot is in its hold mode, and stands: on the ground, or still in the air."""
-    if vehicle.seen(FlightMode, after) != FlightMode(FlightModeName.HOLD):
+    if vehicle.seen(FlightMode, after) != FlightMode(vehicle.autopilot.hold_mode):
         return False
     return vehicle.is_still(after) or vehicle.seen(LandedState, after) == LandedState(Landed.ON_GROUND)
 

@@ -77,7 +77,11 @@ class Px4(Autopilot):
     name = "PX4"
     max_speed: ClassVar = {"MPC_XY_VEL_MAX": 1.0}
     cruise_speed: ClassVar = {"MPC_XY_CRUISE": 1.0}
+    hold_mode = FlightModeName.HOLD
     offboard_mode = FlightModeName.OFFBOARD
+    is_offboard_alone = True
+    priming = 10
+    refuses_as_failed = False
 
     def flight_mode(self, heartbeat: Any) -> FlightModeName:
         return mode_name(heartbeat.custom_mode)

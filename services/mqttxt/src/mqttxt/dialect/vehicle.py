@@ -24,7 +24,7 @@ from ..states import (
     check_range,
 )
 from .autopilot import Autopilot
-from .autopilots import AUTOPILOTS
+from .autopilots import kind_of
 from .home import HomeOfArming
 from .plans import AUTOPILOT_COMPONENT, CannotExecute
 
@@ -69,6 +69,7 @@ class Vehicle:
         self._autopilot: Autopilot | None = None
         self._still: list[tuple[int, int]] = []
         self._arrivals: dict[str, Arrivals] = {}
+        self._text = (-1, "")
         self._home = HomeOfArming()
 
     @property
@@ -101,6 +102,15 @@ class Vehicle:
         found = self._arrivals.get(kind)
         return found.number if found is not None else -1
 
+    def text_since(self, number: int) -> str:
+        """The last warning (STATUSTEXT) that came after message number `number`, empty where none did."""
+        return self._text[1] if self._text[0] > number else ""
+
+    def silence_ms(self, kind: str, now_ms: int) -> float:
+        """How long ago the last message of a kind came; infinite where none did."""
+        found = self._arrivals.get(kind)
+        return math.inf if found is None else now_ms - found.at_ms
+
     def rate_hz(self, kind: str, now_ms: int) -> float:
         """How often messages of a kind have been coming; 0 where none did, or not any more."""
         found = self._arrivals.get(kind)
@@ -123,6 +133,8 @@ class Vehicle:
         self._note_arrival(kind, now_ms)
         if kind == "HEARTBEAT":
             self.heartbeat_ms = now_ms
+        elif kind == "STATUSTEXT" and message.severity <= mavlink.MAV_SEVERITY_WARNING:
+            self._text = (self.number, _printable(message.text))
         told = self._home.correct(self._read(kind, message), self.seen(Armed) == Armed(True))
         for state in told:
             check_range(state)
@@ -134,7 +146,7 @@ class Vehicle:
 
     def _is_of_kind(self, heartbeat: Any) -> bool:
         """Whether a heartbeat is of the kind that the first one told; one of another kind is nobody's."""
-        kind = AUTOPILOTS.get(heartbeat.autopilot)
+        kind = kind_of(heartbeat)
         if self._autopilot is None:
             self._autopilot = kind
         return kind is not None and kind is self._autopilot
@@ -182,6 +194,10 @@ class Vehicle:
         smoothed = found.interval_ms
         found.interval_ms = interval_ms if smoothed is None else 0.9 * smoothed + 0.1 * interval_ms
         found.number, found.at_ms = self.number, now_ms
+
+
+def _printable(text: str) -> str:
+    return "".join(c for c in text if c.isprintable())
 
 
 def _battery(message: Any) -> list[State]:

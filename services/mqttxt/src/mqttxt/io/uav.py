@@ -11,7 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..clock import SessionClock
-from ..dialect.autopilots import AUTOPILOTS
+from ..dialect.autopilots import AUTOPILOTS, kind_of
 from ..dialect.plans import AUTOPILOT_COMPONENT
 from ..errors import ConfigurationError
 from ..roles.carrier import SENSORS
@@ -88,7 +88,7 @@ class UavRunner(Runner):
         self._heard: asyncio.Event = asyncio.Event()
         self._recognition = Recognition(drone)
         self._wrong_id: int | None = None
-        self._unknown_kind: int | None = None
+        self._unknown_kind: Any = None
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
         self.links[LINK] = MqttLink(LINK, broker, client_id, self.client.will(), self)
         self._sensors: SensorPort | None = None
@@ -143,9 +143,8 @@ class UavRunner(Runner):
             )
         if self._unknown_kind is not None:
             known = ", ".join(f"{kind.name} ({number})" for number, kind in AUTOPILOTS.items())
-            raise ConfigurationError(
-                f"--autopilot {self._autopilot.address}: HEARTBEAT.autopilot is {self._unknown_kind}; expected {known}"
-            )
+            found = f"HEARTBEAT.autopilot is {self._unknown_kind.autopilot}, its type {self._unknown_kind.type}"
+            raise ConfigurationError(f"--autopilot {self._autopilot.address}: {found}; expected {known}")
         logger.info("drone %d: heard its autopilot", self.client.drone)
         await self.links[LINK].run()
 
@@ -165,8 +164,8 @@ class UavRunner(Runner):
             return
         if system_id != self.client.drone:
             self._wrong_id = system_id
-        elif message.autopilot not in AUTOPILOTS:
-            self._unknown_kind = message.autopilot
+        elif kind_of(message) is None:
+            self._unknown_kind = message
         self._heard.set()
 
     def _on_malformed(self, reason: str) -> None:

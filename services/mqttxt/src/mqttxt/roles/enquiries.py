@@ -1,4 +1,7 @@
-"""Asks the autopilot for what it has not told by itself, so that other streams than PX4's onboard set do."""
+"""Asks the autopilot for what it does not tell by itself, and again when it no longer does.
+
+An ArduPilot sends next to nothing unasked, and forgets after a restart what it was asked for.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,12 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..dialect.plans import AUTOPILOT_COMPONENT, command_long
-from ..dialect.vehicle import Vehicle
+from ..dialect.vehicle import SOURCES, Vehicle
 from ..states import MaxGroundspeed
 
 PATIENCE_MS = 3000
+SILENT_MS = 10_000
+"""How long a message may stay away before it is asked for again; PX4 sends the slowest every two seconds."""
 _GAP_MS = (0, 1000, 2000, 5000, 10_000, 30_000)
 """Pauses between the askings for one thing; the last one repeats."""
 
@@ -24,7 +29,7 @@ _RATES_HZ = {
 
 
 class Enquiries:
-    """What was asked when; nothing but parameters is asked for before `PATIENCE_MS`."""
+    """What was asked when; nothing but parameters is asked for in the first `PATIENCE_MS` of an autopilot's life."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -34,13 +39,17 @@ class Enquiries:
     def due(self, now_ms: int) -> list[Any]:
         """The MAVLink messages to send now."""
         if not self._vehicle.is_alive(now_ms):
+            self._first_ms = None
             return []
         if self._first_ms is None:
             self._first_ms = now_ms
-        patient = now_ms - self._first_ms < PATIENCE_MS
+        alive_ms = now_ms - self._first_ms
         missing = self._missing_parameters()
-        if not patient:
-            missing += [name for name in (*_RATES_HZ, "home") if name not in self._vehicle.states]
+        if alive_ms >= PATIENCE_MS:
+            enough_ms = min(SILENT_MS, alive_ms)
+            streamed = (*_RATES_HZ, "home")
+            missing += [name for name in streamed if self._vehicle.silence_ms(SOURCES[name], now_ms) >= enough_ms]
+        self._asked = {name: asked for name, asked in self._asked.items() if name in missing}
         return [self._question(name) for name in missing if self._is_due(name, now_ms)]
 
     def _missing_parameters(self) -> list[str]:

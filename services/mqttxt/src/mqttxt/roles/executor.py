@@ -224,7 +224,7 @@ class Executor:
 
     def _send(self, run: Run, now_ms: int) -> list[Output]:
         run.sends += 1
-        run.last_send_ms = now_ms
+        run.last_send_ms, run.sent_number = now_ms, self.vehicle.number
         if isinstance(run.command, Takeoff):
             self._takeoffs.said(now_ms)
         return [Transmit(run.plan.message, run.deadline_ms, run.id)]
@@ -277,7 +277,7 @@ class Executor:
             return self._on_progress(run, percent_of(message), now_ms)
         run.acks += 1
         if message.result != mavlink.MAV_RESULT_ACCEPTED:
-            word, reason = refusal(message.result)
+            word, reason = self._refusal(run, message.result)
             if run.in_progress:  # it was started: a definite no would be false
                 return self._on_refusal(run, Word.FAILED, reason or word.label, now_ms)
             return self._on_refusal(run, word, reason, now_ms)
@@ -286,6 +286,14 @@ class Executor:
         if run.plan.is_said_once:
             return [self._runs.end(run, Word.COMPLETED, observed=False)]
         return self._on_accepted(run, now_ms)
+
+    def _refusal(self, run: Run, result: int) -> tuple[Word, str | None]:
+        """The last word for a refusal, with what the autopilot told people since the command was sent."""
+        word, reason = refusal(result)
+        if result == mavlink.MAV_RESULT_FAILED and self.vehicle.autopilot.refuses_as_failed:
+            word = Word.DENIED
+        text = self.vehicle.text_since(run.sent_number)
+        return word, f"{reason}: {text}" if reason == "autopilot" and text else reason
 
     def _on_refusal(self, run: Run, word: Word, reason: str | None, now_ms: int) -> list[Output]:
         """A definite no, unless another copy of the command is unanswered: that one may have been accepted."""

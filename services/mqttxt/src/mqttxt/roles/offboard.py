@@ -15,7 +15,7 @@ from ..commands import Offboard
 from ..dialect.offboard import set_point
 from ..dialect.vehicle import Vehicle
 from ..messages import Word
-from ..states import FlightMode, FlightModeName
+from ..states import FlightMode
 from .effects import Transmit
 from .runs import Output, Phase, Run, Runs
 
@@ -23,8 +23,6 @@ SET_POINT_MS = 50
 """20 Hz, as MAVSDK does; PX4 leaves the mode when none came for COM_OF_LOSS_T (1 s)."""
 EARLY_MS = 10
 """A tick of that period may come a little before a set-point is due; waiting for the next would halve the rate."""
-PRIMING = 10
-"""Set-points before the mode is commanded: PX4 refuses it where there are none."""
 LEASE_MS = 3000
 """How long set-points go on without a newer lease; at the start, until there was time for one."""
 STOP_MS = 3000
@@ -73,13 +71,15 @@ class OffboardPilot:
         if not self._has_control(gs_session, now_ms):
             return "no_lease"
         own = any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards())
-        if self._is_offboard() and not own:
+        if self._vehicle.autopilot.is_offboard_alone and self._is_offboard() and not own:
             return "offboard_elsewhere"
         return None
 
     def needs_priming(self, run: Run) -> bool:
         """Whether set-points have to come first: not where those of an older command are streamed already."""
-        return not any(other.phase in (Phase.SENT, Phase.RUNNING) for other in self._offboards() if other is not run)
+        return self._vehicle.autopilot.priming > 0 and not any(
+            other.phase in (Phase.SENT, Phase.RUNNING) for other in self._offboards() if other is not run
+        )
 
     def begin(self, run: Run, now_ms: int) -> None:
         """The first set-point is due at once."""
@@ -88,7 +88,7 @@ class OffboardPilot:
 
     def is_primed(self, run: Run) -> bool:
         flight = self._flights.get(run)
-        return flight is not None and flight.written >= PRIMING
+        return flight is not None and flight.written >= self._vehicle.autopilot.priming
 
     def over(self, run: Run, now_ms: int) -> tuple[Word, str | None] | None:
         """The last word that a running flight has earned by now, None while it goes on."""
@@ -132,7 +132,7 @@ class OffboardPilot:
             return []
         ending.next_hold_ms = now_ms + HOLD_AGAIN_MS
         self._runs.acks.expect(mavlink.MAV_CMD_DO_SET_MODE, now_ms)
-        return [Transmit(self._vehicle.autopilot.set_mode(self._vehicle, FlightModeName.HOLD))]
+        return [self._hold()]
 
     def superseded(self, run: Run) -> tuple[Word, str | None]:
         """The last word of a run whose place a newer flight took."""
@@ -160,8 +160,12 @@ class OffboardPilot:
     def leave(self) -> list[Output]:
         """The process ends: an autopilot that follows set-points is told to hold."""
         if any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards()):
-            return [Transmit(self._vehicle.autopilot.set_mode(self._vehicle, FlightModeName.HOLD))]
+            return [self._hold()]
         return []
+
+    def _hold(self) -> Transmit:
+        autopilot = self._vehicle.autopilot
+        return Transmit(autopilot.set_mode(self._vehicle, autopilot.hold_mode))
 
     def _has_control(self, gs_session: int, now_ms: int) -> bool:
         """Whether the control lease lives, and is this station's still."""

@@ -61,6 +61,7 @@ class Run:
     sends: int = 0
     acks: int = 0
     last_send_ms: int = 0
+    sent_number: int = 0
     started_ms: int = 0
     accepted_ms: int = 0
     accepted_number: int = 0

@@ -40,7 +40,8 @@ class Takeoffs:
         is_open = any(isinstance(run.command, Takeoff) for run in self._runs)
         if not is_in or is_open or self._vehicle.seen(Armed) != Armed(False) or now_ms < self._next_hold_ms:
             return []
-        message = self._vehicle.autopilot.set_mode(self._vehicle, FlightModeName.HOLD)
+        autopilot = self._vehicle.autopilot
+        message = autopilot.set_mode(self._vehicle, autopilot.hold_mode)
         if self._runs.awaiting(message.command) is not None:
             return []
         self._next_hold_ms = now_ms + HOLD_AGAIN_MS
