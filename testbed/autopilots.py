@@ -22,12 +22,13 @@ _ELF = struct.Struct("<4s14xH")
 class Kind:
     """A kind of autopilot: a folder that `folder_variable` names, or `folder_in_image` of what `image_variable` does.
 
-    `program` and `files` are what has to be in it, by their paths.
+    `image` is the one that is taken where none is named; None: there is none. `program` and `files` are what has to be
+    in the folder, by their paths.
     """
 
     folder_variable: str
     image_variable: str
-    image: str
+    image: str | None
     folder_in_image: str
     program: str
     files: tuple[str, ...]
@@ -36,7 +37,11 @@ class Kind:
         """Where it is. Raises UserError for a folder that is not one of this kind."""
         named = environment.get(self.folder_variable)
         if not named:
-            return {IMAGE: environment.get(self.image_variable) or self.image}
+            image = environment.get(self.image_variable) or self.image
+            if image is None:
+                needed = f"a folder with {', '.join((self.program, *self.files))}"
+                raise UserError(f"{self.folder_variable}: not set; expected {needed} (or {self.image_variable})")
+            return {IMAGE: image}
         folder = Path(named).expanduser().absolute()
         self.check(folder, f"{self.folder_variable}={named}")
         return {DIR: str(folder)}
@@ -73,5 +78,13 @@ KINDS = {
         folder_in_image="/opt/px4",
         program="bin/px4",
         files=("bin/px4-alias.sh", "etc/init.d-posix/rcS", "etc/extras/parameters.json.xz"),
-    )
+    ),
+    "ardupilot": Kind(
+        folder_variable="ARDUPILOT_DIR",
+        image_variable="ARDUPILOT_IMAGE",
+        image=None,
+        folder_in_image="/opt/ardupilot",
+        program="arducopter",
+        files=("copter.parm",),
+    ),
 }

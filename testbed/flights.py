@@ -38,7 +38,7 @@ def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, 
     """
     if encoding not in ENCODINGS:
         raise UserError(f"ENCODING={encoding}: expected one of {', '.join(ENCODINGS)}")
-    overlaid = chosen(os.environ, plan.protocols)
+    overlaid = chosen(os.environ)
     if plan.is_message_set and "AUTOPILOT" in overlaid:
         raise UserError(
             f"AUTOPILOT={overlaid['AUTOPILOT']}: expected none: only the stand-in can be put back each time"

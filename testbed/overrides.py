@@ -10,23 +10,20 @@ from .errors import UserError
 from .topology import COMPOSE_FILE, ROOT
 
 OVERRIDES = {
-    "AUTOPILOT": {name: ROOT / "services" / "sitl" / "overrides" / f"{name}.yaml" for name in ("px4", "ardupilot")},
+    "AUTOPILOT": {name: ROOT / "services" / "sitl" / "overrides" / f"{name}.yaml" for name in KINDS},
     "ROUTER": {"official": ROOT / "services" / "router" / "overrides" / "official.yaml"},
 }
 """Variables, their names and what each name stands for; a compose file of one's own is named by its path."""
 
 
-def chosen(environment: Mapping[str, str], protocols: tuple[str, ...] = ()) -> dict[str, str]:
+def chosen(environment: Mapping[str, str]) -> dict[str, str]:
     """What the environment asks for, checked; of an autopilot also where it is.
 
     Raises UserError for a name, file or folder that is not there.
-    `protocols` are those that are to be flown: MQTT-XT's UAV client speaks PX4's modes, so it cannot fly ArduPilot.
     """
     found = {name: environment[name] for name in OVERRIDES if environment.get(name)}
     for name, value in found.items():
         _file(name, value)
-    if found.get("AUTOPILOT") == "ardupilot" and "mqttxt" in protocols:
-        raise UserError("AUTOPILOT=ardupilot: expected PROTOCOLS=mavlink; MQTT-XT's UAV client speaks PX4's modes")
     kind = KINDS.get(found.get("AUTOPILOT", ""))
     return found if kind is None else found | kind.settings(environment)
 

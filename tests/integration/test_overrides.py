@@ -39,9 +39,10 @@ def said(service: dict[str, Any], what: str = "command") -> str:
     return value if isinstance(value, str) else " ".join(value)
 
 
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
 @pytest.mark.parametrize("profile", ["mqttxt", "mavlink", "mqttxt-one", "mavlink-one"])
-def test_px4_takes_the_place_of_each_stand_in(profile: str) -> None:
-    plain, services = resolved(profile, {}), resolved(profile, {"AUTOPILOT": "px4"}, AUTOPILOT_DIR="/srv/px4")
+def test_a_real_autopilot_takes_the_place_of_each_stand_in(profile: str, kind: str) -> None:
+    plain, services = resolved(profile, {}), resolved(profile, {"AUTOPILOT": kind}, AUTOPILOT_DIR="/srv/real")
     assert services.keys() == plain.keys()
     changed = {name for name in services if services[name] != plain[name]}
     assert changed == ({"sitl1"} if profile.endswith("-one") else {f"sitl{drone}" for drone in DRONES})
@@ -49,26 +50,14 @@ def test_px4_takes_the_place_of_each_stand_in(profile: str) -> None:
         sitl = services[name]
         same = ("command", "entrypoint", "network_mode", "read_only", "healthcheck", "image", "cap_drop", "cap_add")
         assert {key: sitl[key] for key in same} == {key: plain[name][key] for key in same}
-        assert sitl["environment"] == {"SITL_AUTOPILOT": "px4"}
-        assert any("/srv/px4" in str(volume) and "/opt/autopilot" in str(volume) for volume in sitl["volumes"])
+        assert sitl["environment"] == {"SITL_AUTOPILOT": kind}
+        assert any("/srv/real" in str(volume) and "/opt/autopilot" in str(volume) for volume in sitl["volumes"])
 
 
 def test_the_way_of_a_direct_chain_reaches_whatever_flies() -> None:
     there = {"AUTOPILOT_DIR": "/srv/px4", "AUTOPILOT_TO": "198.18.0.3"}
     services = resolved("mavlink", {"AUTOPILOT": "px4"}, **there)
     assert "--send 198.18.0.3:14544" in said(services["sitl4"])
-
-
-def test_ardupilot_sends_to_its_router_and_to_its_witness() -> None:
-    services = resolved("mavlink", {"AUTOPILOT": "ardupilot"}, ARDUPILOT_IMAGE="copter:mine")
-    for drone in DRONES:
-        sitl = services[f"sitl{drone}"]
-        assert sitl["image"] == "copter:mine"
-        assert sitl["network_mode"] == f"service:uav{drone}"
-        assert said(sitl, "entrypoint") == "arducopter"
-        assert f"--sysid {drone} " in said(sitl)
-        assert f"--serial0 udpclient:127.0.0.1:{14540 + drone} --serial1 udpclient:127.0.0.1:14550" in said(sitl)
-        assert f"udps:127.0.0.1:{14540 + drone} " in services[f"router-uav{drone}"]["environment"]["PER_UAV"]
 
 
 def test_the_official_mavp2p_changes_the_routers_image_and_nothing_else() -> None:

@@ -10,29 +10,35 @@ import pytest
 from typer.testing import CliRunner
 
 from testbed import cli
-from testbed.autopilots import KINDS
+from testbed.autopilots import KINDS, Kind
 from testbed.errors import UserError
 from testbed.overrides import chosen
 
 PX4 = KINDS["px4"]
 
 
-def make_px4(folder: Path, machine: str = "") -> Path:
-    """A folder with what a PX4's has; its program is nothing but an ELF header."""
+def make_folder(folder: Path, kind: Kind = PX4, machine: str = "") -> Path:
+    """A folder with what an autopilot's has; its program is nothing but an ELF header."""
     numbers = {"x86_64": 62, "aarch64": 183}
     number = numbers[machine or platform.machine()]
-    for name in (PX4.program, *PX4.files):
+    for name in (kind.program, *kind.files):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).touch()
-    (folder / PX4.program).write_bytes(struct.pack("<4s14xH", b"\x7fELF", number))
-    (folder / PX4.program).chmod(0o755)
+    (folder / kind.program).write_bytes(struct.pack("<4s14xH", b"\x7fELF", number))
+    (folder / kind.program).chmod(0o755)
     return folder
 
 
 def test_a_folder_is_told_to_compose_by_its_whole_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    make_px4(tmp_path / "px4")
+    make_folder(tmp_path / "px4")
     monkeypatch.chdir(tmp_path)
     assert chosen({"AUTOPILOT": "px4", "PX4_DIR": "px4"}) == {"AUTOPILOT": "px4", "AUTOPILOT_DIR": f"{tmp_path}/px4"}
+
+
+def test_of_an_ardupilot_there_is_no_image_that_could_be_had() -> None:
+    with pytest.raises(UserError, match=r"ARDUPILOT_DIR: not set; expected a folder with arducopter, copter\.parm"):
+        chosen({"AUTOPILOT": "ardupilot"})
+    assert chosen({"AUTOPILOT": "ardupilot", "ARDUPILOT_IMAGE": "mine:1"})["AUTOPILOT_IMAGE"] == "mine:1"
 
 
 def test_without_a_folder_it_is_in_an_image() -> None:
@@ -56,7 +62,7 @@ def test_what_is_wrong_with_a_folder_is_one_line(
 ) -> None:
     here = platform.machine()
     other = "aarch64" if here == "x86_64" else "x86_64"
-    folder = make_px4(tmp_path / "px4", other if broken == "machine" else "")
+    folder = make_folder(tmp_path / "px4", PX4, other if broken == "machine" else "")
     action, _, name = broken.partition(" ")
     if action == "rm" and name.startswith("-r"):
         folder = tmp_path / "none"
@@ -75,7 +81,7 @@ def test_what_is_wrong_with_a_folder_is_one_line(
 
 
 def test_an_empty_program_is_none_of_this_machine(tmp_path: Path) -> None:
-    folder = make_px4(tmp_path)
+    folder = make_folder(tmp_path)
     (folder / PX4.program).write_bytes(b"")
     with pytest.raises(UserError, match="built for something else"):
         PX4.check(folder, "PX4_DIR=x")

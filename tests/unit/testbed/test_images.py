@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from docker.errors import ImageNotFound
-from test_autopilots import make_px4
+from test_autopilots import make_folder
 
 from testbed import images
 from testbed.errors import DockerError, UserError
@@ -60,7 +60,7 @@ def copies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_it_is_copied_out_once(tmp_path: Path, copies: Path) -> None:
-    client = Docker(make_px4(tmp_path / "px4"))
+    client = Docker(make_folder(tmp_path / "px4"))
     folder = copies / "0123456789ab" / "px4"
     assert (
         autopilot_in_image(client, SETTINGS) == autopilot_in_image(client, SETTINGS) == {"AUTOPILOT_DIR": str(folder)}
@@ -70,7 +70,7 @@ def test_it_is_copied_out_once(tmp_path: Path, copies: Path) -> None:
 
 
 def test_an_image_that_is_not_here_is_pulled(tmp_path: Path) -> None:
-    client = Docker(make_px4(tmp_path / "px4"), is_here=False)
+    client = Docker(make_folder(tmp_path / "px4"), is_here=False)
     autopilot_in_image(client, SETTINGS)
     assert client.did[0] == "pull mine:1"
 
@@ -81,7 +81,7 @@ def test_one_that_nobody_has_is_said_with_the_way_out() -> None:
 
 
 def test_an_image_without_such_an_autopilot_is_said(tmp_path: Path) -> None:
-    folder = make_px4(tmp_path / "px4")
+    folder = make_folder(tmp_path / "px4")
     (folder / "bin" / "px4").unlink()
     with pytest.raises(UserError, match=r"^PX4_IMAGE=mine:1: /opt/px4: no bin/px4"):
         autopilot_in_image(Docker(folder), SETTINGS)

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 import yaml
+from test_autopilots import make_folder
 from typer.testing import CliRunner
 
 from testbed import cli
-from testbed.errors import UserError
+from testbed.autopilots import KINDS
 from testbed.experiments import make_plan
 from testbed.flights import settings_of
 from testbed.overrides import OVERRIDES, chosen, compose_files, suffix
@@ -42,34 +43,21 @@ def test_a_wrong_autopilot_is_one_line_and_exit_code_2(tmp_path: Path, monkeypat
     assert not (tmp_path / "results").exists()
 
 
-def test_ardupilot_is_for_mavlink_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UserError, match="AUTOPILOT=ardupilot: expected PROTOCOLS=mavlink"):
-        chosen({"AUTOPILOT": "ardupilot"}, ("mqttxt", "mavlink"))
+def test_an_ardupilot_flies_over_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AUTOPILOT", "ardupilot")
-    assert (
-        settings_of(make_plan("scenario-1", "1", "thesis", "ideal", "mavlink", {}), "mavlink")["AUTOPILOT"]
-        == "ardupilot"
-    )
+    monkeypatch.setenv("ARDUPILOT_DIR", str(make_folder(tmp_path, KINDS["ardupilot"])))
+    plan = make_plan("scenario-1", "1", "thesis", "ideal", "mqttxt,mavlink", {})
+    for protocol in ("mqttxt", "mavlink"):
+        settings = settings_of(plan, protocol)
+        assert (settings["AUTOPILOT"], settings["AUTOPILOT_DIR"]) == ("ardupilot", str(tmp_path))
 
 
-def test_every_ardupilot_has_its_own_home_system_and_witness() -> None:
-    services = _services(OVERRIDES["AUTOPILOT"]["ardupilot"])
-    for drone, place in _fleet()["drones"].items():
-        sitl, witness = services[f"sitl{drone}"], services[f"witness{drone}"]
-        home = f"{place['latitude_deg']},{place['longitude_deg']},{place['altitude_m']}"
-        assert f"--home {home},0 " in sitl["command"]
-        assert f"--sysid {drone} " in sitl["command"]
-        assert witness["network_mode"] == f"service:uav{drone}"
-        assert f"--system {drone} " in witness["command"]
-        assert f"--events /run-dir/sitl/uav{drone}.jsonl " in witness["command"]
-        assert witness["command"].endswith(f"--position-file /run-dir/sitl/uav{drone}.position.json")
-
-
-def test_px4_stands_where_each_stand_in_stood() -> None:
-    services = _services(OVERRIDES["AUTOPILOT"]["px4"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_real_autopilot_stands_where_each_stand_in_stood(kind: str) -> None:
+    services = _services(OVERRIDES["AUTOPILOT"][kind])
     assert set(services) == {f"sitl{drone}" for drone in _fleet()["drones"]}
     for sitl in services.values():
-        assert sitl["environment"] == {"SITL_AUTOPILOT": "px4"}
+        assert sitl["environment"] == {"SITL_AUTOPILOT": kind}
         assert not {"command", "entrypoint", "network_mode"} & set(sitl)
 
 

@@ -19,14 +19,16 @@ import typer
 from .errors import SitlError
 from .fleet import DroneConfig, load
 from .process import LinkConfig, Process
+from .real.ardupilot import ArduCopter
 from .real.process import fly as fly_real
 from .real.px4 import Px4
 from .real.watching import Watching
 from .streams import SETS
 from .vehicle import Vehicle
 
-STAND_IN, PX4 = "stand-in", "px4"
-AUTOPILOTS = (STAND_IN, PX4)
+STAND_IN = "stand-in"
+REAL: dict[str, type[Px4] | type[ArduCopter]] = {"px4": Px4, "ardupilot": ArduCopter}
+AUTOPILOTS = (STAND_IN, *REAL)
 WITNESS = ("127.0.0.1", 14550)
 """Where a real autopilot is watched, on a link of its own."""
 
@@ -62,9 +64,9 @@ def fly(
     autopilot: Annotated[
         str, typer.Option(help=f"What flies: {', '.join(AUTOPILOTS)}.", envvar="SITL_AUTOPILOT")
     ] = STAND_IN,
-    folder: Annotated[Path, typer.Option(help="Where a real autopilot is; px4: a folder with bin/px4 and etc.")] = Path(
-        "/opt/autopilot"
-    ),
+    folder: Annotated[
+        Path, typer.Option(help="Where a real autopilot is: bin/px4 and etc, or arducopter and copter.parm.")
+    ] = Path("/opt/autopilot"),
     quiet: Annotated[bool, typer.Option("--quiet", help="Without noise: what it says is true.")] = False,
 ) -> None:
     """Fly one simulated drone until Ctrl-C; a real autopilot's log goes beside its events."""
@@ -82,7 +84,7 @@ def fly(
             told = {"events": events, "ready_file": ready_file, "position_file": position_file}
             work = Path(tempfile.gettempdir()) / f"{autopilot}-{system}"
             logs = events.with_suffix(".log") if events is not None else work.with_suffix(".log")
-            flown = Px4(folder, work, logs, config, links[0], WITNESS[1])
+            flown = REAL[autopilot](folder, work, logs, config, links[0], WITNESS[1])
             asyncio.run(_until_signal(fly_real(flown, Watching(system, WITNESS, **told))))
             return
         if gcs:

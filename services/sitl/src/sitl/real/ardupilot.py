@@ -1,0 +1,84 @@
+"""An ArduCopter prepared for its start: its parameters in a file, its place and links on its command line."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import SitlError
+from ..fleet import DroneConfig
+from ..process import LinkConfig
+
+PROGRAM, DEFAULTS = "arducopter", "copter.parm"
+"""What is in ArduCopter's folder: the program for SITL, and a copter's parameters as ArduPilot's sources have them."""
+OWN: dict[str, float] = {
+    "FLTMODE_CH": 0,  # nobody holds sticks, nor the switch of modes that the simulation has
+    "INITIAL_MODE": 4,  # GUIDED, in which it would arm only where it could take off
+}
+"""What every ArduCopter here is told beside the fleet's parameters."""
+COUNTERPARTS: dict[str, tuple[str, float] | None] = {
+    "COM_DISARM_PRFLT": ("DISARM_DELAY", 1.0),
+    "RTL_RETURN_ALT": ("RTL_ALT", 100.0),
+    "MPC_XY_CRUISE": ("WPNAV_SPEED", 100.0),
+    "MPC_XY_VEL_MAX": None,
+    "MIS_TAKEOFF_ALT": None,
+}
+"""ArduCopter's parameter for one of the fleet's, and its unit in PX4's; None: it flies no faster than it cruises, and
+every takeoff names its height."""
+
+
+@dataclass(frozen=True)
+class ArduCopter:
+    """One ArduCopter: from `folder` (arducopter, copter.parm), in the folder `work`, whose logs go to `logs`.
+
+    `onboard` is its link to whoever flies it; on another it sends to `witness`, a port of its loopback. On both it
+    sends what it is asked for: `onboard.streams` is PX4's.
+    """
+
+    folder: Path
+    work: Path
+    logs: Path
+    config: DroneConfig
+    onboard: LinkConfig
+    witness: int
+
+    def prepare(self) -> tuple[list[str], dict[str, str]]:
+        """Its command line and environment, with all that they need in its folder. Raises SitlError."""
+        parameters = self.work / "fleet.parm"
+        lines = [f"{name} {value:g}\n" for name, value in self._values().items()]
+        try:
+            shutil.rmtree(self.work, ignore_errors=True)
+            for folder in (self.work, self.logs):
+                folder.mkdir(parents=True, exist_ok=True)
+            (self.work / "logs").symlink_to(self.logs.absolute())
+            parameters.write_text("".join(lines), encoding="utf-8")
+        except OSError as error:
+            raise SitlError(f"{error.filename}: {error.strerror}") from error
+        number, home, (host, port) = str(self.config.system_id), self.config.home, self.onboard.send
+        place = f"{home.latitude_deg:.7f},{home.longitude_deg:.7f},{home.altitude_m:.2f},0"
+        given = self.folder.absolute()
+        words = [str(given / PROGRAM), "--model", "quad", "--instance", number, "--sysid", number, "--wipe"]
+        words += ["--defaults", f"{given / DEFAULTS},{parameters.absolute()}", "--home", place]
+        words += ["--serial0", f"udpclient:{host}:{port}", "--serial1", f"udpclient:127.0.0.1:{self.witness}"]
+        return words, dict(os.environ)
+
+    def questions(self) -> dict[str, list[str]]:
+        """None: it has no command that reads a parameter back."""
+        return {}
+
+    def check(self, answers: Mapping[str, str]) -> None:
+        """Nothing was asked."""
+
+    def _values(self) -> dict[str, float]:
+        values = dict(OWN)
+        for name, value in self.config.parameters.items():
+            if name not in COUNTERPARTS:
+                raise SitlError(f"drones.{self.config.system_id}.parameters.{name}: ArduCopter has no such parameter")
+            counterpart = COUNTERPARTS[name]
+            if counterpart is not None:
+                own, factor = counterpart
+                values[own] = value * factor
+        return values
