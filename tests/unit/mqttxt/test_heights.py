@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from world import HOME, from_autopilot, heartbeat
 
 from mqttxt.commands import Goto, Takeoff
 from mqttxt.dialect.vehicle import Vehicle
+from mqttxt.errors import PayloadError
 from mqttxt.states import Home, Location, State
 
 DRONE = 1
@@ -86,3 +88,24 @@ def test_in_mid_flight_home_is_what_it_is_found_to_be() -> None:
     heard = Heard(ARMED, home_at(AMSL_M), place(AMSL_M + 10, 9.5), home_at(AMSL_M))
     assert heard.homes() == [AMSL_M, AMSL_M + 0.5, AMSL_M + 0.5]
     assert heard.heights() == [9.5]
+
+
+@pytest.mark.parametrize(
+    ("before", "unbelievable"),
+    [
+        ((), place(AMSL_M, -2_000_000.0)),
+        ((), place(2_000_000.0, 0.0)),
+        ((), place(90_000.0, -90_000.0)),
+        ((), home_at(2_000_000.0, 50.0)),
+        ((place(AMSL_M, 0.0),), place(AMSL_M, -2_000_000.0)),
+        ((place(AMSL_M, 0.0),), home_at(2_000_000.0)),
+        ((place(AMSL_M, 0.0),), home_at(2_000_000.0, 50.0)),
+    ],
+)
+def test_what_is_not_believed_moves_no_height(before: tuple[Any, ...], unbelievable: Any) -> None:
+    vehicle = Heard(IDLE, home_at(AMSL_M), ARMED, *before).vehicle
+    with pytest.raises(PayloadError):
+        vehicle.update(unbelievable, 0)
+    told = [state for message in (place(AMSL_M + 10, 10.0), home_at(AMSL_M)) for state in vehicle.update(message, 0)]
+    assert [state.altitude_m for state in told if isinstance(state, Location)] == [10.0]
+    assert [state.altitude_amsl_m for state in told if isinstance(state, Home)][-1] == AMSL_M

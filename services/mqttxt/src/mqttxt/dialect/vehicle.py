@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -135,9 +136,11 @@ class Vehicle:
             self.heartbeat_ms = now_ms
         elif kind == "STATUSTEXT" and message.severity <= mavlink.MAV_SEVERITY_WARNING:
             self._text = (self.number, _printable(message.text))
-        told = self._home.correct(self._read(kind, message), self.seen(Armed) == Armed(True))
-        for state in told:
+        read, home = self._read(kind, message), copy(self._home)
+        told = home.correct(read, self.seen(Armed) == Armed(True))
+        for state in (*read, *told):
             check_range(state)
+        self._home = home
         if kind == "GLOBAL_POSITION_INT":
             self._note_motion(message, now_ms)
         for state in told:
