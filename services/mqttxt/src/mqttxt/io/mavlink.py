@@ -128,7 +128,7 @@ class AutopilotLink:
                 for message in found.messages:
                     if isinstance(message, Malformed):
                         self._on_malformed(message.reason)
-                    elif not repeats.is_copy(bytes(message.get_msgbuf()), loop.time()):
+                    elif not repeats.is_copy(message, loop.time()):
                         self._on_message(message)
 
         loop.add_reader(transport.fileno(), readable)
