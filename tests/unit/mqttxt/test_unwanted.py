@@ -139,6 +139,16 @@ def test_hold_is_a_reposition_in_the_air_and_a_mode_on_the_ground(state: int, nu
     assert written(Bench(*told(True, state)).start(1, Hold())) == [number]
 
 
+def test_a_hold_of_the_air_is_not_repeated_on_the_ground() -> None:
+    """Landing meanwhile: a reposition of a drone that stands on the ground is a takeoff."""
+    bench = Bench(*told(True, AIR))
+    assert written(bench.start(1, Hold())) == [REPOSITION]
+    bench.hear(landed(GROUND))
+    out = bench.until(5000)
+    assert written(out) == []
+    assert said(out) == [(1, Word.UNCONFIRMED, "no_ack")]
+
+
 def test_hold_is_completed_when_the_drone_stands_still() -> None:
     bench = Bench(*told(True, AIR))
     bench.start(1, Hold())

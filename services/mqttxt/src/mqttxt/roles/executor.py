@@ -257,9 +257,10 @@ class Executor:
     def _may_repeat(self, run: Run, now_ms: int) -> bool:
         """Whether what allowed the first copy still does."""
         try:
-            return self._plan(run.command, now_ms).first_mode in (None, run.plan.first_mode)
+            planned = self._plan(run.command, now_ms)
         except CannotExecute:
             return False
+        return planned.first_mode in (None, run.plan.first_mode) and planned.mav_cmd == run.plan.mav_cmd
 
     def _rest(self, run: Run, now_ms: int) -> None:
         """Leave the number alone while acknowledgements of this run may still come."""
