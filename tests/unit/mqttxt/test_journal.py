@@ -61,6 +61,19 @@ def test_a_line_that_a_power_loss_cut_off_costs_only_itself(tmp_path: Path, cut:
     journal = JournalFile(path)
     assert Unfinished(OPEN, "takeoff") in journal.unfinished
     assert [left.id for left in journal.unfinished] == [OPEN, SAID, DONE]
+    assert not journal.is_new
+    journal.close()
+
+
+def test_a_line_that_cannot_be_read_in_the_middle_may_have_been_any_id(tmp_path: Path) -> None:
+    """Of an id that is not found nobody can say any more that it was not started."""
+    path = tmp_path / "journal"
+    _fill(path)
+    first, *others = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([first[:9] + b"\x00" + first[10:], *others]))
+    journal = JournalFile(path)
+    assert [left.id for left in journal.unfinished] == [SAID, DONE]
+    assert journal.is_new
     journal.close()
 
 

@@ -35,7 +35,8 @@ _LAST_WORDS = {word.label: word for word in Word if word.is_last}
 
 
 class JournalFile:
-    """The journal at `path`. `is_new`: there was none that could be read, so nothing is known of the sessions before.
+    """The journal at `path`. `is_new`: there was none that could be read as a whole, so that of an id of the sessions
+    before that is not found nothing is known.
 
     A disk that is full or fails does not end the client: `record` raises OSError until there is room again. Raises
     ConfigurationError for a path that no journal can have.
@@ -52,8 +53,7 @@ class JournalFile:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.exists():
-                self._read()
-                self.is_new = False
+                self.is_new = not self._read()
             self._write_anew()
         except OSError as error:
             if not is_fault(error):
@@ -142,16 +142,25 @@ class JournalFile:
             while len(self._delivered) > MOST_DELIVERED:
                 del self._delivered[next(iter(self._delivered))]
 
-    def _read(self) -> None:
-        """A line that a power loss cut off is left out and said."""
-        text = self._path.read_text(encoding="ascii", errors="replace")
-        for number, line in enumerate(text.splitlines(), start=1):
+    def _read(self) -> bool:
+        """Whether nothing is missing. A line that cannot be read is left out and said.
+
+        Nothing is missing where that is the last one and has no end: it was being written when the power went, and what
+        it says was not begun.
+        """
+        is_whole = True
+        lines = self._path.read_text(encoding="ascii", errors="replace").split("\n")
+        for number, line in enumerate(lines, start=1):
+            if not line:
+                continue
             try:
                 left, done = _restored(json.loads(line))
             except (ValueError, KeyError, TypeError, RecursionError, PayloadError):
                 logger.warning("journal %s: line %d cannot be read and is left out", self._path, number)
+                is_whole = is_whole and number == len(lines)
                 continue
             self._take(left, done)
+        return is_whole
 
 
 def _write(file: int, data: bytes) -> None:
