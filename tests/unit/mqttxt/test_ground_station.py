@@ -182,6 +182,31 @@ def test_a_fogs_denial_ends_a_broadcast() -> None:
     assert bench.hear("commands_result/hold", denial) == []
 
 
+def test_a_fogs_denial_behind_a_drones_first_word_is_no_definite_no() -> None:
+    """As of an activator that was started anew and knows of no drone: what was begun may go on."""
+    denial = FogResultMessage(gs_session=GS_SESSION, seq=1, session=0x23, stamp=1, denied="expired")
+    for select in (True, False):
+        bench, name = Bench(), "goto" if select else "arm"
+        if select:
+            bench.role.select(1, Goto(47.0, 8.0, 10.0), bench.now_ms, limit_s=1.0)
+        else:
+            bench.send(Arm(), None, limit_s=1.0)
+        assert bench.result(Word.ACCEPTED) == [(Word.ACCEPTED, False)]
+        told = [o for o in bench.hear(f"commands_result/{name}", denial) if isinstance(o, Outcome)]
+        assert [(o.drone, o.word, o.reason) for o in told] == [(1, Word.UNCONFIRMED, "denied after accepted")]
+        assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, True)]
+        late = [o for o in bench.until(60_000) if isinstance(o, Outcome)]
+        assert [(o.drone, o.word) for o in late] == ([] if select else [(None, Word.UNCONFIRMED)])
+
+
+def test_a_broadcast_whose_roster_was_lost_has_a_last_word_for_each_drone_that_was_heard() -> None:
+    bench = Bench()
+    bench.send(Arm(), None, limit_s=1.0)
+    bench.result(Word.ACCEPTED)
+    told = [(o.drone, o.word) for o in bench.until(60_000) if isinstance(o, Outcome)]
+    assert told == [(1, Word.UNCONFIRMED), (None, Word.UNCONFIRMED)]
+
+
 @pytest.mark.parametrize(
     "record",
     [

@@ -35,7 +35,14 @@ class Pending:
     denied: bool = False
 
     def open_drones(self) -> list[int]:
-        return [n for n in self.roster or () if n not in self.words or not self.words[n].is_last]
+        """The drones that have no last word: of the roster, or of those that were heard."""
+        concerned = self.words if self.roster is None else self.roster
+        return [n for n in concerned if n not in self.words or not self.words[n].is_last]
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether any drone has said that it does it, or may."""
+        return any(word not in DEFINITE_NO for word in self.words.values())
 
     @property
     def is_open(self) -> bool:

@@ -209,6 +209,8 @@ class StationCommands:
         if pending is None or pending.fog != fog.number or pending.drone is not None or not pending.is_open:
             return []
         if result.denied is not None:
+            if pending.has_begun:
+                return self._say_to_open(pending, Word.DENIED, result.denied, now_ms)
             if pending.roster is not None and not pending.choosing:
                 return []
             pending.denied = True
@@ -246,12 +248,17 @@ class StationCommands:
         return []
 
     def _give_up(self, pending: Pending, now_ms: int) -> list[Output]:
-        name = pending.command.name
+        out = self._say_to_open(pending, Word.UNCONFIRMED, None, now_ms)
         if pending.roster is None:
             pending.denied = True
-            return [Outcome(pending.id, pending.fog, None, name, Word.UNCONFIRMED, "no_roster")]
+            name = pending.command.name
+            out.append(Outcome(pending.id, pending.fog, None, name, Word.UNCONFIRMED, "no_roster"))
+        return out
+
+    def _say_to_open(self, pending: Pending, word: Word, reason: str | None, now_ms: int) -> list[Output]:
+        """A last word for each drone that has none."""
         out: list[Output] = []
         for drone in pending.open_drones():
-            outcome = Outcome(pending.id, pending.fog, drone, name, Word.UNCONFIRMED)
+            outcome = Outcome(pending.id, pending.fog, drone, pending.command.name, word, reason)
             out += self._say(pending, outcome, now_ms)
         return out
