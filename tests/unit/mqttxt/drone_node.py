@@ -87,10 +87,11 @@ class DroneNode(Node):
             self.place = min(PLACES, key=lambda place: abs(place.lat - message.x))
         if rng.random() >= self.sim.dangers.mute:
             delay_us = rng.randint(1 * MS, 80 * MS) if rng.random() < 0.95 else rng.randint(1 * MS, 2 * S)
-            self._soon(delay_us, self._acknowledge, effect.ref, message.command, result)
+            self._soon(delay_us, self._acknowledge, effect, result)
 
-    def _acknowledge(self, ref: Any, command: int, result: int) -> None:
-        self.react(self._on_ack, ref, _of(ack(command, result), self.number))
+    def _acknowledge(self, effect: Transmit, result: int) -> None:
+        answer = ack(effect.message.command, result, source=effect.source)
+        self.react(self._on_ack, effect.ref, _of(answer, self.number))
         self._soon(5 * MS, self._tell)
 
     def _on_ack(self, ref: Any, message: Any, now_ms: int) -> Any:

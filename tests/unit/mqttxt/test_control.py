@@ -11,6 +11,7 @@ from test_uav_client import client, hear, published
 from world import GS_SESSION, UAV_SESSION, World, command_payload
 
 from mqttxt.commands import Arm, Hold, Offboard, Velocity
+from mqttxt.dialect.sources import Source
 from mqttxt.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
 from mqttxt.outcomes import ControlChanged
 from mqttxt.roles.effects import Inbound, Publish, Transmit
@@ -111,12 +112,12 @@ def hand_down(uav: Any, now_ms: int = 1000, **fields: Any) -> list[Any]:
     return list(uav.on_message(Inbound("drone1/init_connect", encode(DroneLease(**given)), 1), now_ms))
 
 
-def heartbeats(effects: list[Any]) -> list[tuple[int, bool]]:
+def heartbeats(effects: list[Any]) -> list[tuple[int, Source]]:
     sent = [e for e in effects if isinstance(e, Transmit) and e.message.get_type() == "HEARTBEAT"]
-    return [(e.message.type, e.as_gcs) for e in sent]
+    return [(e.message.type, e.source) for e in sent]
 
 
-ONBOARD, GCS = (18, False), (6, True)
+ONBOARD, GCS = (18, Source.COMPANION), (6, Source.GCS)
 
 
 def test_a_uav_client_is_a_ground_station_to_its_autopilot_only_inside_the_lease() -> None:

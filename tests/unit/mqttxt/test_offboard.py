@@ -11,6 +11,7 @@ from world import ack, heartbeat, home, landed, position
 
 from mqttxt.commands import Attitude, Goto, Hold, Land, Offboard, Return, Velocity
 from mqttxt.dialect.offboard import quaternion
+from mqttxt.dialect.sources import Source
 from mqttxt.messages import CommandId, Word
 from mqttxt.roles.effects import Transmit
 
@@ -182,12 +183,15 @@ def test_a_pilots_mode_while_it_stops_is_not_overridden() -> None:
     assert flight.fly_until(13_000) == []
 
 
-@pytest.mark.parametrize(("newer", "number"), [(Hold(), REPOSITION), (Land(), LAND), (Goto(47.4, 8.5, 10.0), 192)])
+@pytest.mark.parametrize(
+    ("newer", "number"), [(Hold(), REPOSITION), (Land(), LAND), (Goto(47.4, 8.5, 10.0), REPOSITION)]
+)
 def test_a_later_flight_command_takes_over_when_it_is_accepted(newer: Any, number: int) -> None:
     flight = Flight().engage()
     assert written(flight.start(2, newer)) == [number]
     assert len(set_points(flight.fly_until(600))) == 2
-    assert said(flight.hear(ack(number))) == [(2, Word.ACCEPTED, None), (1, Word.SUPERSEDED, None)]
+    source = Source.HALT if isinstance(newer, Hold) else Source.COMPANION
+    assert said(flight.hear(ack(number, source=source))) == [(2, Word.ACCEPTED, None), (1, Word.SUPERSEDED, None)]
     assert set_points(flight.fly_until(2000)) == []
 
 

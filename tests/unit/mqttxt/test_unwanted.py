@@ -12,6 +12,7 @@ from workbench import ARM, MODE, REPOSITION, TAKEOFF, Bench, said, written
 from world import ack, from_autopilot, heartbeat, home, landed, position
 
 from mqttxt.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Takeoff, Velocity
+from mqttxt.dialect.sources import Source
 from mqttxt.messages import Word
 from mqttxt.roles.effects import Transmit
 from mqttxt.roles.runs import Said
@@ -152,7 +153,9 @@ def test_a_hold_of_the_air_is_not_repeated_on_the_ground() -> None:
 def test_hold_is_completed_when_the_drone_stands_still() -> None:
     bench = Bench(*told(True, AIR))
     bench.start(1, Hold())
-    assert said(bench.hear(moving(0.0), ack(REPOSITION), heartbeat(armed=True))) == [(1, Word.ACCEPTED, None)]
+    assert said(bench.hear(moving(0.0), ack(REPOSITION, source=Source.HALT), heartbeat(armed=True))) == [
+        (1, Word.ACCEPTED, None)
+    ]
     for step in range(1, 50):
         bench.now_ms += 100
         slow = step % 8 >= 4  # never for a second
@@ -167,7 +170,7 @@ def test_hold_is_not_completed_while_it_climbs_or_in_another_mode() -> None:
     climbing, elsewhere = Bench(*told(True, AIR)), Bench(*told(True, AIR))
     for bench, climb, mode in ((climbing, 0.6, 3), (elsewhere, 0.0, 5)):
         bench.start(1, Hold())
-        bench.hear(ack(REPOSITION))
+        assert said(bench.hear(ack(REPOSITION, source=Source.HALT))) == [(1, Word.ACCEPTED, None)]
         for _ in range(25):
             bench.now_ms += 100
             assert said(bench.hear(moving(0.0, climb), heartbeat(armed=True, main=4, sub=mode))) == []
@@ -176,7 +179,8 @@ def test_hold_is_not_completed_while_it_climbs_or_in_another_mode() -> None:
 def test_hold_on_the_ground_is_completed_without_a_position() -> None:
     bench = Bench(*told(True, GROUND))
     bench.start(1, Hold())
-    assert said(bench.hear(ack(MODE), heartbeat(armed=True), landed(GROUND)))[-1] == (1, Word.COMPLETED, None)
+    accepted = ack(MODE, source=Source.HALT)
+    assert said(bench.hear(accepted, heartbeat(armed=True), landed(GROUND)))[-1] == (1, Word.COMPLETED, None)
 
 
 @pytest.mark.parametrize(("altitude_m", "over"), [(5.0, True), (9.0, False)])
@@ -252,7 +256,7 @@ def test_whatever_is_lost_or_done_by_others_it_flies_only_while_a_takeoff_is_ope
                 number = px4.take(output.message)
                 look()
                 if number is not None and not muted:
-                    carry(bench.hear(ack(number)), muted)
+                    carry(bench.hear(ack(number, source=output.source)), muted)
 
     for seq, (command, tenths, muted, by_others) in enumerate(events):
         px4.armed = px4.armed if by_others is None else by_others

@@ -8,6 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from mqttxt.dialect.sources import Source
 from mqttxt.messages import CommandId, CommandMessage, ResultMessage
 from mqttxt.roles.activator import Activator
 from mqttxt.roles.activator_drones import CLOUD, FOG
@@ -35,8 +36,8 @@ def heartbeat(armed: bool = False, main: int = 4, sub: int = 3, system: int = 1,
     return from_autopilot(mavlink.MAVLink_heartbeat_message(2, kind, base, main << 16 | sub << 24, 4, 3), system)
 
 
-def ack(command: int, result: int = 0, progress: int = 0) -> Any:
-    return from_autopilot(mavlink.MAVLink_command_ack_message(command, result, progress, 0, 1, 191))
+def ack(command: int, result: int = 0, progress: int = 0, source: Source = Source.COMPANION) -> Any:
+    return from_autopilot(mavlink.MAVLink_command_ack_message(command, result, progress, 0, 1, source.component))
 
 
 def position(altitude_m: float = 0.0, north_1e7: int = 0) -> Any:

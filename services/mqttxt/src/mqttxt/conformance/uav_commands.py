@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from itertools import pairwise
 
-from ..commands import Arm, Hold, Land, Stream
+from ..commands import Arm, Hold, Land, Return, Stream
 from ..wire.codec import encode
 from ..wire.values import Encoding
 from . import shapes
@@ -92,7 +92,7 @@ async def repeats_in_measure(kit: UavKit) -> str:
     await kit.calm()
     kit.autopilot.manners[SET_MODE] = Manner(result=None)
     mark = len(kit.autopilot.written)
-    message = kit.command(Hold(), ttl_ms=20_000)
+    message = kit.command(Return(), ttl_ms=20_000)
     kit.publish(message)
     words = await kit.outcome(message, 10)
     closed_ms = words.at_ms[-1] if words.at_ms else kit.clock.now_ms()
@@ -103,7 +103,7 @@ async def repeats_in_measure(kit: UavKit) -> str:
     expect(words.names == ["unconfirmed"], f"never acknowledged: came {words}")
     kit.autopilot.manners.clear()
     kit.autopilot.mode = POSITION_MODE
-    second = kit.command(Hold(), gs_session=message.gs_session, seq=2, ttl_ms=10_000)
+    second = kit.command(Return(), gs_session=message.gs_session, seq=2, ttl_ms=10_000)
     kit.publish(second)
     again = await kit.written(len(kit.autopilot.written), SET_MODE, 6)
     rested = (again[0].at_ms if again else kit.clock.now_ms()) - closed_ms

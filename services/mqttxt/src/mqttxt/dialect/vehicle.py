@@ -29,8 +29,6 @@ from .autopilots import kind_of
 from .home import HomeOfArming
 from .plans import AUTOPILOT_COMPONENT, CannotExecute
 
-OWN_COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-"""What the UAV client is on its autopilot's link, in the system of the autopilot."""
 HEARTBEAT_LOST_MS = 3000
 STILL_M_S, STILL_CLIMB_M_S, STILL_MS = 1.0, 0.5, 1000
 """Slower than both for this long is standing still: a drone that turns back passes through zero sooner."""

@@ -18,6 +18,7 @@ import serial
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..dialect.plans import AUTOPILOT_COMPONENT
+from ..dialect.sources import Source
 from ..dialect.vehicle import HEARTBEAT_LOST_MS
 from ..errors import ConfigurationError
 from .address import is_host, whole_number
@@ -26,9 +27,6 @@ from .repeats import Repeats
 
 logger = logging.getLogger("mqttxt.mavlink")
 
-COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-GCS_SYSTEM, GCS_COMPONENT = 255, int(mavlink.MAV_COMP_ID_MISSIONPLANNER)
-"""What ground control stations use by convention."""
 REOPEN_S = 1.0
 MAX_BAUD = 99_999_999
 _READ_BYTES = 65_536
@@ -73,8 +71,10 @@ class AutopilotLink:
     ) -> None:
         self.address = address
         self._system_id = system_id
-        self._encoder = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=COMPONENT)
-        self._gcs_encoder = mavlink.MAVLink(None, srcSystem=GCS_SYSTEM, srcComponent=GCS_COMPONENT)
+        self._encoders = {
+            source: mavlink.MAVLink(None, srcSystem=source.system(system_id), srcComponent=source.component)
+            for source in Source
+        }
         self._on_message = on_message
         self._on_malformed = on_malformed
         self._transport: _Transport | None = None
@@ -100,14 +100,11 @@ class AutopilotLink:
             logger.info("autopilot %s: link closed; opening it again", self.address)
             await asyncio.sleep(REOPEN_S)
 
-    def write(self, message: Any, as_gcs: bool = False) -> bool:
-        """Hand one message to the operating system; False when it did not take all of it.
-
-        `as_gcs`: in the name of a ground station, not of the companion computer.
-        """
+    def write(self, message: Any, source: Source = Source.COMPANION) -> bool:
+        """Hand one message to the operating system, in the name of `source`; False when it did not take all of it."""
         if self._transport is None:
             return False
-        encoder = self._gcs_encoder if as_gcs else self._encoder
+        encoder = self._encoders[source]
         packet = message.pack(encoder)
         encoder.seq = (encoder.seq + 1) % 256
         return self._transport.write(packet)

@@ -124,7 +124,7 @@ class UavRunner(Runner):
         """The last look at the clock is here, immediately before the write."""
         before_ms = self.clock.now_ms()
         late = effect.not_after_ms is not None and before_ms > effect.not_after_ms
-        written = not late and self._autopilot.write(effect.message, effect.as_gcs)
+        written = not late and self._autopilot.write(effect.message, effect.source)
         if effect.ref is None:
             return
         after_ms = self.clock.now_ms()

@@ -1,12 +1,19 @@
-"""Which MAV_CMD may be sent now: an acknowledgement names only the number, so a late one must find nobody waiting."""
+"""Which MAV_CMD may be sent now: an acknowledgement names only the number and whom it answers, so a late one must find
+nobody waiting.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from enum import Enum, auto
 
+from ..dialect.sources import Source
+
 STRAY_ACK_MS = 3000
-"""How long a number rests while acknowledgements of it may still be under way."""
+"""How long a key rests while acknowledgements of it may still be under way."""
+
+AckKey = tuple[int, Source]
+"""What an acknowledgement is told by: the MAV_CMD, and in whose name it was sent."""
 
 
 class Stray(Enum):
@@ -18,37 +25,41 @@ class Stray(Enum):
 
 
 class Acks:
-    """Numbers that rest, and how many acknowledgements of each nobody waits for any more."""
+    """Keys that rest, and how many acknowledgements of each nobody waits for any more."""
 
     def __init__(self) -> None:
-        self._rests_until_ms: dict[int, int] = {}
-        self._late: Counter[int] = Counter()
-        self._own: Counter[int] = Counter()
+        self._rests_until_ms: dict[AckKey, int] = {}
+        self._late: Counter[AckKey] = Counter()
+        self._own: Counter[AckKey] = Counter()
 
-    def is_free(self, mav_cmd: int, now_ms: int) -> bool:
-        return now_ms >= self._rests_until_ms.get(mav_cmd, 0)
+    def is_free(self, key: AckKey, now_ms: int) -> bool:
+        return now_ms >= self._rests_until_ms.get(key, 0)
 
-    def begin(self, mav_cmd: int) -> None:
-        """A command of a free number is about to be sent: the next acknowledgement is its own."""
-        self._late.pop(mav_cmd, None)
-        self._own.pop(mav_cmd, None)
+    def is_late(self, key: AckKey, now_ms: int) -> bool:
+        """Whether the next acknowledgement is for a command given up: they come in the order of the writes."""
+        return self._late[key] > 0 and not self.is_free(key, now_ms)
 
-    def rest(self, mav_cmd: int, late: int, now_ms: int) -> None:
-        """Leave a number alone until `late` acknowledgements have come, or for three seconds."""
-        self._rests_until_ms[mav_cmd] = now_ms + STRAY_ACK_MS
-        self._late[mav_cmd] = late
+    def begin(self, key: AckKey) -> None:
+        """A command of a free key is about to be sent: the next acknowledgement is its own."""
+        self._late.pop(key, None)
+        self._own.pop(key, None)
 
-    def expect(self, mav_cmd: int, now_ms: int) -> None:
+    def rest(self, key: AckKey, late: int, now_ms: int) -> None:
+        """Leave a key alone until `late` more acknowledgements have come, or for three seconds."""
+        self._late[key] = late + (0 if self.is_free(key, now_ms) else self._late[key])
+        self._rests_until_ms[key] = now_ms + STRAY_ACK_MS
+
+    def expect(self, key: AckKey, now_ms: int) -> None:
         """Something of our own was written whose acknowledgement nobody waits for."""
-        self._rests_until_ms[mav_cmd] = now_ms + STRAY_ACK_MS
-        self._own[mav_cmd] += 1
+        self._rests_until_ms[key] = now_ms + STRAY_ACK_MS
+        self._own[key] += 1
 
-    def take_stray(self, mav_cmd: int) -> Stray:
-        """An acknowledgement found nobody waiting. The last one that was expected frees its number."""
+    def take_stray(self, key: AckKey) -> Stray:
+        """An acknowledgement found nobody waiting. The last one that was expected frees its key."""
         for kind, counts in ((Stray.OWN, self._own), (Stray.LATE, self._late)):
-            if counts[mav_cmd] > 0:
-                counts[mav_cmd] -= 1
-                if not self._own[mav_cmd] and not self._late[mav_cmd]:
-                    self._rests_until_ms.pop(mav_cmd, None)
+            if counts[key] > 0:
+                counts[key] -= 1
+                if not self._own[key] and not self._late[key]:
+                    self._rests_until_ms.pop(key, None)
                 return kind
         return Stray.UNKNOWN

@@ -9,6 +9,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
+from ..dialect.sources import Source
 from ..messages import CommandId, Word
 from ..readings import Reading, ReadingKey
 
@@ -53,13 +54,13 @@ class Transmit:
     """Write a MAVLink message to the autopilot, unless the session clock reads past `not_after_ms`.
 
     The runner checks the clock immediately before the write and reports `on_transmitted` with the clock's
-    reading after it, or `on_refused`. `as_gcs`: in the name of a ground station, not of the companion computer.
+    reading after it, or `on_refused`. `source`: in whose name.
     """
 
     message: Any
     not_after_ms: int | None = None
     ref: Hashable = None
-    as_gcs: bool = False
+    source: Source = Source.COMPANION
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Executes commands on one autopilot over MAVLink, each within its deadline and to its one last word.
 
-COMMAND_ACK carries only the command's number, so at most one command of a MAV_CMD is open at a time, and a
-number whose acknowledgement may still be under way is left alone until it came or three seconds have passed.
+COMMAND_ACK carries only the command's number and whom it answers. So at most one command of a MAV_CMD is open in one
+name at a time, and a number whose acknowledgement may still be under way is left alone until it came or three seconds
+have passed. What halts waits for none: it has a name that no other open command has, while there are any.
 """
 
 from __future__ import annotations
@@ -10,17 +11,18 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..commands import Command, Mavlink, Offboard, Stream, Takeoff
+from ..commands import Command, Hold, Mavlink, Offboard, Stream, Takeoff
 from ..dialect.plans import CannotExecute, Plan, check
 from ..dialect.raw import Limits, plan_raw
+from ..dialect.sources import HALTING, Source
 from ..dialect.vehicle import Vehicle
 from ..messages import CommandId, Word
 from ..states import FlightMode, FlightModeName
-from .acks import Stray
+from .acks import AckKey, Stray
 from .effects import Log, Transmit
 from .interruptions import interrupted
 from .offboard import OffboardPilot
-from .results import is_for_us, percent_of, refusal
+from .results import answered, percent_of, refusal
 from .runs import UNSENT, Output, Phase, Run, Runs, Said
 from .streams import Streams
 from .takeoffs import Takeoffs
@@ -99,10 +101,11 @@ class Executor:
             return [Said(command_id, Word.DENIED, str(error))]
         out: list[Output] = []
         run = Run(command_id, command, planned, deadline_ms, limit_ms)
-        for older in self._runs:
-            if older.phase in UNSENT and older.is_of_group(run):
-                out.append(self._runs.end(older, Word.SUPERSEDED, by=command_id))
         self._runs.add(run)
+        for older in self._runs.older(run):
+            older.is_outdated = True
+            if older.phase in UNSENT:
+                out.append(self._runs.end(older, Word.SUPERSEDED, by=command_id))
         return out + self._try_send(run, now_ms) + self._pilot.set_points(now_ms)
 
     def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
@@ -152,9 +155,9 @@ class Executor:
     def ask(self, message: Any, now_ms: int) -> list[Output]:
         """Write a question of our own, unless a command waits for an acknowledgement of the same number."""
         if message.get_type() == "COMMAND_LONG":
-            if self._runs.awaiting(message.command) is not None:
+            if self._runs.awaiting((message.command, Source.COMPANION)) is not None:
                 return []
-            self._runs.acks.expect(message.command, now_ms)
+            self._runs.acks.expect((message.command, Source.COMPANION), now_ms)
         return [Transmit(message)]
 
     def leave(self) -> list[Output]:
@@ -194,9 +197,14 @@ class Executor:
             self._pilot.begin(run, now_ms)
             if not self._pilot.is_primed(run):
                 return []
-        if not self._runs.is_free(run.plan.mav_cmd, now_ms):
+        halts = isinstance(run.command, Hold)
+        sources = HALTING if halts else (Source.COMPANION,)
+        free = next((one for one in sources if self._runs.is_free((run.plan.mav_cmd, one), now_ms)), None)
+        if free is None and not halts:
             return []
-        self._runs.acks.begin(run.plan.mav_cmd)
+        run.source = free or sources[-1]
+        if free is not None:
+            self._runs.acks.begin(run.ack_key)
         run.phase = Phase.SENT
         return self._send(run, now_ms)
 
@@ -216,10 +224,10 @@ class Executor:
         elif now_ms < run.last_send_ms + RESEND_MS:
             return []
         message = self.vehicle.autopilot.set_mode(self.vehicle, mode)
-        if self._runs.awaiting(message.command) is not None:
+        if self._runs.awaiting((message.command, Source.COMPANION)) is not None:
             return []
         run.last_send_ms = now_ms
-        self._runs.acks.expect(message.command, now_ms)
+        self._runs.acks.expect((message.command, Source.COMPANION), now_ms)
         return [Transmit(message, run.deadline_ms)]
 
     def _send(self, run: Run, now_ms: int) -> list[Output]:
@@ -227,7 +235,7 @@ class Executor:
         run.last_send_ms, run.sent_number = now_ms, self.vehicle.number
         if isinstance(run.command, Takeoff):
             self._takeoffs.said(now_ms)
-        return [Transmit(run.plan.message, run.deadline_ms, run.id)]
+        return [Transmit(run.plan.message, run.deadline_ms, run.id, run.source)]
 
     def _await_ack(self, run: Run, now_ms: int) -> list[Output]:
         if run.in_progress:
@@ -242,7 +250,7 @@ class Executor:
             and not run.plan.is_said_once
             and run.sends < SENDS
             and now_ms <= run.deadline_ms
-            and self._runs.is_newest(run)
+            and not run.is_outdated
             and self._may_repeat(run, now_ms)
         ):
             return self._send(run, now_ms)
@@ -263,15 +271,15 @@ class Executor:
         return planned.first_mode in (None, run.plan.first_mode) and planned.mav_cmd == run.plan.mav_cmd
 
     def _rest(self, run: Run, now_ms: int) -> None:
-        """Leave the number alone while acknowledgements of this run may still come."""
-        self._runs.acks.rest(run.plan.mav_cmd, run.sends - run.acks, now_ms)
+        """Leave the key alone while acknowledgements of this run may still come."""
+        self._runs.acks.rest(run.ack_key, run.sends - run.acks, now_ms)
 
     def _on_ack(self, message: Any, now_ms: int) -> list[Output]:
-        if not is_for_us(message, self.vehicle.system_id):
-            return []
-        run = self._runs.awaiting(message.command)
+        keys = [(message.command, source) for source in answered(message, self.vehicle.system_id)]
+        late = next((key for key in keys if self._runs.acks.is_late(key, now_ms)), None)
+        run = self._runs.awaiting(*keys) if late is None else None
         if run is None:
-            return self._on_stray_ack(message)
+            return self._on_stray_ack(late or keys[0]) if keys else []
         if message.get_srcComponent() != run.plan.message.target_component:
             return []
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
@@ -340,9 +348,9 @@ class Executor:
         return out
 
     def _supersede(self, run: Run, now_ms: int) -> list[Output]:
-        """A command that is under way takes the place of the older ones of its group."""
+        """A command that is under way takes the place of the older ones of its group, acknowledged or not."""
         out: list[Output] = []
-        for other in [older for older in self._runs.older(run) if older.is_under_way]:
+        for other in self._runs.older(run):
             if other.phase is Phase.SENT:
                 self._rest(other, now_ms)
             word, reason = self._pilot.superseded(other)
@@ -350,13 +358,13 @@ class Executor:
             out.append(self._runs.end(other, word, reason, by=by))
         return out
 
-    def _on_stray_ack(self, message: Any) -> list[Output]:
-        stray = self._runs.acks.take_stray(message.command)
+    def _on_stray_ack(self, key: AckKey) -> list[Output]:
+        stray, mav_cmd = self._runs.acks.take_stray(key), key[0]
         if stray is Stray.LATE:
-            return [Log("ack_discarded", f"late COMMAND_ACK of {message.command}")]
-        if stray is Stray.OWN or message.command not in _FLIGHT_COMMANDS:
+            return [Log("ack_discarded", f"late COMMAND_ACK of {mav_cmd}")]
+        if stray is Stray.OWN or mav_cmd not in _FLIGHT_COMMANDS:
             return []
-        return [Log("ack_unexpected", f"COMMAND_ACK of {message.command} without an open command")]
+        return [Log("ack_unexpected", f"COMMAND_ACK of {mav_cmd} without an open command")]
 
     def _observe(self, now_ms: int) -> list[Output]:
         out: list[Output] = []

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from ..commands import Offboard
 from ..dialect.offboard import set_point
+from ..dialect.sources import Source
 from ..dialect.vehicle import Vehicle
 from ..messages import Word
 from ..states import FlightMode
@@ -131,7 +132,7 @@ class OffboardPilot:
         if now_ms < ending.next_hold_ms or newer is not None:
             return []
         ending.next_hold_ms = now_ms + HOLD_AGAIN_MS
-        self._runs.acks.expect(mavlink.MAV_CMD_DO_SET_MODE, now_ms)
+        self._runs.acks.expect((mavlink.MAV_CMD_DO_SET_MODE, Source.COMPANION), now_ms)
         return [self._hold()]
 
     def superseded(self, run: Run) -> tuple[Word, str | None]:

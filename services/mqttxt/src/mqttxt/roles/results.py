@@ -1,4 +1,4 @@
-"""What an autopilot's acknowledgement says of a command, and whether it is an answer to us."""
+"""What an autopilot's acknowledgement says of a command, and whom of us it answers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..dialect.vehicle import OWN_COMPONENT
+from ..dialect.sources import COMMANDING, Source
 from ..messages import Word
 
 _NAMES = {
@@ -40,8 +40,8 @@ def percent_of(message: Any) -> int | None:
     return int(message.progress) if message.progress <= 100 else None
 
 
-def is_for_us(message: Any, system_id: int) -> bool:
-    """Whether our system says it, to us: others are acknowledged on the same link. 0 names nobody."""
-    if message.get_srcSystem() != system_id:
-        return False
-    return message.target_system in (0, system_id) and message.target_component in (0, OWN_COMPONENT)
+def answered(message: Any, system_id: int) -> tuple[Source, ...]:
+    """Whom of us our system may say it to: others are acknowledged on the same link. 0 names nobody."""
+    if message.get_srcSystem() != system_id or message.target_system not in (0, system_id):
+        return ()
+    return tuple(source for source in COMMANDING if message.target_component in (0, source.component))

@@ -8,8 +8,9 @@ from enum import Enum, auto
 
 from ..commands import Command
 from ..dialect.plans import Plan
+from ..dialect.sources import Source
 from ..messages import CommandId, Word
-from .acks import Acks
+from .acks import AckKey, Acks
 from .effects import Effect
 
 
@@ -50,7 +51,10 @@ UNSENT = (Phase.WAITING, Phase.PREPARING, Phase.PRIMING)
 
 @dataclass(eq=False)
 class Run:
-    """A command that has no last word yet. `refused`: what one copy of it was answered, while others are unanswered."""
+    """A command that has no last word yet. `refused`: what one copy of it was answered, while others are unanswered.
+
+    `is_outdated`: a newer command of its group was started, and this one is not said again, whatever became of that.
+    """
 
     id: CommandId
     command: Command
@@ -74,6 +78,13 @@ class Run:
     entered_mode: bool = False
     passing_since_ms: int | None = None
     late_ms: int | None = None
+    is_outdated: bool = False
+    source: Source = Source.COMPANION
+
+    @property
+    def ack_key(self) -> AckKey:
+        """What its acknowledgements are told by."""
+        return self.plan.mav_cmd, self.source
 
     def is_of_group(self, other: Run) -> bool:
         """Whether one of the two can take the other's place."""
@@ -114,16 +125,15 @@ class Runs:
         self._runs.remove(run)
         return Said(run.id, word, reason, late_ms=run.late_ms, by=by, observed=observed)
 
-    def awaiting(self, mav_cmd: int) -> Run | None:
-        """The run that waits for an acknowledgement of this number."""
-        return next((run for run in self._runs if run.phase is Phase.SENT and run.plan.mav_cmd == mav_cmd), None)
+    def awaiting(self, *keys: AckKey) -> Run | None:
+        """The run that waits for an acknowledgement of one of these: the oldest, as they come in the writes' order."""
+        return next((run for run in self._runs if run.phase is Phase.SENT and run.ack_key in keys), None)
 
-    def is_free(self, mav_cmd: int, now_ms: int) -> bool:
-        """Whether a MAV_CMD may be sent; a run that stops sends the autopilot into hold until it is there."""
-        holds = (run for run in self._runs if run.phase is Phase.STOPPING)
-        if self.awaiting(mav_cmd) is not None or any(run.plan.mav_cmd == mav_cmd for run in holds):
+    def is_free(self, key: AckKey, now_ms: int) -> bool:
+        """Whether nobody waits for this key; a run that stops sends the autopilot into hold until it is there."""
+        if any(run.phase in (Phase.SENT, Phase.STOPPING) and run.ack_key == key for run in self._runs):
             return False
-        return self.acks.is_free(mav_cmd, now_ms)
+        return self.acks.is_free(key, now_ms)
 
     def older(self, run: Run) -> list[Run]:
         """The earlier commands of the same group."""
@@ -134,7 +144,3 @@ class Runs:
         """A later command of the same group that was sent too: the older one must not be said again after it."""
         later = self._runs[self._runs.index(run) + 1 :]
         return next((r for r in later if r.is_of_group(run) and r.phase not in UNSENT), None)
-
-    def is_newest(self, run: Run) -> bool:
-        """Whether no later command of the same group is there, not even one that waits."""
-        return not any(r.is_of_group(run) for r in self._runs[self._runs.index(run) + 1 :])

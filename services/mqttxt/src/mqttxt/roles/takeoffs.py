@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..commands import Takeoff
+from ..dialect.sources import Source
 from ..dialect.vehicle import Vehicle
 from ..states import Armed, FlightMode, FlightModeName
 from .effects import Transmit
@@ -42,8 +43,8 @@ class Takeoffs:
             return []
         autopilot = self._vehicle.autopilot
         message = autopilot.set_mode(self._vehicle, autopilot.hold_mode)
-        if self._runs.awaiting(message.command) is not None:
+        if self._runs.awaiting((message.command, Source.COMPANION)) is not None:
             return []
         self._next_hold_ms = now_ms + HOLD_AGAIN_MS
-        self._runs.acks.expect(message.command, now_ms)
+        self._runs.acks.expect((message.command, Source.COMPANION), now_ms)
         return [Transmit(message)]

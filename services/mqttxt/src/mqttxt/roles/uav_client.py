@@ -7,6 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..clock import stamp
+from ..dialect.sources import Source
 from ..dialect.vehicle import Vehicle
 from ..errors import PayloadError
 from ..messages import BeaconMessage, CommandId, DroneLease, Presence
@@ -156,7 +157,7 @@ class UavClient:
             self._next_mav_heartbeat_ms = now_ms + MAV_HEARTBEAT_MS
             out.append(Transmit(_heartbeat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER)))
             if self.is_controlled(now_ms):
-                out.append(Transmit(_heartbeat(mavlink.MAV_TYPE_GCS), as_gcs=True))
+                out.append(Transmit(_heartbeat(mavlink.MAV_TYPE_GCS), source=Source.GCS))
         for question in (*self._enquiries.due(now_ms), *self._streams.reminders(now_ms)):
             out += self.desk.carry_out(self.desk.executor.ask(question, now_ms), now_ms)
         if not self.born:

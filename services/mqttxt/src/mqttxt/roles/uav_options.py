@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ..dialect.raw import GUARDED, Limits
-from ..dialect.vehicle import OWN_COMPONENT
+from ..dialect.sources import COMMANDING
 from ..errors import ConfigurationError
 
 SHORTEST_S, LONGEST_S = 60, 86_400
@@ -33,5 +33,8 @@ class UavOptions:
                 f"--allow-mav-cmd {number}: expected one that is guarded: {', '.join(map(str, sorted(GUARDED)))}"
             )
         for component in self.limits.components:
-            if not 2 <= component <= 255 or component == OWN_COMPONENT:
-                raise ConfigurationError(f"--allow-component {component}: expected 2 to 255, not {OWN_COMPONENT}")
+            own = [source.component for source in COMMANDING]
+            if not 2 <= component <= 255 or component in own:
+                raise ConfigurationError(
+                    f"--allow-component {component}: expected 2 to 255, not {min(own)} to {max(own)}"
+                )

@@ -1,0 +1,200 @@
+"""A hold waits for no acknowledgement (R5.6): it is written beside what is open, and told by its source."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+from workbench import MODE, REPOSITION, TAKEOFF, Bench, said, written
+from world import ack, from_autopilot, heartbeat, home, landed, position
+
+from mqttxt.commands import Command, Goto, Hold, Land, Return, Takeoff
+from mqttxt.dialect.sources import HALTING, Source
+from mqttxt.messages import Word
+from mqttxt.roles.effects import Transmit
+from mqttxt.roles.runs import Said
+
+ON_GROUND, IN_AIR = 1, 2
+THERE = Goto(47.4, 8.5, 10.0)
+REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+ACCEPTED, SUPERSEDED = (Word.ACCEPTED, None), (Word.SUPERSEDED, None)
+
+
+def flying(state: int = IN_AIR) -> Bench:
+    return Bench(heartbeat(armed=True), home(), position(), landed(state))
+
+
+def sources(outputs: list[Any]) -> list[tuple[int, Source]]:
+    return [(o.message.command, o.source) for o in outputs if isinstance(o, Transmit) and o.ref is not None]
+
+
+HALTED, SENT_THERE = (REPOSITION, Source.HALT), (REPOSITION, Source.COMPANION)
+
+
+def halt_ack(result: int = 0, source: Source = Source.HALT) -> Any:
+    return ack(REPOSITION, result, source=source)
+
+
+def test_hold_is_written_beside_a_goto_that_nobody_acknowledged_and_supersedes_it() -> None:
+    bench = flying()
+    assert sources(bench.start(1, THERE)) == [SENT_THERE]
+    assert sources(bench.start(2, Hold())) == [HALTED]
+    assert said(bench.hear(halt_ack())) == [(2, *ACCEPTED), (1, *SUPERSEDED)]
+    assert said(bench.hear(ack(REPOSITION))) == []  # the goto's, late
+
+
+def test_hold_is_written_while_the_gotos_number_rests() -> None:
+    bench = flying()
+    bench.start(1, THERE)
+    bench.until(2600)
+    assert written(bench.start(2, THERE)) == []
+    assert sources(bench.start(3, Hold())) == [HALTED]
+
+
+def test_a_gotos_refusal_is_not_the_holds() -> None:
+    bench = flying()
+    bench.start(1, THERE)
+    bench.start(2, Hold())
+    assert said(bench.hear(ack(REPOSITION, REJECTED))) == [(1, Word.DENIED, "temporarily_rejected")]
+    assert said(bench.hear(halt_ack())) == [(2, *ACCEPTED)]
+
+
+@pytest.mark.parametrize("answers", [[], [halt_ack(REJECTED)]])
+def test_after_a_hold_the_goto_is_not_repeated_whatever_became_of_the_hold(answers: list[Any]) -> None:
+    bench = flying()
+    bench.start(1, THERE)
+    bench.start(2, Hold())
+    bench.hear(*answers)
+    assert SENT_THERE not in sources(bench.until(10_000))
+
+
+def test_a_takeoff_is_not_repeated_after_a_hold_on_the_ground_was_completed() -> None:
+    bench = flying(ON_GROUND)
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.start(2, Hold())
+    out = bench.hear(ack(MODE, source=Source.HALT), heartbeat(armed=True), landed(ON_GROUND))
+    assert said(out)[-1] == (2, Word.COMPLETED, None)
+    assert TAKEOFF not in written(bench.until(10_000))
+
+
+def test_hold_is_repeated_until_its_own_acknowledgement() -> None:
+    bench = flying()
+    bench.start(1, THERE)
+    bench.start(2, Hold())
+    bench.hear(ack(REPOSITION))
+    assert sources(bench.until(1000)) == [HALTED, HALTED]
+    assert said(bench.hear(halt_ack())) == [(2, *ACCEPTED), (1, *SUPERSEDED)]
+    assert sources(bench.until(5000)) == []
+
+
+def test_hold_on_the_ground_waits_for_no_mode_change_either() -> None:
+    bench = flying(ON_GROUND)
+    assert sources(bench.start(1, Return())) == [(MODE, Source.COMPANION)]
+    assert sources(bench.start(2, Hold())) == [(MODE, Source.HALT)]
+
+
+def test_a_hold_does_not_wait_for_a_hold() -> None:
+    bench = flying()
+    assert sources(bench.start(1, Hold())) == [HALTED]
+    assert sources(bench.start(2, Hold())) == [(REPOSITION, Source.HALT_2)]
+    assert said(bench.hear(halt_ack(source=Source.HALT_2))) == [(2, *ACCEPTED), (1, *SUPERSEDED)]
+    assert said(bench.hear(halt_ack())) == []
+
+
+def test_where_every_source_is_taken_the_first_acknowledgement_is_the_older_holds() -> None:
+    bench = flying()
+    written_by = [source for seq in range(4) for _, source in sources(bench.start(seq, Hold()))]
+    assert written_by == [*HALTING, HALTING[-1]]
+    assert said(bench.hear(halt_ack(source=HALTING[-1])))[0] == (2, *ACCEPTED)
+    assert said(bench.hear(halt_ack(source=HALTING[-1])))[0] == (3, *ACCEPTED)
+
+
+def test_the_late_acknowledgement_of_an_older_hold_is_not_taken_for_the_newer() -> None:
+    bench = flying()
+    for seq in range(3):
+        bench.start(seq, Hold())
+    bench.start(3, THERE)
+    bench.hear(ack(REPOSITION))
+    (taken,) = sources(bench.start(4, Hold()))
+    assert said(bench.hear(halt_ack(source=HALTING[-1]))) == []  # the third one's
+    assert sources(bench.until(600)) == [taken]
+    assert said(bench.hear(halt_ack(source=HALTING[-1]))) == [(4, *ACCEPTED), (3, *SUPERSEDED)]
+
+
+@pytest.mark.parametrize("target", [(0, 0), (1, 0)])
+def test_an_acknowledgement_that_names_no_component_is_the_gotos_first(target: tuple[int, int]) -> None:
+    bench = flying()
+    nobodys = from_autopilot(mavlink.MAVLink_command_ack_message(REPOSITION, 0, 0, 0, *target))
+    bench.start(1, THERE)
+    bench.start(2, Hold())
+    assert said(bench.hear(nobodys)) == [(1, *ACCEPTED)]
+    assert said(bench.hear(nobodys)) == [(2, *ACCEPTED), (1, *SUPERSEDED)]
+
+
+class Link:
+    """Acknowledges what arrives, in the writes' order; an acknowledgement may be lost or late."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.commands: dict[int, Command] = {}
+        self.answered: set[int] = set()
+        self.newest_hold = -1
+        self._due: list[tuple[int, int, Any]] = []
+
+    def carry(self, outputs: list[Any], late_tenths: int | None) -> None:
+        for output in outputs:
+            if isinstance(output, Said):
+                self._judge(output)
+            elif isinstance(output, Transmit) and output.ref is not None:
+                seq = output.ref.seq  # type: ignore[attr-defined]
+                if isinstance(self.commands[seq], Hold):
+                    self.newest_hold = max(self.newest_hold, seq)
+                assert seq >= self.newest_hold, "said again after a newer hold"
+                if late_tenths is not None:
+                    at_ms = max([self.bench.now_ms + 100 * late_tenths, *(due[0] for due in self._due)])
+                    self._due.append((at_ms, seq, ack(output.message.command, source=output.source)))
+
+    def tick(self, late_tenths: int | None) -> None:
+        self.carry(self.bench.until(self.bench.now_ms + 100), late_tenths)
+        while self._due and self._due[0][0] <= self.bench.now_ms:
+            _, seq, message = self._due.pop(0)
+            self.answered.add(seq)
+            self.carry(self.bench.hear(message), late_tenths)
+
+    def _judge(self, said: Said) -> None:
+        if said.word is Word.ACCEPTED:
+            halts = isinstance(self.commands[said.id.seq], Hold)
+            likes = [seq for seq in self.answered if isinstance(self.commands[seq], Hold) and seq >= said.id.seq]
+            assert said.id.seq in self.answered or (halts and likes), "accepted by the answer to an earlier command"
+
+
+EVENTS = st.lists(
+    st.tuples(
+        st.sampled_from([THERE, Hold(), Land(), None]),
+        st.sampled_from([0, 1, 7, 31]),
+        st.sampled_from([None, 0, 3, 25]),
+    ),
+    max_size=20,
+)
+
+
+@given(EVENTS)
+@example([(THERE, 0, None), (Hold(), 0, None), (THERE, 0, 0), (Hold(), 0, 25), (Hold(), 31, None)])
+@example([(Hold(), 0, 25), (THERE, 1, 0), (Hold(), 7, None), (Hold(), 31, 3)])
+@settings(deadline=None)
+def test_whatever_acknowledgements_are_lost_or_late_a_hold_in_the_air_is_written_at_once(events: Any) -> None:
+    """Each event: a command, tenths of a second after it, and how late what is written then is acknowledged."""
+    bench = flying()
+    link = Link(bench)
+    for seq, (command, tenths, late_tenths) in enumerate(events):
+        if command is not None:
+            link.commands[seq] = command
+            out = bench.start(seq, command, bench.now_ms + 5000, 60_000)
+            if isinstance(command, Hold):
+                assert [source in HALTING for _, source in sources(out)] == [True]
+            link.carry(out, late_tenths)
+        for _ in range(tenths):
+            link.tick(late_tenths)
