@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from workbench import ARM, LAND, TAKEOFF, Bench, said, written
+from workbench import ARM, LAND, MODE, TAKEOFF, Bench, said, written
 from world import ack, heartbeat, home, landed, position
 
-from mqttxt.commands import Arm, Command, Disarm, Goto, Land, Takeoff
+from mqttxt.commands import Arm, Command, Disarm, Goto, Land, Return, Takeoff
 from mqttxt.messages import CommandId, Word
 from mqttxt.roles.effects import Log, Transmit
 from mqttxt.roles.runs import Said
@@ -246,7 +246,7 @@ def test_altitudes_need_home(command: Command) -> None:
 
 @pytest.mark.parametrize(
     ("command", "number", "own", "pilots"),
-    [(Land(), LAND, (4, 6), (3, 0)), (Land(), LAND, (4, 6), (4, 5))],
+    [(Land(), LAND, (4, 6), (3, 0)), (Land(), LAND, (4, 6), (4, 5)), (Return(), MODE, (4, 5), (4, 6))],
 )
 def test_a_pilots_mode_ends_a_running_command(
     command: Command, number: int, own: tuple[int, int], pilots: tuple[int, int]

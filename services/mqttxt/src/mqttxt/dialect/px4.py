@@ -114,7 +114,7 @@ class Px4(Autopilot):
         if isinstance(command, Offboard):
             return self._mode(vehicle, self.offboard_mode, never)
         assert isinstance(command, Return)
-        return self._mode(vehicle, FlightModeName.RETURN, is_down, FlightModeName.LAND)
+        return self._mode(vehicle, FlightModeName.RETURN, is_down)
 
     def _hold(self, vehicle: Vehicle) -> Plan:
         """In the air a reposition to where it is: a goto is HOLD mode already, and DO_SET_MODE would not stop it."""
@@ -125,10 +125,10 @@ class Px4(Autopilot):
         message = command_long(vehicle, mavlink.MAV_CMD_DO_REPOSITION, *here)
         return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, holds, modes)
 
-    def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect, *others: FlightModeName) -> Plan:
-        """A command that is a mode; it may run in others, too."""
+    def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect) -> Plan:
+        """A command that is a mode."""
         message = self.set_mode(vehicle, name)
-        return Plan(message, mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, frozenset({name, *others}))
+        return Plan(message, mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, frozenset({name}))
 
 
 def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
