@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..clock import MAX_TTL_MS, stamp
@@ -29,20 +29,20 @@ KEPT_BACK_MS = 1000
 
 @dataclass
 class Answers:
-    """What was said of a command: its name for the topic, the words, and whether the last one was acknowledged.
+    """What was said of a command: its name for the topic, the newest word, and whether a last one was acknowledged.
 
     `is_journalled`: the journal has it. What was refused before needs no place there: an id that a later session
     does not know is `expired`, a definite no too.
     """
 
     name: str
-    words: list[ResultMessage] = field(default_factory=list)
+    newest: ResultMessage | None = None
     delivered: bool = False
     is_journalled: bool = False
 
     @property
     def last(self) -> ResultMessage | None:
-        return self.words[-1] if self.words and self.words[-1].word.is_last else None
+        return self.newest if self.newest is not None and self.newest.word.is_last else None
 
 
 @dataclass(frozen=True)
@@ -184,9 +184,9 @@ class CommandDesk:
             entry = self.ledger.get(output.id)
             assert entry is not None
             record = entry.record
-            earlier = record.words[-1].word if record.words else None
+            earlier = record.newest.word if record.newest is not None else None
             word, reason = without_contradiction(output.word, output.reason, earlier)
-            record.words.append(self._result(replace(output, word=word, reason=reason), now_ms))
+            record.newest = self._result(replace(output, word=word, reason=reason), now_ms)
             if word.is_last:
                 self.ledger.close(entry, now_ms)
                 record.is_journalled = record.is_journalled or not word.is_definite_no
@@ -215,9 +215,9 @@ class CommandDesk:
 
         At QoS 0 nothing acknowledges it: what is lost is asked for again.
         """
-        if not record.words or not self.may_publish:
+        newest = record.newest
+        if newest is None or not self.may_publish:
             return []
-        newest = record.words[-1]
         out: list[Effect] = [self._publish_result(record.name, newest)]
         if self._settings.qos == 0 and newest.word.is_last and not record.delivered:
             out += self._delivered(newest.id, record)
@@ -240,7 +240,7 @@ class CommandDesk:
             entry = self.ledger.get(left.id)
             assert entry is not None
             word, reason = (left.word, left.reason) if left.word else (Word.UNCONFIRMED, "restarted")
-            entry.record.words.append(self._result(Said(left.id, word, reason), now_ms))
+            entry.record.newest = self._result(Said(left.id, word, reason), now_ms)
             entry.record.delivered = left.delivered
             if not left.delivered:
                 out.append(Journal(left.id, left.command, word, reason))
