@@ -77,6 +77,21 @@ def test_a_line_that_cannot_be_read_in_the_middle_may_have_been_any_id(tmp_path:
     journal.close()
 
 
+def test_a_journal_that_another_process_has_is_left_alone(tmp_path: Path) -> None:
+    """As of a client that is started twice: the first one would write on into a file that is no longer there."""
+    path = tmp_path / "drone.1"
+    first = JournalFile(path)
+    first.record(Journal(OPEN, "takeoff"))
+    with pytest.raises(ConfigurationError, match=r"journal .*drone\.1: another process has it"):
+        JournalFile(path)
+    JournalFile(tmp_path / "drone.2").close()
+    first.record(Journal(SAID, "takeoff"))
+    first.close()
+    again = JournalFile(path)
+    assert [left.id for left in again.unfinished] == [OPEN, SAID]
+    again.close()
+
+
 def test_a_journal_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ConfigurationError, match=r"journal .*file/journal: cannot be written"):

@@ -10,6 +10,7 @@ succeeds says nothing of what an earlier one lost. So the next record then write
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import logging
 import os
@@ -39,7 +40,8 @@ class JournalFile:
     before that is not found nothing is known.
 
     A disk that is full or fails does not end the client: `record` raises OSError until there is room again. Raises
-    ConfigurationError for a path that no journal can have.
+    ConfigurationError for a path that no journal can have, and for the journal of another process: that one would go on
+    writing to a file that this one has replaced.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,11 +49,13 @@ class JournalFile:
         self._open: dict[CommandId, Unfinished] = {}
         self._delivered: dict[CommandId, Unfinished] = {}
         self._file: int | None = None
+        self._lock: int | None = None
         self._lines = 0
         self._is_failing = False
         self.is_new = True
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            self._lock = _lock(path)
             if path.exists():
                 self.is_new = not self._read()
             self._write_anew()
@@ -85,6 +89,12 @@ class JournalFile:
             self._make_smaller()
 
     def close(self) -> None:
+        self._close_file()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def _close_file(self) -> None:
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -101,7 +111,7 @@ class JournalFile:
             self._is_failing = True
             what = error.strerror or error
             logger.error("journal %s: %s; commands are denied until it can be written", self._path, what)
-        self.close()
+        self._close_file()
 
     def _make_smaller(self) -> None:
         """Leave out what later lines made useless; where that fails, the file stays, or is written anew next time."""
@@ -113,7 +123,7 @@ class JournalFile:
 
     def _write_anew(self) -> None:
         """Replace the file by one with what may still be asked for; at any moment one of the two is whole."""
-        fresh = self._path.with_suffix(".new")
+        fresh = self._path.with_name(f"{self._path.name}.new")
         lines = [_line(Journal(left.id, left.command, left.word, left.reason)) for left in self._open.values()]
         lines += [
             _line(Journal(left.id, left.command, left.word, left.reason, True)) for left in self._delivered.values()
@@ -122,7 +132,7 @@ class JournalFile:
         try:
             _write(file, b"".join(lines))
             os.fsync(file)
-            self.close()  # from here on the path may lead to either
+            self._close_file()  # from here on the path may lead to either
             fresh.replace(self._path)
             _sync_folder(self._path.parent)
         except OSError:
@@ -161,6 +171,25 @@ class JournalFile:
                 continue
             self._take(left, done)
         return is_whole
+
+
+def _lock(path: Path) -> int | None:
+    """Keep a journal from other processes for as long as the result is open; None where the disk has no lock to give.
+
+    Raises ConfigurationError where another one has it. The lock is a file of its own: the journal's is replaced.
+    """
+    try:
+        file = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError:  # as of a full disk; what else is wrong with the path, the journal's own file tells
+        return None
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(file)
+        if error.errno != errno.EWOULDBLOCK:
+            return None
+        raise ConfigurationError(f"journal {path}: another process has it; expected one for each UAV client") from None
+    return file
 
 
 def _write(file: int, data: bytes) -> None:
