@@ -103,8 +103,11 @@ class DroneNode(Node):
         self.sim.events.after(1 * S, self._telemetry)
 
     def _tell(self) -> None:
-        for message in (heartbeat(self.armed), self.place):
-            self.react(self.role.on_mavlink, _of(message, self.number))
+        for messages in ((heartbeat(self.armed), landed(2)), (self.place,)):
+            self.react(self._on_told, [_of(message, self.number) for message in messages])
+
+    def _on_told(self, messages: list[Any], now_ms: int) -> Any:
+        return [effect for message in messages for effect in self.role.on_mavlink(message, now_ms)]
 
 
 def _of(message: Any, system: int) -> Any:

@@ -54,6 +54,24 @@ def test_without_a_landed_state_nobody_knows_that_a_goto_would_not_take_off() ->
     assert said(Bench(heartbeat(armed=True), home()).start(1, THERE)) == [(1, Word.DENIED, "landed_state_unknown")]
 
 
+def test_what_was_heard_of_the_ground_long_ago_says_nothing_of_a_goto() -> None:
+    """The state of a flight before, whose messages have stopped: on the ground PX4 takes off for a goto."""
+    bench = Bench(*told(True, AIR))
+    bench.until(3100)
+    assert said(bench.start(1, THERE)) == [(1, Word.DENIED, "landed_state_unknown")]
+    bench.hear(landed(AIR))
+    assert written(bench.start(2, THERE)) == [REPOSITION]
+
+
+def test_nothing_that_waited_is_written_to_an_autopilot_that_fell_silent() -> None:
+    """It may have been started anew: what it said of itself before holds no longer."""
+    bench = Bench(*told(True, GROUND))
+    (out,) = bench.start(1, Takeoff(altitude_m=10))
+    bench.executor.on_refused(out.ref, False, 0)  # its link takes nothing
+    bench.now_ms = 3100
+    assert said(bench.executor.tick(3100)) == [(1, Word.DENIED, "no_autopilot")]
+
+
 def test_offboard_is_not_begun_while_disarmed() -> None:
     bench = Bench(*told(False, GROUND))
     bench.executor.lease_until_ms, bench.executor.holder_session = 10_000, 1

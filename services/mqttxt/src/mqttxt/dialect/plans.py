@@ -24,6 +24,9 @@ ALTITUDE_REACHED_M = 0.5
 ALTITUDE_NEAR_M = 2.0
 """How far below its target altitude an autopilot may end its takeoff (PX4: NAV_MC_ALT_RAD); at least 10 %."""
 
+LANDED_MS = 3000
+"""How long a landed state holds without another one; PX4 and a UAV client that asks for it have five a second."""
+
 Effect = Callable[["Vehicle", int], bool]
 """Whether what was received after message number `after` shows a command's effect: `effect(vehicle, after)`."""
 
@@ -78,14 +81,15 @@ def arming(command: Arm | Disarm, vehicle: Vehicle) -> Plan:
     return Plan(message, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, Group.ARMING, effect)
 
 
-def check(command: Command, vehicle: Vehicle) -> None:
+def check(command: Command, vehicle: Vehicle, now_ms: int) -> None:
     """Raises CannotExecute where an autopilot may accept a command that must not be said to it now.
 
     On the ground, `goto` takes off, and `takeoff` without armed motors climbs as soon as somebody arms them.
     """
     if isinstance(command, Goto):
         landed = vehicle.seen(LandedState)
-        if landed is None or landed.landed is Landed.UNDEFINED:
+        is_old = vehicle.silence_ms("EXTENDED_SYS_STATE", now_ms) > LANDED_MS
+        if landed is None or landed.landed is Landed.UNDEFINED or is_old:
             raise CannotExecute("landed_state_unknown")
         if landed.landed is Landed.ON_GROUND:
             raise CannotExecute("on_ground")

@@ -90,15 +90,13 @@ class Executor:
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
     ) -> list[Output]:
         """Begin a command that was admitted; its first write may have to wait for its MAV_CMD."""
-        if not self.vehicle.is_alive(now_ms):
-            return [Said(command_id, Word.DENIED, "no_autopilot")]
-        reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
-        if reason is not None:
-            return [Said(command_id, Word.DENIED, reason)]
         try:
             planned = self._plan(command, now_ms)
         except CannotExecute as error:
             return [Said(command_id, Word.DENIED, str(error))]
+        reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
+        if reason is not None:
+            return [Said(command_id, Word.DENIED, reason)]
         out: list[Output] = []
         run = Run(command_id, command, planned, deadline_ms, limit_ms)
         self._runs.add(run)
@@ -165,11 +163,14 @@ class Executor:
         return self._pilot.leave()
 
     def _plan(self, command: Command, now_ms: int) -> Plan:
+        """How a command is said now; raises CannotExecute where the autopilot's state, as last heard, forbids it."""
+        if not self.vehicle.is_alive(now_ms):
+            raise CannotExecute("no_autopilot")
         if isinstance(command, Stream):
             return self.streams.plan(command, now_ms)
         if isinstance(command, Mavlink):
             return plan_raw(command, self.vehicle, self._limits)
-        check(command, self.vehicle)
+        check(command, self.vehicle, now_ms)
         return self.vehicle.autopilot.plan(command, self.vehicle)
 
     def _time_out(self, run: Run, now_ms: int) -> Said:
