@@ -15,6 +15,7 @@ from processes import ROOT, Broker, Process, System, eventually, free_port
 
 from mqttxt import Arm, Fog, Goto, GroundStation, Hold, Land, Outcome, PsmiList, Takeoff, Word
 from mqttxt.rankings import SelectMode
+from mqttxt.states import Armed
 
 pytestmark = pytest.mark.integration
 
@@ -131,6 +132,7 @@ async def test_the_best_drone_of_a_fog_and_of_all_fogs_is_sent_and_a_dying_stati
 async def test_a_nearer_drone_on_the_ground_is_passed_over_for_one_that_flies_on_another_fog(tmp_path: Path) -> None:
     async with airborne(tmp_path) as (system, station, (_, two)):
         assert (await two.drone(4).send(Land())).word is Word.COMPLETED
+        await eventually(lambda: two.drone(4).states["armed"].state == Armed(False), "the fog has heard it too")
         heard: list[Outcome | PsmiList] = []
         async for event in station.best(NEAR_4):
             heard.append(event)

@@ -89,6 +89,7 @@ class MessageSet:
             result = await self._fleet.call(call, name)
             if result.word in ("accepted", "completed"):
                 tally.received += 1
+                await self._shown(name)
             else:
                 tally.reasons[result.word + (f" ({result.reason})" if result.reason else "")] += 1
         self._done(name, tally)
@@ -154,6 +155,11 @@ class MessageSet:
             await self._channel.set(armed=True, altitude_m=start.altitude_m)
             followed = await self._follow(armed=True) and followed
         return followed and settled
+
+    async def _shown(self, name: str) -> None:
+        """An armed drone tells so with its next heartbeat, up to a second later: put back before, it never does."""
+        if name == "arm":
+            await self._follow(armed=True)
 
     async def _follow(self, armed: bool) -> bool:
         try:
