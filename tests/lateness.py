@@ -50,7 +50,8 @@ class Watch:
 
     def late_ms(self, since_s: float) -> int:
         """How late it was at worst since a moment of time.monotonic(), 0 where it never was by more than LATE_MS."""
-        lines = [line.split() for line in self._file.read_text().splitlines()]
+        whole, _, _ = self._file.read_text().rpartition("\n")  # a line may be half written yet
+        lines = [line.split() for line in whole.splitlines()]
         return max((int(late) for at, late in lines if float(at) >= since_s), default=0)
 
     def wait_for_quiet(self) -> None:

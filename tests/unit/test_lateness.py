@@ -75,3 +75,17 @@ def test_a_late_machines_failure_is_no_failure(
     assert int((tmp_path / "turns").read_text()) == turns
     assert ("what failed" in done.stdout) == ("what failed" in fails)
     assert ("its load is" in done.stdout) == (said == "1 inconclusive")
+
+
+def test_a_line_that_is_half_written_is_read_when_it_is_whole() -> None:
+    watch = lateness.Watch()
+    try:
+        with watch._file.open("a") as file:
+            file.write("9e9 40\n9e9")
+            file.flush()
+            assert watch.late_ms(8e9) == 40
+            file.write(" 50\n")
+            file.flush()
+            assert watch.late_ms(8e9) == 50
+    finally:
+        watch.end()
