@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import development as dialect
 
 from testbed.packets.table import load
 from testbed.results import Attempt, write_json
-from tests.e2e.agreement import Nodes, assert_pymavlink_agrees, assert_tshark_agrees, count_by_tshark
+from tests.e2e.agreement import Nodes, assert_pymavlink_agrees, assert_tshark_agrees, count_by_tshark, kind_of
 
 pytestmark = pytest.mark.integration
 
@@ -162,7 +162,7 @@ def test_pymavlink_counts_the_messages_of_a_real_autopilot(attempt: Attempt, tmp
                     first, second = (arm.pack(station, force_mavlink1=old) for old in (False, True))
                     sock.sendto(first + second, (ADDRESSES["uav1"], 14580))
                 for message in heard.parse_buffer(sock.recv(65_536)) or ():
-                    names.append(message.get_type())
+                    names.append(kind_of(message))
         finally:
             sitl.kill()
     assert_pymavlink_agrees(attempt)
