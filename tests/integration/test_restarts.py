@@ -202,7 +202,7 @@ async def test_an_unknown_kind_of_autopilot_is_refused_before_anything_is_connec
         stranger.kill()
     log = stranger.log.read_text()
     assert (
-        f"--autopilot udp:127.0.0.1:{port}: HEARTBEAT.autopilot is {mavlink.MAV_AUTOPILOT_UDB}; expected PX4 (12)"
-        in log
+        f"--autopilot udp:127.0.0.1:{port}: HEARTBEAT.autopilot is {mavlink.MAV_AUTOPILOT_UDB}, its type 2; "
+        "expected PX4 (12), ArduPilot's multicopters (3)" in log
     )
     assert "Traceback" not in log

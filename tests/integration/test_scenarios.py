@@ -219,7 +219,7 @@ def _assert_flown(folder: Path, drone: int, point: Point) -> None:
         *("armed", "took_off", "landed", "disarmed")
     ]
     assert [event["mode"] for event in _lines(folder / f"sitl{drone}.jsonl") if event["event"] == "mode"] == [
-        *("takeoff", "hold", "return")
+        *("takeoff", "hold", "return", "hold")
     ]
 
 

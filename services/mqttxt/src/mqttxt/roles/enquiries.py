@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from ..dialect.plans import AUTOPILOT_COMPONENT, command_long
 from ..dialect.vehicle import SOURCES, Vehicle
-from ..states import MaxGroundspeed
+from ..states import Home, MaxGroundspeed
 
 PATIENCE_MS = 3000
 SILENT_MS = 10_000
@@ -29,7 +29,10 @@ _RATES_HZ = {
 
 
 class Enquiries:
-    """What was asked when; nothing but parameters is asked for in the first `PATIENCE_MS` of an autopilot's life."""
+    """What was asked when; streams are waited for in the first `PATIENCE_MS` of an autopilot's life.
+
+    Home is asked for at once: it comes every two seconds, and no drone takes off without it.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -45,9 +48,11 @@ class Enquiries:
             self._first_ms = now_ms
         alive_ms = now_ms - self._first_ms
         missing = self._missing_parameters()
+        if self._vehicle.seen(Home) is None:
+            missing.append("home")
         if alive_ms >= PATIENCE_MS:
             enough_ms = min(SILENT_MS, alive_ms)
-            streamed = (*_RATES_HZ, "home")
+            streamed = (name for name in (*_RATES_HZ, "home") if name not in missing)
             missing += [name for name in streamed if self._vehicle.silence_ms(SOURCES[name], now_ms) >= enough_ms]
         self._asked = {name: asked for name, asked in self._asked.items() if name in missing}
         return [self._question(name) for name in missing if self._is_due(name, now_ms)]
