@@ -120,8 +120,8 @@ class Pilot:
     def set_mode(self, number: int) -> None:
         self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, number)
 
-    def set_parameter(self, name: str, value: float) -> None:
-        self._write(mavlink.MAVLink_param_set_message(SYSTEM, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32))
+    def set_parameter(self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32) -> None:
+        self._write(mavlink.MAVLink_param_set_message(SYSTEM, 1, name.encode(), value, kind))
 
     @property
     def mode(self) -> int:
