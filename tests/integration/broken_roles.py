@@ -66,7 +66,8 @@ def uav_executes_duplicates() -> None:
         def examine(self: Any, command_id: Any, *more: Any) -> Any:
             verdict = original(self, command_id, *more)
             entry = self.get(command_id)
-            if verdict is Admission.DUPLICATE and entry.record.words[-1].word is Word.COMPLETED:
+            last = entry.record.last if verdict is Admission.DUPLICATE else None
+            if last is not None and last.word is Word.COMPLETED:
                 del self._entries[command_id]
                 return Admission.NEW
             return verdict

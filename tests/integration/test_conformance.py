@@ -33,7 +33,7 @@ UAV_VARIANTS = {
     "uav-is-always-a-ground-station": {"is-a-ground-station-only-inside-the-lease"},
 }
 ACTIVATOR_VARIANTS = {
-    "activator-keeps-the-gate-open": {"holds-states-back", "closes-the-gate"},
+    "activator-keeps-the-gate-open": {"holds-states-back", "closes-the-gate", "passes-readings-on"},
     "activator-forwards-the-deadline": {"never-makes-a-deadline-later"},
     "activator-says-two-last-words": {"says-one-last-word"},
     "activator-copies-the-expiry": {"sets-the-expiry-anew"},

@@ -90,13 +90,13 @@ class Executor:
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
     ) -> list[Output]:
         """Begin a command that was admitted; its first write may have to wait for its MAV_CMD."""
+        reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
+        if reason is not None:
+            return [Said(command_id, Word.DENIED, reason)]
         try:
             planned = self._plan(command, now_ms)
         except CannotExecute as error:
             return [Said(command_id, Word.DENIED, str(error))]
-        reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
-        if reason is not None:
-            return [Said(command_id, Word.DENIED, reason)]
         out: list[Output] = []
         run = Run(command_id, command, planned, deadline_ms, limit_ms)
         self._runs.add(run)
