@@ -152,3 +152,13 @@ def test_tsharks_version_is_found_behind_what_it_tells_root(monkeypatch: pytest.
     said = 'Running as user "root" and group "root". This could be dangerous.\nTShark (Wireshark) 4.4.7 (Git v4).\n'
     monkeypatch.setattr(tools, "run", lambda _: said)
     assert tools.tshark_version() == "4.4.7"
+
+
+def test_dockers_containers_get_real_time_where_the_kernel_gives_it_by_cgroup(tmp_path: Path) -> None:
+    of_all = tmp_path / "cpu.rt_runtime_us"
+    bootstrap_docker.give_real_time(of_all)
+    assert not list(tmp_path.iterdir())
+    of_all.write_text("950000\n")
+    bootstrap_docker.give_real_time(of_all)
+    assert (tmp_path / "docker" / "cpu.rt_runtime_us").read_text() == "900000"
+    assert of_all.read_text() == "950000\n"

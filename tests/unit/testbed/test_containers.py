@@ -174,3 +174,10 @@ def test_a_container_that_Docker_has_looked_at_or_that_ended_is_not_asked() -> N
     known = [_Tested(None, []), _Tested("healthy", []), _Tested("unhealthy", []), _Tested("starting", [], 0, "exited")]
     assert [containers.is_healthy(container) for container in known] == [True, True, False, False]
     assert not any(container.ran for container in known)
+
+
+def test_the_emulator_may_use_as_much_real_time_as_dockers_containers_have(tmp_path: Path) -> None:
+    given = tmp_path / "cpu.rt_runtime_us"
+    assert containers.real_time_us(given) == 0
+    given.write_text("900000\n")
+    assert containers.real_time_us(given) == 900_000
