@@ -5,23 +5,20 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Iterator
-from pathlib import Path
 
 import pytest
-from copter import BOOT_S, FOLDER, HOME, SYSTEM, Copter, Pilot
-from processes import Broker, Process, eventually
+from copter import BRAKE, FOLDER, LAND, RTL, Copter, CopterPilot
+from processes import eventually
+from real_flights import HOME, Flight, armable, fly, is_armable, start
 
 from mqttxt import (
     Arm,
-    Command,
     Disarm,
     Drone,
     Goto,
-    GroundStation,
     Hold,
     Land,
     Offboard,
-    Outcome,
     Return,
     Takeoff,
     Velocity,
@@ -35,113 +32,45 @@ pytestmark = [
     pytest.mark.skipif(not FOLDER, reason="ARDUPILOT_DIR names no folder with arducopter and copter.parm"),
 ]
 
-GUIDED, LAND, RTL, BRAKE = 4, 9, 6, 17
 NORTH_100_M = Goto(HOME[0] + 0.0009, HOME[1], 15.0)
-
-
-class Flight:
-    """ArduCopter, the brokers and the roles, for all tests of this file: it takes a minute until it would arm."""
-
-    def __init__(self, folder: Path) -> None:
-        self.cloud, self.fog = Broker(folder, "cloud"), Broker(folder, "fog")
-        self.copter = Copter(folder)
-        self.pilot = Pilot(self.copter.pilots_port)
-        ready = ["--ready-file", str(folder / "activator.ready")]
-        fog = ["--fog", "1", "--cloud", self.cloud.url, "--fog-broker", self.fog.url, "--drones", str(SYSTEM)]
-        self.activator = Process(folder, "activator", "mqttxt", "activator", *fog, *ready)
-        drone = ["--drone", str(SYSTEM), "--broker", self.fog.url, "--autopilot", f"udp:127.0.0.1:{self.copter.port}"]
-        files = ["--journal", str(folder / "uav.journal"), "--ready-file", str(folder / "uav.ready")]
-        self.uav = Process(folder, "uav", "mqttxt", "uav", *drone, *files)
-
-    def start(self) -> None:
-        for broker in (self.cloud, self.fog):
-            broker.start()
-        self.copter.start()
-        for role in (self.activator.start(), self.uav.start()):
-            role.wait_ready()
-        self.pilot.watch()
-
-    def close(self) -> None:
-        self.pilot.close()
-        for process in (self.uav, self.activator, self.copter, self.fog, self.cloud):
-            process.kill()
 
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
-    made = Flight(tmp_path_factory.mktemp("flight"))
-    try:
-        made.start()
+    folder = tmp_path_factory.mktemp("flight")
+    autopilot = Copter(folder)
+    with Flight(folder, autopilot, CopterPilot(autopilot.pilots_port)) as made:
         yield made
-    finally:
-        made.close()
 
 
 @pytest.fixture
 async def drone(flight: Flight) -> AsyncIterator[Drone]:
-    """The drone on the ground, disarmed, and under this station's control; it is brought down afterwards."""
-    async with GroundStation(flight.cloud.url) as station:
-        (fog,) = await station.connect([1])
-        found = fog.drone(SYSTEM)
-        await _armable(found)
-        flight.pilot.highest_m = 0.0
-        yield found
-        if flight.pilot.armed:
-            flight.pilot.set_mode(LAND)
-            await eventually(lambda: not flight.pilot.armed, "landed", 120)
-
-
-def _is_armable(drone: Drone) -> bool:
-    health = drone.states.get("health")
-    return drone.is_controlled and health is not None and health.state.armable  # type: ignore[union-attr]
-
-
-async def _armable(drone: Drone) -> None:
-    await eventually(lambda: _is_armable(drone), "the drone is reachable and would arm", BOOT_S)
-
-
-async def _fly(drone: Drone, *commands: Command) -> None:
-    for command in commands:
-        last = await drone.send(command)
-        assert (last.word, last.reason) == (Word.COMPLETED, None), command
-
-
-async def _start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.Task[None]]:
-    """Send a command and go on once it was accepted."""
-    heard: list[Outcome] = []
-
-    async def listen() -> None:
-        async for outcome in drone.outcomes(command):
-            heard.append(outcome)
-
-    task = asyncio.create_task(listen())
-    await eventually(lambda: bool(heard), f"{command.name} is answered")
-    assert heard[0].word is Word.ACCEPTED
-    return heard, task
+    async with flight.drone() as drone:
+        yield drone
 
 
 async def test_every_command_is_flown_and_it_flies_again_after_a_landing(flight: Flight, drone: Drone) -> None:
-    await _fly(drone, Arm(), Takeoff(10.0))
+    await fly(drone, Arm(), Takeoff(10.0))
     assert abs(flight.pilot.position_m[2] - 10.0) < 1.0
-    await _fly(drone, Goto(HOME[0] + 0.0004, HOME[1] + 0.0003, 14.0))
+    await fly(drone, Goto(HOME[0] + 0.0004, HOME[1] + 0.0003, 14.0))
     north_m, east_m, up_m = flight.pilot.position_m
     assert (abs(north_m - 44.5) < 3, abs(east_m - 22.6) < 3, abs(up_m - 14.0) < 1.5) == (True, True, True)
-    await _fly(drone, Hold(), Land())
+    await fly(drone, Hold(), Land())
     assert (flight.pilot.armed, flight.pilot.mode) == (False, LAND)
-    await _fly(drone, Arm(), Takeoff(5.0))
+    await fly(drone, Arm(), Takeoff(5.0))
     armed_at = flight.pilot.position_m
-    await _fly(drone, Goto(HOME[0], HOME[1], 5.0), Return())
+    await fly(drone, Goto(HOME[0], HOME[1], 5.0), Return())
     assert (flight.pilot.armed, flight.pilot.mode) == (False, RTL)
     north_m, east_m, _ = (now - then for now, then in zip(flight.pilot.position_m, armed_at, strict=True))
     assert (abs(north_m) < 3, abs(east_m) < 3) == (True, True), "where it was armed"
-    await _fly(drone, Arm(), Disarm())
+    await fly(drone, Arm(), Disarm())
 
 
 async def test_hold_stops_a_goto_and_stays(flight: Flight, drone: Drone) -> None:
-    await _fly(drone, Arm(), Takeoff(10.0))
-    heard, task = await _start(drone, NORTH_100_M)
+    await fly(drone, Arm(), Takeoff(10.0))
+    heard, task = await start(drone, NORTH_100_M)
     await eventually(lambda: flight.pilot.speed_m_s > 6, "it is on its way")
-    await _fly(drone, Hold())
+    await fly(drone, Hold())
     await task
     assert heard[-1].word is Word.SUPERSEDED
     assert flight.pilot.mode == BRAKE
@@ -155,38 +84,38 @@ async def test_on_the_ground_nothing_but_a_takeoff_takes_off(flight: Flight, dro
     for command in (Takeoff(10.0), NORTH_100_M, Offboard(5.0, velocity=Velocity(0.0, 0.0, -1.0))):
         last = await drone.send(command)
         assert last.word is Word.DENIED, command
-    await _fly(drone, Hold(), Arm())
+    await fly(drone, Hold(), Arm())
     assert (await drone.send(NORTH_100_M)).word is Word.DENIED
-    await _fly(drone, Hold(), Disarm())
+    await fly(drone, Hold(), Disarm())
     assert flight.pilot.highest_m < 0.5
 
 
 async def test_what_it_refuses_is_denied(flight: Flight, drone: Drone) -> None:
     flight.pilot.set_parameter("SIM_GPS_DISABLE", 1.0)
     try:
-        await eventually(lambda: not _is_armable(drone), "it would not arm", 60)
+        await eventually(lambda: not is_armable(drone), "it would not arm", 60)
         last = await drone.send(Arm())
         assert last.word is Word.DENIED
         assert last.reason
     finally:
         flight.pilot.set_parameter("SIM_GPS_DISABLE", 0.0)
-    await _armable(drone)
+    await armable(drone)
 
 
 async def test_a_velocity_is_flown_for_its_duration_and_then_held(flight: Flight, drone: Drone) -> None:
-    await _fly(drone, Arm(), Takeoff(10.0))
+    await fly(drone, Arm(), Takeoff(10.0))
     south_m = flight.pilot.position_m[0]
-    await _fly(drone, Offboard(6.0, velocity=Velocity(3.0, 0.0, 0.0)))
+    await fly(drone, Offboard(6.0, velocity=Velocity(3.0, 0.0, 0.0)))
     assert flight.pilot.mode == BRAKE
     await eventually(lambda: flight.pilot.speed_m_s < 0.5, "it stands")
     assert 10 < flight.pilot.position_m[0] - south_m < 25
-    await _fly(drone, Land())
+    await fly(drone, Land())
 
 
 async def test_a_pilots_mode_ends_what_runs_within_a_second(flight: Flight, drone: Drone) -> None:
-    await _fly(drone, Arm(), Takeoff(10.0))
+    await fly(drone, Arm(), Takeoff(10.0))
     for command in (NORTH_100_M, Offboard(30.0, velocity=Velocity(-1.0, 0.0, 0.0))):
-        heard, task = await _start(drone, command)
+        heard, task = await start(drone, command)
         await eventually(lambda: flight.pilot.speed_m_s > 0.8, "it is on its way")
         taken_at = time.monotonic()
         flight.pilot.set_mode(BRAKE)
@@ -194,13 +123,13 @@ async def test_a_pilots_mode_ends_what_runs_within_a_second(flight: Flight, dron
         assert time.monotonic() - taken_at < 1.0
         assert (heard[-1].word, heard[-1].reason) == (Word.FAILED, "mode_changed")
         assert flight.pilot.mode == BRAKE
-    await _fly(drone, Land())
+    await fly(drone, Land())
 
 
 async def test_without_its_client_a_velocity_ends_by_itself(flight: Flight, drone: Drone) -> None:
     """GUID_TIMEOUT: three seconds after the last set-point it stands."""
-    await _fly(drone, Arm(), Takeoff(10.0))
-    heard, task = await _start(drone, Offboard(60.0, velocity=Velocity(3.0, 0.0, 0.0)))
+    await fly(drone, Arm(), Takeoff(10.0))
+    heard, task = await start(drone, Offboard(60.0, velocity=Velocity(3.0, 0.0, 0.0)))
     await eventually(lambda: flight.pilot.speed_m_s > 2, "it flies")
     flight.uav.kill()
     await eventually(lambda: flight.pilot.speed_m_s < 0.5, "it stands", 15)
@@ -208,18 +137,17 @@ async def test_without_its_client_a_velocity_ends_by_itself(flight: Flight, dron
     await task
     assert (heard[-1].word, heard[-1].reason) == (Word.UNCONFIRMED, "restarted")
     await eventually(lambda: drone.is_controlled and "landed_state" in drone.states, "it is back")
-    await _fly(drone, Land())
+    await fly(drone, Land())
 
 
 async def test_an_autopilot_that_starts_anew_is_asked_anew(flight: Flight, drone: Drone) -> None:
-    await _fly(drone, Arm(), Takeoff(10.0))
-    heard, task = await _start(drone, NORTH_100_M)
-    flight.copter.kill()
+    await fly(drone, Arm(), Takeoff(10.0))
+    heard, task = await start(drone, NORTH_100_M)
+    flight.autopilot.kill()
     assert (await drone.send(Hold(), ttl_s=10)).word is not Word.COMPLETED
-    flight.copter.start(wipe=False)
-    flight.pilot.watch()
+    flight.start_autopilot()
     await task
     assert heard[-1].word in (Word.UNCONFIRMED, Word.FAILED)
-    await eventually(lambda: not _is_armable(drone), "its new state is told", 60)
-    await _armable(drone)
-    await _fly(drone, Arm(), Takeoff(5.0), Land())
+    await eventually(lambda: not is_armable(drone), "its new state is told", 60)
+    await armable(drone)
+    await fly(drone, Arm(), Takeoff(5.0), Land())
