@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from pymavlink.dialects.v20 import development as dialect
 
+from sitl.unnamed import NAMES
+
 from .pcap import Bytes, Ints, windows
 
 COMMANDS = {75: (28, 30), 76: (28, 30), 77: (0, 8)}
@@ -45,7 +47,7 @@ class Messages:
 def name_of(identity: int) -> str:
     """A message's name in common.xml and what is to come into it, MAVLINK_12345 for one that it does not have."""
     known = dialect.mavlink_map.get(identity)
-    return str(known.msgname) if known is not None else f"MAVLINK_{identity}"
+    return str(known.msgname) if known is not None else NAMES.get(identity, f"MAVLINK_{identity}")
 
 
 def find_messages(data: Bytes, starts: Ints, ends: Ints) -> Messages:

@@ -63,7 +63,7 @@ from ..results import Attempt
 from .build import Built, build
 from .rows import FRAME_SCHEMA, MESSAGE_SCHEMA
 
-VERSION = 6
+VERSION = 7
 """Rises with every change of a column's meaning or of how it is made."""
 FRAMES, MESSAGES = "packets.parquet", "messages.parquet"
 _ABOUT = "testbed"

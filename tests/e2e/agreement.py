@@ -14,6 +14,7 @@ import polars as pl
 from pymavlink.dialects.v20 import development
 from scapy.utils import RawPcapReader
 
+from testbed.packets.mavlink import name_of
 from testbed.packets.table import load
 from testbed.results import Attempt
 
@@ -134,8 +135,9 @@ def assert_pymavlink_agrees(attempt: Attempt) -> None:
 
 
 def kind_of(message: Any) -> str:
-    """The table's name of a message; one that the dialect does not know goes by its number."""
-    return str(message.get_type()).replace("UNKNOWN_", "MAVLINK_")
+    """The table's name of a message; to one that it does not know, pymavlink gives its number."""
+    name = str(message.get_type())
+    return name_of(int(name.removeprefix("UNKNOWN_"))) if name.startswith("UNKNOWN_") else name
 
 
 def _datagrams(path: Path, nodes: Nodes) -> Iterator[bytes]:

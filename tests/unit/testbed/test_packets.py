@@ -30,11 +30,13 @@ from scapy.layers.inet6 import IPv6
 from scapy.layers.l2 import ARP, Ether
 from scapy.packet import Raw
 
+from sitl.unnamed import Unnamed
 from testbed.errors import ResultsError
 from testbed.packets import Packets, load
 from testbed.packets.links import match
 from testbed.packets.mavlink import find_messages
 from testbed.packets.pcap import PADDING, read_capture
+from testbed.packets.purposes import of_messages
 from testbed.results import Attempt, Series, new_series
 
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
@@ -148,6 +150,24 @@ def test_every_field_agrees_with_pymavlinks_own_parser(series: Series) -> None:
     ]
     names = ("kind", "system", "component", "sequence", "crc", "bytes", "target_system")
     assert rows(found, *names) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "purpose"),
+    [
+        ("LINK_NODE_STATUS", 11, "upkeep"),
+        ("TIME_ESTIMATE_TO_TARGET", 5, "state"),
+        ("CURRENT_EVENT_SEQUENCE", 2, "state"),
+    ],
+)
+def test_what_pymavlink_leaves_out_of_common_xml_has_its_name(
+    series: Series, name: str, fields: int, purpose: str
+) -> None:
+    chain = Chain()
+    chain.send(T0, Unnamed(name, (1,) * fields).pack(sender(1)), 1, up=True)
+    found = table_of(series, chain).messages
+    assert rows(found, "kind") == [(name,)] * 3
+    assert of_messages(found, [1]).to_list() == [purpose] * 3
 
 
 def test_a_datagram_that_is_no_mavlink_is_udp(series: Series) -> None:

@@ -14,6 +14,7 @@ _SPECS = {
     "CURRENT_EVENT_SEQUENCE": (411, 106, struct.Struct("<HB")),
 }
 NUMBERS = {name: spec[0] for name, spec in _SPECS.items()}
+NAMES = {number: name for name, number in NUMBERS.items()}
 
 
 @dataclass(frozen=True)

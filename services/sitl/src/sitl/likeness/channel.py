@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from ..errors import SitlError
 from ..modes import Reply
 from ..streams import RATES_HZ
-from ..unnamed import NUMBERS
+from ..unnamed import NAMES
 from ..vehicle import Vehicle
 
 GCS_SYSTEM, GCS_COMPONENT = 245, 190
@@ -22,7 +22,6 @@ TELLING = frozenset(
     {"HEARTBEAT", "EXTENDED_SYS_STATE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYS_STATUS", "HOME_POSITION"}
 )
 """What a flight is followed by; the others take most of the time of a simulated one."""
-UNNAMED = {number: name for name, number in NUMBERS.items()}
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ def _heard(at_s: float, message: Any) -> Heard:
     frame = message.get_msgbuf()
     if frame[0] != mavlink.PROTOCOL_MARKER_V2:
         return Heard(at_s, message, len(frame), message.get_type(), frame[3])
-    kind = UNNAMED.get(int.from_bytes(frame[7:10], "little"), message.get_type())
+    kind = NAMES.get(int.from_bytes(frame[7:10], "little"), message.get_type())
     return Heard(at_s, message, len(frame), kind, frame[5])
 
 
