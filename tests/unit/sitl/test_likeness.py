@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from sitl.errors import SitlError
+from sitl.likeness import page
 from sitl.likeness.agreement import compare
 from sitl.likeness.apart import APART, reason
 from sitl.likeness.cases import CASES
@@ -15,13 +17,28 @@ from sitl.likeness.commands import RECORDINGS, record_into, stand_in, subject
 from sitl.likeness.recording import Case, Recording, load
 
 PX4_MAIN = load(RECORDINGS / "px4-main.json")
+PAGE = RECORDINGS.parents[2] / "docs" / "mavlink.md"
+
+
+@cache
+def _flown_by_the_stand_in(case: str) -> Recording:
+    return stand_in([case])
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_stand_in_does_as_px4_main_was_recorded_to(case: str) -> None:
-    facts = compare(PX4_MAIN, stand_in([case]))
+    facts = compare(PX4_MAIN, _flown_by_the_stand_in(case))
     assert len(facts) > 2
     assert [str(fact) for fact in facts if not fact.agrees and reason(fact.case, fact.name) is None] == []
+
+
+def test_the_pages_tables_are_of_the_recording_and_of_these_flights(tmp_path: Path) -> None:
+    flown, copy = Recording("stand-in"), tmp_path / "mavlink.md"
+    for case in PX4_MAIN.cases:
+        flown.add(_flown_by_the_stand_in(case))
+    copy.write_text(PAGE.read_text())
+    page.write(copy, PX4_MAIN, flown)
+    assert copy.read_text() == PAGE.read_text(), "type: .venv/bin/python -m sitl compare --write docs/mavlink.md"
 
 
 def test_what_stays_apart_is_in_the_recordings() -> None:
