@@ -9,6 +9,7 @@ from pathlib import Path
 from testbed.profiles.reading import SCHEMA_FILE, profile_names, read_profile
 from testbed.profiles.resolve import resolve
 from testbed.topology import read_topology
+from tests.bench import thesis
 
 TOPOLOGY = read_topology()
 
@@ -34,6 +35,11 @@ def test_the_profile_of_ones_own_resolves(tmp_path: Path) -> None:
     plan = resolve(read_profile(str(path)), TOPOLOGY, "scenario-1", 1)
     assert (plan.links["air:uav3:up"].loss, plan.links["air:uav2:up"].loss) == (0.04, 0.005)
     assert [event.link for event in plan.events] == ["air:uav3:up", "air:uav3:down"]
+
+
+def test_what_the_thesis_profile_loses_is_what_the_simulation_says() -> None:
+    told = PAGE.partition(thesis.BEGIN)[2].partition(thesis.END)[0]
+    assert told == thesis.sentence(), "type: .venv/bin/python -m tests.bench.thesis docs/links.md"
 
 
 def test_the_plan_in_the_page_is_the_one_that_is_made() -> None:

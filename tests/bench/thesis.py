@@ -1,0 +1,42 @@
+"""Writes into a page what `thesis` loses of the stand-in's streams: `python -m tests.bench.thesis docs/links.md`.
+
+By simulation alone, with every tick of the autopilot in its place, so that the same code gives the same figures.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from testbed.profiles.reading import read_profile
+from testbed.profiles.resolve import resolve
+from testbed.topology import FLEET, read_topology
+from tests.bench.fit_search import SETTLED_NS
+from tests.bench.fit_simulation import Offered, losses, run
+from tests.bench.fit_streams import exact, load_of
+
+BEGIN, END = "<!-- simulated: thesis -->", "<!-- end -->"
+SECONDS = 60.0
+
+
+def main(page: Path) -> None:
+    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    page.write_text(f"{before}{BEGIN}{sentence()}{END}{after}", encoding="utf-8")
+
+
+def sentence() -> str:
+    """One UAV's onboard streams in flight, and what of them does not come to the ground station."""
+    plan = resolve(read_profile("thesis"), read_topology(), "scenario-1", 1)
+    stream = exact("px4-onboard", SECONDS)
+    offered = Offered({1: stream}, FLEET)
+    found, load = losses(offered, run(offered, plan.links, plan.seed), SETTLED_NS), load_of(stream)
+    return (
+        f"The stand-in of now sends {load.frames_s:.0f} messages a second in flight, {load.kbit_s:.0f} kbit/s, and the "
+        f"simulation loses {100 * found.end_to_end:.1f} % of one UAV's: {round(found.end_to_end * found.sent):,} of "
+        f"{found.sent:,} frames."
+    )
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
