@@ -2,8 +2,9 @@
 
 A process beside the tests sleeps in short steps and writes down when it woke up late: that is the machine's doing, not
 the code's. Where a test marked `alone`, `e2e` or `timed` fails by what lateness may cause, and the machine was late
-while it ran, the test is run anew with all its fixtures, once the machine is quieter, TURNS times at most. After that
-it is neither passed nor failed but inconclusive, which the last lines say. Any other failure is one at once.
+while it ran, or what it flew is Void, the test is run anew with all its fixtures, once the machine is quieter, TURNS
+times at most. After that it is neither passed nor failed but inconclusive: the last lines name it with its failure, and
+the very last one counts it. Any other failure is one at once.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,9 @@ LATE_MS = 25
 QUIET_S, PATIENCE_S = 5.0, 60.0
 CAUSED = (AssertionError, TimeoutError, subprocess.TimeoutExpired, pytest.fail.Exception)
 """What lateness may cause: that something was not so, or not in time."""
-_TURN, _MAY_BE = pytest.StashKey[int](), pytest.StashKey[bool]()
+_TURN = pytest.StashKey[int]()
+_ERRORS, _PLACES = pytest.StashKey[list[pytest.ExceptionInfo[BaseException]]](), pytest.StashKey[set[str]]()
+"""What failed in this turn, and where in all of them."""
 _SLEEPER = f"""
 import select, sys, time
 while True:
@@ -37,6 +40,10 @@ while True:
     if now - began > 0.01 + {LATE_MS} / 1000:
         print(now, round((now - began - 0.01) * 1000), flush=True)
 """
+
+
+class Void(Exception):
+    """What was flown does not count, and why: the testbed's own word, which knows of lateness that no sleeper saw."""
 
 
 class Watch:
@@ -73,13 +80,17 @@ def _watching() -> Watch:
     return _watch
 
 
+_judged: list[tuple[BaseException, str]] = []
+"""Failures of last turns, and what caused them: a fixture of a whole file raises its own again in the next test."""
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     if report.failed and call.excinfo is not None:
-        item.stash[_MAY_BE] = item.stash.get(_MAY_BE, True) and isinstance(call.excinfo.value, CAUSED)
+        item.stash.setdefault(_ERRORS, []).append(call.excinfo)
     return report
 
 
@@ -89,13 +100,14 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         return None
     watch, began_s = _watching(), time.monotonic()
     turn = item.stash.get(_TURN, 1)
-    item.stash[_MAY_BE] = True
+    errors = item.stash[_ERRORS] = []
     if turn == 1:
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
-    failed = [report for report in reports if report.failed]
-    late_ms = watch.late_ms(began_s) if failed and item.stash[_MAY_BE] else 0
-    if late_ms and turn < TURNS:
+    item.stash.setdefault(_PLACES, set()).update(_place(item, error) for error in errors[:1])
+    known = _known_cause(errors)
+    cause = known or _cause(errors, watch.late_ms(began_s))
+    if cause is not None and known is None and turn < TURNS:
         over = pytest.CallInfo.from_call(lambda: item.session._setupstate.teardown_exact(None), "teardown")
         if over.excinfo is None:
             item.stash[_TURN] = turn + 1
@@ -104,19 +116,44 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
             item.ihook.pytest_runtest_protocol(item=item, nextitem=nextitem)
             return True
         reports.append(item.ihook.pytest_runtest_makereport(item=item, call=over))
-    elif late_ms:
-        for report in failed:
-            _make_inconclusive(report, item, late_ms)
+    elif cause is not None:
+        _judged.extend((error.value, cause) for error in errors)
+        for report in reports:
+            if report.failed:
+                _make_inconclusive(report, item, cause)
     for report in reports:
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True
 
 
-def _make_inconclusive(report: pytest.TestReport, item: pytest.Item, late_ms: int) -> None:
+def _cause(errors: Sequence[pytest.ExceptionInfo[BaseException]], late_ms: int) -> str | None:
+    """What may have caused all that failed in a turn; None where nothing failed, or something by itself."""
+    possible = (Void, *CAUSED) if late_ms else Void
+    if not errors or not all(isinstance(error.value, possible) for error in errors):
+        return None
+    if any(isinstance(error.value, Void) for error in errors):
+        return "what it flew was void"
+    return f"the machine was late, in the last by {late_ms} ms"
+
+
+def _known_cause(errors: Sequence[pytest.ExceptionInfo[BaseException]]) -> str | None:
+    """Of a failure that another test of the file has had in all its turns."""
+    return next((cause for error, cause in _judged if [error] == [each.value for each in errors]), None)
+
+
+def _place(item: pytest.Item, error: pytest.ExceptionInfo[BaseException]) -> str:
+    """The line of the test's own file, or, where none was reached, the one that raised."""
+    entries = [entry for entry in error.traceback if entry.path == item.path] or [error.traceback[-1]]
+    return f"{Path(entries[-1].path).name}:{entries[-1].lineno + 1}"
+
+
+def _make_inconclusive(report: pytest.TestReport, item: pytest.Item, cause: str) -> None:
     path, line, _ = item.location
+    places = " and ".join(sorted(item.stash[_PLACES]))
+    said = item.stash[_ERRORS][0].exconly(tryshort=True).partition("\n")[0]
     loads = " ".join(f"{load:.0f}" for load in os.getloadavg())
-    reason = f"the machine was {late_ms} ms late, and late in each of {TURNS} turns; its load is {loads}"
+    reason = f"{places}: {said}; in each of {TURNS} turns {cause}; the machine's load is {loads}"
     report.sections.append(("what failed in the last turn", report.longreprtext))
     report.outcome, report.longrepr = "skipped", (path, (line or 0) + 1, reason)
     report.inconclusive = reason
@@ -128,11 +165,15 @@ def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, tuple
     return None
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """With what failed, for nobody sees it otherwise."""
-    for report in terminalreporter.stats.get("inconclusive", []):
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Generator[None, None, None]:
+    """What failed among the failures, and after everything else a line for each, for nobody sees it otherwise."""
+    inconclusive = terminalreporter.stats.get("inconclusive", [])
+    for report in inconclusive:
         terminalreporter.section(f"INCONCLUSIVE {report.nodeid}", yellow=True)
         terminalreporter.line(report.sections[-1][1])
+    yield
+    for report in inconclusive:
         terminalreporter.line(f"INCONCLUSIVE {report.nodeid}: {report.inconclusive}", yellow=True)
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import docker
 
+from lateness import Void
 from testbed.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
 from testbed.results import Attempt, open_series
 from testbed.topology import ROOT
@@ -25,11 +26,11 @@ def containers() -> dict[str, object]:
 
 
 class Run:
-    """`testbed run` of an experiment, as a process whose lines can be waited for."""
+    """`testbed run` of an experiment, or `testbed fly` of a file, as a process whose lines can be waited for."""
 
-    def __init__(self, results: Path, *options: str, experiment: str = "scenario-1") -> None:
-        command = [sys.executable, "-m", "testbed", "run", experiment, "--results", str(results), *options]
-        self.experiment = experiment
+    def __init__(self, results: Path, *options: str, experiment: str = "scenario-1", verb: str = "run") -> None:
+        command = [sys.executable, "-m", "testbed", verb, experiment, "--results", str(results), *options]
+        self.experiment = Path(experiment).stem
         self.results = results
         self.lines: list[str] = []
         self._said = threading.Condition()
@@ -41,7 +42,8 @@ class Run:
             text=True,
             env={**os.environ, "COLUMNS": "120"},
         )
-        threading.Thread(target=self._read, daemon=True).start()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
 
     def _read(self) -> None:
         assert self._process.stdout is not None
@@ -65,7 +67,13 @@ class Run:
         self._process.send_signal(signal.SIGINT)
 
     def wait(self, limit_s: float = 500) -> int:
-        return self._process.wait(limit_s)
+        """Its exit code, once all its lines are read; raises Void where of a side no attempt counts."""
+        code = self._process.wait(limit_s)
+        self._reader.join()
+        reason = void_reason(self.metrics()) if (self.latest / "metrics.json").exists() else None
+        if reason is not None:
+            raise Void(reason)
+        return code
 
     @property
     def latest(self) -> Path:
@@ -75,6 +83,14 @@ class Run:
     def metrics(self) -> dict[str, Any]:
         found: dict[str, Any] = json.loads((self.latest / "metrics.json").read_text())
         return found
+
+
+def void_reason(metrics: dict[str, Any]) -> str | None:
+    """Why of a side no attempt counts; None where of each one does."""
+    for protocol, side in metrics["protocols"].items():
+        if side["void"] and not side["attempts"]:
+            return f"{protocol}: {side['void'][-1]['reason']}"
+    return None
 
 
 def attempt_over(run: Run, protocol: str) -> Attempt:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-
-from testbed.results import open_series
-from testbed.topology import ROOT
+from flying import Run, attempt_over
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]
 
@@ -27,15 +23,11 @@ async def look_at(fleet, place):
 
 def test_what_it_raises_is_one_line_and_its_traceback_is_kept(tmp_path: Path) -> None:
     (tmp_path / "lake.py").write_text(MISSION)
-    where = ["--protocols", "mqttxt", "--results", str(tmp_path / "results")]
-    command = [sys.executable, "-m", "testbed", "fly", str(tmp_path / "lake.py"), *where]
-    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=280)
-    output = run.stdout + run.stderr
-    assert run.returncode == 1, output
-    assert "lake.py, line 9: KeyError: 'the lake'" in output
-    assert "Traceback" not in output
-    series = open_series(tmp_path / "results" / "lake" / "latest")
-    (attempt,) = series.attempts()
+    run = Run(tmp_path / "results", "--protocols", "mqttxt", experiment=str(tmp_path / "lake.py"), verb="fly")
+    assert run.wait(280) == 1, run.output
+    assert "lake.py, line 9: KeyError: 'the lake'" in run.output
+    assert "Traceback" not in run.output
+    attempt = attempt_over(run, "mqttxt")
     assert (attempt.manifest()["status"], attempt.manifest()["reason"]) == (
         *("failed", "lake.py, line 9: KeyError: 'the lake'"),
     )
@@ -43,4 +35,4 @@ def test_what_it_raises_is_one_line_and_its_traceback_is_kept(tmp_path: Path) ->
     assert "six drones are armed" in said
     assert "in look_at" in said
     assert (attempt.path / "lake.py").read_text() == MISSION
-    assert "line 9: KeyError" in (series.path / "report.html").read_text()
+    assert "line 9: KeyError" in (run.latest / "report.html").read_text()

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests import lateness
+from tests.e2e.flying import void_reason
 
 TESTS = Path(__file__).parents[1]
 
@@ -51,30 +52,84 @@ AGAIN = "assert flown > 1"
         ("True", "timed", "assert False, 'what failed'", lateness.TURNS, "1 inconclusive"),
         ("True", "timed", AGAIN, 2, "1 passed"),
         ("True", "timed", "raise KeyError", 1, "1 failed"),
+        ("False", "timed", "raise lateness.Void('the emulator was late')", lateness.TURNS, "1 inconclusive"),
+        ("False", "timed", "if flown == 1: raise lateness.Void('the emulator was late')", 2, "1 passed"),
+        ("False", "long", "raise lateness.Void('the emulator was late')", 1, "1 failed"),
         ("True", "long", AGAIN, 1, "1 failed"),
         ("False", "timed", AGAIN, 1, "1 failed"),
     ],
-    ids=["always late", "late once", "another failure", "not timed", "not late"],
+    ids=[
+        "always late",
+        "late once",
+        "another failure",
+        "void",
+        "void once",
+        "void, not timed",
+        "not timed",
+        "not late",
+    ],
 )
 @pytest.mark.long
 def test_a_late_machines_failure_is_no_failure(
     late: str, mark: str, fails: str, turns: int, said: str, tmp_path: Path
 ) -> None:
-    for name in ("conftest.py", "lateness.py"):
-        (tmp_path / name).write_text((TESTS / name).read_text())
-    (tmp_path / "pyproject.toml").write_text(CONFIGURATION)
-    (tmp_path / "test_it.py").write_text(
-        OWN.replace("LATE and", f"{late} and").replace("MARK", mark).replace("FAILS", fails)
-    )
-    if late == "False":  # nor may it be late by the load of this machine
-        source = (tmp_path / "lateness.py").read_text()
-        (tmp_path / "lateness.py").write_text(source.replace(f"LATE_MS = {lateness.LATE_MS}", "LATE_MS = 10**9"))
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert said in done.stdout.splitlines()[-1], done.stdout
+    lines = _run(OWN.replace("MARK", mark).replace("FAILS", fails), late, tmp_path)
+    assert said in lines[-1], lines
     assert int((tmp_path / "turns").read_text()) == turns
-    assert ("what failed" in done.stdout) == ("what failed" in fails)
-    assert ("its load is" in done.stdout) == (said == "1 inconclusive")
+    for name in ("what failed", "the emulator was late"):
+        assert any(name in line for line in lines) == (name in fails and said != "1 passed")
+    assert lines[-2].startswith("INCONCLUSIVE test_it.py::test_it: test_it.py:") == (said == "1 inconclusive")
+
+
+@pytest.mark.long
+def test_each_test_of_a_file_whose_fixture_stays_late_is_named_and_the_fixture_is_not_made_again(
+    tmp_path: Path,
+) -> None:
+    source = (
+        OWN.replace("MARK", "timed")
+        .replace("FAILS", "pass")
+        .replace("    return", "    assert False, 'why'\n    return")
+    )
+    lines = _run(source + "\n@pytest.mark.timed\ndef test_more(flown):\n    pass\n", "True", tmp_path)
+    assert "2 inconclusive" in lines[-1], lines
+    assert int((tmp_path / "turns").read_text()) == lateness.TURNS
+    place = 1 + source.splitlines().index("    assert False, 'why'")
+    for line, name in zip(lines[-3:-1], ("test_it", "test_more"), strict=True):
+        why = f"test_it.py:{place}: AssertionError: why; in each of {lateness.TURNS} turns the machine was late, in the"
+        assert line.startswith(f"INCONCLUSIVE test_it.py::{name}: {why}")
+
+
+def _run(source: str, late: str, folder: Path) -> list[str]:
+    """The lines of a run of tests whose fixture finds the machine late or not."""
+    for name in ("conftest.py", "lateness.py"):
+        (folder / name).write_text((TESTS / name).read_text())
+    (folder / "pyproject.toml").write_text(CONFIGURATION)
+    (folder / "test_it.py").write_text(source.replace("LATE and", f"{late} and"))
+    if late == "False":  # nor may it be late by the load of this machine
+        lateness_py = (folder / "lateness.py").read_text()
+        (folder / "lateness.py").write_text(lateness_py.replace(f"LATE_MS = {lateness.LATE_MS}", "LATE_MS = 10**9"))
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    return [line for line in done.stdout.splitlines() if line]
+
+
+@pytest.mark.parametrize(
+    ("mqttxt", "mavlink", "reason"),
+    [
+        ((1, 0), (1, 0), None),
+        ((1, 0), (1, 2), None),
+        ((0, 3), (0, 3), "mqttxt: 3"),
+        ((1, 0), (0, 1), "mavlink: 1"),
+    ],
+)
+def test_a_run_is_void_where_of_a_side_no_attempt_counts(
+    mqttxt: tuple[int, int], mavlink: tuple[int, int], reason: str | None
+) -> None:
+    protocols = {
+        name: {"attempts": [{}] * counted, "void": [{"reason": number + 1} for number in range(void)]}
+        for name, (counted, void) in {"mqttxt": mqttxt, "mavlink": mavlink}.items()
+    }
+    assert void_reason({"protocols": protocols}) == reason
 
 
 def test_a_line_that_is_half_written_is_read_when_it_is_whole() -> None:
