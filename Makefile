@@ -26,7 +26,7 @@ PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 all summary arms links up down report test check bench docs sitl doctor lock clean venv containers tools
+.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 all summary arms links up down report test check bench docs sitl doctor lock upgrade clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -88,8 +88,11 @@ sitl: venv ## Fly one simulated autopilot on loopback; prints how to connect to 
 doctor: ## Say what is there, what is missing, and what to type
 	@$(BOOTSTRAP) doctor
 
-lock: venv ## Pin the requirements anew
+lock: venv ## Pin what is new in requirements/*.in, and leave the other pins as they are
 	@$(BOOTSTRAP) lock
+
+upgrade: venv ## Pin the newest version of every requirement
+	@$(BOOTSTRAP) upgrade
 
 clean: ## Remove the virtual environment and caches; results stay
 	@rm -rf .venv .cache .mypy_cache .ruff_cache .pytest_cache

@@ -1,4 +1,4 @@
-"""`python3 -m testbed.bootstrap venv | containers | tools | doctor | lock`: what `make` calls before anything else."""
+"""`python3 -m testbed.bootstrap venv | containers | tools | doctor | lock | upgrade`: what `make` calls first."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .images import BASE, IMAGES_NEED_MIB, NODE, ensure_images, has_image, node_
 from .machine import ensure_machine, has_qemu, machine_is_current
 from .steps import ROOT, BootstrapError, check_python
 from .tools import chromium, ensure_chromium, ensure_tshark, has_tshark, tshark_version
-from .venv import ensure_venv, lock, venv_is_current
+from .venv import ensure_venv, lock, upgrade, venv_is_current
 
 
 def containers() -> None:
@@ -61,7 +61,8 @@ def _docker_hint() -> str:
 
 
 def main() -> int:
-    actions = {"venv": ensure_venv, "containers": containers, "tools": tools, "doctor": doctor, "lock": lock}
+    makes = {"venv": ensure_venv, "containers": containers, "tools": tools}
+    actions = {**makes, "doctor": doctor, "lock": lock, "upgrade": upgrade}
     if len(sys.argv) != 2 or sys.argv[1] not in actions:
         print(f"usage: python3 -m testbed.bootstrap {' | '.join(actions)}", file=sys.stderr)
         return 2

@@ -68,13 +68,22 @@ def venv_is_current() -> bool:
 
 
 def lock() -> None:
-    """Pin `requirements/*.in` anew, with hashes, for every platform and Python from 3.11 on."""
+    """Pin `requirements/*.in`, with hashes, for every platform and Python from 3.11 on; pins that still fit stay."""
+    _pin()
+
+
+def upgrade() -> None:
+    """Pin the newest of everything instead."""
+    _pin("--upgrade")
+
+
+def _pin(*how: str) -> None:
     tools = CACHE / "lock-tools"
     with step("pinning the requirements"):
         run([sys.executable, "-m", "venv", str(tools)])
         run([str(tools / "bin" / "pip"), "install", "--quiet", "uv"])
         for name, more in (("testbed", []), ("node", []), ("mavproxy", ["--no-deps"])):
-            options = [*more, "--universal", "--python-version", "3.11", "--generate-hashes", "--upgrade"]
+            options = [*more, *how, "--universal", "--python-version", "3.11", "--generate-hashes"]
             hidden = ["--no-emit-index-url", "--no-emit-find-links", "--custom-compile-command", "make lock"]
             files = [f"requirements/{name}.in", "--output-file", f"requirements/{name}.txt"]
             run([str(tools / "bin" / "uv"), "pip", "compile", "--quiet", *options, *hidden, *files])

@@ -126,6 +126,18 @@ def test_an_environment_stays_when_a_new_one_cannot_be_made(tmp_path: Path, monk
     assert (tmp_path / ".venv" / "kept").exists()
 
 
+@pytest.mark.parametrize(("pin", "upgrades"), [(venv.lock, False), (venv.upgrade, True)])
+def test_pins_stay_unless_an_upgrade_is_asked_for(
+    pin: Callable[[], None], upgrades: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    typed: list[list[str]] = []
+    monkeypatch.setattr(venv, "run", typed.append)
+    pin()
+    compiled = [words for words in typed if "compile" in words]
+    assert len(compiled) == len(list((steps.ROOT / "requirements").glob("*.in")))
+    assert all(("--upgrade" in words) == upgrades for words in compiled)
+
+
 def test_tshark_is_installed_only_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[list[str]] = []
     monkeypatch.setattr(tools, "apt_install", lambda packages, why: asked.append(packages))
