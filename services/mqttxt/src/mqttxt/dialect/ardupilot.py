@@ -15,18 +15,16 @@ from ..commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return,
 from ..states import Armed, FlightMode, FlightModeName, Health
 from .autopilot import Autopilot
 from .plans import (
-    AUTOPILOT_COMPONENT,
-    Effect,
     Group,
     Plan,
     arming,
-    arrived,
     climbed,
     command_long,
     holds,
     home_altitude_m,
     is_down,
     never,
+    reposition,
 )
 
 if TYPE_CHECKING:
@@ -133,10 +131,6 @@ class ArduCopter(Autopilot):
         assert isinstance(command, Return)
         return self._mode(vehicle, FlightModeName.RETURN, is_down)
 
-    def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect) -> Plan:
-        """A command that is a mode."""
-        return Plan(self.set_mode(vehicle, name), mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, frozenset({name}))
-
 
 def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
     """NAV_TAKEOFF takes the height above home. In LOITER it would be accepted too, and not be flown."""
@@ -152,21 +146,4 @@ def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
 
 def _goto(command: Goto, vehicle: Vehicle) -> Plan:
     """DO_REPOSITION above home, into GUIDED; SET_POSITION_TARGET_GLOBAL_INT does the same, unacknowledged."""
-    target_m = home_altitude_m(vehicle) + command.altitude_m
-    message = mavlink.MAVLink_command_int_message(
-        vehicle.system_id,
-        AUTOPILOT_COMPONENT,
-        mavlink.MAV_FRAME_GLOBAL,
-        mavlink.MAV_CMD_DO_REPOSITION,
-        0,
-        0,
-        -1.0,
-        float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE),
-        0.0,
-        0.0,
-        round(command.latitude_deg * 1e7),
-        round(command.longitude_deg * 1e7),
-        target_m,
-    )
-    modes = frozenset({FlightModeName.GUIDED})
-    return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, arrived(command, target_m), modes)
+    return reposition(command, vehicle, mavlink.MAV_FRAME_GLOBAL, 0.0, FlightModeName.GUIDED)

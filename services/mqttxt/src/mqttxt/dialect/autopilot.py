@@ -6,9 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from pymavlink.dialects.v20 import common as mavlink
+
 from ..commands import Command
 from ..states import FlightModeName, Health
-from .plans import Plan
+from .plans import Effect, Group, Plan
 
 if TYPE_CHECKING:
     from .vehicle import Vehicle
@@ -53,3 +55,8 @@ class Autopilot(ABC):
 
         `stream` and `mavlink` are the same for all kinds, and have their plans elsewhere.
         """
+
+    def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect) -> Plan:
+        """The plan of a command that is a mode."""
+        message = self.set_mode(vehicle, name)
+        return Plan(message, mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, frozenset({name}))

@@ -138,6 +138,28 @@ def arrived(command: Goto, target_m: float) -> Effect:
     return effect
 
 
+def reposition(command: Goto, vehicle: Vehicle, frame: int, yaw: float, mode: FlightModeName) -> Plan:
+    """A goto as DO_REPOSITION, which changes to the mode that it is flown in."""
+    target_m = home_altitude_m(vehicle) + command.altitude_m
+    message = mavlink.MAVLink_command_int_message(
+        vehicle.system_id,
+        AUTOPILOT_COMPONENT,
+        frame,
+        mavlink.MAV_CMD_DO_REPOSITION,
+        0,
+        0,
+        -1.0,
+        float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE),
+        0.0,
+        yaw,
+        round(command.latitude_deg * 1e7),
+        round(command.longitude_deg * 1e7),
+        target_m,
+    )
+    effect = arrived(command, target_m)
+    return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, effect, frozenset({mode}))
+
+
 def never(vehicle: Vehicle, after: int) -> bool:
     """No message shows the effect."""
     return False

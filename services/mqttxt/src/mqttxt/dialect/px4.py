@@ -12,20 +12,18 @@ from ..states import Armed, FlightMode, FlightModeName, Health, Landed, LandedSt
 from .autopilot import Autopilot
 from .plans import (
     ALTITUDE_NEAR_M,
-    AUTOPILOT_COMPONENT,
     NAN,
-    Effect,
     Group,
     Plan,
     above,
     arming,
-    arrived,
     climbed,
     command_long,
     holds,
     home_altitude_m,
     is_down,
     never,
+    reposition,
 )
 
 if TYPE_CHECKING:
@@ -125,11 +123,6 @@ class Px4(Autopilot):
         message = command_long(vehicle, mavlink.MAV_CMD_DO_REPOSITION, *here)
         return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, holds, modes)
 
-    def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect) -> Plan:
-        """A command that is a mode."""
-        message = self.set_mode(vehicle, name)
-        return Plan(message, mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, frozenset({name}))
-
 
 def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
     home_m = home_altitude_m(vehicle)
@@ -152,21 +145,4 @@ def _mode_of(vehicle: Vehicle) -> FlightModeName:
 
 def _goto(command: Goto, vehicle: Vehicle) -> Plan:
     """In MAV_FRAME_GLOBAL_INT: some builds between PX4 1.16 and 1.17 refuse MAV_FRAME_GLOBAL."""
-    target_m = home_altitude_m(vehicle) + command.altitude_m
-    message = mavlink.MAVLink_command_int_message(
-        vehicle.system_id,
-        AUTOPILOT_COMPONENT,
-        mavlink.MAV_FRAME_GLOBAL_INT,
-        mavlink.MAV_CMD_DO_REPOSITION,
-        0,
-        0,
-        -1.0,
-        float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE),
-        0.0,
-        NAN,
-        round(command.latitude_deg * 1e7),
-        round(command.longitude_deg * 1e7),
-        target_m,
-    )
-    modes = frozenset({FlightModeName.HOLD})
-    return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, arrived(command, target_m), modes)
+    return reposition(command, vehicle, mavlink.MAV_FRAME_GLOBAL_INT, NAN, FlightModeName.HOLD)
