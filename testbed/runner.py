@@ -101,7 +101,8 @@ def run_series(
                         continue
                     progress.attempt(protocol, number, plan.attempts, repeat)
                     attempt = new_attempt(series, protocol, number, repeat)
-                    flown[attempt] = _fly_or_keep(plan, attempt, progress, make_containers, waited)
+                    with _disk_errors_named(attempt):
+                        flown[attempt] = _fly(plan, attempt, progress, make_containers, waited)
                     progress.ended(flown[attempt].status, flown[attempt].reason)
                     point_latest(series)
                     if flown[attempt].status == "void":
@@ -119,15 +120,10 @@ def _wait(progress: Progress) -> Waited:
         return wait_for_quiet()
 
 
-def _fly_or_keep(
-    plan: Plan,
-    attempt: Attempt,
-    progress: Progress,
-    make_containers: Callable[..., Containers],
-    waited: Waited | None,
-) -> Ended:
+@contextlib.contextmanager
+def _disk_errors_named(attempt: Attempt) -> Iterator[None]:
     try:
-        return _fly(plan, attempt, progress, make_containers, waited)
+        yield
     except OSError as error:
         raise TestbedError(
             f"{attempt.path}: {error.strerror or error}; the containers are ended, what was written is kept"
