@@ -20,6 +20,7 @@ from .errors import SitlError
 from .fleet import DroneConfig, load
 from .process import LinkConfig, Process
 from .real.ardupilot import ArduCopter
+from .real.autopilot import Autopilot
 from .real.process import fly as fly_real
 from .real.px4 import Px4
 from .real.watching import Watching
@@ -27,7 +28,7 @@ from .streams import SETS
 from .vehicle import Vehicle
 
 STAND_IN = "stand-in"
-REAL: dict[str, type[Px4] | type[ArduCopter]] = {"px4": Px4, "ardupilot": ArduCopter}
+REAL: dict[str, type[Autopilot]] = {"px4": Px4, "ardupilot": ArduCopter}
 AUTOPILOTS = (STAND_IN, *REAL)
 WITNESS = ("127.0.0.1", 14550)
 """Where a real autopilot is watched, on a link of its own."""

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
 
 from ..errors import SitlError
-from ..fleet import DroneConfig
-from ..process import LinkConfig
+from .autopilot import Autopilot
 
 PROGRAM, DEFAULTS = "arducopter", "copter.parm"
 """What is in ArduCopter's folder: the program for SITL, and a copter's parameters as ArduPilot's sources have them."""
@@ -30,30 +26,17 @@ COUNTERPARTS: dict[str, tuple[str, float] | None] = {
 every takeoff names its height."""
 
 
-@dataclass(frozen=True)
-class ArduCopter:
-    """One ArduCopter: from `folder` (arducopter, copter.parm), in the folder `work`, whose logs go to `logs`.
+class ArduCopter(Autopilot):
+    """One ArduCopter; its folder has arducopter and copter.parm.
 
-    `onboard` is its link to whoever flies it; on another it sends to `witness`, a port of its loopback. On both it
-    sends what it is asked for: `onboard.streams` is PX4's.
+    On both links it sends what it is asked for: `onboard.streams` is PX4's.
     """
 
-    folder: Path
-    work: Path
-    logs: Path
-    config: DroneConfig
-    onboard: LinkConfig
-    witness: int
-
     def prepare(self) -> tuple[list[str], dict[str, str]]:
-        """Its command line and environment, with all that they need in its folder. Raises SitlError."""
         parameters = self.work / "fleet.parm"
         lines = [f"{name} {value:g}\n" for name, value in self._values().items()]
         try:
-            shutil.rmtree(self.work, ignore_errors=True)
-            for folder in (self.work, self.logs):
-                folder.mkdir(parents=True, exist_ok=True)
-            (self.work / "logs").symlink_to(self.logs.absolute())
+            self._make_folders("logs")
             parameters.write_text("".join(lines), encoding="utf-8")
         except OSError as error:
             raise SitlError(f"{error.filename}: {error.strerror}") from error

@@ -7,25 +7,14 @@ import contextlib
 import signal
 import sys
 from asyncio.subprocess import DEVNULL, PIPE, STDOUT, Process
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
 
 from ..errors import AutopilotDied
+from .autopilot import Autopilot
 from .watching import Watching
 
 END_S = 2.0
 LOOK_S = 0.2
-
-
-class Autopilot(Protocol):
-    """What is known of an autopilot's kind. Every method raises SitlError."""
-
-    @property
-    def work(self) -> Path: ...
-    def prepare(self) -> tuple[list[str], dict[str, str]]: ...
-    def questions(self) -> dict[str, list[str]]: ...
-    def check(self, answers: Mapping[str, str]) -> None: ...
 
 
 async def fly(autopilot: Autopilot, watching: Watching) -> None:

@@ -10,15 +10,12 @@ import json
 import lzma
 import os
 import re
-import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import SitlError
-from ..fleet import DroneConfig
-from ..process import LinkConfig
+from .autopilot import Autopilot
 
 MODEL = "sihsim_quadx"
 """PX4's own simulator in its own process, a quadrotor."""
@@ -56,25 +53,14 @@ _CLOSE = 1e-4
 """PX4 shows four decimals."""
 
 
-@dataclass(frozen=True)
-class Px4:
-    """One PX4: from `folder` (bin/px4, etc), in the folder `work`, whose logs go to `logs`.
-
-    `onboard` is its link to whoever flies it; on another it sends to `witness`, a port of its loopback.
-    """
-
-    folder: Path
-    work: Path
-    logs: Path
-    config: DroneConfig
-    onboard: LinkConfig
-    witness: int
+class Px4(Autopilot):
+    """One PX4; its folder has bin/px4 and etc."""
 
     def prepare(self) -> tuple[list[str], dict[str, str]]:
-        """Its command line and environment, with all that they need in its folder. Raises SitlError."""
         try:
             values = self._values()
-            self._make_folders()
+            self._make_folders("log", self._bin, self._hooks)
+            self._link_programs()
             self._write_hook("px4-rc.params", [f"param set {name} {value}" for name, value in values.items()])
             self._write_hook("px4-rc.mavlink", self._links())
         except OSError as error:
@@ -90,12 +76,11 @@ class Px4:
         return words, environment
 
     def questions(self) -> dict[str, list[str]]:
-        """By parameter the command that reads it back."""
         command = [str(self._bin / "px4-param"), "--instance", self._instance, "show", "-q"]
         return {name: [*command, name] for name in self._values()}
 
     def check(self, answers: Mapping[str, str]) -> None:
-        """Hold what was read back to what was to be. Raises SitlError naming the first that is another."""
+        """Raises SitlError naming the first that is another than it was to be."""
         for name, value in self._values().items():
             try:
                 is_so = abs(float(answers[name]) - float(value)) <= _CLOSE * max(1.0, abs(float(value)) / 1e3)
@@ -138,16 +123,12 @@ class Px4:
         except (ValueError, KeyError, TypeError, lzma.LZMAError) as error:
             raise SitlError(f"{path}: expected what PX4's build says of its parameters: {error}") from error
 
-    def _make_folders(self) -> None:
+    def _link_programs(self) -> None:
         """The program with the names by which it is each of its commands: a copied folder may have lost such links."""
-        shutil.rmtree(self.work, ignore_errors=True)
-        for folder in (self._bin, self._hooks, self.logs):
-            folder.mkdir(parents=True, exist_ok=True)
         for name in ("px4", "px4-alias.sh"):
             (self._bin / name).symlink_to(self.folder.absolute() / "bin" / name)
         for name in set(_COMMAND.findall((self._bin / "px4-alias.sh").read_text(encoding="utf-8"))):
             (self._bin / f"px4-{name}").symlink_to("px4")
-        (self.work / "log").symlink_to(self.logs.absolute())
 
     def _write_hook(self, name: str, lines: list[str]) -> None:
         (self._hooks / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
