@@ -57,8 +57,20 @@ class Run:
         return "\n".join(self.lines)
 
     def wait_for(self, condition: Callable[[], bool], limit_s: float = 120) -> None:
+        """Until what was said fulfils it; ends the run after the limit, or with Void where an attempt is void."""
         with self._said:
-            assert self._said.wait_for(condition, limit_s), self.output
+            self._said.wait_for(lambda: condition() or self._voids != [], limit_s)
+            if condition():
+                return
+        self.interrupt()
+        self.wait(60)
+        if self._voids:
+            raise Void(self._voids[0].strip())
+        raise AssertionError(self.output)
+
+    @property
+    def _voids(self) -> list[str]:
+        return [line for line in self.lines if line.startswith("  void: ")]
 
     def says(self, text: str) -> None:
         self.wait_for(lambda: any(text in line for line in self.lines))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests import lateness
-from tests.e2e.flying import void_reason
+from tests.e2e import flying
 
 TESTS = Path(__file__).parents[1]
 
@@ -129,7 +129,33 @@ def test_a_run_is_void_where_of_a_side_no_attempt_counts(
         name: {"attempts": [{}] * counted, "void": [{"reason": number + 1} for number in range(void)]}
         for name, (counted, void) in {"mqttxt": mqttxt, "mavlink": mavlink}.items()
     }
-    assert void_reason({"protocols": protocols}) == reason
+    assert flying.void_reason({"protocols": protocols}) == reason
+
+
+FLIES_ON = f"""#!{sys.executable}
+import signal, sys
+signal.signal(signal.SIGINT, lambda *_: sys.exit(130))
+print(SAID, flush=True)
+signal.pause()
+"""
+
+
+@pytest.mark.parametrize(
+    ("said", "limit_s", "error"),
+    [("  void: the emulator was late", 30.0, flying.Void), ("  completed", 0.1, AssertionError)],
+)
+def test_a_run_that_will_not_say_what_is_waited_for_is_ended(
+    said: str, limit_s: float, error: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "testbed"
+    program.write_text(FLIES_ON.replace("SAID", repr(said)))
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(program))
+    run = flying.Run(tmp_path / "results")
+    run.says(said)
+    with pytest.raises(error, match=said.strip()):
+        run.wait_for(lambda: False, limit_s)
+    assert run.wait() == 130
 
 
 def test_a_line_that_is_half_written_is_read_when_it_is_whole() -> None:
