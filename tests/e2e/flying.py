@@ -19,6 +19,9 @@ from testbed.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
 from testbed.results import Attempt, open_series
 from testbed.topology import ROOT
 
+BUSY = ("did not keep up", "machine was too busy", "machine that is less busy", "captures dropped packets")
+"""What the testbed says of an attempt that is void because of the machine."""
+
 
 def containers() -> dict[str, object]:
     found = docker.from_env().containers.list(all=True, filters={"label": f"{PROJECT_LABEL}={PROJECT}"})
@@ -70,7 +73,7 @@ class Run:
 
     @property
     def _voids(self) -> list[str]:
-        return [line for line in self.lines if line.startswith("  void: ")]
+        return [line for line in self.lines if line.startswith("  void: ") and is_the_machines(line)]
 
     def says(self, text: str) -> None:
         self.wait_for(lambda: any(text in line for line in self.lines))
@@ -98,11 +101,17 @@ class Run:
 
 
 def void_reason(metrics: dict[str, Any]) -> str | None:
-    """Why of a side no attempt counts; None where of each one does."""
-    for protocol, side in metrics["protocols"].items():
-        if side["void"] and not side["attempts"]:
-            return f"{protocol}: {side['void'][-1]['reason']}"
-    return None
+    """Why the machine let no attempt of a side count; None where one does, or where it was not the machine."""
+    sides = metrics["protocols"]
+    if all(side["attempts"] or not side["void"] for side in sides.values()):
+        return None
+    reasons = [f"{protocol}: {one['reason']}" for protocol, side in sides.items() for one in side["void"]]
+    return next(filter(is_the_machines, reasons), None)
+
+
+def is_the_machines(reason: str) -> bool:
+    """Whether an attempt is void because the machine was too busy, and not by a defect of the testbed."""
+    return any(words in reason for words in BUSY)
 
 
 def attempt_over(run: Run, protocol: str) -> Attempt:
