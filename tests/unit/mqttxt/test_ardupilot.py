@@ -56,13 +56,14 @@ def on_ground(mode: int = GUIDED, armed: bool = False) -> Vehicle:
 
 
 def plan(command: Command, seen: Vehicle) -> Plan:
-    return seen.autopilot.plan(command, seen)
+    return seen.autopilot.plan(command, seen, 0)
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
 def test_no_field_of_any_command_is_nan(command: Command) -> None:
     """ArduCopter ends with a floating point exception on one in NAV_TAKEOFF."""
-    message = plan(command, flying()).message
+    seen = on_ground(armed=True) if isinstance(command, Takeoff) else flying()
+    message = plan(command, seen).message
     values = [getattr(message, name) for name in message.fieldnames]
     assert not [value for value in values if isinstance(value, float) and math.isnan(value)]
 

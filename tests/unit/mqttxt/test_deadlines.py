@@ -15,7 +15,7 @@ from verdicts import Judge
 from mqttxt import clock as clocks
 from mqttxt.messages import CommandMessage, Word
 from mqttxt.roles import selector
-from mqttxt.roles.executor import Executor
+from mqttxt.roles.acknowledgements import Acknowledgements
 from mqttxt.roles.ledger import Admission, Ledger
 from mqttxt.roles.relay import Relay
 from mqttxt.roles.station_commands import StationCommands
@@ -127,12 +127,12 @@ def _any_session_is_the_own_one(patch: pytest.MonkeyPatch) -> None:
 
 
 def _repeated_after_its_acknowledgement(patch: pytest.MonkeyPatch) -> None:
-    on_ack = Executor._on_ack
+    on_ack = Acknowledgements.on_ack
 
     def deaf(self: Any, message: Any, now_ms: int) -> Any:
         return [] if message.result == 0 and now_ms % 3 == 0 else on_ack(self, message, now_ms)
 
-    patch.setattr(Executor, "_on_ack", deaf)
+    patch.setattr(Acknowledgements, "on_ack", deaf)
 
 
 def _the_next_drone_after_any_last_word(patch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,9 @@ from workbench import ARM, LAND, MODE, TAKEOFF, Bench, said, written
 from world import ack, heartbeat, home, landed, position
 
 from mqttxt.commands import Arm, Command, Disarm, Goto, Land, Return, Takeoff
+from mqttxt.dialect.plans import Plan
+from mqttxt.dialect.px4 import Px4
+from mqttxt.dialect.vehicle import Vehicle
 from mqttxt.messages import CommandId, Word
 from mqttxt.roles.effects import Log, Transmit
 from mqttxt.roles.runs import Said
@@ -262,7 +265,7 @@ def test_a_mode_that_is_still_changing_has_three_seconds() -> None:
     bench = Bench()
     bench.start(1, Land())
     bench.hear(ack(LAND), heartbeat(armed=True, main=4, sub=3))
-    bench.now_ms = 3000
+    bench.until(3000)
     assert said(bench.hear(heartbeat(armed=True, main=4, sub=3))) == []
     bench.now_ms = 3100
     assert said(bench.hear(heartbeat(armed=True, main=4, sub=3))) == [(1, Word.FAILED, "mode_changed")]
@@ -330,6 +333,27 @@ def test_a_takeoff_that_is_disarmed_has_failed() -> None:
     bench.start(1, Takeoff(altitude_m=10))
     bench.hear(ack(TAKEOFF), heartbeat(armed=True, main=4, sub=2))
     assert said(bench.hear(heartbeat(armed=False, main=4, sub=2))) == [(1, Word.FAILED, "disarmed")]
+
+
+def test_a_command_is_planned_once_to_be_written_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    planned: list[Command] = []
+    plan = Px4.plan
+
+    def noted(self: Px4, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
+        planned.append(command)
+        return plan(self, command, vehicle, now_ms)
+
+    monkeypatch.setattr(Px4, "plan", noted)
+    assert written(Bench().start(1, Land())) == [LAND]
+    assert planned == [Land()]
+
+
+def test_a_command_that_comes_too_late_takes_no_place() -> None:
+    bench = Bench()
+    bench.start(1, Takeoff(altitude_m=10))
+    bench.now_ms = 500
+    assert said(bench.start(2, Land(), deadline_ms=400)) == [(2, Word.EXPIRED, None)]
+    assert written(bench.until(600)) == [TAKEOFF]
 
 
 def test_an_acknowledgement_that_nobody_asked_for_is_counted() -> None:

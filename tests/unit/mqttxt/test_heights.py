@@ -63,8 +63,8 @@ def test_home_as_of_arming_is_known_before_its_own_message_comes() -> None:
 def test_a_height_that_is_flown_is_the_one_that_is_told() -> None:
     corrected = (place(AMSL_M + 2, 3.5), home_at(AMSL_M - 1.5))
     vehicle = Heard(IDLE, home_at(AMSL_M - 0.7), ARMED, place(AMSL_M, 0.0), *corrected).vehicle
-    takeoff = vehicle.autopilot.plan(Takeoff(10.0), vehicle).message
-    goto = vehicle.autopilot.plan(Goto(LATITUDE, LONGITUDE, 15.0), vehicle).message
+    takeoff = vehicle.autopilot.plan(Takeoff(10.0), vehicle, 0).message
+    goto = vehicle.autopilot.plan(Goto(LATITUDE, LONGITUDE, 15.0), vehicle, 0).message
     for target_m, height_m in ((takeoff.param7, 10.0), (goto.z, 15.0)):
         (location,) = [state for state in vehicle.update(place(target_m, 0), 0) if isinstance(state, Location)]
         assert location.altitude_m == height_m

@@ -24,7 +24,7 @@ def vehicle(*messages: Any) -> Vehicle:
 
 
 def plan(command: Command, seen: Vehicle) -> Plan:
-    return seen.autopilot.plan(command, seen)
+    return seen.autopilot.plan(command, seen, 0)
 
 
 READY = (heartbeat(), home(), position(), landed(1))

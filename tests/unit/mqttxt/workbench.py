@@ -41,7 +41,7 @@ class Bench:
         out: list[Any] = []
         while self.now_ms < now_ms:
             self.now_ms += step_ms
-            self.vehicle.heartbeat_ms = self.now_ms
+            self.vehicle.heartbeat_ms = self.vehicle.heard_ms = self.now_ms
             out += self.executor.tick(self.now_ms)
         return out
 

@@ -187,7 +187,7 @@ class World:
         until = self.now_ms + milliseconds
         while self.now_ms < until:
             self.now_ms = min(until, self.now_ms + step_ms)
-            self.uav.vehicle.heartbeat_ms = self.now_ms
+            self.uav.vehicle.heartbeat_ms = self.uav.vehicle.heard_ms = self.now_ms
             for name in ("uav", "activator", "gs"):
                 self.run(name, getattr(self, name).tick(self.now_ms))
 

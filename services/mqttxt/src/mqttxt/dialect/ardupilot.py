@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff
-from ..states import Armed, FlightMode, FlightModeName, Health
+from ..states import Armed, FlightMode, FlightModeName, Health, Landed
 from .autopilot import Autopilot
 from .plans import (
+    CannotExecute,
     Group,
     Plan,
     arming,
@@ -23,6 +24,7 @@ from .plans import (
     holds,
     home_altitude_m,
     is_down,
+    landed_state,
     never,
     reposition,
 )
@@ -110,7 +112,7 @@ class ArduCopter(Autopilot):
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, float(_NUMBERS[name]))
 
-    def plan(self, command: Command, vehicle: Vehicle) -> Plan:
+    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
         if isinstance(command, Arm):
             mode, is_armed = vehicle.seen(FlightMode), vehicle.seen(Armed) == Armed(True)
             stays = is_armed or (mode is not None and mode.mode in _ARMABLE)
@@ -118,7 +120,7 @@ class ArduCopter(Autopilot):
         if isinstance(command, Disarm):
             return arming(command, vehicle)
         if isinstance(command, Takeoff):
-            return _takeoff(command, vehicle)
+            return _takeoff(command, vehicle, now_ms)
         if isinstance(command, Goto):
             return _goto(command, vehicle)
         if isinstance(command, Land):
@@ -132,8 +134,13 @@ class ArduCopter(Autopilot):
         return self._mode(vehicle, FlightModeName.RETURN, is_down)
 
 
-def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
-    """NAV_TAKEOFF takes the height above home. In LOITER it would be accepted too, and not be flown."""
+def _takeoff(command: Takeoff, vehicle: Vehicle, now_ms: int) -> Plan:
+    """NAV_TAKEOFF takes the height above home. In LOITER it would be accepted too, and not be flown.
+
+    In the air ArduCopter refuses it; entering GUIDED for it would only take the drone from its pilot.
+    """
+    if landed_state(vehicle, now_ms) not in (Landed.UNDEFINED, Landed.ON_GROUND):
+        raise CannotExecute("in_air")
     return Plan(
         command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[0.0] * 6, command.altitude_m),
         mavlink.MAV_CMD_NAV_TAKEOFF,

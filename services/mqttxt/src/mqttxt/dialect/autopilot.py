@@ -24,7 +24,7 @@ class Autopilot(ABC):
     any one of each, and what makes their values metres a second. `hold_mode` is the mode in which it stays where it
     is, `offboard_mode` the one in which it follows set-points; `is_offboard_alone`: it does nothing else there.
     `priming` set-points have to come before that mode. `refuses_as_failed`: it says MAV_RESULT_FAILED of what it does
-    not begin.
+    not begin. `answers_twice` are the MAV_CMDs that it may accept first, and then say what became of them.
     """
 
     name: ClassVar[str]
@@ -36,6 +36,7 @@ class Autopilot(ABC):
     is_offboard_alone: ClassVar[bool]
     priming: ClassVar[int]
     refuses_as_failed: ClassVar[bool]
+    answers_twice: ClassVar[frozenset[int]] = frozenset()
 
     @abstractmethod
     def flight_mode(self, heartbeat: Any) -> FlightModeName:
@@ -50,7 +51,7 @@ class Autopilot(ABC):
         """MAV_CMD_DO_SET_MODE as COMMAND_LONG; raises KeyError for a mode that this kind does not have."""
 
     @abstractmethod
-    def plan(self, command: Command, vehicle: Vehicle) -> Plan:
+    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
         """The plan of a command; raises CannotExecute where the autopilot's state does not allow to say it.
 
         `stream` and `mavlink` are the same for all kinds, and have their plans elsewhere.

@@ -87,14 +87,20 @@ def check(command: Command, vehicle: Vehicle, now_ms: int) -> None:
     On the ground, `goto` takes off, and `takeoff` without armed motors climbs as soon as somebody arms them.
     """
     if isinstance(command, Goto):
-        landed = vehicle.seen(LandedState)
-        is_old = vehicle.silence_ms("EXTENDED_SYS_STATE", now_ms) > LANDED_MS
-        if landed is None or landed.landed is Landed.UNDEFINED or is_old:
+        landed = landed_state(vehicle, now_ms)
+        if landed is Landed.UNDEFINED:
             raise CannotExecute("landed_state_unknown")
-        if landed.landed is Landed.ON_GROUND:
+        if landed is Landed.ON_GROUND:
             raise CannotExecute("on_ground")
     if isinstance(command, Takeoff | Goto | Offboard) and vehicle.seen(Armed) != Armed(True):
         raise CannotExecute("disarmed")
+
+
+def landed_state(vehicle: Vehicle, now_ms: int) -> Landed:
+    """Where the drone is by a landed state that still holds; UNDEFINED where none does."""
+    told = vehicle.seen(LandedState)
+    is_old = vehicle.silence_ms("EXTENDED_SYS_STATE", now_ms) > LANDED_MS
+    return Landed.UNDEFINED if told is None or is_old else told.landed
 
 
 def home_altitude_m(vehicle: Vehicle) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff
-from ..states import Armed, FlightMode, FlightModeName, Health, Landed, LandedState
+from ..states import Armed, FlightMode, FlightModeName, Health, Landed
 from .autopilot import Autopilot
 from .plans import (
     ALTITUDE_NEAR_M,
@@ -22,6 +22,7 @@ from .plans import (
     holds,
     home_altitude_m,
     is_down,
+    landed_state,
     never,
     reposition,
 )
@@ -80,6 +81,7 @@ class Px4(Autopilot):
     is_offboard_alone = True
     priming = 10
     refuses_as_failed = False
+    answers_twice: ClassVar = frozenset({mavlink.MAV_CMD_DO_SET_MODE})
 
     def flight_mode(self, heartbeat: Any) -> FlightModeName:
         return mode_name(heartbeat.custom_mode)
@@ -94,7 +96,7 @@ class Px4(Autopilot):
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, *map(float, mode_numbers(name)))
 
-    def plan(self, command: Command, vehicle: Vehicle) -> Plan:
+    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
         if isinstance(command, Arm):
             stays = vehicle.seen(Armed) == Armed(True) or _mode_of(vehicle) in _STAYS
             return replace(arming(command, vehicle), first_mode=None if stays else FlightModeName.HOLD)
@@ -108,16 +110,19 @@ class Px4(Autopilot):
             message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
             return Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
         if isinstance(command, Hold):
-            return self._hold(vehicle)
+            return self._hold(vehicle, now_ms)
         if isinstance(command, Offboard):
             return self._mode(vehicle, self.offboard_mode, never)
         assert isinstance(command, Return)
         return self._mode(vehicle, FlightModeName.RETURN, is_down)
 
-    def _hold(self, vehicle: Vehicle) -> Plan:
-        """In the air a reposition to where it is: a goto is HOLD mode already, and DO_SET_MODE would not stop it."""
-        landed, modes = vehicle.seen(LandedState), frozenset({FlightModeName.HOLD})
-        if landed is None or landed.landed in (Landed.UNDEFINED, Landed.ON_GROUND):
+    def _hold(self, vehicle: Vehicle, now_ms: int) -> Plan:
+        """In the air a reposition to where it is: a goto is HOLD mode already, and DO_SET_MODE would not stop it.
+
+        Armed, and without a fresh landed state, too: on the ground such a reposition was recorded to lift nothing.
+        """
+        modes = frozenset({FlightModeName.HOLD})
+        if vehicle.seen(Armed) != Armed(True) or landed_state(vehicle, now_ms) is Landed.ON_GROUND:
             return self._mode(vehicle, FlightModeName.HOLD, holds)
         here = (-1.0, float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE), 0.0, NAN, NAN, NAN, NAN)
         message = command_long(vehicle, mavlink.MAV_CMD_DO_REPOSITION, *here)

@@ -26,10 +26,13 @@ from ..states import (
 )
 from .autopilot import Autopilot
 from .autopilots import kind_of
+from .boots import Boots
 from .home import HomeOfArming
 from .plans import AUTOPILOT_COMPONENT, CannotExecute
 
 HEARTBEAT_LOST_MS = 3000
+LOST_MS = 10_000
+"""Without a heartbeat for this long, what an autopilot was doing is not known any more: ten in a row are missing."""
 STILL_M_S, STILL_CLIMB_M_S, STILL_MS = 1.0, 0.5, 1000
 """Slower than both for this long is standing still: a drone that turns back passes through zero sooner."""
 
@@ -63,6 +66,8 @@ class Vehicle:
         self.system_id = system_id
         self.number = 0
         self.heartbeat_ms: int | None = None
+        self.heard_ms: int | None = None
+        self.boots = Boots()
         self.states: dict[str, Seen[Any]] = {}
         self.cruise_m_s: float | None = None
         self._autopilot: Autopilot | None = None
@@ -81,6 +86,15 @@ class Vehicle:
     def is_alive(self, now_ms: int) -> bool:
         """Whether a heartbeat came within the last three seconds."""
         return self.heartbeat_ms is not None and now_ms - self.heartbeat_ms <= HEARTBEAT_LOST_MS
+
+    def is_lost(self, now_ms: int) -> bool:
+        """Whether for ten seconds no heartbeat came that is surely of the flight of before."""
+        sure_ms = self.heartbeat_ms if self.boots.is_sure else self.boots.sure_ms
+        return sure_ms is None or now_ms - sure_ms > LOST_MS
+
+    def answers_twice(self, mav_cmd: int) -> bool:
+        """Whether the autopilot may acknowledge a command of a number once more after it has accepted it."""
+        return self._autopilot is not None and mav_cmd in self._autopilot.answers_twice
 
     def seen(self, cls: type[Value], after: int = -1) -> Value | None:
         """The last state of a class, if its message came after message number `after`."""
@@ -129,6 +143,8 @@ class Vehicle:
         if kind == "HEARTBEAT" and not self._is_of_kind(message):
             return []
         self.number += 1
+        self.boots.on_message(message, 0 if self.heard_ms is None else now_ms - self.heard_ms, self.heartbeat_ms)
+        self.heard_ms = now_ms
         self._note_arrival(kind, now_ms)
         if kind == "HEARTBEAT":
             self.heartbeat_ms = now_ms

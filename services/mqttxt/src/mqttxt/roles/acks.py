@@ -4,62 +4,86 @@ nobody waiting.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict, deque
+from dataclasses import dataclass
 from enum import Enum, auto
 
 from ..dialect.sources import Source
+from ..messages import CommandId
 
 STRAY_ACK_MS = 3000
 """How long a key rests while acknowledgements of it may still be under way."""
+SECOND_ACK_MS = 500
+"""How long a key rests for a second acknowledgement; PX4 writes both at once."""
 
 AckKey = tuple[int, Source]
 """What an acknowledgement is told by: the MAV_CMD, and in whose name it was sent."""
 
 
-class Stray(Enum):
-    """What an acknowledgement that found nobody waiting was for: something of ours, a command given up, nothing."""
+class Kind(Enum):
+    """What an acknowledgement is of, if nobody waits for it: something of our own, another copy of a command that
+    was answered or given up, or what was accepted before.
+    """
 
     OWN = auto()
     LATE = auto()
-    UNKNOWN = auto()
+    SECOND = auto()
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An acknowledgement that may still come, and the command on whose behalf the write was."""
+
+    kind: Kind
+    owner: CommandId | None
 
 
 class Acks:
-    """Keys that rest, and how many acknowledgements of each nobody waits for any more."""
+    """Keys that rest, and the acknowledgements of each that nobody waits for, in the order of their writes.
+
+    What was written before a command that waits (`_earlier`) is answered before it, our own writes after it.
+    """
 
     def __init__(self) -> None:
         self._rests_until_ms: dict[AckKey, int] = {}
-        self._late: Counter[AckKey] = Counter()
-        self._own: Counter[AckKey] = Counter()
+        self._earlier: defaultdict[AckKey, deque[Expected]] = defaultdict(deque)
+        self._own: defaultdict[AckKey, deque[Expected]] = defaultdict(deque)
 
     def is_free(self, key: AckKey, now_ms: int) -> bool:
         return now_ms >= self._rests_until_ms.get(key, 0)
 
     def is_late(self, key: AckKey, now_ms: int) -> bool:
-        """Whether the next acknowledgement is for a command given up: they come in the order of the writes."""
-        return self._late[key] > 0 and not self.is_free(key, now_ms)
+        """Whether the next acknowledgement is for an earlier write: they come in the order of the writes."""
+        return bool(self._earlier.get(key)) and not self.is_free(key, now_ms)
 
     def begin(self, key: AckKey) -> None:
         """A command of a free key is about to be sent: the next acknowledgement is its own."""
-        self._late.pop(key, None)
+        self._earlier.pop(key, None)
         self._own.pop(key, None)
 
-    def rest(self, key: AckKey, late: int, now_ms: int) -> None:
+    def rest(self, key: AckKey, owner: CommandId, late: int, now_ms: int) -> None:
         """Leave a key alone until `late` more acknowledgements have come, or for three seconds."""
-        self._late[key] = late + (0 if self.is_free(key, now_ms) else self._late[key])
+        if self.is_free(key, now_ms):
+            self._earlier[key].clear()
+        self._earlier[key].extend([Expected(Kind.LATE, owner)] * late)
         self._rests_until_ms[key] = now_ms + STRAY_ACK_MS
 
-    def expect(self, key: AckKey, now_ms: int) -> None:
-        """Something of our own was written whose acknowledgement nobody waits for."""
+    def expect(self, key: AckKey, now_ms: int, owner: CommandId | None = None) -> None:
+        """Something of our own was written, on behalf of a command or of none, and no run waits for its answer."""
         self._rests_until_ms[key] = now_ms + STRAY_ACK_MS
-        self._own[key] += 1
+        self._own[key].append(Expected(Kind.OWN, owner))
 
-    def take_stray(self, key: AckKey) -> Stray:
+    def expect_second(self, key: AckKey, owner: CommandId | None, now_ms: int) -> None:
+        """A write was accepted that may be acknowledged once more, before all that was written after it."""
+        self._rests_until_ms[key] = max(self._rests_until_ms.get(key, 0), now_ms + SECOND_ACK_MS)
+        self._earlier[key].appendleft(Expected(Kind.SECOND, owner))
+
+    def take(self, key: AckKey) -> Expected | None:
         """An acknowledgement found nobody waiting. The last one that was expected frees its key."""
-        for kind, counts in ((Stray.OWN, self._own), (Stray.LATE, self._late)):
-            if counts[key] > 0:
-                counts[key] -= 1
-                if not self._own[key] and not self._late[key]:
-                    self._rests_until_ms.pop(key, None)
-                return kind
-        return Stray.UNKNOWN
+        expected = self._earlier.get(key) or self._own.get(key)
+        if not expected:
+            return None
+        taken = expected.popleft()
+        if not self._earlier.get(key) and not self._own.get(key):
+            self._rests_until_ms.pop(key, None)
+        return taken

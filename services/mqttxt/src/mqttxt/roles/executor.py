@@ -9,20 +9,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
-
 from ..commands import Command, Hold, Mavlink, Offboard, Stream, Takeoff
 from ..dialect.plans import CannotExecute, Plan, check
 from ..dialect.raw import Limits, plan_raw
 from ..dialect.sources import HALTING, Source
 from ..dialect.vehicle import Vehicle
 from ..messages import CommandId, Word
-from ..states import FlightMode, FlightModeName
-from .acks import AckKey, Stray
-from .effects import Log, Transmit
+from ..states import FlightMode
+from .acknowledgements import Acknowledgements
+from .effects import Transmit
 from .interruptions import interrupted
 from .offboard import OffboardPilot
-from .results import answered, percent_of, refusal
+from .preparation import Preparer
 from .runs import UNSENT, Output, Phase, Run, Runs, Said
 from .streams import Streams
 from .takeoffs import Takeoffs
@@ -32,20 +30,6 @@ RESEND_MS = 500
 """MAVLink's command protocol: repeated until acknowledged; the counts are MAVSDK's."""
 ONCE_MS = 3000
 """How long what is never repeated may stay without an acknowledgement."""
-PREPARE_MS = 3000
-"""How long a command waits for the mode that the autopilot has to be in before."""
-PROGRESS_MS = 1000
-"""Percentages are told at most as often; of those in between the newest."""
-
-_FLIGHT_COMMANDS = frozenset(
-    {
-        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
-        mavlink.MAV_CMD_NAV_TAKEOFF,
-        mavlink.MAV_CMD_NAV_LAND,
-        mavlink.MAV_CMD_DO_REPOSITION,
-        mavlink.MAV_CMD_DO_SET_MODE,
-    }
-)
 
 
 class Executor:
@@ -56,6 +40,8 @@ class Executor:
         self._limits = limits or Limits()
         self._runs = Runs()
         self._pilot = OffboardPilot(vehicle, self._runs)
+        self._acknowledgements = Acknowledgements(vehicle, self._runs, self._pilot)
+        self._preparer = Preparer(vehicle, self._runs)
         self._takeoffs = Takeoffs(vehicle, self._runs)
         self.streams = Streams(vehicle)
 
@@ -93,6 +79,8 @@ class Executor:
         reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
         if reason is not None:
             return [Said(command_id, Word.DENIED, reason)]
+        if now_ms > deadline_ms:
+            return [Said(command_id, Word.EXPIRED)]
         try:
             planned = self._plan(command, now_ms)
         except CannotExecute as error:
@@ -104,7 +92,7 @@ class Executor:
             older.is_outdated = True
             if older.phase in UNSENT:
                 out.append(self._runs.end(older, Word.SUPERSEDED, by=command_id))
-        return out + self._try_send(run, now_ms) + self._pilot.set_points(now_ms)
+        return out + self._go_on(run, now_ms) + self._pilot.set_points(now_ms)
 
     def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
         """The write happened; the clock read `now_ms` after it. Its acknowledgement is waited for from then on."""
@@ -130,7 +118,7 @@ class Executor:
     def on_message(self, message: Any, now_ms: int) -> list[Output]:
         """A message of the autopilot, after `vehicle` has taken it in."""
         if message.get_type() == "COMMAND_ACK":
-            return self._on_ack(message, now_ms)
+            return self._acknowledgements.on_ack(message, now_ms)
         return self._observe(now_ms) + self._takeoffs.undo(now_ms)
 
     def tick(self, now_ms: int) -> list[Output]:
@@ -140,7 +128,7 @@ class Executor:
             if run.phase in UNSENT:
                 out += self._try_send(run, now_ms)
             elif run.phase is Phase.SENT:
-                out += self._tell_progress(run, now_ms) + self._await_ack(run, now_ms)
+                out += self._acknowledgements.tell_progress(run, now_ms) + self._await_ack(run, now_ms)
             elif run.phase is Phase.STOPPING:
                 out += self._pilot.go_on_stopping(run, now_ms)
             elif isinstance(run.command, Offboard):
@@ -171,13 +159,22 @@ class Executor:
         if isinstance(command, Mavlink):
             return plan_raw(command, self.vehicle, self._limits)
         check(command, self.vehicle, now_ms)
-        return self.vehicle.autopilot.plan(command, self.vehicle)
+        return self.vehicle.autopilot.plan(command, self.vehicle, now_ms)
 
     def _time_out(self, run: Run, now_ms: int) -> Said:
+        if not self.vehicle.is_alive(now_ms) or not self.vehicle.boots.is_sure:
+            return self._give_up(run, Word.UNCONFIRMED, "autopilot_lost", now_ms)
+        if run.phase is Phase.SENT and run.refused is not None:
+            return self._give_up(run, Word.UNCONFIRMED, "refused_once", now_ms)
+        return self._give_up(run, Word.FAILED, "timeout", now_ms)
+
+    def _give_up(self, run: Run, word: Word, reason: str, now_ms: int) -> Said:
+        """End a command that is under way and has not shown its effect."""
         if isinstance(run.command, Stream):
             self.streams.drop(run.command.state)
-        alive = self.vehicle.is_alive(now_ms)
-        return self._runs.end(run, *((Word.FAILED, "timeout") if alive else (Word.UNCONFIRMED, "autopilot_lost")))
+        if run.phase is Phase.SENT:
+            self._acknowledgements.rest(run, now_ms)
+        return self._runs.end(run, word, reason)
 
     def _try_send(self, run: Run, now_ms: int) -> list[Output]:
         if now_ms > run.deadline_ms:
@@ -186,13 +183,19 @@ class Executor:
             run.plan = self._plan(run.command, now_ms)  # what has become of the autopilot meanwhile counts
         except CannotExecute as error:
             return [self._runs.end(run, Word.DENIED, str(error))]
+        return self._go_on(run, now_ms)
+
+    def _go_on(self, run: Run, now_ms: int) -> list[Output]:
+        """The next step of a command that was planned just now and is not sent yet."""
+        if self._preparer.is_taken_over(run):
+            return [self._runs.end(run, Word.FAILED, "mode_changed")]
         if run.phase is Phase.WAITING:
             run.started_ms = now_ms
         if run.plan.message is None:
             return self._begin_unsaid(run, now_ms)
         first = run.plan.first_mode
         if first is not None and self.vehicle.seen(FlightMode) != FlightMode(first):
-            return self._prepare(run, first, now_ms)
+            return self._preparer.prepare(run, first, now_ms)
         if isinstance(run.command, Offboard) and self._pilot.needs_priming(run):
             run.phase = Phase.PRIMING
             self._pilot.begin(run, now_ms)
@@ -213,23 +216,8 @@ class Executor:
         """A command that needs no write runs as soon as no older one of its kind can be acknowledged after it."""
         if any(older.phase is Phase.SENT for older in self._runs.older(run)):
             return []
-        _, *superseded = self._on_accepted(run, now_ms)
+        _, *superseded = self._acknowledgements.accept(run, now_ms)
         return superseded
-
-    def _prepare(self, run: Run, mode: FlightModeName, now_ms: int) -> list[Output]:
-        """Command the mode that has to come first, now and then, until a heartbeat shows it."""
-        if run.prepared_ms is None:
-            run.phase, run.prepared_ms = Phase.PREPARING, now_ms
-        elif now_ms > run.prepared_ms + PREPARE_MS:
-            return [self._runs.end(run, Word.DENIED, "wrong_mode")]
-        elif now_ms < run.last_send_ms + RESEND_MS:
-            return []
-        message = self.vehicle.autopilot.set_mode(self.vehicle, mode)
-        if self._runs.awaiting((message.command, Source.COMPANION)) is not None:
-            return []
-        run.last_send_ms = now_ms
-        self._runs.acks.expect((message.command, Source.COMPANION), now_ms)
-        return [Transmit(message, run.deadline_ms)]
 
     def _send(self, run: Run, now_ms: int) -> list[Output]:
         run.sends += 1
@@ -240,10 +228,7 @@ class Executor:
 
     def _await_ack(self, run: Run, now_ms: int) -> list[Output]:
         if run.in_progress:
-            if now_ms < run.started_ms + run.limit_ms:
-                return []
-            self._rest(run, now_ms)
-            return [self._time_out(run, now_ms)]
+            return [self._time_out(run, now_ms)] if now_ms >= run.started_ms + run.limit_ms else []
         if now_ms < run.last_send_ms + (ONCE_MS if run.plan.is_said_once else RESEND_MS):
             return []
         if (
@@ -257,7 +242,7 @@ class Executor:
             return self._send(run, now_ms)
         if now_ms < run.last_send_ms + 2 * RESEND_MS:
             return []
-        self._rest(run, now_ms)
+        self._acknowledgements.rest(run, now_ms)
         reason = "no_ack" if run.refused is None else "refused_once"
         if isinstance(run.command, Offboard):
             return self._pilot.stop(run, Word.UNCONFIRMED, reason, now_ms)
@@ -269,117 +254,35 @@ class Executor:
             planned = self._plan(run.command, now_ms)
         except CannotExecute:
             return False
-        return planned.first_mode in (None, run.plan.first_mode) and planned.mav_cmd == run.plan.mav_cmd
-
-    def _rest(self, run: Run, now_ms: int) -> None:
-        """Leave the key alone while acknowledgements of this run may still come."""
-        self._runs.acks.rest(run.ack_key, run.sends - run.acks, now_ms)
-
-    def _on_ack(self, message: Any, now_ms: int) -> list[Output]:
-        keys = [(message.command, source) for source in answered(message, self.vehicle.system_id)]
-        late = next((key for key in keys if self._runs.acks.is_late(key, now_ms)), None)
-        run = self._runs.awaiting(*keys) if late is None else None
-        if run is None:
-            return self._on_stray_ack(late or keys[0]) if keys else []
-        if message.get_srcComponent() != run.plan.message.target_component:
-            return []
-        if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
-            return self._on_progress(run, percent_of(message), now_ms)
-        run.acks += 1
-        if message.result != mavlink.MAV_RESULT_ACCEPTED:
-            word, reason = self._refusal(run, message.result)
-            if run.in_progress:  # it was started: a definite no would be false
-                return self._on_refusal(run, Word.FAILED, reason or word.label, now_ms)
-            return self._on_refusal(run, word, reason, now_ms)
-        if run.sends > run.acks:
-            self._rest(run, now_ms)
-        if run.plan.is_said_once:
-            return [self._runs.end(run, Word.COMPLETED, observed=False)]
-        return self._on_accepted(run, now_ms)
-
-    def _refusal(self, run: Run, result: int) -> tuple[Word, str | None]:
-        """The last word for a refusal, with what the autopilot told people since the command was sent."""
-        word, reason = refusal(result)
-        if result == mavlink.MAV_RESULT_FAILED and self.vehicle.autopilot.refuses_as_failed:
-            word = Word.DENIED
-        text = self.vehicle.text_since(run.sent_number)
-        return word, f"{reason}: {text}" if reason == "autopilot" and text else reason
-
-    def _on_refusal(self, run: Run, word: Word, reason: str | None, now_ms: int) -> list[Output]:
-        """A definite no, unless another copy of the command is unanswered: that one may have been accepted."""
-        if run.sends == run.acks:
-            return [self._runs.end(run, word, reason)]
-        if word not in (Word.DENIED, Word.UNSUPPORTED):
-            self._rest(run, now_ms)
-            return [self._runs.end(run, word, reason)]
-        run.refused = (word, reason)
-        run.last_send_ms = now_ms
-        return []
-
-    def _on_progress(self, run: Run, percent: int | None, now_ms: int) -> list[Output]:
-        """It is being done, and is not said again."""
-        run.percent = percent
-        if run.in_progress:
-            return self._tell_progress(run, now_ms)
-        run.in_progress = True
-        return [self._progress(run, now_ms), *self._supersede(run, now_ms)]
-
-    def _tell_progress(self, run: Run, now_ms: int) -> list[Output]:
-        """The newest percentage, where it is another one than was told, and not too soon after that."""
-        if not run.in_progress or run.percent == run.told_percent or now_ms < run.told_percent_ms + PROGRESS_MS:
-            return []
-        return [self._progress(run, now_ms)]
-
-    def _progress(self, run: Run, now_ms: int) -> Said:
-        run.told_percent, run.told_percent_ms = run.percent, now_ms
-        return Said(run.id, Word.IN_PROGRESS, percent=run.percent, late_ms=run.late_ms)
-
-    def _on_accepted(self, run: Run, now_ms: int) -> list[Output]:
-        run.phase = Phase.RUNNING
-        run.accepted_ms = now_ms
-        run.accepted_number = self.vehicle.number
-        if isinstance(run.command, Offboard):
-            self._pilot.begin(run, now_ms)
-        if run.plan.on_accepted is not None:
-            run.plan.on_accepted(now_ms)
-        out: list[Output] = [Said(run.id, Word.ACCEPTED, late_ms=run.late_ms), *self._supersede(run, now_ms)]
-        newer = self._runs.newer(run)
-        if newer is not None and newer.is_under_way:
-            out.append(self._runs.end(run, Word.SUPERSEDED, by=newer.id))
-        return out
-
-    def _supersede(self, run: Run, now_ms: int) -> list[Output]:
-        """A command that is under way takes the place of the older ones of its group, acknowledged or not."""
-        out: list[Output] = []
-        for other in self._runs.older(run):
-            if other.phase is Phase.SENT:
-                self._rest(other, now_ms)
-            word, reason = self._pilot.superseded(other)
-            by = run.id if word is Word.SUPERSEDED else None
-            out.append(self._runs.end(other, word, reason, by=by))
-        return out
-
-    def _on_stray_ack(self, key: AckKey) -> list[Output]:
-        stray, mav_cmd = self._runs.acks.take_stray(key), key[0]
-        if stray is Stray.LATE:
-            return [Log("ack_discarded", f"late COMMAND_ACK of {mav_cmd}")]
-        if stray is Stray.OWN or mav_cmd not in _FLIGHT_COMMANDS:
-            return []
-        return [Log("ack_unexpected", f"COMMAND_ACK of {mav_cmd} without an open command")]
+        is_ready = planned.first_mode is None or self.vehicle.seen(FlightMode) == FlightMode(planned.first_mode)
+        return is_ready and planned.mav_cmd == run.plan.mav_cmd
 
     def _observe(self, now_ms: int) -> list[Output]:
         out: list[Output] = []
         for run in self._runs:
             if run.phase is Phase.STOPPING:
                 out += self._pilot.go_on_stopping(run, now_ms)
-            if run.phase is not Phase.RUNNING:
-                continue
-            if run.plan.effect(self.vehicle, run.accepted_number):
-                out.append(self._runs.end(run, Word.COMPLETED))
-                continue
-            reason = interrupted(run, self._runs, self.vehicle, now_ms)
-            if reason == "disarmed" and isinstance(run.command, Offboard):
-                out += self._pilot.stop(run, Word.FAILED, reason, now_ms)
-            elif reason is not None:
-                out.append(self._runs.end(run, Word.FAILED, reason))
+            elif isinstance(run.command, Offboard):
+                out += self._observe_offboard(run, now_ms)
+            elif run.is_under_way:
+                out += self._observe_run(run, now_ms)
         return out
+
+    def _observe_offboard(self, run: Run, now_ms: int) -> list[Output]:
+        reason = interrupted(run, self._runs, self.vehicle, now_ms) if run.phase is Phase.RUNNING else None
+        if reason == "disarmed":
+            return self._pilot.stop(run, Word.FAILED, reason, now_ms)
+        return [self._runs.end(run, Word.FAILED, reason)] if reason is not None else []
+
+    def _observe_run(self, run: Run, now_ms: int) -> list[Output]:
+        """The last word where the effect shows, or cannot any more; what an autopilot says is of its own start."""
+        lost = "autopilot_restarted" if self.vehicle.boots.restarts != run.restarts else None
+        lost = lost or ("autopilot_lost" if self.vehicle.is_lost(now_ms) else None)
+        if lost is not None:
+            return [self._give_up(run, Word.UNCONFIRMED, lost, now_ms)]
+        if run.phase is not Phase.RUNNING or not self.vehicle.boots.is_sure:
+            return []
+        if run.plan.effect(self.vehicle, run.accepted_number):
+            return [self._runs.end(run, Word.COMPLETED)]
+        reason = interrupted(run, self._runs, self.vehicle, now_ms)
+        return [self._runs.end(run, Word.FAILED, reason)] if reason is not None else []

@@ -10,6 +10,7 @@ from ..commands import Command
 from ..dialect.plans import Plan
 from ..dialect.sources import Source
 from ..messages import CommandId, Word
+from ..states import FlightMode, FlightModeName
 from .acks import AckKey, Acks
 from .effects import Effect
 
@@ -49,10 +50,41 @@ class Phase(Enum):
 UNSENT = (Phase.WAITING, Phase.PREPARING, Phase.PRIMING)
 
 
+@dataclass
+class Preparation:
+    """A mode that is commanded before a command, since when, and what came of it.
+
+    `before` and `number`: the mode and the newest message at the first write.
+    """
+
+    mode: FlightModeName
+    before: FlightMode | None
+    number: int
+    since_ms: int
+    writes: int = 0
+    accepted: int = 0
+    refusals: int = 0
+    is_entered: bool = False
+
+    def on_answer(self, is_accepted: bool, is_second: bool) -> None:
+        """One of the writes was acknowledged, or once more after it was accepted."""
+        if is_accepted and not is_second:
+            self.accepted += 1
+        elif not is_accepted:
+            self.refusals += 1
+            self.accepted -= is_second
+
+    @property
+    def may_have_changed(self) -> bool:
+        """Whether the autopilot's mode may be another one because of it."""
+        return self.writes > self.refusals
+
+
 @dataclass(eq=False)
 class Run:
     """A command that has no last word yet. `refused`: what one copy of it was answered, while others are unanswered.
 
+    `refusals` counts the copies that were refused, `restarts` the autopilot's starts when it said that it does it.
     `is_outdated`: a newer command of its group was started, and this one is not said again, whatever became of that.
     """
 
@@ -64,16 +96,18 @@ class Run:
     phase: Phase = Phase.WAITING
     sends: int = 0
     acks: int = 0
+    refusals: int = 0
     last_send_ms: int = 0
     sent_number: int = 0
     started_ms: int = 0
     accepted_ms: int = 0
     accepted_number: int = 0
+    restarts: int = 0
     in_progress: bool = False
     percent: int | None = None
     told_percent: int | None = None
     told_percent_ms: int = 0
-    prepared_ms: int | None = None
+    preparation: Preparation | None = None
     refused: tuple[Word, str | None] | None = None
     entered_mode: bool = False
     passing_since_ms: int | None = None
@@ -121,8 +155,10 @@ class Runs:
         by: CommandId | None = None,
         observed: bool | None = None,
     ) -> Said:
-        """Say a run's last word."""
+        """Say a run's last word. A definite no would be false where a mode may have been changed for it."""
         self._runs.remove(run)
+        if word.is_definite_no and run.preparation is not None and run.preparation.may_have_changed:
+            word, reason = Word.FAILED, reason or word.label
         return Said(run.id, word, reason, late_ms=run.late_ms, by=by, observed=observed)
 
     def awaiting(self, *keys: AckKey) -> Run | None:

@@ -1,0 +1,161 @@
+"""More than one acknowledgement of a command: PX4's second of a mode change, and copies (R5.6, R5.18)."""
+
+from __future__ import annotations
+
+import pytest
+from test_offboard import Flight
+from workbench import ARM, MODE, REPOSITION, Bench, said, set_points, written
+from world import ack, heartbeat, home, landed, position
+
+from mqttxt.commands import Arm, Goto, Hold, Offboard, Return, Velocity
+from mqttxt.dialect.sources import Source
+from mqttxt.messages import Word
+
+ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS = 0, 1, 2, 3, 4, 5
+TAKEN, REJECTED_WORD = (1, Word.ACCEPTED, None), (1, Word.FAILED, "temporarily_rejected")
+GROUND, AIR = 1, 2
+RETURNING = {"main": 4, "sub": 5}
+
+
+def flying() -> Bench:
+    return Bench(heartbeat(armed=True), home(), position(10.0), landed(AIR))
+
+
+@pytest.mark.parametrize(
+    ("result", "reason"),
+    [(REJECTED, "temporarily_rejected"), (DENIED, "autopilot"), (UNSUPPORTED, "unsupported"), (FAILED, "autopilot")],
+)
+def test_a_return_that_is_refused_after_it_was_accepted_has_failed(result: int, reason: str) -> None:
+    bench = flying()
+    bench.start(1, Return())
+    out = bench.hear(ack(MODE), ack(MODE, result))
+    assert out[1:] == [out[1]], "nothing is counted as stray"
+    assert said(out) == [TAKEN, (1, Word.FAILED, reason)]
+
+
+def test_a_second_acceptance_says_nothing_new() -> None:
+    bench = flying()
+    bench.start(1, Return())
+    assert said(bench.hear(ack(MODE))) == [TAKEN]
+    assert bench.hear(ack(MODE)) == []
+    assert written(bench.start(2, Return())) == [MODE]
+
+
+def test_the_second_acknowledgement_is_not_taken_for_the_next_commands() -> None:
+    bench = flying()
+    bench.start(1, Return())
+    bench.hear(ack(MODE))
+    assert written(bench.start(2, Return())) == []
+    assert said(bench.hear(ack(MODE, REJECTED))) == [REJECTED_WORD]
+    assert written(bench.until(100)) == [MODE]
+    assert said(bench.hear(ack(MODE))) == [(2, Word.ACCEPTED, None)]
+
+
+def test_an_autopilot_that_answers_once_bars_its_number_for_half_a_second() -> None:
+    """PX4 1.15."""
+    bench = flying()
+    bench.start(1, Return())
+    bench.hear(ack(MODE))
+    bench.start(2, Return())
+    assert written(bench.until(400)) == []
+    assert written(bench.until(500)) == [MODE]
+    assert said(bench.hear(ack(MODE)))[0] == (2, Word.ACCEPTED, None)
+
+
+def test_of_two_copies_one_refusal_leaves_the_other() -> None:
+    bench = flying()
+    bench.start(1, Return())
+    assert written(bench.until(500)) == [MODE]
+    assert said(bench.hear(ack(MODE), ack(MODE), ack(MODE), ack(MODE, REJECTED))) == [TAKEN]
+
+
+def test_two_copies_that_are_both_refused_have_failed() -> None:
+    bench = flying()
+    bench.start(1, Return())
+    bench.until(500)
+    out = bench.hear(ack(MODE), ack(MODE, REJECTED), ack(MODE), ack(MODE, REJECTED))
+    assert said(out) == [TAKEN, REJECTED_WORD]
+
+
+def test_a_mode_that_a_heartbeat_has_shown_is_not_refused() -> None:
+    bench = flying()
+    bench.start(1, Return())
+    bench.hear(ack(MODE), heartbeat(armed=True, **RETURNING))
+    assert said(bench.hear(ack(MODE, REJECTED))) == []
+
+
+def test_a_hold_on_the_ground_that_is_refused_has_failed() -> None:
+    bench = Bench()
+    bench.start(1, Hold())
+    out = bench.hear(ack(MODE, source=Source.HALT), ack(MODE, REJECTED, source=Source.HALT))
+    assert said(out) == [TAKEN, REJECTED_WORD]
+
+
+def test_an_offboard_command_that_is_refused_ends_its_set_points() -> None:
+    flight = Flight()
+    flight.start(1, Offboard(10.0, velocity=Velocity(1.0, 0.0, 0.0)))
+    flight.fly_until(500)
+    assert said(flight.hear(ack(MODE), ack(MODE, REJECTED))) == [TAKEN, REJECTED_WORD]
+    out = flight.fly_until(2000)
+    assert (set_points(out), written(out)) == ([], [])
+
+
+def test_the_second_answer_to_a_hold_of_our_own_is_not_the_next_commands() -> None:
+    """The end of a flight by set-points, and a return at once."""
+    flight = Flight().engage()
+    flight.fly_until(10_500)
+    flight.hear(ack(MODE), heartbeat(armed=True))
+    assert written(flight.start(2, Return())) == []
+    assert flight.hear(ack(MODE)) == []
+    assert written(flight.until(flight.now_ms + 100)) == [MODE]
+
+
+def test_other_numbers_are_answered_once() -> None:
+    bench = flying()
+    bench.start(1, Goto(47.4, 8.5, 10.0))
+    bench.hear(ack(REPOSITION))
+    assert [o.kind for o in bench.hear(ack(REPOSITION, REJECTED))] == ["ack_unexpected"]
+
+
+def twice_written() -> Bench:
+    bench = Bench()
+    bench.start(1, Arm(), limit_ms=4000)
+    assert written(bench.until(500)) == [ARM]
+    return bench
+
+
+@pytest.mark.parametrize("refusal", [REJECTED, DENIED, FAILED])
+def test_a_copy_in_progress_goes_before_one_that_was_refused(refusal: int) -> None:
+    bench = twice_written()
+    assert said(bench.hear(ack(ARM, IN_PROGRESS, 10), ack(ARM, refusal))) == [(1, Word.IN_PROGRESS, None)]
+    assert said(bench.hear(ack(ARM), heartbeat(armed=True))) == [TAKEN, (1, Word.COMPLETED, None)]
+
+
+def test_copies_in_progress_that_are_all_refused_have_failed() -> None:
+    bench = twice_written()
+    out = bench.hear(ack(ARM, REJECTED), ack(ARM, IN_PROGRESS, 10), ack(ARM, REJECTED))
+    assert said(out) == [(1, Word.IN_PROGRESS, None), REJECTED_WORD]
+
+
+def test_a_copy_in_progress_of_which_nothing_more_is_heard_may_have_been_carried_out() -> None:
+    bench = twice_written()
+    bench.hear(ack(ARM, IN_PROGRESS, 10), ack(ARM, REJECTED))
+    assert said(bench.until(4000)) == [(1, Word.UNCONFIRMED, "refused_once")]
+
+
+def test_past_its_limit_a_command_has_failed_though_a_copy_of_it_was_refused() -> None:
+    bench = twice_written()
+    bench.hear(ack(ARM, REJECTED), ack(ARM))
+    assert said(bench.until(4000)) == [(1, Word.FAILED, "timeout")]
+
+
+def test_a_copy_that_failed_says_nothing_of_the_other() -> None:
+    bench = twice_written()
+    assert said(bench.hear(ack(ARM, FAILED))) == []
+    assert said(bench.hear(ack(ARM))) == [TAKEN]
+
+
+def test_a_copy_that_failed_makes_no_definite_no_of_the_others_refusal() -> None:
+    bench = twice_written()
+    bench.hear(ack(ARM, FAILED))
+    assert said(bench.hear(ack(ARM, DENIED))) == [(1, Word.FAILED, "autopilot")]
