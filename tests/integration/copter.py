@@ -13,7 +13,7 @@ from real_flights import HOME, SYSTEM, Autopilot, Pilot
 
 FOLDER = os.environ.get("ARDUPILOT_DIR", "")
 """A folder with `arducopter` and `copter.parm`."""
-LAND, RTL, BRAKE = 9, 6, 17
+GUIDED, LOITER, LAND, RTL, BRAKE = 4, 5, 9, 6, 17
 _PORTS_EACH = 10
 
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import AsyncIterator, Iterator
 
 import pytest
-from copter import BRAKE, FOLDER, LAND, RTL, Copter, CopterPilot
+from copter import BRAKE, FOLDER, GUIDED, LAND, LOITER, RTL, Copter, CopterPilot
 from processes import eventually
 from real_flights import HOME, Flight, armable, fly, is_armable, start
 
@@ -124,6 +124,22 @@ async def test_a_pilots_mode_ends_what_runs_within_a_second(flight: Flight, dron
         assert (heard[-1].word, heard[-1].reason) == (Word.FAILED, "mode_changed")
         assert flight.pilot.mode == BRAKE
     await fly(drone, Land())
+
+
+async def test_a_pilot_who_takes_the_mode_before_a_takeoff_keeps_it(flight: Flight, drone: Drone) -> None:
+    flight.pilot.set_mode(LOITER)
+    await eventually(lambda: flight.pilot.mode == LOITER, "the pilot's mode")
+    await fly(drone, Arm())
+    asked = asyncio.create_task(drone.send(Takeoff(10.0)))
+    await eventually(lambda: flight.pilot.mode == GUIDED or asked.done(), "the mode for the takeoff")
+    while not asked.done():
+        flight.pilot.set_mode(LOITER)
+        await asyncio.sleep(0.02)
+    last = await asked
+    assert (last.word, last.reason) == (Word.FAILED, "mode_changed")
+    await eventually(lambda: flight.pilot.mode == LOITER, "the pilot's mode")
+    assert flight.pilot.highest_m < 0.5
+    await fly(drone, Disarm())
 
 
 async def test_without_its_client_a_velocity_ends_by_itself(flight: Flight, drone: Drone) -> None:

@@ -149,6 +149,21 @@ async def test_a_px4_that_is_killed_completes_nothing_and_is_flown_anew(
     flight.autopilot.kill()
     flight.start_autopilot()
     await task
-    assert heard[-1].word in (Word.UNCONFIRMED, Word.FAILED)
+    lost = [(Word.UNCONFIRMED, "autopilot_restarted")]
+    if name == "offboard":  # it goes on by the mode and the motors, and without them for three seconds
+        lost = [(Word.UNCONFIRMED, "autopilot_lost"), (Word.FAILED, "disarmed"), (Word.FAILED, "mode_changed")]
+    assert (heard[-1].word, heard[-1].reason) in lost
     await armable(drone)
     await fly(drone, Arm(), Disarm())
+
+
+@pytest.mark.parametrize("name", ["goto", "land", "return"])
+async def test_a_px4_that_stays_away_ends_what_runs_after_ten_seconds(flight: Flight, drone: Drone, name: str) -> None:
+    heard, task = await _begin(flight, drone, name)
+    flight.autopilot.kill()
+    killed_at = time.monotonic()
+    await task
+    assert 8.5 < time.monotonic() - killed_at < 11.5  # the last heartbeat was up to a second before
+    assert (heard[-1].word, heard[-1].reason) == (Word.UNCONFIRMED, "autopilot_lost")
+    flight.start_autopilot()
+    await armable(drone)

@@ -110,7 +110,7 @@ class Acknowledgements:
         """An acknowledgement that no command waits for: another copy's, a second one, or of a write of our own."""
         if result == mavlink.MAV_RESULT_IN_PROGRESS:
             return []
-        expected, mav_cmd = self.runs.acks.take(key), key[0]
+        expected, mav_cmd = self.runs.acks.take(key, now_ms), key[0]
         if expected is None:
             text = f"COMMAND_ACK of {mav_cmd} without an open command"
             return [Log("ack_unexpected", text)] if mav_cmd in _FLIGHT_COMMANDS else []
