@@ -35,9 +35,13 @@ LEAST_SPEED = 0.95
 
 At 0.91 PX4s missed their own sensors, and went into failsafes.
 """
+SILENT_S = 2.0
+"""The simulated barometer is in a log five times a second. One that is silent for so long is of a simulation that
+stands still: PX4 main's work queue of low priority, which has the slow sensors, now and then stops for good.
+"""
 ARMED = 2
 """vehicle_status.arming_state of an armed PX4."""
-TOPICS = ["vehicle_status", "vehicle_land_detected", "vehicle_global_position", "home_position"]
+TOPICS = ["vehicle_status", "vehicle_land_detected", "vehicle_global_position", "home_position", "vehicle_air_data"]
 
 Values = NDArray[np.float64]
 
@@ -74,13 +78,17 @@ class Comparison:
 def compare_flights(attempt: Attempt) -> dict[str, Comparison]:
     """Every drone that has a log, by its node. Raises ResultsError for a log or events that cannot be compared."""
     events = attempt.autopilot_events()
-    found = {}
-    for folder in sorted((attempt.path / "sitl").glob("*.log")):
-        logs = sorted(folder.glob("*/*.ulg"))
-        if not logs:
-            raise ResultsError(f"{folder}: no flight log; expected <date>/<time>.ulg")
-        found[folder.stem] = compare(logs[-1], events.get(folder.stem, []))
-    return found
+    return {
+        folder.stem: compare(_newest_log(folder), events.get(folder.stem, []))
+        for folder in sorted((attempt.path / "sitl").glob("*.log"))
+    }
+
+
+def _newest_log(folder: Path) -> Path:
+    logs = sorted(folder.glob("*/*.ulg"))
+    if not logs:
+        raise ResultsError(f"{folder}: no flight log; expected <date>/<time>.ulg")
+    return logs[-1]
 
 
 def disagreement(found: dict[str, Comparison]) -> str | None:
@@ -96,14 +104,18 @@ def void_reason(attempt: Attempt) -> str | None:
         return str(error)
 
 
-def slow_reason(attempt: Attempt) -> str | None:
-    """Whether an autopilot's clock was too slow in a flight that failed, of which the rest need not agree."""
+def simulation_reason(attempt: Attempt) -> str | None:
+    """Whether a flight failed by its simulation: a clock too slow, or sensors that stood still. The rest may be off."""
     for node, events in attempt.autopilot_events().items():
         armed_ns = next((event["t_ns"] for event in events if event["event"] == "armed"), None)
         points = [e for e in events if e["event"] == "clock" and armed_ns is not None and e["t_ns"] >= armed_ns]
         took_ns = points[-1]["t_ns"] - points[0]["t_ns"] if points else 0
         if took_ns > 0 and (off := _too_slow((points[-1]["boot_ms"] - points[0]["boot_ms"]) * 1e6 / took_ns)):
             return f"{node}: {off}"
+    for folder in sorted((attempt.path / "sitl").glob("*.log")):
+        path = _newest_log(folder)
+        if off := _silent(_read(path), path):
+            return f"{folder.stem}: {off}"
     return None
 
 
@@ -111,6 +123,8 @@ def compare(path: Path, events: Sequence[dict[str, Any]]) -> Comparison:
     """One log and the events of its drone. Raises ResultsError."""
     log = _read(path)
     logged = _changes(log, path)
+    if silent := _silent(log, path):
+        return Comparison(_version(log), (), 0.0, 0.0, None, silent)
     told = [(event["event"], event["t_ns"]) for event in events if event["event"] in {name for name, _ in logged}]
     clock = [(event["boot_ms"], event["t_ns"]) for event in events if event["event"] == "clock"]
     if not logged or [name for name, _ in told] != [name for name, _ in logged]:
@@ -152,6 +166,19 @@ def _too_slow(speed: float) -> str | None:
         f"the autopilot's clock ran at {speed:.2f} of the time; expected {LEAST_SPEED:g} at least: "
         "the machine was too busy"
     )
+
+
+def _silent(log: ULog, path: Path) -> str | None:
+    """Whether the simulated barometer was silent for too long, from the first arming to the log's end."""
+    armed_us = next((us for name, us in _changes(log, path) if name == "armed"), None)
+    if armed_us is None:
+        return None
+    end_us = int(_topic(log, "vehicle_status", path)["timestamp"][-1])
+    told_us = [us for us in _topic(log, "vehicle_air_data", path)["timestamp"].tolist() if us >= armed_us]
+    silent_s = max(after - before for before, after in pairwise([armed_us, *told_us, end_us])) / 1e6
+    if silent_s <= SILENT_S:
+        return None
+    return f"the autopilot's simulated sensors stood still for {silent_s:.1f} s; expected {SILENT_S:g} s at most"
 
 
 def _read(path: Path) -> ULog:

@@ -198,7 +198,7 @@ def _held_to_its_conditions(failed: Ended, attempt: Attempt, links: LinkPlan) ->
     The failure may be theirs; its own words stay.
     """
     try:
-        reason = link_files.off_reason(attempt.path / "links", links) or flight_logs.slow_reason(attempt)
+        reason = link_files.off_reason(attempt.path / "links", links) or flight_logs.simulation_reason(attempt)
     except ResultsError:
         return failed
     return failed if reason is None else Ended("void", with_failure(reason, failed.status, failed.reason))

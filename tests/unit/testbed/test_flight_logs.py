@@ -10,7 +10,7 @@ import pytest
 from ulog_files import Flight, write_ulog
 
 from testbed.errors import ResultsError
-from testbed.flight_logs import compare, compare_flights, disagreement, slow_reason, void_reason
+from testbed.flight_logs import compare, compare_flights, disagreement, simulation_reason, void_reason
 from testbed.results import Attempt
 
 BOOTED_NS = 1_795_000_000_000_000_000
@@ -104,7 +104,7 @@ def test_every_drone_with_a_log_is_compared_and_the_first_that_is_off_is_named(a
 def test_an_attempt_of_stand_ins_has_nothing_to_compare(tmp_path: Path) -> None:
     assert compare_flights(Attempt(tmp_path, "mqttxt", 1)) == {}
     assert void_reason(Attempt(tmp_path, "mqttxt", 1)) is None
-    assert slow_reason(Attempt(tmp_path, "mqttxt", 1)) is None
+    assert simulation_reason(Attempt(tmp_path, "mqttxt", 1)) is None
 
 
 @pytest.mark.parametrize(
@@ -135,9 +135,26 @@ def test_events_without_clocks_cannot_be_compared(attempt: Attempt) -> None:
         compare_flights(attempt)
 
 
-def test_in_a_flight_that_failed_only_the_clocks_speed_counts(attempt: Attempt) -> None:
+def test_in_a_flight_that_failed_only_its_simulation_counts(attempt: Attempt) -> None:
     cut = [event for event in events_of(Flight(), speed=0.6) if event["event"] not in ("landed", "disarmed")]
     _write_events(attempt.path, cut)
-    assert str(slow_reason(attempt)).startswith("uav1: the autopilot's clock ran at 0.60 of the time")
+    assert str(simulation_reason(attempt)).startswith("uav1: the autopilot's clock ran at 0.60 of the time")
     _write_events(attempt.path, [event for event in events_of(Flight()) if event["event"] != "disarmed"])
-    assert slow_reason(attempt) is None
+    assert simulation_reason(attempt) is None
+
+
+@pytest.mark.parametrize(
+    ("silent_s", "reason"),
+    [
+        ((10.0, 60.0), "uav1: the autopilot's simulated sensors stood still for 34.0 s; expected 2 s at most"),
+        ((15.0, 16.9), None),
+        ((1.0, 9.0), None),
+    ],
+    ids=["from the arming on", "for a moment", "before it was armed"],
+)
+def test_a_simulation_whose_sensors_stood_still_is_no_flight(
+    attempt: Attempt, silent_s: tuple[float, float], reason: str | None
+) -> None:
+    write_ulog(next((attempt.path / "sitl" / "uav1.log").glob("*/*.ulg")), Flight(silent_s=silent_s))
+    assert void_reason(attempt) == reason
+    assert simulation_reason(attempt) == reason

@@ -130,7 +130,7 @@ def test_a_flight_whose_log_says_otherwise_is_void(tmp_path: Path, monkeypatch: 
 def test_a_mission_that_failed_with_autopilots_that_were_slowed_down_is_void(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(runner.flight_logs, "slow_reason", lambda _: "uav1: the autopilot's clock ran at 0.70")
+    monkeypatch.setattr(runner.flight_logs, "simulation_reason", lambda _: "uav1: the autopilot's clock ran at 0.70")
     _, endings, _ = _fly(tmp_path, Fleet(["mission: scenario-1 failed: takeoff: denied"], code=1))
     assert endings[0].status == "void"
     assert str(endings[0].reason).startswith("uav1: the autopilot's clock ran at 0.70; this one had failed: ")

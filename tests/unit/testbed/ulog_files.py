@@ -13,6 +13,7 @@ TOPICS = {
     "vehicle_land_detected": ("bool landed", "<Q?"),
     "vehicle_global_position": ("float alt", "<Qf"),
     "home_position": ("float alt", "<Qf"),
+    "vehicle_air_data": ("float baro_alt_meter", "<Qf"),
 }
 
 
@@ -26,6 +27,7 @@ class Flight:
     disarmed_s: float = 42.0
     height_m: float = 10.0
     home_amsl_m: float = 488.0
+    silent_s: tuple[float, float] = (0.0, 0.0)
     topics: Sequence[str] = field(default_factory=lambda: list(TOPICS))
 
     def height_at(self, at_s: float) -> float:
@@ -43,6 +45,8 @@ class Flight:
             found.append((at_s, "vehicle_status", 2 if armed else 1))
             found.append((at_s, "vehicle_land_detected", not flying))
             found.append((at_s, "vehicle_global_position", self.home_amsl_m + self.height_at(at_s)))
+            if not self.silent_s[0] < at_s < self.silent_s[1]:
+                found.append((at_s, "vehicle_air_data", self.home_amsl_m + self.height_at(at_s)))
             at_s = round(at_s + 0.01, 2)
         return found
 
