@@ -77,13 +77,14 @@ def test_a_stream_of_an_autopilot_that_was_lost_is_over() -> None:
 
 @pytest.mark.parametrize(("command", "number"), RUNNING)
 @pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
+@pytest.mark.parametrize("silent_ms", [300, 2000])
 def test_an_autopilot_that_starts_anew_completes_and_fails_nothing(
-    command: Command, number: int, order: tuple[int, ...]
+    command: Command, number: int, order: tuple[int, ...], silent_ms: int
 ) -> None:
     """PX4 says at first that it is disarmed and on the ground, wherever it is."""
     bench = flying(command, number)
     bench.hear(heartbeat(armed=True, main=4, sub={LAND: 6, MODE: 5, REPOSITION: 3}[number]))
-    silence(bench, 2000)
+    silence(bench, silent_ms)
     first = (heartbeat(armed=False), landed(GROUND), since_start(1500))
     out = bench.hear(*(first[index] for index in order))
     assert said(out) == RESTARTED

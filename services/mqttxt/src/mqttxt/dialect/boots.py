@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-SILENCE_MS = 1000
-"""A silence within which an autopilot may have started anew: each start takes longer."""
+SILENCE_MS = 200
+"""A silence within which an autopilot may have started anew: a PX4 in simulation needs some 0.5 s, others longer."""
 DISORDER_MS = 1000
 """How far back a time since the start may go without a new start: messages overtake each other."""
 _TELL_TIME = frozenset({"ATTITUDE", "GLOBAL_POSITION_INT", "SYSTEM_TIME"})
