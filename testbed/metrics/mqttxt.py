@@ -9,10 +9,10 @@ from typing import Any
 import polars as pl
 
 from mqttxt.errors import PayloadError
-from mqttxt.messages import CommandMessage
-from mqttxt.wire.bundles import DroneBundle, FogBundle, states_of
-from mqttxt.wire.codec import decode
-from mqttxt.wire.states import decode_state
+from mqttxt.protocol.bundles import DroneBundle, FogBundle, states_of
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.messages import CommandMessage
+from mqttxt.protocol.state_payload import decode_state
 
 from ..packets import Packets
 from .exchange import SENT, Exchange, calls_in, mean_frames, with_arrivals

@@ -11,8 +11,8 @@ from typing import Any
 import polars as pl
 
 from mqttxt.errors import PayloadError
-from mqttxt.readings import UNITS, ReadingMessage
-from mqttxt.wire.codec import decode
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.readings import UNITS, ReadingMessage
 
 from ..errors import ResultsError
 from ..packets import Packets

@@ -10,10 +10,10 @@ from typing import Any
 from pymavlink.dialects.v20 import development as dialect
 
 from mqttxt.errors import PayloadError
-from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, TopicRow
-from mqttxt.wire.codec import decode, encode
-from mqttxt.wire.states import message_class
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.state_payload import message_class
+from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, TopicRow
+from mqttxt.protocol.values import Encoding
 
 from ..dissect.mavlink import MAVLink, Message
 from ..dissect.mavlink_fields import Number, Text

@@ -9,9 +9,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from mqttxt.messages import Registration
-from mqttxt.wire.bundles import FogBundle, states_of
-from mqttxt.wire.codec import decode, encode
+from mqttxt.protocol.bundles import FogBundle, states_of
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import Registration
 from tests.bench.brokers import BenchBroker, cpu_s, rss_mb
 from tests.bench.fleet import FIVE, Fleet
 from tests.bench.raw_mqtt import RawClient

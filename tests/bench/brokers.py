@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from mqttxt.io.broker import CONFIGURATION
+from mqttxt.core.embedded_broker import CONFIGURATION
 from tests.integration.processes import Broker, wait_until
 
 _TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")

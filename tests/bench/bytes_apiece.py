@@ -10,13 +10,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from mqttxt.io.mqtt import BrokerAddress, MqttLink
-from mqttxt.roles.effects import Publish, Subscribe
-from mqttxt.topics import CloudSide, FogSide
-from mqttxt.wire.bundles import drone_bundle
-from mqttxt.wire.codec import encode
-from mqttxt.wire.states import StampedState, encode_state
-from mqttxt.wire.values import Encoding
+from mqttxt.core.effects import Publish, Subscribe
+from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.protocol.bundles import drone_bundle
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.state_payload import StampedState, encode_state
+from mqttxt.protocol.topics import CloudSide, FogSide
+from mqttxt.protocol.values import Encoding
 from tests.bench.brokers import BenchBroker
 from tests.bench.capture import Capture, Frame
 from tests.bench.fleet import FIVE

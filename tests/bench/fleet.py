@@ -5,13 +5,22 @@ from __future__ import annotations
 import asyncio
 import time
 
-from mqttxt.messages import BeaconMessage, DroneLease, Presence
-from mqttxt.states import Battery, FlightMode, FlightModeName, Groundspeed, Heading, Location, MaxGroundspeed, State
-from mqttxt.topics import FogSide
-from mqttxt.wire.bundles import drone_bundle
-from mqttxt.wire.codec import decode, encode
-from mqttxt.wire.states import StampedState, encode_state
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.bundles import drone_bundle
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import BeaconMessage, DroneLease, Presence
+from mqttxt.protocol.state_payload import StampedState, encode_state
+from mqttxt.protocol.states import (
+    Battery,
+    FlightMode,
+    FlightModeName,
+    Groundspeed,
+    Heading,
+    Location,
+    MaxGroundspeed,
+    State,
+)
+from mqttxt.protocol.topics import FogSide
+from mqttxt.protocol.values import Encoding
 from tests.bench.raw_mqtt import RawClient, publish_packet
 
 FIVE: tuple[State, ...] = (

@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 
 from mqttxt.cli.common import run_role, settings
-from mqttxt.io.journal import JournalFile
-from mqttxt.io.mavlink import AutopilotAddress
-from mqttxt.io.mqtt import BrokerAddress
-from mqttxt.io.uav import UavRunner
-from mqttxt.states import Policy
+from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.drone.journal import JournalFile
+from mqttxt.drone.mavlink.link import AutopilotAddress
+from mqttxt.drone.process import UavRunner
+from mqttxt.protocol.states import Policy
 from tests.bench.fleet import FIVE
 
 STEADY = Policy(lambda _old, _new: True, min_interval_ms=1000)

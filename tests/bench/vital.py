@@ -7,10 +7,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.commands import Arm, Command, Goto, Land, Offboard, Takeoff, Velocity
-from mqttxt.messages import CommandMessage
-from mqttxt.wire.codec import encode
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.commands import Arm, Command, Goto, Land, Offboard, Takeoff, Velocity
+from mqttxt.protocol.messages import CommandMessage
+from mqttxt.protocol.values import Encoding
 
 STAMP = 4660
 COMMANDS: tuple[Command, ...] = (

@@ -18,15 +18,15 @@ import cbor2
 
 with atheris.instrument_imports(include=["mqttxt"]):
     from mqttxt.errors import PayloadError
-    from mqttxt.states import STATES
-    from mqttxt.topics import CloudSide, FogSide
-    from mqttxt.wire.codec import decode, encode, plan_of
-    from mqttxt.wire.examples import examples
-    from mqttxt.wire.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
-    from mqttxt.wire.identify import identify
-    from mqttxt.wire.schema import MESSAGES
-    from mqttxt.wire.states import decode_state, encode_state, message_class
-    from mqttxt.wire.values import Encoding
+    from mqttxt.protocol.codec import decode, encode, plan_of
+    from mqttxt.protocol.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
+    from mqttxt.protocol.identify import identify
+    from mqttxt.protocol.state_payload import decode_state, encode_state, message_class
+    from mqttxt.protocol.states import STATES
+    from mqttxt.protocol.topics import CloudSide, FogSide
+    from mqttxt.protocol.values import Encoding
+    from spec.examples import examples
+    from spec.schema import MESSAGES
 
 STATE_NAMES = sorted(STATES)
 TARGETS: list[Any] = [*MESSAGES, *((name, relayed) for name in STATE_NAMES for relayed in (False, True))]

@@ -13,23 +13,23 @@ from dataclasses import replace
 from typing import Any
 
 import mqttxt
-from mqttxt.clock import stamp
-from mqttxt.messages import CommandMessage, ResultMessage, Word
-from mqttxt.roles import psmi
-from mqttxt.roles.activator_drones import Drones
-from mqttxt.roles.effects import Publish
-from mqttxt.roles.executor import Executor
-from mqttxt.roles.ground_station import GroundStation
-from mqttxt.roles.leases import Leases
-from mqttxt.roles.ledger import Admission, Ledger
-from mqttxt.roles.relay import Relay
-from mqttxt.roles.sensor_relay import SensorRelay
-from mqttxt.roles.station_commands import StationCommands
-from mqttxt.roles.station_fog import FogView
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_commands import CommandDesk
-from mqttxt.states import Armed, LandedState
-from mqttxt.wire.codec import decode, encode
+from mqttxt.activator import psmi
+from mqttxt.activator.command_relay import Relay
+from mqttxt.activator.drones import Drones
+from mqttxt.activator.leases import Leases
+from mqttxt.activator.sensor_relay import SensorRelay
+from mqttxt.core.clock import stamp
+from mqttxt.core.effects import Publish
+from mqttxt.core.ledger import Admission, Ledger
+from mqttxt.drone.commands import CommandDesk
+from mqttxt.drone.executor import Executor
+from mqttxt.drone.role import UavClient
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import CommandMessage, ResultMessage, Word
+from mqttxt.protocol.states import Armed, LandedState
+from mqttxt.station.commands import StationCommands
+from mqttxt.station.fog import FogView
+from mqttxt.station.role import GroundStation
 
 Patch = Callable[[], None]
 

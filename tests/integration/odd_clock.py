@@ -16,7 +16,7 @@ STEP_MS = 3000
 
 def main() -> None:
     ppm = int(sys.argv.pop(1))
-    from mqttxt import clock
+    from mqttxt.core import clock
 
     true_ns, wall_s = clock.system_clock_ns, time.time
     start_ns = true_ns()

@@ -11,7 +11,7 @@ from typing import Any
 from processes import System, eventually
 
 from mqttxt import Arm, FogUnreachable, Goto, GroundStation, Takeoff, Word
-from mqttxt.clock import SessionClock, system_clock_ns
+from mqttxt.core.clock import SessionClock, system_clock_ns
 
 MAV_CMD_DO_REPOSITION = 192
 TTL_S = 0.6

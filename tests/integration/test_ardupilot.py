@@ -11,19 +11,7 @@ from copter import BRAKE, FOLDER, GUIDED, LAND, LOITER, RTL, Copter, CopterPilot
 from processes import eventually
 from real_flights import HOME, Flight, armable, fly, is_armable, start
 
-from mqttxt import (
-    Arm,
-    Disarm,
-    Drone,
-    Goto,
-    Hold,
-    Land,
-    Offboard,
-    Return,
-    Takeoff,
-    Velocity,
-    Word,
-)
+from mqttxt import Arm, Disarm, Drone, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity, Word
 
 pytestmark = [
     pytest.mark.integration,

@@ -16,8 +16,8 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from processes import ROOT, Process, System, eventually
 
 from mqttxt import Arm, Goto, GroundStation, Word
-from mqttxt.messages import CommandMessage, FogResultMessage, ResultMessage
-from mqttxt.wire.codec import decode, encode
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import CommandMessage, FogResultMessage, ResultMessage
 
 pytestmark = pytest.mark.integration
 

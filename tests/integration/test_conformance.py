@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 from processes import ROOT, Broker, free_port
 
-from mqttxt.conformance.activator import ActivatorTarget, check_activator
-from mqttxt.conformance.gs import GsTarget, check_gs
-from mqttxt.conformance.registry import Finding, Verdict
-from mqttxt.conformance.uav import UavTarget, check_uav
-from mqttxt.io.address import BrokerAddress
+from mqttxt.core.address import BrokerAddress
+from mqttxt_conformance.activator import ActivatorTarget, check_activator
+from mqttxt_conformance.gs import GsTarget, check_gs
+from mqttxt_conformance.registry import Finding, Verdict
+from mqttxt_conformance.uav import UavTarget, check_uav
 
 pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(240)]
 

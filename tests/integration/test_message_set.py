@@ -19,7 +19,7 @@ from mission.mavsdk_messages import MavsdkMessageFleet
 from mission.message_set import COMMANDS, STATES, MessageSet
 from mission.mqttxt_messages import MqttxtMessageFleet
 from mission.side_channel import SideChannel
-from mqttxt.states import STATES as KNOWN
+from mqttxt.protocol.states import STATES as KNOWN
 
 pytestmark = [pytest.mark.integration, pytest.mark.timed]
 COUNT = 2

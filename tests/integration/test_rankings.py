@@ -14,8 +14,8 @@ import pytest
 from processes import ROOT, Broker, Process, System, eventually, free_port
 
 from mqttxt import Arm, Fog, Goto, GroundStation, Hold, Land, Outcome, PsmiList, Takeoff, Word
-from mqttxt.rankings import SelectMode
-from mqttxt.states import Armed
+from mqttxt.protocol.rankings import SelectMode
+from mqttxt.protocol.states import Armed
 
 pytestmark = pytest.mark.integration
 

@@ -11,21 +11,7 @@ from processes import eventually
 from px4 import FOLDER, HOLD, LAND, OFFBOARD, RETURN, TAKEOFF, Px4, Px4Pilot
 from real_flights import HOME, Flight, armable, fly, is_armable, start
 
-from mqttxt import (
-    Arm,
-    Command,
-    Disarm,
-    Drone,
-    Goto,
-    Hold,
-    Land,
-    Offboard,
-    Outcome,
-    Return,
-    Takeoff,
-    Velocity,
-    Word,
-)
+from mqttxt import Arm, Command, Disarm, Drone, Goto, Hold, Land, Offboard, Outcome, Return, Takeoff, Velocity, Word
 
 pytestmark = [
     pytest.mark.integration,

@@ -23,8 +23,8 @@ from mission.mavsdk_fleet import MavsdkFleet
 from mission.mqttxt_fleet import MqttxtFleet
 from mission.options import Options
 from mission.points import all_points
-from mqttxt.commands import haversine_m
-from mqttxt.readings import UNITS
+from mqttxt.protocol.commands import haversine_m
+from mqttxt.protocol.readings import UNITS
 
 pytestmark = [pytest.mark.integration, pytest.mark.timed]
 DRONES = (1, 2)

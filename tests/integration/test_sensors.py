@@ -16,11 +16,11 @@ import pytest
 from processes import NODE_IMAGE, ROOT, Broker, Process, Proxy, System, eventually, free_port
 
 from mqttxt import GroundStation, SensorReading
-from mqttxt.clock import SessionClock
-from mqttxt.conformance.tap import Tap
-from mqttxt.io.address import BrokerAddress
-from mqttxt.readings import ReadingAck, ReadingKey
-from mqttxt.wire.codec import decode
+from mqttxt.core.address import BrokerAddress
+from mqttxt.core.clock import SessionClock
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.readings import ReadingAck, ReadingKey
+from mqttxt_conformance.tap import Tap
 
 pytestmark = pytest.mark.integration
 

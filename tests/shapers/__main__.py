@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mqttxt.wire.tables import table
+from spec.tables import table
 
 from .comparison import Row, compare
 from .machine import Machine

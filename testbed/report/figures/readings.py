@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mqttxt.readings import UNITS
+from mqttxt.protocol.readings import UNITS
 
 from ...metrics.readings import Measured
 from .. import words

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from mqttxt.cli import options
 from mqttxt.cli.parameters import parse_command
+from spec import options
 
 ROOT = Path(__file__).resolve().parents[3]
 ROLE_PAGES = [ROOT / "docs" / f"{name}.md" for name in ("activator", "conformance", "ground-station", "uav-client")]

@@ -16,7 +16,7 @@ from mission.events import EventLog
 from mission.fleet import MissionError, Point, Result
 from mission.mqttxt_fleet import NEEDED_STATES, MqttxtFleet
 from mqttxt import BrokerRefused, Command, Goto, Outcome, PsmiList, Return, Stream, Word
-from mqttxt.messages import CommandId
+from mqttxt.protocol.messages import CommandId
 
 FOGS = {1: (1, 2), 2: (4,)}
 

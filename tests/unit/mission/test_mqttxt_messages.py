@@ -17,8 +17,8 @@ from mission.events import EventLog
 from mission.fleet import MissionError, Result
 from mission.mqttxt_messages import MqttxtMessageFleet
 from mqttxt import BrokerRefused, Command, FogUnreachable, Outcome, Word
-from mqttxt.messages import CommandId
-from mqttxt.states import Armed
+from mqttxt.protocol.messages import CommandId
+from mqttxt.protocol.states import Armed
 
 KEY = CommandId(1, 1)
 

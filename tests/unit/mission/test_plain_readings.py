@@ -11,7 +11,7 @@ from mission import plain_readings
 from mission.fleet import MissionError
 from mission.plain_readings import PlainReadings
 from mqttxt import BrokerRefused
-from mqttxt.roles.effects import Subscribe
+from mqttxt.core.effects import Subscribe
 
 REFUSED = "readings: the broker refused the connection with reason code 0x87"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mission.points import all_points, points_of
-from mqttxt.commands import haversine_m
+from mqttxt.protocol.commands import haversine_m
 from sitl.fleet import load
 
 FLEET = Path(__file__).parents[3] / "services" / "sitl" / "fleet.yaml"

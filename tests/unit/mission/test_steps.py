@@ -16,7 +16,7 @@ from mission.events import EventLog
 from mission.fleet import MissionError, Point, Reading, Result, Status
 from mission.points import points_of
 from mission.steps import Steps
-from mqttxt.readings import UNITS
+from mqttxt.protocol.readings import UNITS
 
 
 class Fleet:

@@ -16,7 +16,7 @@ from nodes import DRONES, MS, ActivatorNode, Node, S, StationNode
 from true_time import RHO_PPM, Broker, Events, Weather
 from verdicts import Judge
 
-from mqttxt.roles.activator_drones import CLOUD, FOG
+from mqttxt.activator.drones import CLOUD, FOG
 
 
 @dataclass(frozen=True)

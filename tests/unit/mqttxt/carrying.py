@@ -7,19 +7,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mqttxt.io.sensor_store import Batch, Done, SensorStore
-from mqttxt.messages import Registration
-from mqttxt.outcomes import SensorReading
-from mqttxt.readings import Reading, ReadingMessage, checked
-from mqttxt.roles.activator_drones import CLOUD, FOG
-from mqttxt.roles.carrier import SENSORS, Carrier
-from mqttxt.roles.effects import Acknowledge, ForgetReadings, Inbound, LoadReadings, Log, Publish, StoreReading
-from mqttxt.roles.leases import Leases
-from mqttxt.roles.sensor_relay import Carried, SensorRelay
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.station_readings import Readings
-from mqttxt.topics import CloudSide, DroneTopic, FogSide
-from mqttxt.wire.codec import decode, encode
+from mqttxt.activator.drones import CLOUD, FOG
+from mqttxt.activator.leases import Leases
+from mqttxt.activator.sensor_relay import Carried, SensorRelay
+from mqttxt.core.effects import Inbound, Log, Publish
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
+from mqttxt.drone.sensors.carrier import SENSORS, Carrier
+from mqttxt.drone.sensors.store import Batch, Done, SensorStore
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import Registration
+from mqttxt.protocol.readings import Reading, ReadingMessage, checked
+from mqttxt.protocol.topics import CloudSide, DroneTopic, FogSide
+from mqttxt.station.outcomes import SensorReading
+from mqttxt.station.readings import Readings
 
 BOOT = 0xB007
 LINK = "air"

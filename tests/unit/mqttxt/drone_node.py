@@ -10,13 +10,13 @@ from nodes import MS, PLACES, Node, S
 from pymavlink.dialects.v20 import common as mavlink
 from world import Kept, ack, from_autopilot, heartbeat, home, landed
 
-from mqttxt.dialect.px4 import Px4
-from mqttxt.roles.activator_drones import FOG
-from mqttxt.roles.effects import Journal, Transmit
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_options import UavOptions
-from mqttxt.states import POLICIES
+from mqttxt.activator.drones import FOG
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import Journal, Transmit
+from mqttxt.drone.mavlink.px4 import Px4
+from mqttxt.drone.options import UavOptions
+from mqttxt.drone.role import UavClient
+from mqttxt.protocol.states import POLICIES
 
 if TYPE_CHECKING:
     from adversary import Simulation

@@ -6,24 +6,16 @@ from typing import Any
 
 from world import FOG_SESSION, GS_SESSION, UAV_SESSION, command_payload
 
-from mqttxt.commands import Arm, Command
-from mqttxt.messages import (
-    BeaconMessage,
-    Control,
-    DroneLease,
-    Presence,
-    Registration,
-    ResultMessage,
-    Word,
-)
-from mqttxt.rankings import SelectMessage, SelectMode
-from mqttxt.roles.activator import Activator
-from mqttxt.roles.effects import Inbound, Publish, Subscribe
-from mqttxt.roles.settings import Settings
-from mqttxt.states import Battery, State
-from mqttxt.wire.codec import decode, encode
-from mqttxt.wire.states import StampedState, encode_state
-from mqttxt.wire.values import Encoding
+from mqttxt.activator.role import Activator
+from mqttxt.core.effects import Inbound, Publish, Subscribe
+from mqttxt.core.settings import Settings
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Arm, Command
+from mqttxt.protocol.messages import BeaconMessage, Control, DroneLease, Presence, Registration, ResultMessage, Word
+from mqttxt.protocol.rankings import SelectMessage, SelectMode
+from mqttxt.protocol.state_payload import StampedState, encode_state
+from mqttxt.protocol.states import Battery, State
+from mqttxt.protocol.values import Encoding
 
 BORN_MS = 10_000
 UAV_AHEAD_MS = 90_000

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 from true_time import Channel, Client, Connection, DriftingClock
 from world import position
 
-from mqttxt.clock import RemoteClock, SessionClock
-from mqttxt.commands import Arm, Disarm, Goto, Hold
+from mqttxt.activator.drones import CLOUD, FOG
+from mqttxt.activator.role import Activator
+from mqttxt.core.clock import RemoteClock, SessionClock
+from mqttxt.core.effects import Inbound, Publish, Stop, Subscribe, Unsubscribe
+from mqttxt.core.settings import Settings
 from mqttxt.errors import FogUnreachable
-from mqttxt.outcomes import Outcome
-from mqttxt.roles.activator import Activator
-from mqttxt.roles.activator_drones import CLOUD, FOG
-from mqttxt.roles.effects import Inbound, Publish, Stop, Subscribe, Unsubscribe
-from mqttxt.roles.ground_station import GroundStation
-from mqttxt.roles.settings import Settings
+from mqttxt.protocol.commands import Arm, Disarm, Goto, Hold
+from mqttxt.station.outcomes import Outcome
+from mqttxt.station.role import GroundStation
 
 if TYPE_CHECKING:
     from adversary import Simulation

@@ -8,14 +8,14 @@ from typing import Any
 import cbor2
 from hypothesis import strategies as st
 
-from mqttxt.commands import Offboard
-from mqttxt.roles.effects import Inbound
-from mqttxt.states import STATES
-from mqttxt.topic_table import TopicRow
-from mqttxt.wire.codec import encode, plan_of
-from mqttxt.wire.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
-from mqttxt.wire.states import message_class
-from mqttxt.wire.values import Encoding
+from mqttxt.core.effects import Inbound
+from mqttxt.protocol.codec import encode, plan_of
+from mqttxt.protocol.commands import Offboard
+from mqttxt.protocol.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
+from mqttxt.protocol.state_payload import message_class
+from mqttxt.protocol.states import STATES
+from mqttxt.protocol.topic_table import TopicRow
+from mqttxt.protocol.values import Encoding
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(max_size=5),

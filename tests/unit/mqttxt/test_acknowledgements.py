@@ -7,9 +7,9 @@ from test_offboard import Flight
 from workbench import ARM, MODE, REPOSITION, Bench, said, set_points, written
 from world import ack, heartbeat, home, landed, position
 
-from mqttxt.commands import Arm, Goto, Hold, Offboard, Return, Velocity
-from mqttxt.dialect.sources import Source
-from mqttxt.messages import Word
+from mqttxt.drone.mavlink.sources import Source
+from mqttxt.protocol.commands import Arm, Goto, Hold, Offboard, Return, Velocity
+from mqttxt.protocol.messages import Word
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS = 0, 1, 2, 3, 4, 5
 TAKEN, REJECTED_WORD = (1, Word.ACCEPTED, None), (1, Word.FAILED, "temporarily_rejected")

@@ -6,19 +6,11 @@ import pytest
 from fogs import BORN_MS, UAV_AHEAD_MS, Bench, of, ready, words
 from world import FOG_SESSION, GS_SESSION, UAV_SESSION
 
-from mqttxt.messages import (
-    BeaconMessage,
-    Control,
-    DroneLease,
-    DroneRecord,
-    FogPresence,
-    Presence,
-    Word,
-)
-from mqttxt.roles.activator import MOST_STATIONS
-from mqttxt.roles.effects import Inbound, Log, Publish, Stop, Unsubscribe
-from mqttxt.wire.codec import decode, encode
-from mqttxt.wire.states import decode_state
+from mqttxt.activator.role import MOST_STATIONS
+from mqttxt.core.effects import Inbound, Log, Publish, Stop, Unsubscribe
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import BeaconMessage, Control, DroneLease, DroneRecord, FogPresence, Presence, Word
+from mqttxt.protocol.state_payload import decode_state
 
 # Birth and rivals
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mqttxt.io.aliases import AliasTable
+from mqttxt.core.mqtt.aliases import AliasTable
 
 topics = st.sampled_from([f"drone{drone}/state/{name}" for drone in range(1, 6) for name in ("battery", "location")])
 

@@ -11,13 +11,13 @@ from workbench import Bench, said, set_points, written
 from world import ack, from_autopilot, home, landed, position
 from world import heartbeat as px4_heartbeat
 
-from mqttxt.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity
-from mqttxt.dialect.ardupilot import ArduCopter
-from mqttxt.dialect.plans import Plan
-from mqttxt.dialect.vehicle import Vehicle
-from mqttxt.messages import Word
-from mqttxt.roles.effects import Transmit
-from mqttxt.states import FlightMode, FlightModeName, Health, MaxGroundspeed
+from mqttxt.drone.effects import Transmit
+from mqttxt.drone.mavlink.ardupilot import ArduCopter
+from mqttxt.drone.mavlink.plans import Plan
+from mqttxt.drone.mavlink.vehicle import Vehicle
+from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity
+from mqttxt.protocol.messages import Word
+from mqttxt.protocol.states import FlightMode, FlightModeName, Health, MaxGroundspeed
 
 STABILIZE, GUIDED, LOITER, RTL, LAND, BRAKE = 0, 4, 5, 6, 9, 17
 SET_MODE, ARM, TAKEOFF, REPOSITION = 176, 400, 22, 192

@@ -14,9 +14,9 @@ from mqtt_server import eventually
 from pymavlink.dialects.v20 import common as mavlink
 from world import ack, heartbeat
 
-from mqttxt.io import mavlink as mavlink_io
-from mqttxt.io.mavlink import AutopilotAddress, AutopilotLink, _Serial
-from mqttxt.io.repeats import Repeats
+from mqttxt.drone.mavlink import link as mavlink_io
+from mqttxt.drone.mavlink.link import AutopilotAddress, AutopilotLink, _Serial
+from mqttxt.drone.mavlink.repeated_acks import Repeats
 
 AUTOPILOT = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 HEARTBEAT, ACK = heartbeat().pack(AUTOPILOT), ack(400).pack(AUTOPILOT)

@@ -9,9 +9,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from workbench import ARM, LAND, MODE, REPOSITION, Bench, said, written
 from world import ack, from_autopilot, heartbeat, home, landed, position
 
-from mqttxt.commands import Arm, Command, Goto, Land, Return, Stream
-from mqttxt.dialect.vehicle import LOST_MS
-from mqttxt.messages import Word
+from mqttxt.drone.mavlink.vehicle import LOST_MS
+from mqttxt.protocol.commands import Arm, Command, Goto, Land, Return, Stream
+from mqttxt.protocol.messages import Word
 
 GROUND, AIR = 1, 2
 IN_LAND = {"main": 4, "sub": 6}

@@ -8,11 +8,11 @@ from unittest.mock import patch
 import pytest
 from world import World
 
-from mqttxt.commands import Attitude, Goto, Offboard, Takeoff, Velocity
+from mqttxt.activator.leases import MAX_EPOCH, Leases
 from mqttxt.errors import ConfigurationError, MqttxtError, PayloadError
-from mqttxt.messages import Control, Registration
-from mqttxt.roles.leases import MAX_EPOCH, Leases
-from mqttxt.roles.station_commands import ttl_ms_of
+from mqttxt.protocol.commands import Attitude, Goto, Offboard, Takeoff, Velocity
+from mqttxt.protocol.messages import Control, Registration
+from mqttxt.station.commands import ttl_ms_of
 
 NAN, INFINITE = float("nan"), float("inf")
 

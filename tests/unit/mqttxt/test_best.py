@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from mqttxt.clock import SessionClock
-from mqttxt.commands import Goto
+from mqttxt.core.clock import SessionClock
 from mqttxt.errors import FogUnreachable
-from mqttxt.gs_best import best
-from mqttxt.messages import CommandId, Word
-from mqttxt.outcomes import Outcome, PsmiList
-from mqttxt.rankings import Candidate, SelectMode
+from mqttxt.protocol.commands import Goto
+from mqttxt.protocol.messages import CommandId, Word
+from mqttxt.protocol.rankings import Candidate, SelectMode
+from mqttxt.station.best import best
+from mqttxt.station.outcomes import Outcome, PsmiList
 
 TARGET = Goto(47.4, 8.5, 20)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 
-from mqttxt.io.broker import EmbeddedBroker
+from mqttxt.core.embedded_broker import EmbeddedBroker
 
 
 def test_on_one_interface_the_address_is_that_interfaces() -> None:

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 from world import World, ack, heartbeat
 
-from mqttxt.commands import Arm
-from mqttxt.messages import Word
-from mqttxt.outcomes import Outcome
-from mqttxt.roles.activator_drones import CLOUD, FOG
-from mqttxt.roles.effects import Publish
+from mqttxt.activator.drones import CLOUD, FOG
+from mqttxt.core.effects import Publish
+from mqttxt.protocol.commands import Arm
+from mqttxt.protocol.messages import Word
+from mqttxt.station.outcomes import Outcome
 
 ARM = 400
 ENDS = {CLOUD: ("activator", "gs"), FOG: ("activator", "uav")}

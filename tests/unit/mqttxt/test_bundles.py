@@ -9,17 +9,17 @@ from fogs import Bench, of, ready
 from world import UAV_SESSION, heartbeat, position
 from world import ready as start
 
-from mqttxt.messages import Control
-from mqttxt.rankings import Candidate, PsmiMessage, QodsMessage, Ranked
-from mqttxt.roles.effects import Publish
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.states import STATES, Armed, Battery, Groundspeed, Heading
-from mqttxt.wire.bundles import MAX_DRONES, DroneBundle, FogBundle, drone_bundle, fog_bundles, states_of
-from mqttxt.wire.codec import MAX_PAYLOAD, decode, encode, plan_of
-from mqttxt.wire.fields import Integer, Scaled
-from mqttxt.wire.states import StampedState, decode_state
-from mqttxt.wire.values import Encoding
+from mqttxt.core.effects import Publish
+from mqttxt.core.settings import Settings
+from mqttxt.drone.role import UavClient
+from mqttxt.protocol.bundles import MAX_DRONES, DroneBundle, FogBundle, drone_bundle, fog_bundles, states_of
+from mqttxt.protocol.codec import MAX_PAYLOAD, decode, encode, plan_of
+from mqttxt.protocol.fields import Integer, Scaled
+from mqttxt.protocol.messages import Control
+from mqttxt.protocol.rankings import Candidate, PsmiMessage, QodsMessage, Ranked
+from mqttxt.protocol.state_payload import StampedState, decode_state
+from mqttxt.protocol.states import STATES, Armed, Battery, Groundspeed, Heading
+from mqttxt.protocol.values import Encoding
 
 
 def bundles(effects: list[Any]) -> list[list[tuple[int, str]]]:

@@ -11,24 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from world import UAV_SESSION
 
-from mqttxt.messages import DroneLease
-from mqttxt.readings import ReadingAck, ReadingKey
-from mqttxt.roles.carrier import WINDOW, Carrier
-from mqttxt.roles.effects import (
-    Acknowledge,
-    ForgetReadings,
-    Inbound,
-    LoadReadings,
-    Log,
-    Publish,
-    StoreReading,
-    Subscribe,
-)
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_options import UavOptions
-from mqttxt.topics import FogSide
-from mqttxt.wire.codec import decode, encode
+from mqttxt.core.effects import Inbound, Log, Publish, Subscribe
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
+from mqttxt.drone.options import UavOptions
+from mqttxt.drone.role import UavClient
+from mqttxt.drone.sensors.carrier import WINDOW, Carrier
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import DroneLease
+from mqttxt.protocol.readings import ReadingAck, ReadingKey
+from mqttxt.protocol.topics import FogSide
 
 
 @pytest.fixture

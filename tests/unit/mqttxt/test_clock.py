@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mqttxt.clock import (
+from mqttxt.core.clock import (
     LATEST_MS,
     RHO,
     Beacon,

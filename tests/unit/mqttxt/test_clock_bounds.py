@@ -11,8 +11,8 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from mqttxt import clock as clocks
-from mqttxt.clock import MAX_TTL_MS, STAMP_TICK_MS, Beacon, RemoteClock, stamp
+from mqttxt.core import clock as clocks
+from mqttxt.core.clock import MAX_TTL_MS, STAMP_TICK_MS, Beacon, RemoteClock, stamp
 
 RHO = Fraction(1, 1000)
 SLOWEST = 1 - 2 * RHO

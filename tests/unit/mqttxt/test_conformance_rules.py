@@ -8,12 +8,11 @@ from pathlib import Path
 import cbor2
 import pytest
 
-from mqttxt.commands import COMMANDS, Takeoff
-from mqttxt.conformance import activator, gs, shapes, uav
-from mqttxt.conformance.registry import Broken, Finding, Rule, Verdict, check_all, expect
-from mqttxt.conformance.report import as_json, count
 from mqttxt.errors import PayloadError
-from mqttxt.messages import (
+from mqttxt.protocol.bundles import drone_bundle
+from mqttxt.protocol.codec import decode, encode, plan_of
+from mqttxt.protocol.commands import COMMANDS, Takeoff
+from mqttxt.protocol.messages import (
     BeaconMessage,
     CommandMessage,
     DroneLease,
@@ -25,11 +24,12 @@ from mqttxt.messages import (
     ResultMessage,
     Word,
 )
-from mqttxt.rankings import PsmiMessage, QodsMessage
-from mqttxt.states import STATES, Armed, Battery
-from mqttxt.wire.bundles import drone_bundle
-from mqttxt.wire.codec import decode, encode, plan_of
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.rankings import PsmiMessage, QodsMessage
+from mqttxt.protocol.states import STATES, Armed, Battery
+from mqttxt.protocol.values import Encoding
+from mqttxt_conformance import activator, gs, shapes, uav
+from mqttxt_conformance.registry import Broken, Finding, Rule, Verdict, check_all, expect
+from mqttxt_conformance.report import as_json, count
 
 SPECIFICATION = Path(__file__).resolve().parents[3] / "docs" / "protocol.md"
 ALL = [*uav.rules(), *activator.rules(), *gs.rules()]

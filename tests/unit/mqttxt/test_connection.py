@@ -26,12 +26,12 @@ from mqtt_server import (
     publish,
 )
 
+from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
+from mqttxt.core.mqtt import connection as connection_module
+from mqttxt.core.mqtt import link as mqtt_module
+from mqttxt.core.mqtt.client import CONNECT_THREAD, KEEPALIVE_S
+from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
 from mqttxt.errors import BrokerRefused
-from mqttxt.io import connection as connection_module
-from mqttxt.io import mqtt as mqtt_module
-from mqttxt.io.client import CONNECT_THREAD, KEEPALIVE_S
-from mqttxt.io.mqtt import BrokerAddress, MqttLink
-from mqttxt.roles.effects import Inbound, Publish, Subscribe, Will
 
 ALIASES_10 = b"\x22\x00\x0a"
 RECEIVE_MAXIMUM_2 = b"\x21\x00\x02"

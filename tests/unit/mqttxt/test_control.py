@@ -10,14 +10,15 @@ from test_ground_station import Bench as StationBench
 from test_uav_client import client, hear, published
 from world import GS_SESSION, UAV_SESSION, World, command_payload
 
-from mqttxt.commands import Arm, Hold, Offboard, Velocity
-from mqttxt.dialect.sources import Source
-from mqttxt.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
-from mqttxt.outcomes import ControlChanged
-from mqttxt.roles.effects import Inbound, Publish, Transmit
-from mqttxt.roles.ground_station import GroundStation
-from mqttxt.roles.settings import Settings
-from mqttxt.wire.codec import decode, encode
+from mqttxt.core.effects import Inbound, Publish
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import Transmit
+from mqttxt.drone.mavlink.sources import Source
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Arm, Hold, Offboard, Velocity
+from mqttxt.protocol.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
+from mqttxt.station.outcomes import ControlChanged
+from mqttxt.station.role import GroundStation
 
 
 def record(effects: list[Any]) -> DroneRecord:

@@ -12,14 +12,14 @@ from adversary import CALM, MS, Dangers, S, Simulation
 from true_time import RHO_PPM
 from verdicts import Judge
 
-from mqttxt import clock as clocks
-from mqttxt.messages import CommandMessage, Word
-from mqttxt.roles import selector
-from mqttxt.roles.acknowledgements import Acknowledgements
-from mqttxt.roles.ledger import Admission, Ledger
-from mqttxt.roles.relay import Relay
-from mqttxt.roles.station_commands import StationCommands
-from mqttxt.roles.uav_commands import CommandDesk
+from mqttxt.activator import selector
+from mqttxt.activator.command_relay import Relay
+from mqttxt.core import clock as clocks
+from mqttxt.core.ledger import Admission, Ledger
+from mqttxt.drone.acknowledgements import Acknowledgements
+from mqttxt.drone.commands import CommandDesk
+from mqttxt.protocol.messages import CommandMessage, Word
+from mqttxt.station.commands import StationCommands
 
 LONG = pytest.mark.long
 """What the quick check leaves out."""

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from mqttxt.core import embedded_broker as broker_module
+from mqttxt.core.embedded_broker import EmbeddedBroker
 from mqttxt.errors import ConfigurationError
-from mqttxt.io import broker as broker_module
-from mqttxt.io.broker import EmbeddedBroker
 
 RUN_BROKER = """
 import asyncio, sys
-from mqttxt.io.broker import EmbeddedBroker
+from mqttxt.core.embedded_broker import EmbeddedBroker
 asyncio.run(EmbeddedBroker("127.0.0.1", 18830, program=sys.argv[1]).run())
 """
 

@@ -8,15 +8,15 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from world import UAV_SESSION, from_autopilot, heartbeat, landed, ready
 
-from mqttxt.dialect.vehicle import Vehicle
+from mqttxt.core.effects import Publish
+from mqttxt.core.settings import Settings
+from mqttxt.drone.endurance import EnduranceMeter
+from mqttxt.drone.mavlink.vehicle import Vehicle
+from mqttxt.drone.options import UavOptions
+from mqttxt.drone.role import UavClient
 from mqttxt.errors import ConfigurationError
-from mqttxt.roles.effects import Publish
-from mqttxt.roles.endurance import EnduranceMeter
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_options import UavOptions
-from mqttxt.states import Endurance
-from mqttxt.wire.states import decode_state
+from mqttxt.protocol.state_payload import decode_state
+from mqttxt.protocol.states import Endurance
 
 GROUND, AIR = 1, 2
 

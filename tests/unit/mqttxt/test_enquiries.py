@@ -7,8 +7,8 @@ from itertools import pairwise
 from pymavlink.dialects.v20 import common as mavlink
 from world import from_autopilot, heartbeat, home, landed, position
 
-from mqttxt.dialect.vehicle import Vehicle
-from mqttxt.roles.enquiries import Enquiries
+from mqttxt.drone.enquiries import Enquiries
+from mqttxt.drone.mavlink.vehicle import Vehicle
 
 
 def _asked(enquiries: Enquiries, vehicle: Vehicle, now_ms: int) -> set[object]:

@@ -7,13 +7,14 @@ from pymavlink.dialects.v20 import common as mavlink
 from workbench import ARM, LAND, MODE, TAKEOFF, Bench, said, written
 from world import ack, heartbeat, home, landed, position
 
-from mqttxt.commands import Arm, Command, Disarm, Goto, Land, Return, Takeoff
-from mqttxt.dialect.plans import Plan
-from mqttxt.dialect.px4 import Px4
-from mqttxt.dialect.vehicle import Vehicle
-from mqttxt.messages import CommandId, Word
-from mqttxt.roles.effects import Log, Transmit
-from mqttxt.roles.runs import Said
+from mqttxt.core.effects import Log
+from mqttxt.drone.effects import Transmit
+from mqttxt.drone.mavlink.plans import Plan
+from mqttxt.drone.mavlink.px4 import Px4
+from mqttxt.drone.mavlink.vehicle import Vehicle
+from mqttxt.drone.runs import Said
+from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Land, Return, Takeoff
+from mqttxt.protocol.messages import CommandId, Word
 
 
 def test_completed_needs_the_effect_newer_than_the_acknowledgement() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 from world import ack, heartbeat
 
-from mqttxt.io.frames import HELD_S, MOST_SPOILT, Malformed, StreamFrames, in_datagram
+from mqttxt.drone.mavlink.frame_parser import HELD_S, MOST_SPOILT, Malformed, StreamFrames, in_datagram
 
 AUTOPILOT = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 HEARTBEAT = heartbeat().pack(AUTOPILOT)

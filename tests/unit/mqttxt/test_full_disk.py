@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_disk import SmallDisk
 
-from mqttxt.io import journal as journals
-from mqttxt.io.journal import MOST_DELIVERED, MOST_OUTDATED, JournalFile
-from mqttxt.messages import CommandId, Word
-from mqttxt.roles.effects import Journal
-from mqttxt.roles.uav_commands import Unfinished
+from mqttxt.drone import journal as journals
+from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.effects import Journal
+from mqttxt.drone.journal import MOST_DELIVERED, MOST_OUTDATED, JournalFile
+from mqttxt.protocol.messages import CommandId, Word
 
 
 def opened(seq: int) -> Journal:

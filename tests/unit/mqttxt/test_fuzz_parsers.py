@@ -15,16 +15,16 @@ from strategies import PLAIN
 
 from mqttxt.cli.main import _drone_numbers, _embedded
 from mqttxt.cli.parameters import parse_command
-from mqttxt.commands import COMMANDS
+from mqttxt.core.effects import Publish, Subscribe
+from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.core.settings import Settings
+from mqttxt.drone.journal import JournalFile
+from mqttxt.drone.mavlink.link import AutopilotAddress
+from mqttxt.drone.role import UavClient
 from mqttxt.errors import ConfigurationError
-from mqttxt.io.journal import JournalFile
-from mqttxt.io.mavlink import AutopilotAddress
-from mqttxt.io.mqtt import BrokerAddress
-from mqttxt.roles.effects import Publish, Subscribe
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.topics import check_prefix, check_station_name
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.commands import COMMANDS
+from mqttxt.protocol.topics import check_prefix, check_station_name
+from mqttxt.protocol.values import Encoding
 
 PARSERS: list[Callable[[str], Any]] = [
     BrokerAddress.parse,

@@ -15,29 +15,20 @@ from pymavlink.dialects.v20 import common as mavlink
 from strategies import PAYLOADS, inbound, messages
 from world import FOG_SESSION, GS_SESSION, UAV_SESSION, heartbeat, home, landed, position
 
-from mqttxt.commands import Arm, Goto, Takeoff
+from mqttxt.activator.role import Activator
+from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe
+from mqttxt.core.settings import Settings
+from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.effects import Journal, LoadReadings, StoreReading, Transmit
+from mqttxt.drone.options import UavOptions
+from mqttxt.drone.role import UavClient
 from mqttxt.errors import ConfigurationError, FogUnreachable
-from mqttxt.messages import BeaconMessage, CommandId, CommandMessage, FogPresence, Presence
-from mqttxt.roles.activator import Activator
-from mqttxt.roles.effects import (
-    Inbound,
-    Journal,
-    LoadReadings,
-    Log,
-    Publish,
-    Stop,
-    StoreReading,
-    Subscribe,
-    Transmit,
-)
-from mqttxt.roles.ground_station import GroundStation
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_commands import Unfinished
-from mqttxt.roles.uav_options import UavOptions
-from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE
-from mqttxt.wire.codec import MAX_PAYLOAD, encode
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.codec import MAX_PAYLOAD, encode
+from mqttxt.protocol.commands import Arm, Goto, Takeoff
+from mqttxt.protocol.messages import BeaconMessage, CommandId, CommandMessage, FogPresence, Presence
+from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE
+from mqttxt.protocol.values import Encoding
+from mqttxt.station.role import GroundStation
 
 NONCE = 7
 KNOWN = (GS_SESSION, FOG_SESSION, UAV_SESSION, NONCE, 0, 1, 5000)

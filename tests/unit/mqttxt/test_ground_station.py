@@ -8,9 +8,13 @@ import pytest
 from fogs import of
 from world import GS_SESSION, World, ack, heartbeat
 
-from mqttxt.commands import Arm, Goto, Hold
+from mqttxt.core.effects import Inbound, Publish, Subscribe
+from mqttxt.core.settings import Settings
+from mqttxt.drone.commands import Unfinished
 from mqttxt.errors import ConfigurationError, FogUnreachable
-from mqttxt.messages import (
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Arm, Goto, Hold
+from mqttxt.protocol.messages import (
     BeaconMessage,
     CommandMessage,
     DroneRecord,
@@ -22,12 +26,8 @@ from mqttxt.messages import (
     RosterEntry,
     Word,
 )
-from mqttxt.outcomes import Outcome, Reachability, StateUpdate
-from mqttxt.roles.effects import Inbound, Publish, Subscribe
-from mqttxt.roles.ground_station import GroundStation
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_commands import Unfinished
-from mqttxt.wire.codec import decode, encode
+from mqttxt.station.outcomes import Outcome, Reachability, StateUpdate
+from mqttxt.station.role import GroundStation
 
 ARM = 400
 FOG = 0x22

@@ -11,11 +11,11 @@ from pymavlink.dialects.v20 import common as mavlink
 from workbench import MODE, REPOSITION, TAKEOFF, Bench, said, written
 from world import ack, from_autopilot, heartbeat, home, landed, position
 
-from mqttxt.commands import Command, Goto, Hold, Land, Return, Takeoff
-from mqttxt.dialect.sources import HALTING, Source
-from mqttxt.messages import Word
-from mqttxt.roles.effects import Transmit
-from mqttxt.roles.runs import Said
+from mqttxt.drone.effects import Transmit
+from mqttxt.drone.mavlink.sources import HALTING, Source
+from mqttxt.drone.runs import Said
+from mqttxt.protocol.commands import Command, Goto, Hold, Land, Return, Takeoff
+from mqttxt.protocol.messages import Word
 
 ON_GROUND, IN_AIR = 1, 2
 THERE = Goto(47.4, 8.5, 10.0)

@@ -8,10 +8,10 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from world import HOME, from_autopilot, heartbeat
 
-from mqttxt.commands import Goto, Takeoff
-from mqttxt.dialect.vehicle import Vehicle
+from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.errors import PayloadError
-from mqttxt.states import Home, Location, State
+from mqttxt.protocol.commands import Goto, Takeoff
+from mqttxt.protocol.states import Home, Location, State
 
 DRONE = 1
 AMSL_M = HOME[2] / 1000

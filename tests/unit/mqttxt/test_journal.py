@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.effects import Journal
+from mqttxt.drone.journal import MOST_DELIVERED, JournalFile
 from mqttxt.errors import ConfigurationError
-from mqttxt.io.journal import MOST_DELIVERED, JournalFile
-from mqttxt.io.mqtt import BrokerAddress
-from mqttxt.messages import CommandId, Word
-from mqttxt.roles.effects import Journal
-from mqttxt.roles.uav_commands import Unfinished
+from mqttxt.protocol.messages import CommandId, Word
 
 OPEN, SAID, DONE = CommandId(1, 1), CommandId(1, 2), CommandId(1, 3)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mqttxt.messages import Control, Registration
-from mqttxt.roles.leases import RESTORED_MS, Leases
+from mqttxt.activator.leases import RESTORED_MS, Leases
+from mqttxt.protocol.messages import Control, Registration
 
 A, B = ("a", 1), ("b", 2)
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from mqttxt.commands import Arm, Disarm, Land
-from mqttxt.messages import CommandId
-from mqttxt.roles.ledger import CAPACITY, KEEP_MS, Admission, Ledger, Share
+from mqttxt.core.ledger import CAPACITY, KEEP_MS, Admission, Ledger, Share
+from mqttxt.protocol.commands import Arm, Disarm, Land
+from mqttxt.protocol.messages import CommandId
 
 ONE, TWO = CommandId(1, 1), CommandId(1, 2)
 

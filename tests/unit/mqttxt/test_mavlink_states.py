@@ -11,11 +11,11 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from world import from_autopilot
 
-from mqttxt.dialect.messages import kinds, state_of
 from mqttxt.errors import PayloadError
-from mqttxt.states import MavlinkState
-from mqttxt.wire.states import StampedState, decode_state, encode_state
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.mavlink_states import kinds, state_of
+from mqttxt.protocol.state_payload import StampedState, decode_state, encode_state
+from mqttxt.protocol.states import MavlinkState
+from mqttxt.protocol.values import Encoding
 
 
 def received(name: str) -> Any:

@@ -9,11 +9,11 @@ import pytest
 from workbench import LAND, MODE, REPOSITION, Bench, said, set_points, written
 from world import ack, heartbeat, home, landed, position
 
-from mqttxt.commands import Attitude, Goto, Hold, Land, Offboard, Return, Velocity
-from mqttxt.dialect.offboard import quaternion
-from mqttxt.dialect.sources import Source
-from mqttxt.messages import CommandId, Word
-from mqttxt.roles.effects import Transmit
+from mqttxt.drone.effects import Transmit
+from mqttxt.drone.mavlink.set_points import quaternion
+from mqttxt.drone.mavlink.sources import Source
+from mqttxt.protocol.commands import Attitude, Goto, Hold, Land, Offboard, Return, Velocity
+from mqttxt.protocol.messages import CommandId, Word
 
 NORTH = Offboard(10.0, velocity=Velocity(2.0, 0.0, -0.5))
 STEP_MS = 50

@@ -8,10 +8,10 @@ import pytest
 from workbench import MODE, set_points
 from world import World, ack, heartbeat, landed, position
 
-from mqttxt.commands import Offboard, Velocity
-from mqttxt.messages import Word
-from mqttxt.outcomes import Outcome
-from mqttxt.roles.effects import Transmit
+from mqttxt.drone.effects import Transmit
+from mqttxt.protocol.commands import Offboard, Velocity
+from mqttxt.protocol.messages import Word
+from mqttxt.station.outcomes import Outcome
 
 NORTH = Offboard(20.0, velocity=Velocity(2.0, 0.0, 0.0))
 

@@ -15,13 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from world import GS_SESSION, World, ack, command_payload, heartbeat, ready
 
-from mqttxt.commands import Arm, Hold, Land, Takeoff
-from mqttxt.messages import ResultMessage, Word
-from mqttxt.outcomes import Outcome
-from mqttxt.roles.effects import Inbound, Journal, Publish, Transmit
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.wire.codec import decode, encode
+from mqttxt.core.effects import Inbound, Publish
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import Journal, Transmit
+from mqttxt.drone.role import UavClient
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Arm, Hold, Land, Takeoff
+from mqttxt.protocol.messages import ResultMessage, Word
+from mqttxt.station.outcomes import Outcome
 
 COMMANDS = (Arm(), Takeoff(10.0), Land(), Hold())
 MAV_CMDS = (400, 22, 21, 176)

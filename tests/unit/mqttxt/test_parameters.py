@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from mqttxt.cli.main import app
 from mqttxt.cli.parameters import parse_command
-from mqttxt.commands import COMMANDS, Attitude, Goto, Hold, Mavlink, Offboard, Stream, Takeoff, Velocity
 from mqttxt.errors import ConfigurationError
+from mqttxt.protocol.commands import COMMANDS, Attitude, Goto, Hold, Mavlink, Offboard, Stream, Takeoff, Velocity
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from world import heartbeat, home, landed, position
 
-from mqttxt.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff, haversine_m
-from mqttxt.dialect.plans import CannotExecute, Plan
-from mqttxt.dialect.vehicle import Vehicle
+from mqttxt.drone.mavlink.plans import CannotExecute, Plan
+from mqttxt.drone.mavlink.vehicle import Vehicle
+from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff, haversine_m
 
 
 def vehicle(*messages: Any) -> Vehicle:

@@ -10,8 +10,8 @@ from workbench import ARM, MODE, TAKEOFF, Bench, said, written
 from world import ack, home, landed, position
 from world import heartbeat as px4_heartbeat
 
-from mqttxt.commands import Arm, Command, Takeoff
-from mqttxt.messages import Word
+from mqttxt.protocol.commands import Arm, Command, Takeoff
+from mqttxt.protocol.messages import Word
 
 GROUND, AIR = 1, 2
 REFUSED = 4

@@ -16,15 +16,15 @@ from world import GS_SESSION, World
 
 from mqttxt.cli.common import _Lines
 from mqttxt.cli.watch import _shown
-from mqttxt.conformance.registry import Finding, Rule, Verdict
-from mqttxt.conformance.report import print_table
+from mqttxt.core.effects import Inbound, Log
+from mqttxt.core.printable import printable
 from mqttxt.errors import PayloadError
-from mqttxt.messages import CommandId, Control, DroneRecord, Registration, Word
-from mqttxt.outcomes import Outcome, PsmiList, SensorReading
-from mqttxt.printable import printable
-from mqttxt.rankings import Candidate
-from mqttxt.roles.effects import Inbound, Log
-from mqttxt.wire.codec import decode, encode
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import CommandId, Control, DroneRecord, Registration, Word
+from mqttxt.protocol.rankings import Candidate
+from mqttxt.station.outcomes import Outcome, PsmiList, SensorReading
+from mqttxt_conformance.registry import Finding, Rule, Verdict
+from mqttxt_conformance.report import print_table
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\n[/nope]\u202e\x9b1m"
 NAMES = ["[/nope]", "", "x" * 65, "a b", "\x1b[2J", "a/b", "#", "é"]

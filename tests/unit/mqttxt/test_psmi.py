@@ -8,11 +8,11 @@ import pytest
 from fogs import BORN_MS, Bench, of, words
 from world import FOG_SESSION, UAV_SESSION
 
-from mqttxt.commands import Goto, Hold
-from mqttxt.messages import BeaconMessage, CommandMessage, Control, DroneRecord, FogResultMessage, Word
-from mqttxt.rankings import Candidate, PsmiMessage, SelectMode
-from mqttxt.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed
-from mqttxt.wire.codec import decode
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.commands import Goto, Hold
+from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Control, DroneRecord, FogResultMessage, Word
+from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMode
+from mqttxt.protocol.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed
 
 TARGET = Goto(47.4, 8.5, 20)
 ONE_KM = 1000 / 6_371_000 * 57.29577951308232

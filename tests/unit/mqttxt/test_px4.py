@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mqttxt.dialect.px4 import mode_name, mode_numbers
-from mqttxt.states import FlightModeName
+from mqttxt.drone.mavlink.px4 import mode_name, mode_numbers
+from mqttxt.protocol.states import FlightModeName
 
 
 @pytest.mark.parametrize("name", [name for name in FlightModeName if 0 < name.value < FlightModeName.GUIDED.value])

@@ -8,11 +8,11 @@ import pytest
 from fogs import Bench, of
 from world import UAV_SESSION
 
-from mqttxt.messages import Presence
-from mqttxt.rankings import QodsMessage
-from mqttxt.roles.qods import decile
-from mqttxt.states import Battery, MaxGroundspeed
-from mqttxt.wire.codec import decode
+from mqttxt.activator.qods import decile
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.messages import Presence
+from mqttxt.protocol.rankings import QodsMessage
+from mqttxt.protocol.states import Battery, MaxGroundspeed
 
 
 def flock(*drones: tuple[int, float], registered: bool = True) -> Bench:

@@ -10,19 +10,20 @@ from pymavlink.dialects.v20 import common as mavlink
 from workbench import Bench, said, written
 from world import UAV_SESSION, World, ack, command_payload, from_autopilot, on_disk, ready, results
 
-from mqttxt.commands import Mavlink
-from mqttxt.dialect.raw import GUARDED, MAV_CMDS, TYPED, Limits
+from mqttxt.core.effects import Inbound
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import Transmit
+from mqttxt.drone.executor import Executor
+from mqttxt.drone.mavlink.raw import GUARDED, MAV_CMDS, TYPED, Limits
+from mqttxt.drone.options import UavOptions
+from mqttxt.drone.role import UavClient
+from mqttxt.drone.runs import Said
 from mqttxt.errors import ConfigurationError, PayloadError
-from mqttxt.messages import CommandMessage, ResultMessage, Word
-from mqttxt.outcomes import Outcome
-from mqttxt.roles.effects import Inbound, Transmit
-from mqttxt.roles.executor import Executor
-from mqttxt.roles.runs import Said
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_options import UavOptions
-from mqttxt.wire.codec import decode, encode
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Mavlink
+from mqttxt.protocol.messages import CommandMessage, ResultMessage, Word
+from mqttxt.protocol.values import Encoding
+from mqttxt.station.outcomes import Outcome
 
 NAN = math.nan
 ROI, REBOOT = 195, 246

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mqttxt.roles.recognition import GAP_MS, PATIENCE_MS, Recognition
+from mqttxt.drone.recognition import GAP_MS, PATIENCE_MS, Recognition
 
 
 def beats(recognition: Recognition, system_id: int, start_ms: int, end_ms: int, gap_ms: int = 1000) -> list[int | None]:

@@ -8,18 +8,10 @@ import pytest
 from fogs import BORN_MS, UAV_AHEAD_MS, Bench, of, ready, words
 from world import GS_SESSION, UAV_SESSION
 
-from mqttxt.commands import Arm, Command, Goto, Hold, Land
-from mqttxt.messages import (
-    CommandId,
-    CommandMessage,
-    Control,
-    FogResultMessage,
-    Presence,
-    ResultMessage,
-    Word,
-)
-from mqttxt.roles.effects import Publish
-from mqttxt.wire.codec import decode
+from mqttxt.core.effects import Publish
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land
+from mqttxt.protocol.messages import CommandId, CommandMessage, Control, FogResultMessage, Presence, ResultMessage, Word
 
 
 def test_a_command_goes_on_with_the_drones_session_and_a_deadline_of_its_clock() -> None:

@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mqtt_server import DISCONNECT, PUBLISH, Server, eventually
 
-from mqttxt.clock import SessionClock
+from mqttxt.core.clock import SessionClock
+from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
+from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.runner import TICK_S, Runner, next_tick
 from mqttxt.errors import ConfigurationError
-from mqttxt.io.mqtt import BrokerAddress, MqttLink
-from mqttxt.io.runner import TICK_S, Runner, next_tick
-from mqttxt.roles.effects import Inbound, Publish, Subscribe, Will
 
 CLEAN = b""
 PRESENCE = "drone1/reachable"

@@ -16,17 +16,18 @@ from typer.testing import CliRunner
 
 from mqttxt.cli.main import app
 from mqttxt.cli.watch import everything
+from mqttxt.core.effects import Inbound, Log, Publish
+from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import ForgetReadings, Journal, StoreReading
+from mqttxt.drone.sensors import port as sensors
+from mqttxt.drone.sensors.carrier import Carrier
+from mqttxt.drone.sensors.port import Receipts, SensorOptions, SensorPort
 from mqttxt.errors import BrokerRefused, ConfigurationError
-from mqttxt.gs import GroundStation
-from mqttxt.io import sensors
-from mqttxt.io.mqtt import BrokerAddress
-from mqttxt.io.sensors import Receipts, SensorOptions, SensorPort
-from mqttxt.readings import ReadingAck
-from mqttxt.roles.carrier import Carrier
-from mqttxt.roles.effects import ForgetReadings, Inbound, Journal, Log, Publish, StoreReading
-from mqttxt.roles.settings import Settings
-from mqttxt.topics import FogSide
-from mqttxt.wire.codec import decode, encode
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.readings import ReadingAck
+from mqttxt.protocol.topics import FogSide
+from mqttxt.station.ground_station import GroundStation
 
 NOWHERE = BrokerAddress.parse("mqtt://127.0.0.1:1")
 

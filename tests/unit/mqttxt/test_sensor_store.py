@@ -11,15 +11,15 @@ import pytest
 from carrying import reading
 from small_disk import SmallDisk
 
+from mqttxt.drone.effects import LoadReadings, StoreReading
+from mqttxt.drone.sensors.store import Batch, SensorStore
 from mqttxt.errors import ConfigurationError
-from mqttxt.io.sensor_store import Batch, SensorStore
-from mqttxt.roles.effects import LoadReadings, StoreReading
 
 KILLED = """
 import os, pathlib, sys
-from mqttxt.io.sensor_store import Batch, SensorStore
-from mqttxt.readings import Reading, ReadingMessage
-from mqttxt.roles.effects import StoreReading
+from mqttxt.drone.sensors.store import Batch, SensorStore
+from mqttxt.protocol.readings import Reading, ReadingMessage
+from mqttxt.drone.effects import StoreReading
 store = SensorStore(pathlib.Path(sys.argv[1]))
 for seq in range(5):
     message = ReadingMessage(boot=1, seq=seq, time_ms=seq, value=seq)

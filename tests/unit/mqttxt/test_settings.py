@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mqttxt.roles.settings import Retry
+from mqttxt.core.settings import Retry
 
 
 def test_pauses_double_from_two_to_sixteen_seconds() -> None:

@@ -16,9 +16,9 @@ from typing import Any
 import pytest
 from world import from_autopilot
 
-from mqttxt.dialect.messages import kinds
-from mqttxt.dialect.vehicle import SOURCES, Vehicle
-from mqttxt.states import Armed, Location, State, Throttle
+from mqttxt.drone.mavlink.vehicle import SOURCES, Vehicle
+from mqttxt.protocol.mavlink_states import kinds
+from mqttxt.protocol.states import Armed, Location, State, Throttle
 
 RECORDINGS = ("px4-1.15", "px4-main")
 TICK_MS = 100

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mqttxt.states import (
+from mqttxt.protocol.states import (
     Armed,
     Battery,
     FlightMode,

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from world import World
 
-from mqttxt.outcomes import SensorReading
-from mqttxt.readings import ReadingAck
-from mqttxt.roles.effects import Inbound, Log
-from mqttxt.roles.station_readings import MOST_RANGES, Readings, Seen
-from mqttxt.wire.codec import decode, encode
+from mqttxt.core.effects import Inbound, Log
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.readings import ReadingAck
+from mqttxt.station.outcomes import SensorReading
+from mqttxt.station.readings import MOST_RANGES, Readings, Seen
 
 
 @given(st.lists(st.integers(0, 60), max_size=200))

@@ -9,15 +9,16 @@ from pymavlink.dialects.v20 import common as mavlink
 from workbench import Bench, said, written
 from world import UAV_SESSION, ack, command_payload, from_autopilot, heartbeat, on_disk, position, ready, results
 
-from mqttxt.commands import Stream
-from mqttxt.messages import Word
-from mqttxt.roles.effects import Inbound, Publish, Transmit
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.states import Location, MavlinkState
-from mqttxt.wire.bundles import DroneBundle
-from mqttxt.wire.codec import decode, encode
-from mqttxt.wire.states import decode_state
+from mqttxt.core.effects import Inbound, Publish
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import Transmit
+from mqttxt.drone.role import UavClient
+from mqttxt.protocol.bundles import DroneBundle
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Stream
+from mqttxt.protocol.messages import Word
+from mqttxt.protocol.state_payload import decode_state
+from mqttxt.protocol.states import Location, MavlinkState
 
 INTERVAL = 511
 ATTITUDE = mavlink.MAVLINK_MSG_ID_ATTITUDE

@@ -12,13 +12,13 @@ import cbor2
 import pytest
 
 from mqttxt.errors import ConfigurationError
-from mqttxt.messages import CommandMessage, Word
-from mqttxt.states import POLICIES, STATES, Battery, Groundspeed, Heading, Home, Location, VitalState
-from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, topics_of
-from mqttxt.topics import CloudSide, FogSide, SensorSide, station_reachable
-from mqttxt.wire import schema, tables
-from mqttxt.wire.codec import decode
-from mqttxt.wire.examples import STATION, examples, notation
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.messages import CommandMessage, Word
+from mqttxt.protocol.states import POLICIES, STATES, Battery, Groundspeed, Heading, Home, Location, VitalState
+from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, topics_of
+from mqttxt.protocol.topics import CloudSide, FogSide, SensorSide, station_reachable
+from spec import schema, tables
+from spec.examples import STATION, examples, notation
 
 PROTOCOL = Path(__file__).resolve().parents[3] / "docs" / "protocol.md"
 LETTERS = {"X": "1", "Y": "2", "Z": "battery", "C": "goto", "G": "alpha", "S": "3", "K": "temperature"}

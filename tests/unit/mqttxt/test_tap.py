@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from mqtt_server import PUBLISH, Server, eventually
 
-from mqttxt.clock import SessionClock
-from mqttxt.conformance import tap as tap_module
-from mqttxt.conformance.tap import NO_PUBACK, Tap, clear_retained
-from mqttxt.io.address import BrokerAddress
+from mqttxt.core.address import BrokerAddress
+from mqttxt.core.clock import SessionClock
+from mqttxt_conformance import tap as tap_module
+from mqttxt_conformance.tap import NO_PUBACK, Tap, clear_retained
 
 
 async def test_a_broker_that_acknowledges_nothing_holds_up_no_kit(monkeypatch: pytest.MonkeyPatch) -> None:

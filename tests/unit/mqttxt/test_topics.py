@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 from world import matches
 
 from mqttxt.errors import ConfigurationError, PayloadError
-from mqttxt.topics import CloudSide, DroneTopic, FogSide, FogTopic, StationTopic, check_prefix, station_reachable
+from mqttxt.protocol.topics import (
+    CloudSide,
+    DroneTopic,
+    FogSide,
+    FogTopic,
+    StationTopic,
+    check_prefix,
+    station_reachable,
+)
 
 DRONES = st.integers(1, 250)
 

@@ -8,13 +8,14 @@ import cbor2
 import pytest
 from world import UAV_SESSION, ack, command_payload, heartbeat, on_disk, ready, results, transmitted
 
-from mqttxt.commands import Arm, Disarm, Hold, Land, Return
-from mqttxt.messages import BeaconMessage, CommandId, DroneLease, Presence, Word
-from mqttxt.roles.effects import Inbound, Journal, Log, Publish, Stop, Subscribe, Transmit
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_commands import Unfinished
-from mqttxt.wire.codec import decode, encode
+from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe
+from mqttxt.core.settings import Settings
+from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.effects import Journal, Transmit
+from mqttxt.drone.role import UavClient
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Arm, Disarm, Hold, Land, Return
+from mqttxt.protocol.messages import BeaconMessage, CommandId, DroneLease, Presence, Word
 
 ARM = 400
 

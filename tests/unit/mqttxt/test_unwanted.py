@@ -11,11 +11,11 @@ from pymavlink.dialects.v20 import common as mavlink
 from workbench import ARM, MODE, REPOSITION, TAKEOFF, Bench, said, written
 from world import ack, from_autopilot, heartbeat, home, landed, position
 
-from mqttxt.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Takeoff, Velocity
-from mqttxt.dialect.sources import Source
-from mqttxt.messages import Word
-from mqttxt.roles.effects import Transmit
-from mqttxt.roles.runs import Said
+from mqttxt.drone.effects import Transmit
+from mqttxt.drone.mavlink.sources import Source
+from mqttxt.drone.runs import Said
+from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Takeoff, Velocity
+from mqttxt.protocol.messages import Word
 
 GROUND, AIR = 1, 2
 THERE = Goto(47.4, 8.5, 10.0)

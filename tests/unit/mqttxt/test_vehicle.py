@@ -8,9 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from world import from_autopilot, heartbeat, home, landed, position
 
-from mqttxt.dialect.vehicle import Vehicle
+from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.errors import PayloadError
-from mqttxt.states import (
+from mqttxt.protocol.states import (
     Armed,
     Battery,
     FlightMode,

@@ -15,9 +15,11 @@ from hypothesis import strategies as st
 from strategies import PLAIN, messages
 
 import mqttxt
-from mqttxt.commands import COMMAND, Attitude, Goto, Offboard, Stream, Takeoff, Velocity
 from mqttxt.errors import PayloadError
-from mqttxt.messages import (
+from mqttxt.protocol.codec import MAX_PAYLOAD, decode, encode, encoding_of
+from mqttxt.protocol.commands import COMMAND, Attitude, Goto, Offboard, Stream, Takeoff, Velocity
+from mqttxt.protocol.identify import identify
+from mqttxt.protocol.messages import (
     BeaconMessage,
     By,
     CommandMessage,
@@ -29,14 +31,12 @@ from mqttxt.messages import (
     ResultMessage,
     Word,
 )
-from mqttxt.states import STATES, Battery, Heading, Location
-from mqttxt.wire import schema
-from mqttxt.wire.codec import MAX_PAYLOAD, decode, encode, encoding_of
-from mqttxt.wire.identify import identify
-from mqttxt.wire.states import StampedState, decode_state, encode_state, message_class
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.state_payload import StampedState, decode_state, encode_state, message_class
+from mqttxt.protocol.states import STATES, Battery, Heading, Location
+from mqttxt.protocol.values import Encoding
+from spec import schema
 
-SCHEMAS = Path(mqttxt.__file__).parent / "schemas"
+SCHEMAS = Path(mqttxt.__file__).parent / "protocol" / "schemas"
 JSON_SCHEMA = json.loads((SCHEMAS / "payload-v1.schema.json").read_text())
 CDDL = (SCHEMAS / "payload-v1.cddl").read_text()
 
@@ -70,7 +70,7 @@ def validator_of(cls: type[Any]) -> jsonschema.Draft202012Validator:
 
 
 def test_the_schemas_in_the_package_are_made_from_the_messages() -> None:
-    assert schema.json_schema() == JSON_SCHEMA, "run python -m mqttxt.wire.schema services/mqttxt/src/mqttxt/schemas"
+    assert schema.json_schema() == JSON_SCHEMA, "run python -m spec.schema services/mqttxt/src/mqttxt/protocol/schemas"
     assert schema.cddl() == CDDL
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from world import matches
 
-from mqttxt.roles.effects import Inbound, Publish, Subscribe, Unsubscribe, Will
+from mqttxt.core.effects import Inbound, Publish, Subscribe, Unsubscribe, Will
 
 RHO_PPM = 1000
 

@@ -9,12 +9,12 @@ from typing import Any
 
 from true_time import Events
 
-from mqttxt.clock import RemoteClock
-from mqttxt.messages import BeaconMessage, CommandId, CommandMessage, ResultMessage, Word
-from mqttxt.outcomes import Outcome
-from mqttxt.roles.effects import Inbound, Publish
-from mqttxt.roles.executor import SENDS
-from mqttxt.wire.codec import decode
+from mqttxt.core.clock import RemoteClock
+from mqttxt.core.effects import Inbound, Publish
+from mqttxt.drone.executor import SENDS
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.messages import BeaconMessage, CommandId, CommandMessage, ResultMessage, Word
+from mqttxt.station.outcomes import Outcome
 
 RHO = 1e-3
 WHOLE_MS = 5.0

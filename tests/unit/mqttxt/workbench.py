@@ -6,12 +6,12 @@ from typing import Any
 
 from world import heartbeat, home, landed, position
 
-from mqttxt.commands import Command
-from mqttxt.dialect.vehicle import Vehicle
-from mqttxt.messages import CommandId, Word
-from mqttxt.roles.effects import Transmit
-from mqttxt.roles.executor import Executor
-from mqttxt.roles.runs import Said
+from mqttxt.drone.effects import Transmit
+from mqttxt.drone.executor import Executor
+from mqttxt.drone.mavlink.vehicle import Vehicle
+from mqttxt.drone.runs import Said
+from mqttxt.protocol.commands import Command
+from mqttxt.protocol.messages import CommandId, Word
 
 ARM, TAKEOFF, LAND, MODE, REPOSITION = 400, 22, 21, 176, 192
 

@@ -8,16 +8,17 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.dialect.sources import Source
-from mqttxt.messages import CommandId, CommandMessage, ResultMessage
-from mqttxt.roles.activator import Activator
-from mqttxt.roles.activator_drones import CLOUD, FOG
-from mqttxt.roles.effects import Inbound, Journal, Log, Publish, Stop, Subscribe, Transmit
-from mqttxt.roles.ground_station import GroundStation
-from mqttxt.roles.settings import Settings
-from mqttxt.roles.uav_client import UavClient
-from mqttxt.roles.uav_commands import Unfinished
-from mqttxt.wire.codec import decode
+from mqttxt.activator.drones import CLOUD, FOG
+from mqttxt.activator.role import Activator
+from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe
+from mqttxt.core.settings import Settings
+from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.effects import Journal, Transmit
+from mqttxt.drone.mavlink.sources import Source
+from mqttxt.drone.role import UavClient
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.messages import CommandId, CommandMessage, ResultMessage
+from mqttxt.station.role import GroundStation
 
 GS_SESSION, FOG_SESSION, UAV_SESSION = 0x11, 0x22, 0x33
 HOME = (473_977_420, 85_455_940, 488_000)
@@ -102,7 +103,7 @@ def transmitted(effects: Iterable[Any]) -> list[Any]:
 
 
 class Kept:
-    """What a journal has: by the rules of `io.journal`, without a disk."""
+    """What a journal has: by the rules of `drone.journal`, without a disk."""
 
     def __init__(self) -> None:
         self.unfinished: dict[CommandId, Unfinished] = {}

@@ -8,10 +8,10 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mqttxt.readings import ReadingAck, ReadingKey, ReadingMessage
-from mqttxt.roles.effects import Inbound, Log, Publish, Subscribe
-from mqttxt.roles.settings import Settings
-from mqttxt.wire.codec import decode, encode
+from mqttxt.core.effects import Inbound, Log, Publish, Subscribe
+from mqttxt.core.settings import Settings
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.readings import ReadingAck, ReadingKey, ReadingMessage
 from sensor.node import WINDOW, Dropped, Finished, Measured, SensorNode, SensorOptions
 
 BOOT, NOON_MS = 0xB007, 1_767_268_800_000

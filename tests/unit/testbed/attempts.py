@@ -11,12 +11,12 @@ from scapy.layers.l2 import ARP, Ether
 from scapy.packet import Raw
 from scapy.utils import RawPcapWriter
 
-from mqttxt.commands import Arm
-from mqttxt.messages import CommandMessage
-from mqttxt.states import Battery
-from mqttxt.wire.codec import encode
-from mqttxt.wire.states import StampedState, encode_state
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.commands import Arm
+from mqttxt.protocol.messages import CommandMessage
+from mqttxt.protocol.state_payload import StampedState, encode_state
+from mqttxt.protocol.states import Battery
+from mqttxt.protocol.values import Encoding
 from testbed.results import Attempt, Series, new_attempt, write_json
 
 NODES = {"gs": "198.18.0.3", "cloud": "198.18.1.3", "fog1": "198.18.11.3", "uav1": "198.18.21.3"}

@@ -10,12 +10,12 @@ from attempts import LINKS, NODES, SECOND, T0, frame, manifest, publish, write_p
 from mavlink_attempts import MS, Chain, long_command, make_mavlink_attempt, packed, sender, stream_message
 from pymavlink.dialects.v20 import common
 
-from mqttxt.commands import Arm, Command, Goto, Land, Offboard, Stream, Takeoff, Velocity
-from mqttxt.messages import CommandMessage
-from mqttxt.states import Battery, FlightMode, FlightModeName, Groundspeed, Heading, Location, State
-from mqttxt.wire.codec import encode
-from mqttxt.wire.states import StampedState, encode_state
-from mqttxt.wire.values import Encoding
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.commands import Arm, Command, Goto, Land, Offboard, Stream, Takeoff, Velocity
+from mqttxt.protocol.messages import CommandMessage
+from mqttxt.protocol.state_payload import StampedState, encode_state
+from mqttxt.protocol.states import Battery, FlightMode, FlightModeName, Groundspeed, Heading, Location, State
+from mqttxt.protocol.values import Encoding
 from testbed.results import Attempt, Series, new_attempt, write_json
 
 COMMANDS = ("arm", "takeoff", "land", "offboard", "goto")

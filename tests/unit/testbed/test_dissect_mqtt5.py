@@ -19,7 +19,7 @@ from scapy.layers.l2 import Ether
 from scapy.packet import Packet, Raw
 from scapy.sessions import TCPSession
 
-from mqttxt.io.properties import publish_properties
+from mqttxt.core.mqtt.properties import publish_properties
 from testbed.dissect import mqtt5
 from testbed.dissect.mqtt5_codes import DISCONNECT_REASONS, REASONS, SUBSCRIBE_REASONS, TYPES
 from testbed.dissect.mqtt5_fields import (

@@ -8,10 +8,10 @@ import polars as pl
 import pytest
 from attempts import LINKS, NODES
 
-from mqttxt.states import Battery, Heading
-from mqttxt.wire.bundles import drone_bundle, fog_bundles
-from mqttxt.wire.codec import encode
-from mqttxt.wire.states import StampedState
+from mqttxt.protocol.bundles import drone_bundle, fog_bundles
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.state_payload import StampedState
+from mqttxt.protocol.states import Battery, Heading
 from testbed.metrics.message_kinds import own_mavlink, own_mqttxt, setpoints
 from testbed.metrics.ways import Ways
 from testbed.packets.rows import MESSAGE_SCHEMA

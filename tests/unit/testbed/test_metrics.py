@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from attempts import SECOND, T0, arm_command, frame, make_attempt, manifest, publish, write_pcap
 
-from mqttxt.states import Battery, Groundspeed, Heading
-from mqttxt.wire.bundles import drone_bundle, fog_bundles
-from mqttxt.wire.codec import encode
-from mqttxt.wire.states import StampedState
+from mqttxt.protocol.bundles import drone_bundle, fog_bundles
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.state_payload import StampedState
+from mqttxt.protocol.states import Battery, Groundspeed, Heading
 from testbed.errors import ResultsError
 from testbed.metrics import measure_series
 from testbed.results import new_series

@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import common
 from scapy.layers.l2 import Ether
 from typer.testing import CliRunner, Result
 
-from mqttxt.messages import BeaconMessage, CommandMessage, Presence
-from mqttxt.rankings import SelectMessage
-from mqttxt.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE
+from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Presence
+from mqttxt.protocol.rankings import SelectMessage
+from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE
 from testbed.cli import app
 from testbed.dissect import mqtt5
 from testbed.errors import UserError

@@ -11,8 +11,8 @@ from mavsdk.plugins.offboard import OffboardResult
 from mavsdk.plugins.telemetry import FlightMode, LandedState, Position
 
 from mqttxt import Arm, FlightModeName, Goto, Land, Landed, Return, Takeoff, Word
-from mqttxt.commands import haversine_m
-from mqttxt.dialect.plans import ALTITUDE_REACHED_M, ARRIVED_ACROSS_M, ARRIVED_ALTITUDE_M
+from mqttxt.drone.mavlink.plans import ALTITUDE_REACHED_M, ARRIVED_ACROSS_M, ARRIVED_ALTITUDE_M
+from mqttxt.protocol.commands import haversine_m
 
 from .fleet import Point, Status
 

@@ -7,12 +7,12 @@ import logging
 import secrets
 from collections.abc import Callable, Hashable
 
+from mqttxt.core.effects import Inbound, Subscribe
+from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
 from mqttxt.errors import MqttxtError, PayloadError
-from mqttxt.io.mqtt import BrokerAddress, MqttLink
-from mqttxt.readings import ReadingMessage, checked
-from mqttxt.roles.effects import Inbound, Subscribe
-from mqttxt.topics import CloudSide, DroneTopic
-from mqttxt.wire.codec import decode
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.readings import ReadingMessage, checked
+from mqttxt.protocol.topics import CloudSide, DroneTopic
 
 from .fleet import MissionError, Reading
 

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mqttxt.readings import UNITS
+from mqttxt.protocol.readings import UNITS
 
 from .fleet import Reading
 

@@ -1,10 +1,20 @@
 """MQTT-XT: drones as ordinary nodes of an IoT network, over MQTT 5.
 
-The ground station's API is re-exported here; `mqttxt.cli` has the roles as commands. The pure modules
-(`topics`, `clock`, `commands`, `states`, `messages`, `wire`, `dialect`, `roles`) know no network; `io` does.
+The ground station's API is re-exported here. `station`, `activator` and `drone` are the nodes, on `core` and
+`protocol`; `cli` has them as commands.
 """
 
-from .commands import (
+from .errors import (
+    BrokerRefused,
+    ConfigurationError,
+    FogUnreachable,
+    MqttxtError,
+    PayloadError,
+    Refused,
+    StationEnded,
+    TransportError,
+)
+from .protocol.commands import (
     Arm,
     Attitude,
     Command,
@@ -19,21 +29,9 @@ from .commands import (
     Takeoff,
     Velocity,
 )
-from .errors import (
-    BrokerRefused,
-    ConfigurationError,
-    FogUnreachable,
-    MqttxtError,
-    PayloadError,
-    Refused,
-    StationEnded,
-    TransportError,
-)
-from .gs import Drone, Fog, GroundStation, KnownState
-from .messages import CommandId, Word
-from .outcomes import ControlChanged, Event, Outcome, PsmiList, QodsRanking, Reachability, SensorReading, StateUpdate
-from .rankings import Candidate, Ranked
-from .states import (
+from .protocol.messages import CommandId, Word
+from .protocol.rankings import Candidate, Ranked
+from .protocol.states import (
     STATES,
     Armed,
     Battery,
@@ -51,7 +49,18 @@ from .states import (
     MaxGroundspeed,
     State,
 )
-from .wire.values import Encoding
+from .protocol.values import Encoding
+from .station.ground_station import Drone, Fog, GroundStation, KnownState
+from .station.outcomes import (
+    ControlChanged,
+    Event,
+    Outcome,
+    PsmiList,
+    QodsRanking,
+    Reachability,
+    SensorReading,
+    StateUpdate,
+)
 
 __version__ = "0.1.0"
 

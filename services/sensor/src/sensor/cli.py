@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from mqttxt.cli.common import errors_as_lines, run_role, set_up_logging, settings
+from mqttxt.core.mqtt.link import BrokerAddress
 from mqttxt.errors import ConfigurationError
-from mqttxt.io.mqtt import BrokerAddress
-from mqttxt.topics import check_number
+from mqttxt.protocol.topics import check_number
 
 from .model import QUANTITIES
 from .node import SensorOptions

@@ -9,12 +9,12 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from itertools import takewhile
 
+from mqttxt.core.effects import Effect, Inbound, Log, Publish, Subscribe
+from mqttxt.core.settings import Retry, Settings
 from mqttxt.errors import PayloadError
-from mqttxt.readings import Reading, ReadingAck, ReadingKey, ReadingMessage
-from mqttxt.roles.effects import Effect, Inbound, Log, Publish, Subscribe
-from mqttxt.roles.settings import Retry, Settings
-from mqttxt.topics import SensorSide
-from mqttxt.wire.codec import decode, encode
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.readings import Reading, ReadingAck, ReadingKey, ReadingMessage
+from mqttxt.protocol.topics import SensorSide
 
 from .model import QUANTITIES, value
 

@@ -7,12 +7,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from mqttxt.clock import SessionClock
+from mqttxt.core.clock import SessionClock
+from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.core.runner import Runner
+from mqttxt.core.settings import Settings
 from mqttxt.errors import ConfigurationError
-from mqttxt.io.mqtt import BrokerAddress, MqttLink
-from mqttxt.io.runner import Runner
-from mqttxt.readings import Reading
-from mqttxt.roles.settings import Settings
+from mqttxt.protocol.readings import Reading
 
 from .node import LINK, Dropped, Finished, Measured, SensorNode, SensorOptions
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import typer
 
+from ..core.printable import printable
+from ..core.runner import Runner
+from ..core.settings import Settings
 from ..errors import ConfigurationError, MqttxtError
-from ..io.runner import Runner
-from ..printable import printable
-from ..roles.settings import Settings
-from ..wire.values import Encoding
+from ..protocol.values import Encoding
 
 
 @contextlib.contextmanager

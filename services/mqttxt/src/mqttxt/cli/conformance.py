@@ -10,16 +10,17 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from ..clock import MAX_TTL_MS
-from ..conformance.activator import ActivatorTarget, check_activator
-from ..conformance.gs import GsTarget, check_gs
-from ..conformance.registry import Finding, Verdict
-from ..conformance.report import as_json, count, print_table
-from ..conformance.uav import UavTarget, check_uav
+from mqttxt_conformance.activator import ActivatorTarget, check_activator
+from mqttxt_conformance.gs import GsTarget, check_gs
+from mqttxt_conformance.registry import Finding, Verdict
+from mqttxt_conformance.report import as_json, count, print_table
+from mqttxt_conformance.uav import UavTarget, check_uav
+
+from ..core.clock import MAX_TTL_MS
+from ..core.mqtt.link import BrokerAddress
+from ..drone.mavlink.link import AutopilotAddress
 from ..errors import ConfigurationError
-from ..io.mavlink import AutopilotAddress
-from ..io.mqtt import BrokerAddress
-from ..topics import MAX_DRONE, check_number, check_prefix
+from ..protocol.topics import MAX_DRONE, check_number, check_prefix
 from .common import run_coroutine
 
 conformance_app = typer.Typer(

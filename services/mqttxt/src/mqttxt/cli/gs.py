@@ -8,12 +8,12 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from ..commands import BROADCASTABLE, COMMANDS, Command
 from ..errors import ConfigurationError
-from ..gs import GroundStation
-from ..messages import Word
-from ..outcomes import Outcome, PsmiList
-from ..topics import MAX_DRONE, SELECTABLE, check_number
+from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
+from ..protocol.messages import Word
+from ..protocol.topics import MAX_DRONE, SELECTABLE, check_number
+from ..station.ground_station import GroundStation
+from ..station.outcomes import Outcome, PsmiList
 from .common import run_coroutine, set_up_logging, settings
 from .parameters import HELP, parse_command
 from .watch import watch_fogs

@@ -8,19 +8,19 @@ from typing import Annotated
 
 import typer
 
-from ..dialect.raw import Limits
+from ..activator.process import ActivatorRunner
+from ..core.address import is_host, whole_number
+from ..core.embedded_broker import EmbeddedBroker
+from ..core.mqtt.link import BrokerAddress
+from ..drone.journal import JournalFile
+from ..drone.mavlink.link import AutopilotAddress
+from ..drone.mavlink.raw import Limits
+from ..drone.options import UavOptions
+from ..drone.process import UavRunner
+from ..drone.sensors.port import SensorOptions
+from ..drone.sensors.store import DEFAULT_LIMIT
 from ..errors import ConfigurationError
-from ..io.activator import ActivatorRunner
-from ..io.address import is_host, whole_number
-from ..io.broker import EmbeddedBroker
-from ..io.journal import JournalFile
-from ..io.mavlink import AutopilotAddress
-from ..io.mqtt import BrokerAddress
-from ..io.sensor_store import DEFAULT_LIMIT
-from ..io.sensors import SensorOptions
-from ..io.uav import UavRunner
-from ..roles.uav_options import UavOptions
-from ..topics import MAX_DRONE, FogSide, check_number, check_prefix
+from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_prefix
 from .common import errors_as_lines, run_role, set_up_logging, settings
 from .conformance import conformance_app
 from .gs import gs_app

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ..commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
-from ..dialect.raw import MAV_CMDS
+from ..drone.mavlink.raw import MAV_CMDS
 from ..errors import ConfigurationError
-from ..wire.codec import plan_of
-from ..wire.fields import Integer, Scaled, Text
+from ..protocol.codec import plan_of
+from ..protocol.commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
+from ..protocol.fields import Integer, Scaled, Text
 
 HELP = (
     "takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home); "

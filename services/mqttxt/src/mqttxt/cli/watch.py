@@ -11,19 +11,10 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from ..gs import Drone, Fog, GroundStation, KnownState
-from ..printable import printable
-from ..states import (
-    Armed,
-    Battery,
-    FlightMode,
-    Groundspeed,
-    Heading,
-    Health,
-    LandedState,
-    Location,
-)
-from ..topics import MAX_DRONE
+from ..core.printable import printable
+from ..protocol.states import Armed, Battery, FlightMode, Groundspeed, Heading, Health, LandedState, Location
+from ..protocol.topics import MAX_DRONE
+from ..station.ground_station import Drone, Fog, GroundStation, KnownState
 
 REFRESH_S = 0.5
 FIRST_STATES_S = 5.0

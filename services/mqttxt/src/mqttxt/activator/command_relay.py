@@ -1,0 +1,294 @@
+"""The activator's way with commands: admit, forward within the deadline, carry the words back, close.
+
+Before it publishes a command to the fog broker only the activator may close it; afterwards only the UAV
+client, until the deadline, the limit and a grace have passed. A command that names an earlier session of this
+activator is never executed: that session may have forwarded it, so the drones are asked what became of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+from typing import Any
+
+from ..core.clock import MAX_TTL_MS, expiry_s, stamp
+from ..core.effects import Effect, Inbound, Log, Publish
+from ..core.ledger import OVERRIDING, Admission, Entry, Ledger, Share
+from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry, Settings
+from ..errors import PayloadError
+from ..protocol.codec import decode, encode
+from ..protocol.commands import BROADCASTABLE, Goto, Land, Offboard, Return, Takeoff
+from ..protocol.identify import identify
+from ..protocol.messages import CommandId, CommandMessage, ResultMessage, Word, without_contradiction
+from ..protocol.topics import CloudSide, FogSide
+from ..protocol.words import NO_DEADLINE
+from .command_words import RelayWords
+from .drones import FOG, DroneLink, Drones
+from .leases import Leases
+from .legs import CHOSEN, Job, Leg
+
+FLYING = (Takeoff, Goto, Land, Return, Offboard)
+"""A drone is busy from one of these to its last word."""
+
+
+class Relay:
+    """The commands of one activator session. `on_…` methods take what arrived and return effects.
+
+    `on_last_word` hears of each leg of a chosen drone that was closed, `on_overriding` of the sessions whose hold,
+    land or return was admitted.
+    """
+
+    def __init__(
+        self, session: int, settings: Settings, cloud: CloudSide, fog: FogSide, drones: Drones, leases: Leases
+    ) -> None:
+        self._session = session
+        self._words = RelayWords(session, settings, cloud)
+        self._leases = leases
+        self._settings = settings
+        self._fog = fog
+        self._drones = drones
+        self.ledger: Ledger[Job] = Ledger()
+        self.fog_connected = False
+        self.on_last_word: Callable[[Entry[Job], Leg, int], list[Effect]] = lambda entry, leg, now_ms: []
+        self.on_overriding: Callable[[int, int], list[Effect]] = lambda gs_session, now_ms: []
+
+    def on_command(self, drone: int | None, message: Inbound, now_ms: int) -> list[Effect]:
+        """A command for one drone, or with None for every drone of the fog."""
+        try:
+            command = decode(CommandMessage, message.payload)
+        except PayloadError as error:
+            return self.on_malformed(drone, message, error, now_ms)
+        entry, out = self.enter(command, drone, command.command, message.retain, now_ms)
+        if entry is None:
+            return out
+        if isinstance(command.command, OVERRIDING) and not entry.record.query:
+            out += self.on_overriding(command.gs_session, now_ms)
+        return out + self._start(entry, now_ms)
+
+    def enter(
+        self, command: CommandMessage, target: int | None, contents: Hashable, retained: bool, now_ms: int
+    ) -> tuple[Entry[Job] | None, list[Effect]]:
+        """Admit a command to the ledger; None where it was a duplicate or is denied, with the answer."""
+        known = command.executor_session == self._session and command.deadline_ms is not None
+        deadline_ms = command.deadline_ms if known and command.deadline_ms is not None else now_ms
+        keep_ms = min(deadline_ms, now_ms + MAX_TTL_MS)
+        in_control = self._leases.controls(command.gs_session, target or None)
+        share = Share.of(command.command, in_control)
+        verdict = self.ledger.examine(command.id, contents, keep_ms, now_ms, share)
+        entry = self.ledger.get(command.id)
+        if verdict is Admission.DUPLICATE and entry is not None and entry.record.target == target:
+            return None, self._answer(entry)
+        if verdict is Admission.IGNORED:
+            return None, [
+                Log("outsiders", f"{command.command.name} of session {command.gs_session:08x}: no room for it")
+            ]
+        if verdict is not Admission.NEW:
+            reason = "ledger_full" if verdict is Admission.FULL else "id_conflict"
+            return None, [self._denial(target, command.command.name, command.id, reason, now_ms)]
+        close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
+        query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
+        job = Job(target, command, deadline_ms, close_at_ms, query)
+        entry = self.ledger.enter(command.id, contents, job, keep_ms, share)
+        refusal = self._refusal(job, known, retained, now_ms)
+        return (entry, []) if refusal is None else (None, self.refuse(entry, refusal, now_ms))
+
+    def refuse(self, entry: Entry[Job], reason: str, now_ms: int) -> list[Effect]:
+        """Deny a command as a whole."""
+        job = entry.record
+        if job.target is not None and job.target != CHOSEN:
+            leg = job.legs[job.target] = Leg(job.target)
+            return self._close(entry, leg, Word.DENIED, reason, now_ms)
+        job.choosing = False
+        job.answer = self._words.fog_result(entry.id, now_ms, None, reason)
+        self.ledger.close(entry, now_ms)
+        return [self._words.publish_fog_result(job.message.command.name, job.answer)]
+
+    def forward_to(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
+        """Send a command to the drone that was chosen for it."""
+        leg = entry.record.legs[drone] = Leg(drone)
+        return self._forward(entry, leg, now_ms)
+
+    def busy_drones(self) -> set[int]:
+        """The drones that fly or start a command which has no last word yet."""
+        return {
+            leg.drone
+            for entry in self.ledger.open_entries()
+            for leg in entry.record.legs.values()
+            if not leg.is_closed and isinstance(entry.record.message.command, FLYING)
+        }
+
+    def on_result(self, link: DroneLink, payload: bytes, name: str, now_ms: int) -> list[Effect]:
+        """A word of the drone bound to `link`: relayed unless it repeats what was said."""
+        result = decode(ResultMessage, payload)
+        if result.session != link.session or link.clock is None:
+            return [Log("unknown_session", f"result of drone {link.number} from session {result.session:08x}")]
+        age_ms = link.clock.age_ms(result.stamp, now_ms)
+        relayed = replace(result, relay_stamp=stamp(now_ms - age_ms) if age_ms is not None else None)
+        entry = self.ledger.get(result.id)
+        if entry is None:
+            return [self._words.publish_result(link.number, name, relayed)]
+        leg = entry.record.legs.get(link.number)
+        if leg is None:
+            return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
+        if leg.is_closed:
+            unconfirmed = leg.words[-1].word is Word.UNCONFIRMED and leg.words[-1].session == self._session
+            if not unconfirmed or leg.truth or not result.word.is_last or result.word is Word.UNCONFIRMED:
+                return []
+            leg.truth = replace(relayed, settled=True)
+            return [self._words.publish_result(link.number, name, leg.truth)]
+        if any(word.word is result.word and word.percent == result.percent for word in leg.words):
+            return []
+        earlier = leg.words[-1].word if leg.words else None
+        word, reason = without_contradiction(relayed.word, relayed.reason, earlier)
+        relayed = replace(relayed, word=word, reason=reason)
+        return self._say(entry, leg, relayed, now_ms)
+
+    def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
+        """PUBACK of a forwarded command; nobody subscribed means that it was not published."""
+        command_id, drone = ref
+        entry = self.ledger.get(command_id)
+        leg = entry.record.legs.get(drone) if entry is not None else None
+        if entry is None or leg is None or leg.is_closed or leg.words or leg.publishes > 1:
+            return []
+        if code == NO_MATCHING_SUBSCRIBERS and not entry.record.query:
+            return self._close(entry, leg, Word.UNREACHABLE, "no_subscriber", now_ms)
+        return []
+
+    def on_drone_reachable(self, link: DroneLink, now_ms: int) -> list[Effect]:
+        """A drone is (again) there: what is open for it is sent once more, as a query where it has a new session."""
+        return [
+            effect
+            for entry in self.ledger.open_entries()
+            for leg in [entry.record.legs.get(link.number)]
+            if leg is not None and not leg.is_closed
+            for effect in self._send_again(entry, leg, link, now_ms)
+        ]
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """Commands that nobody answers: asked for again, and at last unconfirmed."""
+        out: list[Effect] = []
+        for entry in self.ledger.open_entries():
+            for leg in [leg for leg in entry.record.legs.values() if not leg.is_closed]:
+                link = self._drones.get(leg.drone)
+                if now_ms > entry.record.close_at_ms:
+                    out += self._close(entry, leg, Word.UNCONFIRMED, None, now_ms)
+                elif link is not None and link.announced and leg.retry is not None and leg.retry.is_due(now_ms):
+                    out += self._send_again(entry, leg, link, now_ms)
+        return out
+
+    def _refusal(self, job: Job, known: bool, retained: bool, now_ms: int) -> str | None:
+        if retained:
+            return "retained"
+        if not known and not job.query:
+            return NO_DEADLINE
+        if job.deadline_ms > now_ms + MAX_TTL_MS:
+            return "deadline_too_far"
+        if job.target is None and not isinstance(job.message.command, BROADCASTABLE):
+            return "not_broadcastable"
+        return None
+
+    def _start(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """Send a command to its drone, or a broadcast to all of its roster."""
+        job = entry.record
+        if job.target is not None:
+            job.legs[job.target] = Leg(job.target)
+            return self._forward(entry, job.legs[job.target], now_ms)
+        roster = self._drones.asked() if job.query else self._drones.roster()
+        job.answer = self._words.fog_result(entry.id, now_ms, roster, None)
+        out: list[Effect] = [self._words.publish_fog_result(job.message.command.name, job.answer)]
+        for listed in roster:
+            job.legs[listed.drone] = Leg(listed.drone)
+            out += self._forward(entry, job.legs[listed.drone], now_ms)
+        if not job.legs:
+            self.ledger.close(entry, now_ms)
+        return out
+
+    def _forward(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
+        """The first way to a drone: closed here if it cannot be gone, else from then on the drone's."""
+        job = entry.record
+        link = self._drones.get(leg.drone)
+        if job.query:
+            leg.retry = Retry.of(0, now_ms, 0)
+            return self._send_again(entry, leg, link, now_ms) if link is not None and link.announced else []
+        remaining_ms = job.deadline_ms - now_ms
+        if remaining_ms <= 0:
+            return self._close(entry, leg, Word.EXPIRED, None, now_ms)
+        if link is None or not link.announced or not self.fog_connected:
+            return self._close(entry, leg, Word.UNREACHABLE, None, now_ms)
+        refusal = self._leases.refusal(leg.drone, job.message.gs_session, job.message.epoch)
+        if refusal is not None:
+            return self._close(entry, leg, Word.DENIED, refusal, now_ms)
+        deadline_ms = link.clock.deadline_ms(now_ms, remaining_ms) if link.clock is not None else None
+        if deadline_ms is None or deadline_ms <= 0 or link.session is None:
+            return self._close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
+        leg.sent = replace(job.message, executor_session=link.session, deadline_ms=deadline_ms)
+        leg.retry = Retry.of(self._settings.qos, now_ms, remaining_ms)
+        if isinstance(job.message.command, Offboard):
+            link.in_offboard, link.next_lease_ms = True, now_ms
+        return [self._publish_command(entry, leg, remaining_ms)]
+
+    def _send_again(self, entry: Entry[Job], leg: Leg, link: DroneLink | None, now_ms: int) -> list[Effect]:
+        if link is None or link.session is None or not self.fog_connected:
+            return []
+        if leg.sent is None or leg.sent.executor_session != link.session:
+            leg.sent = replace(entry.record.message, executor_session=link.session, deadline_ms=QUERY_DEADLINE_MS)
+        return [self._publish_command(entry, leg, entry.record.deadline_ms - now_ms)]
+
+    def _is_in_offboard(self, drone: int) -> bool:
+        """Whether another offboard command is open for a drone: its lease has to be renewed often."""
+        jobs = [entry.record for entry in self.ledger.open_entries()]
+        legs = [job.legs[drone] for job in jobs if drone in job.legs and isinstance(job.message.command, Offboard)]
+        return any(not leg.is_closed for leg in legs)
+
+    def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:
+        assert leg.sent is not None
+        leg.publishes += 1
+        payload = encode(leg.sent, self._settings.encoding)
+        topic = self._fog.commands(leg.drone)
+        return Publish(
+            FOG,
+            topic,
+            payload,
+            self._settings.qos,
+            expiry_s=expiry_s(remaining_ms),
+            ref=(entry.id, leg.drone),
+        )
+
+    def _close(self, entry: Entry[Job], leg: Leg, word: Word, reason: str | None, now_ms: int) -> list[Effect]:
+        return self._say(entry, leg, self._words.own_word(entry.id, word, reason, now_ms), now_ms)
+
+    def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
+        leg.words.append(result)
+        link = self._drones.get(leg.drone)
+        if leg.is_closed and link is not None and isinstance(entry.record.message.command, Offboard):
+            link.in_offboard = self._is_in_offboard(leg.drone)
+        leg.retry = Retry.after_word(self._settings.qos, now_ms)
+        if entry.record.is_over:
+            self.ledger.close(entry, now_ms)
+        if entry.record.query and result.word.is_last:
+            result = replace(result, beacon=self._words.beacon(now_ms))
+        out: list[Effect] = [self._words.publish_result(leg.drone, entry.record.message.command.name, result)]
+        if leg.is_closed and entry.record.choosing:
+            out += self.on_last_word(entry, leg, now_ms)
+        return out
+
+    def _answer(self, entry: Entry[Job]) -> list[Effect]:
+        """A duplicate hears the roster, each drone's newest word, and the truth that came after it."""
+        job = entry.record
+        name = job.message.command.name
+        out: list[Effect] = [self._words.publish_fog_result(name, job.answer)] if job.answer is not None else []
+        newest = [(leg.drone, word) for leg in job.legs.values() for word in (*leg.words[-1:], leg.truth) if word]
+        return out + [self._words.publish_result(drone, name, word) for drone, word in newest]
+
+    def on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
+        out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
+        known = identify(message.payload)
+        if known is not None and self.ledger.get(known) is None:
+            out.append(self._denial(drone, "malformed", known, str(error), now_ms))
+        return out
+
+    def _denial(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> Effect:
+        """A denial of something that has no place in the ledger."""
+        if drone is None or drone == CHOSEN:
+            return self._words.publish_fog_result(name, self._words.fog_result(command_id, now_ms, None, reason))
+        return self._words.publish_result(drone, name, self._words.own_word(command_id, Word.DENIED, reason, now_ms))

@@ -1,0 +1,300 @@
+"""The drones of one fog as its activator knows them: identity, presence, clocks and last states."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass, field
+
+from ..core.clock import Beacon, RemoteClock, stamp, stamp_supersedes
+from ..core.effects import Effect, Log, Publish
+from ..core.settings import Settings
+from ..protocol.codec import encode
+from ..protocol.messages import BeaconMessage, DroneLease, DroneRecord, Presence, RosterEntry
+from ..protocol.state_payload import StampedState
+from ..protocol.topics import CloudSide, FogSide
+from .leases import Key, Leases
+
+FOG = "fog"
+CLOUD = "cloud"
+CONTEST_MS = 1500
+"""How long the bound session of a number has to answer when a second one appears."""
+OFFBOARD_LEASE_MS = 3000
+"""How long an offboard flight may go on after its station's newest renewal was sent."""
+OFFBOARD_RENEWAL_MS = 500
+STATE_KEPT_MS = 600_000
+"""A stamp's span is 655 s: older states are not told any more."""
+
+
+@dataclass
+class Known:
+    """A state as it came, and when; `said_ms` bounds from below when it was said, once the drone's clock is known."""
+
+    state: StampedState
+    received_ms: int
+    said_ms: int | None = None
+
+
+@dataclass
+class DroneLink:
+    """One drone: the session bound to its number, and what is known of it."""
+
+    number: int
+    session: int | None = None
+    up: bool = False
+    announced: bool = False
+    clock: RemoteClock | None = None
+    states: dict[str, Known] = field(default_factory=dict)
+    nonces: dict[int, int] = field(default_factory=dict)
+    challenger: int | None = None
+    contest_until_ms: int = 0
+    next_lease_ms: int = 0
+    in_offboard: bool = False
+
+    def age_ms(self, name: str, now_ms: int) -> int | None:
+        """Upper bound of a state's age; None where it or the drone's clock is not known."""
+        said_ms = self.said_ms(name, now_ms)
+        return None if said_ms is None else now_ms - said_ms
+
+    def said_ms(self, name: str, now_ms: int) -> int | None:
+        """The own time before which a state was not said; None where it or the drone's clock is not known.
+
+        Decided once: a bound of the drone's clock that came later says nothing about earlier times.
+        """
+        known = self.states.get(name)
+        if known is None or self.clock is None or now_ms - known.received_ms > STATE_KEPT_MS:
+            return None
+        if known.said_ms is None:
+            age_ms = self.clock.age_ms(known.state.stamp, now_ms)
+            known.said_ms = None if age_ms is None else now_ms - age_ms
+        return known.said_ms
+
+    def is_live(self, now_ms: int, interval_ms: int) -> bool:
+        return self.up and self.clock is not None and self.clock.is_live(now_ms, interval_ms)
+
+
+class Drones:
+    """Every drone configured for the fog or seen in this session.
+
+    `appeared` and `roster_changed` are what the activator has yet to act upon.
+    """
+
+    def __init__(
+        self,
+        session: int,
+        settings: Settings,
+        cloud: CloudSide,
+        fog: FogSide,
+        configured: tuple[int, ...],
+        leases: Leases,
+    ) -> None:
+        self._session = session
+        self._settings = settings
+        self._cloud = cloud
+        self._fog = fog
+        self._leases = leases
+        self.links: dict[int, DroneLink] = {number: DroneLink(number) for number in configured}
+        self._of_before: set[int] = set()
+        self.appeared: list[DroneLink] = []
+        self.roster_changed = False
+
+    def get(self, number: int) -> DroneLink | None:
+        return self.links.get(number)
+
+    def roster(self) -> tuple[RosterEntry, ...]:
+        return tuple(
+            RosterEntry(drone=link.number, session=link.session if link.announced else None)
+            for link in sorted(self.links.values(), key=lambda link: link.number)
+        )
+
+    def asked(self) -> tuple[RosterEntry, ...]:
+        """Whom an earlier session of this activator may have sent a command: the roster, and whom that told of."""
+        missing = (RosterEntry(drone=number) for number in self._of_before - self.links.keys())
+        return tuple(sorted((*self.roster(), *missing), key=lambda entry: entry.drone))
+
+    def forget_connections(self) -> list[int]:
+        """The fog broker is gone: no drone is reachable until it says so again. Returns those that were."""
+        gone = [link.number for link in self.links.values() if link.announced]
+        for link in self.links.values():
+            link.up = link.announced = False
+        self.roster_changed = self.roster_changed or bool(gone)
+        return gone
+
+    def on_presence(self, number: int, presence: Presence, now_ms: int) -> list[Effect]:
+        """`droneY/reachable`: bind, contest, or mark as gone."""
+        link = self.links.get(number)
+        if link is None:
+            link = self.links[number] = DroneLink(number)
+            self._leases.add(number, now_ms)
+            self.roster_changed = True
+        if not presence.up:
+            if presence.session == link.session and link.up:
+                link.up = False
+                return self._announce(link, False)
+            return []
+        if presence.session == link.session:
+            link.up = True
+            return [self._lease(link, now_ms)]
+        if link.is_live(now_ms, self._settings.beacon_interval_ms):
+            return self._contest(link, presence.session, now_ms)
+        return self._bind(link, presence.session, now_ms)
+
+    def on_beacon(self, number: int, message: BeaconMessage, now_ms: int) -> list[Effect]:
+        """`droneY/clock`: what the bound session's clock reads; the first echo makes the drone reachable."""
+        link = self.links.get(number)
+        if link is None or message.session != link.session or link.clock is None:
+            return [Log("unknown_session", f"beacon of drone {number} from session {message.session:08x}")]
+        asked_ms = link.nonces.get(message.nonce) if message.nonce is not None else None
+        link.clock.observe(Beacon(message.session, message.now_ms, message.nonce, message.held_ms), now_ms, asked_ms)
+        out: list[Effect] = []
+        if link.challenger is not None and asked_ms is not None:
+            out.append(self._refuse(link, link.challenger))
+            link.challenger = None
+        if link.up and not link.announced and link.clock.latest_now_ms(now_ms) is not None:
+            out += self._announce(link, True)
+            if self._leases.holder(number) is not None:
+                out.append(self._lease(link, now_ms))
+        return out
+
+    def keep_state(self, link: DroneLink, name: str, state: StampedState, now_ms: int) -> bool:
+        """Keep a state if it is newer than what is known, and say whether it is."""
+        if link.clock is None:
+            return False
+        known = link.states.get(name)
+        if known is not None and not stamp_supersedes(state.stamp, known.state.stamp, now_ms - known.received_ms):
+            return False
+        link.states[name] = Known(state, now_ms)
+        return True
+
+    def relayed(self, link: DroneLink, name: str, now_ms: int) -> StampedState | None:
+        """The state for the ground stations, with a conservative stamp in front; None before an echo."""
+        said_ms = link.said_ms(name, now_ms)
+        if said_ms is None:
+            return None
+        known = link.states[name].state
+        return StampedState(known.state, known.stamp, stamp(said_ms), known.origin)
+
+    def records(self) -> list[Effect]:
+        """Every drone's record, in this session's words."""
+        return [self._record(link) for link in self.links.values()]
+
+    def record_of(self, number: int) -> Effect:
+        """The record of a drone, known or not: an unknown one is not reachable."""
+        return self._record(self.links.get(number) or DroneLink(number))
+
+    def controlled_anew(self, numbers: set[int], now_ms: int) -> list[Effect]:
+        """Who controls some drones has changed: tell stations and drones."""
+        out: list[Effect] = []
+        for link in (self.links[number] for number in sorted(numbers) if number in self.links):
+            out.append(self._record(link))
+            if link.up and link.session is not None:
+                out.append(self._lease(link, now_ms))
+        return out
+
+    def restore(self, number: int, record: DroneRecord, now_ms: int) -> None:
+        """What an earlier session of this activator retained of a drone."""
+        key: Key | None = None
+        if record.holder is not None and record.holder_session is not None:
+            key = (record.holder, record.holder_session)
+        self._of_before.add(number)
+        self._leases.restore(number, key, record.epoch or 0, now_ms)
+
+    def is_own_record(self, number: int, record: DroneRecord) -> bool:
+        """Whether a retained record says what this session would say."""
+        link = self.links.get(number)
+        expected = link.session if link is not None and link.announced else None
+        return record.activator_session == self._session and (record.drone_session if record.up else None) == expected
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """Leases that are due, contests that ran out, beacons that stayed away."""
+        out: list[Effect] = []
+        for link in self.links.values():
+            if link.challenger is not None and now_ms >= link.contest_until_ms:
+                challenger, link.challenger = link.challenger, None
+                out += self._bind(link, challenger, now_ms)
+            if link.announced and not link.is_live(now_ms, self._settings.beacon_interval_ms):
+                out += self._announce(link, False)
+            if link.up and now_ms >= link.next_lease_ms:
+                out.append(self._lease(link, now_ms))
+        return out
+
+    def _bind(self, link: DroneLink, session: int, now_ms: int) -> list[Effect]:
+        out = self._announce(link, False) if link.announced else []
+        link.session = session
+        link.challenger = None
+        link.up = True
+        link.clock = RemoteClock(session)
+        link.states.clear()
+        link.nonces.clear()
+        return [*out, self._lease(link, now_ms)]
+
+    def _contest(self, link: DroneLink, challenger: int, now_ms: int) -> list[Effect]:
+        if link.challenger == challenger:
+            return []
+        link.challenger = challenger
+        link.contest_until_ms = now_ms + CONTEST_MS
+        return [
+            Log(
+                "contested",
+                f"drone {link.number}: session {challenger:08x} while {link.session:08x} is bound",
+            ),
+            self._lease(link, now_ms),
+        ]
+
+    def _announce(self, link: DroneLink, reachable: bool) -> list[Effect]:
+        link.announced = reachable
+        self.roster_changed = True
+        if reachable:
+            self.appeared.append(link)
+        return [self._record(link)]
+
+    def _record(self, link: DroneLink) -> Publish:
+        holder = self._leases.holder(link.number)
+        record = DroneRecord(
+            activator_session=self._session,
+            up=link.announced,
+            drone_session=link.session if link.announced else None,
+            holder=holder.key[0] if holder is not None else None,
+            holder_session=holder.key[1] if holder is not None else None,
+            epoch=self._leases.epoch(link.number) or None,
+        )
+        payload = encode(record, self._settings.encoding)
+        return Publish(CLOUD, self._cloud.drone_reachable(link.number), payload, qos=1, retain=True)
+
+    def _lease(self, link: DroneLink, now_ms: int) -> Publish:
+        assert link.session is not None
+        nonce = secrets.randbelow(2**32)
+        link.nonces[nonce] = now_ms
+        while len(link.nonces) > 8:
+            del link.nonces[next(iter(link.nonces))]
+        holder, deadline_ms, offboard_ms = self._leases.holder(link.number), None, None
+        interval_ms = OFFBOARD_RENEWAL_MS if link.in_offboard else self._settings.beacon_interval_ms
+        if holder is not None:
+            interval_ms = min(interval_ms, max(OFFBOARD_RENEWAL_MS, (holder.until_ms - now_ms) // 3))
+        link.next_lease_ms = now_ms + interval_ms
+        if holder is not None and link.clock is not None:
+            deadline_ms = link.clock.deadline_ms(now_ms, holder.until_ms - now_ms)
+            if link.in_offboard and holder.sent_ms is not None:
+                offboard_ms = link.clock.deadline_ms(now_ms, holder.sent_ms + OFFBOARD_LEASE_MS - now_ms)
+        has_control = holder is not None and deadline_ms is not None and deadline_ms >= 0
+        return self._publish_lease(
+            link.number,
+            DroneLease(
+                activator_session=self._session,
+                drone_session=link.session,
+                nonce=nonce,
+                bound=True,
+                epoch=self._leases.epoch(link.number),
+                holder_session=holder.key[1] if holder is not None and has_control else None,
+                deadline_ms=deadline_ms if has_control else None,
+                offboard_until_ms=max(0, offboard_ms) if offboard_ms is not None else None,
+            ),
+        )
+
+    def _refuse(self, link: DroneLink, session: int) -> Publish:
+        nonce = secrets.randbelow(2**32)
+        refused = DroneLease(activator_session=self._session, drone_session=session, nonce=nonce, bound=False, epoch=0)
+        return self._publish_lease(link.number, refused)
+
+    def _publish_lease(self, number: int, lease: DroneLease) -> Publish:
+        payload = encode(lease, self._settings.encoding)
+        return Publish(FOG, self._fog.init_connect(number), payload, qos=1)

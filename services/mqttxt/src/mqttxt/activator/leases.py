@@ -1,0 +1,185 @@
+"""Who is registered at a fog, and which station controls which drone (docs/protocol.md, section 6).
+
+A drone that nobody controls goes to the first registered station that wants it. Another one gets it only by
+an explicit takeover, which raises the fog's epoch: what was sent under a lower one is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ..protocol.messages import Control, Registration
+from ..protocol.words import NOT_IN_CONTROL
+
+RESTORED_MS = 10_000
+"""How long a new activator session keeps a drone for the station that controlled it before."""
+MAX_EPOCH = 2**32 - 1
+"""The last one that a payload carries: whoever has control then keeps it."""
+
+Key = tuple[str, int]
+"""A station's name and session."""
+
+
+@dataclass
+class Lease:
+    """A station's registration. `sent_ms` bounds from below when its newest renewal was sent, in our clock."""
+
+    key: Key
+    until_ms: int
+    sent_ms: int | None
+    control: Control
+    bundles: bool
+    drones: frozenset[int] | None
+
+    def wants(self, drone: int) -> bool:
+        return self.control is not Control.NONE and (self.drones is None or drone in self.drones)
+
+
+@dataclass(frozen=True)
+class Restored:
+    """Who controlled a drone in the words of an earlier activator session."""
+
+    key: Key
+    until_ms: int
+
+
+class Leases:
+    """The leases of one activator session, in the order of registration. Methods return the drones that changed."""
+
+    def __init__(self, drones: Iterable[int] = ()) -> None:
+        self._leases: dict[Key, Lease] = {}
+        self._drones = set(drones)
+        self._holders: dict[int, Key] = {}
+        self._epochs: dict[int, int] = {}
+        self._restored: dict[int, Restored] = {}
+        self._epoch = 0
+
+    def __bool__(self) -> bool:
+        """Whether the gate is open: any station is registered."""
+        return bool(self._leases)
+
+    def __len__(self) -> int:
+        return len(self._leases)
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self._leases
+
+    @property
+    def want_topics(self) -> bool:
+        return any(not lease.bundles for lease in self._leases.values())
+
+    @property
+    def want_bundles(self) -> bool:
+        return any(lease.bundles for lease in self._leases.values())
+
+    def holder(self, drone: int) -> Lease | None:
+        """The lease of the station that controls a drone."""
+        key = self._holders.get(drone)
+        return self._leases.get(key) if key is not None else None
+
+    def epoch(self, drone: int) -> int:
+        return self._epochs.get(drone, 0)
+
+    def controls(self, gs_session: int, drone: int | None) -> bool:
+        """Whether a station controls a drone; with None, any drone of the fog."""
+        keys = self._holders.values() if drone is None else [self._holders.get(drone)]
+        return any(key is not None and key[1] == gs_session for key in keys)
+
+    def refusal(self, drone: int, gs_session: int, epoch: int) -> str | None:
+        """Why a station's command for a drone is refused; None when the station is in control."""
+        holder = self.holder(drone)
+        if holder is None:
+            return NOT_IN_CONTROL
+        if holder.key[1] != gs_session or epoch < self.epoch(drone):
+            return f"{NOT_IN_CONTROL}, {holder.key[0]}"
+        return None
+
+    def register(self, message: Registration, now_ms: int) -> set[int]:
+        """Take, renew or, with a lease of 0 s, end a registration."""
+        key = (message.name, message.session)
+        if message.lease_s == 0:
+            return self.end(key, now_ms)
+        length_ms = message.lease_s * 1000
+        until_ms, sent_ms = now_ms + length_ms, None
+        if message.until_ms is not None:
+            until_ms = min(until_ms, message.until_ms)
+            sent_ms = message.until_ms - length_ms
+        known = self._leases.get(key)
+        if known is not None and known.sent_ms is not None:
+            sent_ms = max(known.sent_ms, sent_ms) if sent_ms is not None else known.sent_ms
+            until_ms = max(known.until_ms, until_ms)
+        control, scope = message.control or Control.NONE, frozenset(message.drones) if message.drones else None
+        taking = control is Control.TAKE
+        wanted = (known.drones if known is not None else None) if taking else scope
+        self._leases[key] = Lease(
+            key, until_ms, sent_ms, Control.WANT if taking else control, bool(message.bundles), wanted
+        )
+        changed = {drone for drone, holder in self._holders.items() if holder == key and not self._may_keep(drone)}
+        for drone in changed:
+            del self._holders[drone]
+        if taking:
+            changed |= self._take(key, self._drones if scope is None else self._drones & scope, message.epoch or 0)
+        return changed | self._assign(now_ms)
+
+    def end(self, key: Key, now_ms: int) -> set[int]:
+        """A station is gone; what it controlled goes to the next one that wants it."""
+        if self._leases.pop(key, None) is None:
+            return set()
+        freed = {drone for drone, holder in self._holders.items() if holder == key}
+        for drone in freed:
+            del self._holders[drone]
+        return freed | self._assign(now_ms)
+
+    def tick(self, now_ms: int) -> set[int]:
+        """Leases that lapsed, and drones that nobody came back for."""
+        changed: set[int] = set()
+        for key in [key for key, lease in self._leases.items() if now_ms > lease.until_ms]:
+            changed |= self.end(key, now_ms)
+        gone = [drone for drone, restored in self._restored.items() if now_ms > restored.until_ms]
+        for drone in gone:
+            del self._restored[drone]
+        return changed | self._assign(now_ms) if gone else changed
+
+    def add(self, drone: int, now_ms: int) -> set[int]:
+        """A drone that was not known before."""
+        if drone in self._drones:
+            return set()
+        self._drones.add(drone)
+        return self._assign(now_ms)
+
+    def restore(self, drone: int, key: Key | None, epoch: int, now_ms: int) -> None:
+        """What an earlier session of this activator said of a drone: its station may come back for it."""
+        self._epochs[drone] = max(self.epoch(drone), epoch)
+        self._epoch = max(self._epoch, epoch)
+        if key is not None and drone not in self._holders:
+            self._restored[drone] = Restored(key, now_ms + RESTORED_MS)
+
+    def _may_keep(self, drone: int) -> bool:
+        holder = self.holder(drone)
+        return holder is not None and holder.wants(drone)
+
+    def _take(self, key: Key, drones: set[int], epoch: int) -> set[int]:
+        """Only who has seen the newest epoch may take: an old takeover that was stalled takes nothing."""
+        if epoch < self._epoch or self._epoch >= MAX_EPOCH:
+            return set()
+        taken = {drone for drone in drones if self._holders.get(drone, key) != key}
+        if taken:
+            self._epoch += 1
+        for drone in taken:
+            self._holders[drone] = key
+            self._epochs[drone] = self._epoch
+            self._restored.pop(drone, None)
+        return taken
+
+    def _assign(self, now_ms: int) -> set[int]:
+        changed = set()
+        for drone in self._drones - set(self._holders):
+            restored = self._restored.get(drone)
+            for lease in self._leases.values():
+                if lease.wants(drone) and (restored is None or restored.key == lease.key):
+                    self._holders[drone] = lease.key
+                    self._restored.pop(drone, None)
+                    changed.add(drone)
+                    break
+        return changed

@@ -1,0 +1,49 @@
+"""What an activator records about a command: the legs to its drones and what was said on each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..core.settings import Retry
+from ..protocol.messages import CommandMessage, FogResultMessage, ResultMessage
+
+CHOSEN = 0
+"""The target of a command for which PSMI chooses the drone."""
+
+
+@dataclass
+class Leg:
+    """A command on its way to one drone, and what was said of it."""
+
+    drone: int
+    sent: CommandMessage | None = None
+    publishes: int = 0
+    words: list[ResultMessage] = field(default_factory=list)
+    retry: Retry | None = None
+    truth: ResultMessage | None = None
+
+    @property
+    def is_closed(self) -> bool:
+        return bool(self.words) and self.words[-1].word.is_last
+
+
+@dataclass
+class Job:
+    """What the activator records about a command: where it was sent, its deadline, and how it was answered.
+
+    `target` is a drone's number, None for a broadcast, `CHOSEN` where PSMI chooses; while it is `choosing`, another
+    leg may follow.
+    """
+
+    target: int | None
+    message: CommandMessage
+    deadline_ms: int
+    close_at_ms: int
+    query: bool
+    legs: dict[int, Leg] = field(default_factory=dict)
+    answer: FogResultMessage | None = None
+    choosing: bool = False
+
+    @property
+    def is_over(self) -> bool:
+        return not self.choosing and all(leg.is_closed for leg in self.legs.values())

@@ -1,0 +1,80 @@
+"""The activator as a process: its embedded broker, its two connections, and the role between them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ..core.clock import SessionClock
+from ..core.embedded_broker import EmbeddedBroker
+from ..core.mqtt.link import BrokerAddress, MqttLink
+from ..core.runner import Runner
+from ..core.settings import Settings
+from ..errors import ConfigurationError
+from ..protocol.topics import CloudSide, FogSide
+from .drones import CLOUD, FOG
+from .role import Activator
+
+
+class _Ready:
+    """The activator's role as the runner takes it."""
+
+    def __init__(self, activator: Activator) -> None:
+        self._activator = activator
+        self.on_connected = activator.on_connected
+        self.on_disconnected = activator.on_disconnected
+        self.on_subscribed = activator.on_subscribed
+        self.on_message = activator.on_message
+        self.on_published = activator.on_published
+        self.tick = activator.tick
+        self.goodbye = activator.goodbye
+
+    def is_ready(self, now_ms: int) -> bool:
+        return self._activator.is_ready()
+
+
+class ActivatorRunner(Runner):
+    """Runs one fog's activator. `embedded` is its own broker, None where `fog_broker` runs elsewhere.
+
+    `advertised` is the fog broker's address as others reach it, where that is another than `fog_broker`.
+    """
+
+    def __init__(
+        self,
+        fog: int,
+        cloud_broker: BrokerAddress,
+        fog_broker: BrokerAddress,
+        settings: Settings,
+        *,
+        drones: tuple[int, ...] = (),
+        embedded: EmbeddedBroker | None = None,
+        advertised: BrokerAddress | None = None,
+        fog_root: str | None = None,
+        prefix: str = "",
+        ready_file: Path | None = None,
+    ) -> None:
+        cloud = CloudSide(fog, prefix)
+        shared = (cloud_broker.host, cloud_broker.port) == (fog_broker.host, fog_broker.port)
+        root = fog_root if fog_root is not None else cloud.local_root() if shared else ""
+        if shared and root in ("", cloud.prefix, cloud.root):
+            raise ConfigurationError(
+                f"fog root {root!r}: expected another root than the cloud side's, because both sides use {cloud_broker}"
+            )
+        clock = SessionClock()
+        self.activator = Activator(
+            fog,
+            clock.session,
+            settings,
+            drones=drones,
+            broker=str(advertised or fog_broker),
+            cloud=cloud,
+            fog_side=FogSide(root),
+        )
+        super().__init__(_Ready(self.activator), clock, ready_file)
+        self._embedded = embedded
+        client_id = f"mqttxt-fog{fog}-{clock.session:08x}"
+        self.links[CLOUD] = MqttLink(CLOUD, cloud_broker, client_id, self.activator.will(), self)
+        self.links[FOG] = MqttLink(FOG, fog_broker, f"{client_id}-fog", None, self)
+
+    def jobs(self) -> list[Any]:
+        return [*([self._embedded.run()] if self._embedded is not None else []), *super().jobs()]

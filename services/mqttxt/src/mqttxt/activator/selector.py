@@ -1,0 +1,229 @@
+"""The activator's choice of a drone for a command on `fogX/commands/C`, and its reservations (protocol, section 7).
+
+The next drone is tried only after a definite no. After silence, `failed` or `unconfirmed` the first may be flying.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..core.clock import stamp
+from ..core.effects import Effect, Inbound, Publish
+from ..core.ledger import Entry
+from ..core.settings import Settings
+from ..errors import PayloadError
+from ..protocol.codec import decode, encode
+from ..protocol.commands import Goto
+from ..protocol.messages import CommandId, Word
+from ..protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
+from ..protocol.topics import CloudSide
+from ..protocol.words import DEFINITE_NO
+from .command_relay import Relay
+from .drones import CLOUD, Drones
+from .leases import Leases
+from .legs import CHOSEN, Job, Leg
+from .psmi import rank
+
+LONGEST_HOLD_MS = 60_000
+MOST_RESERVATIONS = 256
+
+
+@dataclass
+class Choice:
+    """A command for which a drone is being chosen: who comes next, and what was said of the list.
+
+    `tried` are the drones of the offers before it that it goes on from.
+    """
+
+    listed: tuple[Candidate, ...]
+    left_out: tuple[Candidate, ...]
+    next_index: int = 0
+    cancelled: bool = False
+    tried: frozenset[int] = frozenset()
+    said: PsmiMessage | None = None
+
+
+@dataclass
+class Reservation:
+    """A drone that is kept for the station whose offer it answered."""
+
+    drone: int
+    command: Goto
+    until_ms: int
+
+
+class Selector:
+    """The choices of one activator session."""
+
+    def __init__(
+        self, session: int, settings: Settings, cloud: CloudSide, drones: Drones, leases: Leases, relay: Relay
+    ) -> None:
+        self._session = session
+        self._settings = settings
+        self._cloud = cloud
+        self._drones = drones
+        self._leases = leases
+        self._relay = relay
+        self._choices: dict[CommandId, Choice] = {}
+        self._reservations: dict[CommandId, Reservation] = {}
+        relay.on_last_word = self._on_last_word
+        relay.on_overriding = self._on_overriding
+
+    def on_select(self, name: str, message: Inbound, now_ms: int) -> list[Effect]:
+        """A message on `fogX/commands/C`."""
+        try:
+            wanted = decode(SelectMessage, message.payload)
+            if wanted.command.name != name or not isinstance(wanted.command, Goto):
+                raise PayloadError(f"command {wanted.command.name}: expected {name}, as the topic says")
+        except PayloadError as error:
+            return self._relay.on_malformed(CHOSEN, message, error, now_ms)
+        contents = (wanted.mode, wanted.reservation, wanted.command)
+        entry, out = self._relay.enter(wanted.as_command(), CHOSEN, contents, message.retain, now_ms)
+        if entry is None:
+            return [*self._said_again(wanted.id), *out]
+        if entry.record.query and wanted.mode in (SelectMode.SELECT, SelectMode.COMMIT):
+            return self._ask_everyone(entry, now_ms)
+        if now_ms >= entry.record.deadline_ms:
+            return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
+        if wanted.mode is SelectMode.RELEASE:
+            return self._release(entry, wanted, now_ms)
+        if wanted.mode is SelectMode.COMMIT:
+            return self._commit(entry, wanted, now_ms)
+        return self._choose(entry, wanted, wanted.command, now_ms)
+
+    def tick(self, now_ms: int) -> None:
+        """Reservations lapse by themselves; what was said is forgotten with its command."""
+        for key in [key for key, held in self._reservations.items() if now_ms > held.until_ms]:
+            del self._reservations[key]
+        for key in [key for key in self._choices if self._relay.ledger.get(key) is None]:
+            del self._choices[key]
+
+    def _choose(self, entry: Entry[Job], wanted: SelectMessage, command: Goto, now_ms: int) -> list[Effect]:
+        tried: frozenset[int] = frozenset()
+        if wanted.mode is SelectMode.OFFER and wanted.reservation is not None:
+            before = self._choices.get(CommandId(wanted.gs_session, wanted.reservation))
+            if before is None or before.said is None:
+                return self._relay.refuse(entry, "no_reservation", now_ms)
+            tried = before.tried | {before.said.chosen or 0}
+        listed, left_out = self._rank(wanted, command, tried, now_ms)
+        choice = self._choices[entry.id] = Choice(listed, left_out, tried=tried)
+        if not listed:
+            reasons = "; ".join(f"drone {candidate.drone} {candidate.reason}" for candidate in left_out)
+            out = self._say(entry.id, choice, None, None, now_ms)
+            return out + self._relay.refuse(entry, f"none_eligible: {reasons or 'no drones'}"[:200], now_ms)
+        if wanted.mode is SelectMode.OFFER:
+            return self._reserve(entry, choice, wanted, command, now_ms)
+        return self._try_next(entry, choice, now_ms)
+
+    def _rank(
+        self, wanted: SelectMessage, command: Goto, tried: frozenset[int], now_ms: int
+    ) -> tuple[tuple[Candidate, ...], tuple[Candidate, ...]]:
+        return rank(
+            command,
+            self._drones.links.values(),
+            leases=self._leases,
+            gs_session=wanted.gs_session,
+            epoch=wanted.epoch,
+            busy=self._relay.busy_drones() | {held.drone for held in self._reservations.values()},
+            tried=tried,
+            stale_ms=self._settings.state_limit_ms,
+            now_ms=now_ms,
+        )
+
+    def _reserve(
+        self, entry: Entry[Job], choice: Choice, wanted: SelectMessage, command: Goto, now_ms: int
+    ) -> list[Effect]:
+        if len(self._reservations) >= MOST_RESERVATIONS:
+            return self._relay.refuse(entry, "too_many_reservations", now_ms)
+        drone = choice.listed[0].drone
+        until_ms = now_ms + min(round(wanted.limit_s * 1000), LONGEST_HOLD_MS)
+        self._reservations[entry.id] = Reservation(drone, command, until_ms)
+        self._relay.ledger.close(entry, now_ms)
+        return self._say(entry.id, choice, drone, until_ms, now_ms)
+
+    def _commit(self, entry: Entry[Job], wanted: SelectMessage, now_ms: int) -> list[Effect]:
+        held = self._reservations.pop(CommandId(wanted.gs_session, wanted.reservation or 0), None)
+        if held is None or now_ms > held.until_ms:
+            return self._relay.refuse(entry, "no_reservation", now_ms)
+        if held.command != wanted.command:
+            return self._relay.refuse(entry, "other_than_reserved", now_ms)
+        offered = self._choices.get(CommandId(wanted.gs_session, wanted.reservation or 0))
+        listed = tuple(c for c in offered.listed if c.drone == held.drone) if offered is not None else ()
+        choice = self._choices[entry.id] = Choice(listed or (Candidate(drone=held.drone),), ())
+        return self._try_next(entry, choice, now_ms)
+
+    def _release(self, entry: Entry[Job], wanted: SelectMessage, now_ms: int) -> list[Effect]:
+        self._reservations.pop(CommandId(wanted.gs_session, wanted.reservation or 0), None)
+        self._relay.ledger.close(entry, now_ms)
+        return []
+
+    def _try_next(self, entry: Entry[Job], choice: Choice, now_ms: int) -> list[Effect]:
+        drone = choice.listed[choice.next_index].drone
+        choice.next_index += 1
+        entry.record.choosing = True
+        out = self._say(entry.id, choice, drone, None, now_ms)
+        return out + self._relay.forward_to(entry, drone, now_ms)
+
+    def _on_last_word(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
+        """A chosen drone has said its last word: go on after a definite no, and only then."""
+        choice = self._choices.get(entry.id)
+        if choice is None:
+            return self._on_answer(entry, now_ms)
+        if leg.words[-1].word not in DEFINITE_NO:
+            entry.record.choosing = False
+            self._relay.ledger.close(entry, now_ms)
+            return []
+        if choice.cancelled:
+            return self._relay.refuse(entry, "cancelled", now_ms)
+        if now_ms >= entry.record.deadline_ms:
+            return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
+        if choice.next_index >= len(choice.listed):
+            return self._relay.refuse(entry, "none_left", now_ms)
+        return self._try_next(entry, choice, now_ms)
+
+    def _ask_everyone(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """An earlier session of this activator may have sent it to any of the drones: only they can tell."""
+        drones = [listed.drone for listed in self._drones.asked()]
+        if not drones:
+            return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
+        entry.record.choosing = True
+        return [effect for drone in drones for effect in self._relay.forward_to(entry, drone, now_ms)]
+
+    def _on_answer(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """What the drones say of a command of an earlier session: whoever has it, has the word."""
+        legs = entry.record.legs.values()
+        if not all(leg.is_closed for leg in legs):
+            return []
+        if all(leg.words[-1].word in DEFINITE_NO for leg in legs):
+            return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
+        entry.record.choosing = False
+        self._relay.ledger.close(entry, now_ms)
+        return []
+
+    def _on_overriding(self, gs_session: int, now_ms: int) -> list[Effect]:
+        """A later hold, land or return of the same station: nobody else is sent in place of whom it stops."""
+        for command_id, choice in self._choices.items():
+            choice.cancelled = choice.cancelled or command_id.gs_session == gs_session
+        return []
+
+    def _say(
+        self, command_id: CommandId, choice: Choice, chosen: int | None, hold_until_ms: int | None, now_ms: int
+    ) -> list[Effect]:
+        choice.said = PsmiMessage(
+            gs_session=command_id.gs_session,
+            seq=command_id.seq,
+            session=self._session,
+            stamp=stamp(now_ms),
+            listed=choice.listed,
+            left_out=choice.left_out,
+            chosen=chosen,
+            hold_until_ms=hold_until_ms,
+        )
+        return [self._publish(choice.said)]
+
+    def _said_again(self, command_id: CommandId) -> list[Effect]:
+        choice = self._choices.get(command_id)
+        return [self._publish(choice.said)] if choice is not None and choice.said is not None else []
+
+    def _publish(self, message: PsmiMessage) -> Publish:
+        return Publish(CLOUD, self._cloud.psmi, encode(message, self._settings.encoding), self._settings.qos)

@@ -1,0 +1,71 @@
+"""Readings through the activator: to the cloud outside of the gate, and back to the drone that they are safe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..core.effects import Effect, Publish
+from ..core.settings import Settings
+from ..protocol.codec import decode, encode
+from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
+from ..protocol.topics import CloudSide, DroneTopic, FogSide
+from .drones import CLOUD, FOG
+from .leases import Leases
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A reading on its way to the cloud broker."""
+
+    drone: int
+    key: ReadingKey
+
+
+class SensorRelay:
+    """Keeps nothing: what the cloud broker has not taken, for a station that is registered, stays on the drone.
+
+    A broker may leave out that nobody subscribes (MQTT 5.0, 3.4.2.1), so its PUBACK alone does not say that somebody
+    is there. Who registers has subscribed before.
+    """
+
+    def __init__(self, settings: Settings, cloud: CloudSide, fog_side: FogSide, leases: Leases) -> None:
+        self._settings = settings
+        self._cloud = cloud
+        self._fog = fog_side
+        self._leases = leases
+        self._on_the_way: dict[Carried, bool] = {}
+        """Whether a station was registered when it left."""
+        self._safe: dict[int, list[ReadingKey]] = {}
+
+    def on_reading(self, topic: DroneTopic, payload: bytes, now_ms: int) -> list[Effect]:
+        """`droneY/sensorS/K`; raises PayloadError."""
+        reading = checked(topic.sensor, topic.name, decode(ReadingMessage, payload))
+        carried = Carried(topic.drone, reading.key)
+        if carried in self._on_the_way:
+            return []
+        self._on_the_way[carried] = bool(self._leases)
+        to = self._cloud.drone_sensor(topic.drone, reading.sensor, reading.kind)
+        return [Publish(CLOUD, to, encode(reading.message, self._settings.encoding), qos=1, ref=carried)]
+
+    def on_published(self, carried: Carried, code: int, now_ms: int) -> list[Effect]:
+        """The cloud broker's PUBACK; where nobody was there to get it the drone keeps the reading."""
+        had_station = self._on_the_way.pop(carried, False)
+        if code == 0 and had_station and self._leases:
+            self._safe.setdefault(carried.drone, []).append(carried.key)
+        return []
+
+    def on_cloud_down(self) -> None:
+        """What was on its way may not have arrived; the drone sends it again."""
+        self._on_the_way.clear()
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """The acknowledgements of one tick in as few messages as they fit in."""
+        if not self._safe:
+            return []
+        safe, self._safe = self._safe, {}
+        out: list[Effect] = []
+        for drone, keys in safe.items():
+            for start in range(0, len(keys), MOST_ACKNOWLEDGED):
+                ack = ReadingAck(readings=tuple(keys[start : start + MOST_ACKNOWLEDGED]))
+                out.append(Publish(FOG, self._fog.sensor_ack(drone), encode(ack, self._settings.encoding), qos=1))
+        return out

@@ -1,0 +1,85 @@
+"""What a role asks of the world: the only way a state machine acts.
+
+A runner (`mqttxt.core.runner`) carries effects out in their order and reports back through the role's methods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Publish:
+    """Publish on the connection `link`. With a `ref` the role hears how it ended (`on_published`)."""
+
+    link: str
+    topic: str
+    payload: bytes
+    qos: int = 0
+    retain: bool = False
+    expiry_s: int | None = None
+    ref: Hashable = None
+
+
+@dataclass(frozen=True)
+class Subscribe:
+    """Subscribe on `link`; `on_subscribed` with this effect follows the SUBACK.
+
+    `live_only` is for commands: nothing retained is sent, and RETAIN shows as published (Retain Handling 2,
+    Retain As Published).
+    """
+
+    link: str
+    filters: tuple[str, ...]
+    live_only: bool = False
+    ref: Hashable = None
+
+
+@dataclass(frozen=True)
+class Unsubscribe:
+    """Give up filters on `link`."""
+
+    link: str
+    filters: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Log:
+    """Something to count under `kind`; the runner logs the first of a kind with its detail."""
+
+    kind: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class Stop:
+    """End the process: `reason` is for a person."""
+
+    reason: str
+
+
+Receipt = tuple[int, int]
+"""Names an inbound message that waits for its PUBACK; opaque."""
+
+
+Effect = Publish | Subscribe | Unsubscribe | Log | Stop
+
+
+@dataclass(frozen=True)
+class Inbound:
+    """A message received from a broker; with a `receipt` on a link that acknowledges by hand."""
+
+    topic: str
+    payload: bytes
+    qos: int = 0
+    retain: bool = False
+    receipt: Receipt | None = None
+
+
+@dataclass(frozen=True)
+class Will:
+    """The will of a connection: at QoS 1, retained."""
+
+    topic: str
+    payload: bytes

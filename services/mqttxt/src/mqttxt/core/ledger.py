@@ -1,0 +1,150 @@
+"""The command ledger: what an executor has been asked and what it answered (docs/protocol.md, section 5).
+
+Entries live until the deadline has passed, then with their outcomes for ten minutes. A duplicate is found,
+not executed again; a full ledger denies and never evicts. Who is not in control can fill only a share of it, and what
+brings a drone to a halt finds room when nothing else does.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Hashable
+from dataclasses import dataclass
+from enum import Enum, auto
+from math import inf
+from typing import Generic, TypeVar
+
+from ..protocol.commands import Command, Hold, Land, Return
+from ..protocol.messages import CommandId
+
+KEEP_MS = 600_000
+CAPACITY = 4096
+
+Record = TypeVar("Record")
+
+
+OVERRIDING = (Hold, Land, Return)
+"""What brings a drone to a halt, and ends the search of a drone for an earlier command."""
+
+
+class Admission(Enum):
+    """What the ledger says of an id and its contents.
+
+    IGNORED is for who is not in control, and finds no room: not answered at all. A denial would have to be kept, for
+    the same id may come a second time once its station is in control.
+    """
+
+    NEW = auto()
+    DUPLICATE = auto()
+    CONFLICT = auto()
+    FULL = auto()
+    IGNORED = auto()
+
+
+class Share(Enum):
+    """Whose room in the ledger a command takes."""
+
+    OUTSIDERS = auto()
+    ORDINARY = auto()
+    OVERRIDING = auto()
+
+    @classmethod
+    def of(cls, command: Command, in_control: bool) -> Share:
+        """The share of a command of a station that is, or is not, in control of what the command is for."""
+        if not in_control:
+            return cls.OUTSIDERS
+        return cls.OVERRIDING if isinstance(command, OVERRIDING) else cls.ORDINARY
+
+
+@dataclass
+class Entry(Generic[Record]):
+    """One id: its contents (None when known only from a journal), and what its owner records about it."""
+
+    id: CommandId
+    contents: Hashable | None
+    record: Record
+    keep_until_ms: int
+    share: Share
+    is_open: bool = True
+
+
+class Ledger(Generic[Record]):
+    """Ids with their contents and records, at most `capacity`: a quarter is for outsiders, a sixteenth kept free."""
+
+    def __init__(self, capacity: int = CAPACITY, keep_ms: int = KEEP_MS) -> None:
+        self._entries: dict[CommandId, Entry[Record]] = {}
+        self._capacity = capacity
+        self._keep_ms = keep_ms
+        self._taken: Counter[Share] = Counter()
+        self._barred_until_ms: Counter[Share] = Counter()
+        self._open: dict[CommandId, Entry[Record]] = {}
+        self._purge_after_ms: float = inf
+        """No closed entry is to go before this; with ten minutes of entries each look at all of them counts."""
+
+    def get(self, command_id: CommandId) -> Entry[Record] | None:
+        return self._entries.get(command_id)
+
+    def entries(self) -> list[Entry[Record]]:
+        return list(self._entries.values())
+
+    def open_entries(self) -> list[Entry[Record]]:
+        return list(self._open.values())
+
+    def examine(
+        self, command_id: CommandId, contents: Hashable, deadline_ms: int, now_ms: int, share: Share = Share.ORDINARY
+    ) -> Admission:
+        """What to do with a command, without entering it.
+
+        While the deadline of an id that was denied for want of room has not passed, unknown ids of its share are
+        denied too: the denied one may arrive a second time and must not be executed then.
+        """
+        entry = self._entries.get(command_id)
+        if entry is not None:
+            same = entry.contents is None or entry.contents == contents
+            return Admission.DUPLICATE if same else Admission.CONFLICT
+        self._purge(now_ms)
+        if not self._has_room(share):
+            if share is Share.OUTSIDERS:
+                return Admission.IGNORED
+            self._barred_until_ms[share] = max(self._barred_until_ms[share], deadline_ms + 1)
+            return Admission.FULL
+        return Admission.FULL if now_ms < self._barred_until_ms[share] else Admission.NEW
+
+    def enter(
+        self,
+        command_id: CommandId,
+        contents: Hashable | None,
+        record: Record,
+        deadline_ms: int,
+        share: Share = Share.ORDINARY,
+    ) -> Entry[Record]:
+        """Enter an id that `examine` called new, or one restored from a journal."""
+        entry = Entry(command_id, contents, record, deadline_ms + self._keep_ms, share)
+        self._entries[command_id] = self._open[command_id] = entry
+        self._taken[share] += 1
+        return entry
+
+    def _has_room(self, share: Share) -> bool:
+        outsiders = self._capacity // 4
+        if share is Share.OUTSIDERS:
+            return self._taken[share] < outsiders
+        kept_free = self._capacity // 16 if share is Share.ORDINARY else 0
+        taken = self._taken[Share.ORDINARY] + self._taken[Share.OVERRIDING]
+        return taken < self._capacity - outsiders - kept_free
+
+    def close(self, entry: Entry[Record], now_ms: int) -> None:
+        """The last word is said: keep it for ten minutes from now or from the deadline, whichever is later."""
+        entry.is_open = False
+        entry.keep_until_ms = max(entry.keep_until_ms, now_ms + self._keep_ms)
+        self._open.pop(entry.id, None)
+        self._purge_after_ms = min(self._purge_after_ms, entry.keep_until_ms)
+
+    def _purge(self, now_ms: int) -> None:
+        if now_ms <= self._purge_after_ms:
+            return
+        closed = [entry for entry in self._entries.values() if not entry.is_open]
+        for entry in closed:
+            if now_ms > entry.keep_until_ms:
+                del self._entries[entry.id]
+                self._taken[entry.share] -= 1
+        self._purge_after_ms = min((e.keep_until_ms for e in closed if now_ms <= e.keep_until_ms), default=inf)

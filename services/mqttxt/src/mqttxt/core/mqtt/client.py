@@ -1,0 +1,89 @@
+"""A client of paho-mqtt as every connection of ours has it, and its socket."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import ssl
+import threading
+from typing import Any
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+
+from ..address import BrokerAddress
+from ..effects import Will
+from .properties import connect_properties
+
+KEEPALIVE_S = 15
+"""Above the 10 s between two beacons, so that a link that carries them never needs a PINGREQ; one and a half of it
+(when the broker publishes the will) is below the three beacon intervals after which silence says the same."""
+CONNECT_TIMEOUT_S = 5.0
+CONNECT_THREAD = "mqttxt-connect"
+
+
+def make_client(address: BrokerAddress, client_id: str, will: Will | None, manual_ack: bool) -> Client:
+    """A client that has yet to connect, and never connects again by itself."""
+    client = Client(
+        CallbackAPIVersion.VERSION2,
+        client_id=client_id,
+        protocol=MQTTProtocolVersion.MQTTv5,
+        reconnect_on_failure=False,
+        manual_ack=manual_ack,
+    )
+    client.connect_timeout = CONNECT_TIMEOUT_S
+    client.max_inflight_messages = 0  # paho's own limit; the connection keeps to the broker's
+    if will is not None:
+        client.will_set(will.topic, will.payload, qos=1, retain=True)
+    if address.username is not None:
+        client.username_pw_set(address.username, address.password)
+    if address.tls:
+        client.tls_set_context(ssl.create_default_context())
+    client.on_socket_open = _on_socket_open
+    return client
+
+
+def connect(client: Client, address: BrokerAddress, session_expiry_s: int) -> None:
+    """Resolve, connect, shake hands and send CONNECT; blocks. Raises OSError."""
+    properties = connect_properties(session_expiry_s)
+    client.connect(address.host, address.port, KEEPALIVE_S, clean_start=session_expiry_s == 0, properties=properties)
+
+
+def start_connecting(client: Client, address: BrokerAddress, session_expiry_s: int) -> asyncio.Future[None]:
+    """`connect` in a thread of its own, for which nobody waits at the end of the process.
+
+    A name can take long to resolve; the event loop's own threads would be waited for.
+    """
+    loop = asyncio.get_running_loop()
+    connected: asyncio.Future[None] = loop.create_future()
+
+    def tell(error: Exception | None) -> None:
+        if error is None:
+            connected.set_result(None)
+        else:
+            connected.set_exception(error)
+
+    def work() -> None:
+        failure: Exception | None = None
+        try:
+            connect(client, address, session_expiry_s)
+        except Exception as error:  # noqa: BLE001 - raised where the future is awaited
+            failure = error
+        with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+            loop.call_soon_threadsafe(tell, failure)
+
+    threading.Thread(target=work, name=CONNECT_THREAD, daemon=True).start()
+    return connected
+
+
+def _on_socket_open(_client: Client, _userdata: Any, sock: Any) -> None:
+    """Without it Nagle's algorithm holds small publishes back and is what one measures."""
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+
+def cork(sock: Any, closed: bool) -> None:
+    """Hold segments back while packets are written one by one (tcp(7)); elsewhere each packet is a segment."""
+    if hasattr(socket, "TCP_CORK"):
+        with contextlib.suppress(OSError):  # closed in between
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, closed)

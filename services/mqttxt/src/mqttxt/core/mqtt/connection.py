@@ -1,0 +1,361 @@
+"""One connection to a broker, from CONNECT to its end: paho-mqtt inside the event loop, without its thread.
+
+paho's callbacks only take notes. What they noted is delivered after paho has returned, so that a role may
+publish, and fail, without paho being half-way through a packet.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+import ssl
+import struct
+from collections import deque
+from collections.abc import Callable, Hashable
+from itertools import count
+from typing import Any, cast
+
+from paho.mqtt import MQTTException
+from paho.mqtt.client import Client, MQTTMessage
+from paho.mqtt.enums import MQTTErrorCode
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.reasoncodes import ReasonCode
+from paho.mqtt.subscribeoptions import SubscribeOptions
+
+from ...errors import BrokerRefused
+from ..address import BrokerAddress
+from ..effects import Inbound, Publish, Receipt, Subscribe, Unsubscribe, Will
+from .aliases import AliasTable
+from .client import CONNECT_TIMEOUT_S, cork, make_client, start_connecting
+from .events import LinkEvents
+from .properties import BrokerLimits, publish_properties
+
+logger = logging.getLogger("mqttxt.mqtt")
+
+MOST_HELD = 10_000
+"""Publishes at QoS 0 that wait while the broker takes no bytes; further ones are dropped: they age."""
+_READ_AT_ONCE = 64
+_VOID_BYTES = 65_536
+_SERIALS = count(1)
+_MISC_S = 1.0
+UNSPECIFIED = 0x80
+"""From this reason code on MQTT's are errors."""
+_NEVER_GRANTED = frozenset({0x87, 0x8F, 0x9E, 0xA1, 0xA2})
+"""SUBACK reason codes that asking again cannot mend (MQTT 5.0, 3.9.3)."""
+_WITH_WILL = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
+_UNPARSABLE = (struct.error, ValueError, LookupError, TypeError, MQTTException)
+"""What paho raises, beside what it handles itself, on bytes that are not MQTT."""
+
+
+class Connection:
+    """One client. With `session_expiry_s` 0 its start is clean and its session ends with it."""
+
+    def __init__(
+        self,
+        name: str,
+        address: BrokerAddress,
+        client_id: str,
+        will: Will | None,
+        events: LinkEvents,
+        manual_ack: bool = False,
+        session_expiry_s: int = 0,
+    ) -> None:
+        self.name = name
+        self.address = address
+        self._session_expiry_s = session_expiry_s
+        self._events = events
+        self._loop = asyncio.get_running_loop()
+        self.ended: asyncio.Future[int] = self._loop.create_future()
+        """The reason code of the connection's end, BrokerRefused where a subscription was refused."""
+        self._accepted: asyncio.Future[int] = self._loop.create_future()
+        self._notes: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
+        self._noted = 0
+        self.refusal: str | None = None
+        """Why this connection was given up though the broker had accepted it."""
+        self._subscribes: deque[Subscribe] = deque()
+        self._subscribing: int | None = None
+        self._refs: dict[int, Hashable] = {}
+        self._unacknowledged: set[int] = set()
+        self._waiting: deque[Publish] = deque()
+        self._settled: asyncio.Future[int] | None = None
+        self._aliases = AliasTable(0)
+        self._limits = BrokerLimits()
+        self._flush_is_due = False
+        self._is_blocked = False
+        self._held = 0
+        self._serial = next(_SERIALS) if manual_ack else None
+        self._client = client = make_client(address, client_id, will, manual_ack)
+        client.on_connect = self._on_connect
+        client.on_disconnect = self._on_disconnect
+        client.on_message = self._on_message
+        client.on_subscribe = self._on_subscribe
+        client.on_publish = self._on_publish
+
+    async def open(self) -> int:
+        """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError without a CONNACK."""
+        # paho resolves, connects and shakes hands blocking: that is done in a thread, all else in this loop.
+        connecting = start_connecting(self._client, self.address, self._session_expiry_s)
+        try:
+            await asyncio.shield(connecting)
+        except asyncio.CancelledError:
+            connecting.add_done_callback(self._abandon)
+            raise
+        sock = self._client.socket()
+        if sock is None:
+            raise ConnectionResetError("connection closed")
+        self._client.on_socket_register_write = self._on_register_write
+        self._client.on_socket_unregister_write = self._on_unregister_write
+        self._client.on_socket_close = self._on_socket_close
+        self._loop.add_reader(cast(socket.socket, sock), self._readable)
+        self._loop.call_later(_MISC_S, self._look_after)
+        async with asyncio.timeout(CONNECT_TIMEOUT_S):
+            return await asyncio.shield(self._accepted)
+
+    def publish(self, effect: Publish) -> None:
+        """Hand a message over; all that is handed over in one turn of the event loop leaves together."""
+        if self._is_blocked and effect.qos == 0:
+            if self._held >= MOST_HELD:
+                self._events.count("held_up", f"{self.name}: {effect.topic}: {self.address} takes no bytes")
+                return
+            self._held += 1
+        if not self._limits.fits(effect.topic, effect.payload):
+            detail = f"{effect.topic}: {self.address} takes packets of at most {self._limits.largest_packet} bytes"
+            self._events.count("too_long_for_broker", detail)
+            return
+        if effect.qos > 0 and len(self._unacknowledged) >= self._limits.in_flight:
+            self._waiting.append(effect)
+            return
+        topic, alias = self._aliases.shorten(effect.topic) if effect.qos == 0 else (effect.topic, None)
+        info = self._client.publish(
+            topic, effect.payload, effect.qos, effect.retain, publish_properties(alias, effect.expiry_s)
+        )
+        if effect.qos > 0 and info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
+            self._unacknowledged.add(info.mid)
+            if effect.ref is not None:
+                self._refs[info.mid] = effect.ref
+
+    def subscribe(self, effect: Subscribe) -> None:
+        """One SUBSCRIBE after the other: a broker may take a second one for the first one's repetition."""
+        self._subscribes.append(effect)
+        if self._subscribing is None:
+            self._subscribe_next()
+
+    def _subscribe_next(self) -> None:
+        effect = self._subscribes[0]
+        handling = (
+            SubscribeOptions.RETAIN_DO_NOT_SEND if effect.live_only else SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE
+        )
+        options = SubscribeOptions(qos=1, retainAsPublished=effect.live_only, retainHandling=handling)
+        _, self._subscribing = self._client.subscribe([(topic, options) for topic in effect.filters])
+
+    def unsubscribe(self, effect: Unsubscribe) -> None:
+        self._client.unsubscribe(list(effect.filters))
+
+    def acknowledge(self, receipt: Receipt) -> None:
+        """PUBACK for an inbound message, unless another connection received it. In the order of their receipt."""
+        serial, mid = receipt
+        if serial == self._serial:
+            self._client.ack(mid, 1)
+
+    async def settled(self, limit_s: float) -> None:
+        """Wait until all that was handed over has left, and is acknowledged where that is asked for."""
+        self._flush()
+        self._settled = self._loop.create_future()
+        self._check_settled()
+        await asyncio.wait({self._settled, self.ended}, timeout=limit_s, return_when=asyncio.FIRST_COMPLETED)
+
+    def close(self, *, with_will: bool = False) -> None:
+        """DISCONNECT behind what was handed over, as far as the system takes it now; then close the socket.
+
+        The broker publishes the will where that is asked for, and where something of what was handed over never left
+        because the broker acknowledges too little: the last word is the last of it.
+        """
+        reason = _WITH_WILL if with_will or self._waiting else None
+        if self._client.disconnect(reason) == MQTTErrorCode.MQTT_ERR_SUCCESS:
+            self._flush()
+        sock = self._client.socket()
+        if sock is not None:  # the broker takes no bytes
+            self._on_socket_close(self._client, None, sock)
+            sock.close()
+        _resolve(self.ended, 0)
+
+    async def leave(self, limit_s: float) -> None:
+        """`close`, and then read what still comes, into the void, until the broker has closed too.
+
+        A socket that is closed over unread bytes is reset at once (RFC 2525, section 2.17): the DISCONNECT behind what
+        was handed over would be lost, and the broker would publish the will of a client that stopped cleanly.
+        """
+        sock = self._client.socket()
+        if sock is None:
+            self.close()
+            return
+        with socket.socket(fileno=socket.dup(sock.fileno())) as rest:
+            self.close()
+            rest.setblocking(False)
+            with contextlib.suppress(OSError):  # reset all the same, or not closed in time
+                rest.shutdown(socket.SHUT_WR)
+                async with asyncio.timeout(limit_s):
+                    while await self._loop.sock_recv(rest, _VOID_BYTES):
+                        pass
+
+    def _abandon(self, connecting: asyncio.Future[None]) -> None:
+        """Nobody waits for this connection any more; it came about, or not."""
+        connecting.exception()
+        self.close()
+
+    # What the event loop calls.
+
+    def _readable(self) -> None:
+        """Read what is there, up to a number of packets, and deliver what it was.
+
+        One call of paho reads one packet, or as many as there are publishes of ours without their PUBACK.
+        """
+        limit = self._noted + _READ_AT_ONCE
+        while (before := self._noted) < limit:
+            try:
+                self._client.loop_read()
+            except _UNPARSABLE as error:
+                logger.error("%s: %s sent what is not MQTT: %s", self.name, self.address, error)
+                self.close(with_will=True)
+                break
+            if self._noted == before and not self._has_decrypted():
+                break
+        else:
+            if self._has_decrypted():  # the socket itself will not become readable for these
+                self._loop.call_soon(self._readable)
+        self._deliver()
+
+    def _has_decrypted(self) -> bool:
+        sock = self._client.socket()
+        return isinstance(sock, ssl.SSLSocket) and sock.pending() > 0
+
+    def _deliver(self) -> None:
+        try:
+            while self._notes:
+                act, args = self._notes.popleft()
+                act(*args)
+        finally:
+            if self._notes:  # a role failed: the loop reports it, and the rest is delivered all the same
+                self._loop.call_soon(self._deliver)
+
+    def _flush(self) -> None:
+        """Write what waits, in as few segments as the system can make of it."""
+        self._flush_is_due = False
+        sock = self._client.socket()
+        if sock is None:
+            return
+        cork(sock, True)
+        # paho makes a reason code and properties for each QoS 0 publish that it tells of; nobody asks for them.
+        self._client.on_publish = None
+        try:
+            self._client.loop_write()
+        finally:
+            self._client.on_publish = self._on_publish
+            cork(sock, False)
+        if self._client.want_write() and not self._is_blocked and self._client.socket() is sock:
+            self._is_blocked = True
+            self._loop.add_writer(cast(socket.socket, sock), self._flush)
+
+    def _look_after(self) -> None:
+        """Keep-alive."""
+        if self.ended.done():
+            return
+        self._client.loop_misc()
+        self._loop.call_later(_MISC_S, self._look_after)
+
+    # What paho calls. Only while one of its loop functions runs, so in the event loop's thread.
+
+    def _on_register_write(self, _client: Client, _userdata: Any, _sock: Any) -> None:
+        if not self._flush_is_due:
+            self._flush_is_due = True
+            self._loop.call_soon(self._flush)
+
+    def _on_unregister_write(self, _client: Client, _userdata: Any, sock: Any) -> None:
+        if self._is_blocked:
+            self._is_blocked = False
+            self._held = 0
+            self._loop.remove_writer(sock)
+            self._check_settled()
+
+    def _on_socket_close(self, _client: Client, _userdata: Any, sock: Any) -> None:
+        if sock.fileno() < 0:  # `close` was faster than paho
+            return
+        self._loop.remove_reader(sock)
+        self._on_unregister_write(_client, None, sock)
+
+    def _on_connect(self, _client: Client, _userdata: Any, _flags: Any, code: Any, properties: Any) -> None:
+        self._noted += 1
+        self._limits = BrokerLimits.of(properties)
+        self._aliases = AliasTable(self._limits.aliases)
+        _resolve(self._accepted, code.value)
+
+    def _on_disconnect(self, _client: Client, _userdata: Any, _flags: Any, code: Any, _properties: Any) -> None:
+        _resolve(self._accepted, code.value or 0x80)
+        _resolve(self.ended, code.value)
+
+    def _on_message(self, _client: Client, _userdata: Any, message: MQTTMessage) -> None:
+        try:
+            topic = message.topic
+        except UnicodeDecodeError:
+            self._note(self._events.count, "topic", f"{self.name}: a topic that is not UTF-8")
+            return
+        receipt = (self._serial, message.mid) if self._serial is not None and message.qos > 0 else None
+        inbound = Inbound(topic, bytes(message.payload), message.qos, message.retain, receipt)
+        self._note(self._events.received, self.name, inbound)
+
+    def _on_subscribe(self, _client: Client, _userdata: Any, mid: int, codes: Any, _properties: Any) -> None:
+        self._note(self._subscribed, mid, [code.value for code in codes])
+
+    def _on_publish(self, _client: Client, _userdata: Any, mid: int, code: Any, _properties: Any) -> None:
+        self._noted += 1
+        self._unacknowledged.discard(mid)
+        if mid in self._refs:
+            self._note(self._events.published, self.name, self._refs.pop(mid), code.value)
+        self._note(self._go_on)
+
+    def _note(self, act: Callable[..., None], *args: Any) -> None:
+        self._noted += 1
+        self._notes.append((act, args))
+
+    def _go_on(self) -> None:
+        """A publish was acknowledged: room for one that waits."""
+        if self._waiting and not self.ended.done():
+            self.publish(self._waiting.popleft())
+        self._check_settled()
+
+    def _check_settled(self) -> None:
+        if self._settled is not None and not self._unacknowledged and not self._client.want_write():
+            _resolve(self._settled, 0)
+
+    def _subscribed(self, mid: int, codes: list[int]) -> None:
+        if mid != self._subscribing:
+            return
+        self._subscribing = None
+        effect = self._subscribes.popleft()
+        granted = dict(zip(effect.filters, codes, strict=False))
+        refused = {topic: code for topic in effect.filters if (code := granted.get(topic, UNSPECIFIED)) >= UNSPECIFIED}
+        if refused:
+            self._refused(refused)
+            return
+        if self._subscribes:
+            self._subscribe_next()
+        self._events.subscribed(effect)
+
+    def _refused(self, refused: dict[str, int]) -> None:
+        """Some filters were not granted: for good, or only this time, and then all begins anew on a new connection."""
+        topic, code = next(((t, c) for t, c in refused.items() if c in _NEVER_GRANTED), next(iter(refused.items())))
+        self.refusal = f"the subscription to {topic} was refused with reason code 0x{code:02x}"
+        if self.ended.done():
+            return
+        if code in _NEVER_GRANTED:
+            logger.error("%s: %s: %s", self.name, self.address, self.refusal)
+            self.ended.set_exception(BrokerRefused(f"{self.name}: {self.address} refused the subscription to {topic}"))
+        else:
+            self.close(with_will=True)
+
+
+def _resolve(future: asyncio.Future[int], value: int) -> None:
+    if not future.done():
+        future.set_result(value)

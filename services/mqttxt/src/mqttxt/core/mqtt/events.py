@@ -1,0 +1,19 @@
+"""What a connection to a broker tells whoever runs it."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Protocol
+
+from ..effects import Inbound, Subscribe
+
+
+class LinkEvents(Protocol):
+    """What a connection tells its role's runner, always in the event loop's thread."""
+
+    def connected(self, link: str) -> None: ...
+    def disconnected(self, link: str) -> None: ...
+    def received(self, link: str, message: Inbound) -> None: ...
+    def subscribed(self, subscribe: Subscribe) -> None: ...
+    def published(self, link: str, ref: Hashable, code: int) -> None: ...
+    def count(self, kind: str, detail: str) -> None: ...

@@ -1,0 +1,140 @@
+"""A connection to an MQTT broker that heals, for a role to use; with `connection`, all that touches a broker.
+
+Each attempt is a new client, with a clean start and session expiry 0 unless said otherwise: nothing of an old
+connection is sent on a new one. What must not be lost is the role's to repeat; it knows deadlines, a queue does not.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import random
+
+from ...errors import BrokerRefused
+from ..address import BrokerAddress
+from ..effects import Publish, Receipt, Subscribe, Unsubscribe, Will
+from .connection import Connection
+from .events import LinkEvents
+
+logger = logging.getLogger("mqttxt.mqtt")
+
+FIRST_PAUSE_S = 0.2
+LONGEST_PAUSE_S = 5.0
+GOODBYE_S = 1.0
+"""How long a broker that takes no bytes, or acknowledges none, may hold up the end."""
+SESSION_TAKEN_OVER = 0x8E
+_PERMANENT = frozenset({0x84, 0x85, 0x86, 0x87, 0x8A, 0x8C, 0x90, 0x95, 0x99, 0x9A, 0x9B})
+"""CONNACK reason codes that asking again cannot mend (MQTT 5.0, 3.2.2.2)."""
+
+
+class MqttLink:
+    """A named connection to a broker. `run` keeps it up until it is closed, cancelled or refused by the broker.
+
+    With `manual_ack` an inbound QoS 1 message counts as delivered only when its receipt was acknowledged; in the
+    order of receipt (MQTT 5.0, 4.6). The broker sends again what was not on the next connection, if that comes
+    within `session_expiry_s` with the same client id: for who only subscribes. `longest_pause_s` is that between
+    two attempts to connect.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        address: BrokerAddress,
+        client_id: str,
+        will: Will | None,
+        events: LinkEvents,
+        *,
+        manual_ack: bool = False,
+        session_expiry_s: int = 0,
+        longest_pause_s: float = LONGEST_PAUSE_S,
+    ) -> None:
+        self.name = name
+        self.address = address
+        self._client_id = client_id
+        self._will = will
+        self._events = events
+        self._manual_ack = manual_ack
+        self._session_expiry_s = session_expiry_s
+        self._longest_pause_s = longest_pause_s
+        self._connection: Connection | None = None
+        self._is_closed = False
+
+    async def run(self) -> None:
+        """Connect, stay connected, connect again; raises BrokerRefused when asking again is pointless."""
+        pause_s = FIRST_PAUSE_S
+        while not self._is_closed:
+            reason = await self._one_connection()
+            if self._is_closed:
+                return
+            if reason is None:
+                pause_s = FIRST_PAUSE_S
+                logger.info("%s: %s: connection lost", self.name, self.address)
+            else:
+                logger.info("%s: %s: %s; trying again", self.name, self.address, reason)
+            await asyncio.sleep(pause_s * random.uniform(0.5, 1.0))
+            pause_s = min(2 * pause_s, self._longest_pause_s)
+
+    def publish(self, effect: Publish) -> None:
+        """Hand a message to the connection; without one it is dropped, and the role hears of the reconnection."""
+        if self._connection is not None:
+            self._connection.publish(effect)
+
+    def subscribe(self, effect: Subscribe) -> None:
+        if self._connection is not None:
+            self._connection.subscribe(effect)
+
+    def unsubscribe(self, effect: Unsubscribe) -> None:
+        if self._connection is not None:
+            self._connection.unsubscribe(effect)
+
+    def acknowledge(self, receipt: Receipt) -> None:
+        """Say that an inbound message is safe, on a link with `manual_ack`; nothing where its connection has ended."""
+        if self._connection is not None:
+            self._connection.acknowledge(receipt)
+
+    async def close(self) -> None:
+        """A clean DISCONNECT, after what was handed over has left."""
+        self._is_closed = True
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            await connection.settled(GOODBYE_S)
+            await connection.leave(GOODBYE_S)
+
+    async def _one_connection(self) -> str | None:
+        """One connection from CONNECT to its end; returns why it never came about, or was of no use, None if it was."""
+        connection = Connection(
+            self.name,
+            self.address,
+            self._client_id,
+            self._will,
+            self._events,
+            manual_ack=self._manual_ack,
+            session_expiry_s=self._session_expiry_s,
+        )
+        try:
+            try:
+                code = await connection.open()
+            except TimeoutError:
+                return "no answer in time"
+            except OSError as error:
+                return f"{error.strerror or error}"
+            if code in _PERMANENT:
+                raise BrokerRefused(f"{self.name}: {self.address} refused the connection with reason code 0x{code:02x}")
+            if code != 0:
+                return f"refused with reason code 0x{code:02x}"
+            if self._is_closed:
+                return None
+            self._connection = connection
+            self._events.connected(self.name)
+            code = await connection.ended
+            if code == SESSION_TAKEN_OVER:
+                raise BrokerRefused(f"{self.name}: {self.address}: another client took over the id {self._client_id}")
+            return connection.refusal
+        finally:
+            was_up, self._connection = self._connection is connection, None
+            connection.close(with_will=not self._is_closed)
+            if was_up:
+                self._events.disconnected(self.name)
+
+
+__all__ = ["BrokerAddress", "LinkEvents", "MqttLink"]

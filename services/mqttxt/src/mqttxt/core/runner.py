@@ -1,0 +1,168 @@
+"""Runs a role: carries its effects out in their order, feeds it what arrives, ticks it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter
+from collections.abc import Hashable, Iterable
+from math import ceil
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..errors import ConfigurationError, Refused
+from .clock import SessionClock
+from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
+from .mqtt.link import MqttLink
+
+logger = logging.getLogger("mqttxt")
+
+TICK_S = 0.05
+READY_TOUCH_S = 1.0
+
+
+class Role(Protocol):
+    """What every role's state machine has, behind an adapter that names the link where it has several."""
+
+    def on_connected(self, link: str, now_ms: int) -> Iterable[Any]: ...
+    def on_disconnected(self, link: str, now_ms: int) -> Iterable[Any]: ...
+    def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> Iterable[Any]: ...
+    def on_message(self, link: str, message: Inbound, now_ms: int) -> Iterable[Any]: ...
+    def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> Iterable[Any]: ...
+    def tick(self, now_ms: int) -> Iterable[Any]: ...
+    def goodbye(self, now_ms: int) -> Iterable[Any]: ...
+    def is_ready(self, now_ms: int) -> bool: ...
+
+
+class Runner:
+    """The world around one role. Subclasses carry out the effects that only their role has.
+
+    Raises ConfigurationError for a ready file that can nowhere be.
+    """
+
+    def __init__(self, role: Role, clock: SessionClock, ready_file: Path | None = None) -> None:
+        if ready_file is not None and not ready_file.parent.is_dir():
+            raise ConfigurationError(f"--ready-file {ready_file}: expected a file in a folder that exists")
+        self.role = role
+        self.clock = clock
+        self.links: dict[str, MqttLink] = {}
+        self.counts: Counter[str] = Counter()
+        self._ready_file = ready_file
+        self._ready_touched_ms = -10_000
+        self._stopped: asyncio.Future[None] | None = None
+
+    async def run(self) -> None:
+        """Run until cancelled or stopped; raises Refused, or what a job failed with, behind the goodbye."""
+        self._stopped = asyncio.get_running_loop().create_future()
+        tasks = [asyncio.create_task(job) for job in self.jobs()]
+        for task in tasks:
+            task.add_done_callback(self._job_ended)
+        try:
+            await self._stopped
+        finally:
+            try:
+                await self._say_goodbye()
+            finally:
+                for task in tasks:
+                    task.cancel()
+                await asyncio.wait(tasks)
+
+    def finish(self) -> None:
+        """End `run` as after a cancellation, because the role has done what it was for."""
+        if self._stopped is not None and not self._stopped.done():
+            self._stopped.set_result(None)
+
+    def jobs(self) -> list[Any]:
+        """The coroutines that run as long as the role does."""
+        return [*(link.run() for link in self.links.values()), self._tick()]
+
+    def carry_out(self, outputs: Iterable[Any]) -> None:
+        """Carry out effects in their order."""
+        for output in outputs:
+            self._carry_out_one(output)
+
+    def special(self, output: Any) -> None:
+        """Carry out an effect or take an event that only this runner's role has."""
+        raise TypeError(f"{type(output).__name__} is not for this role")
+
+    def connected(self, link: str) -> None:
+        logger.info("%s: connected to %s", link, self.links[link].address)
+        self.carry_out(self.role.on_connected(link, self.clock.now_ms()))
+
+    def disconnected(self, link: str) -> None:
+        self.carry_out(self.role.on_disconnected(link, self.clock.now_ms()))
+
+    def received(self, link: str, message: Inbound) -> None:
+        self.carry_out(self.role.on_message(link, message, self.clock.now_ms()))
+
+    def subscribed(self, subscribe: Subscribe) -> None:
+        self.carry_out(self.role.on_subscribed(subscribe, self.clock.now_ms()))
+
+    def published(self, link: str, ref: Hashable, code: int) -> None:
+        self.carry_out(self.role.on_published(link, ref, code, self.clock.now_ms()))
+
+    def count(self, kind: str, detail: str) -> None:
+        """Count something that should not happen; the first of a kind is logged."""
+        self.counts[kind] += 1
+        if self.counts[kind] == 1:
+            logger.warning("%s: %s (further ones are counted, not logged)", kind, detail)
+
+    def _carry_out_one(self, output: Effect) -> None:
+        if isinstance(output, Publish):
+            self.links[output.link].publish(output)
+        elif isinstance(output, Subscribe):
+            self.links[output.link].subscribe(output)
+        elif isinstance(output, Unsubscribe):
+            self.links[output.link].unsubscribe(output)
+        elif isinstance(output, Log):
+            self.count(output.kind, output.detail)
+        elif isinstance(output, Stop):
+            self._fail(Refused(output.reason))
+        else:
+            self.special(output)
+
+    def _job_ended(self, job: asyncio.Task[Any]) -> None:
+        """A job that fails ends the role, whose links are up for the goodbye: nobody would be told otherwise."""
+        error = None if job.cancelled() else job.exception()
+        if error is not None and not self._fail(error):
+            logger.error("failed while it ended: %r", error)
+
+    def _fail(self, error: BaseException) -> bool:
+        """End `run` with an error, unless something else has ended it."""
+        if self._stopped is None or self._stopped.done():
+            return False
+        self._stopped.set_exception(error)
+        return True
+
+    async def _tick(self) -> None:
+        loop = asyncio.get_running_loop()
+        due_s = loop.time()
+        while True:
+            now_ms = self.clock.now_ms()
+            self.carry_out(self.role.tick(now_ms))
+            if self._ready_file is not None and now_ms - self._ready_touched_ms >= READY_TOUCH_S * 1000:
+                self._ready_touched_ms = now_ms
+                _mark(self._ready_file, self.role.is_ready(now_ms))
+            due_s = next_tick(due_s, loop.time())
+            await asyncio.sleep(due_s - loop.time())
+
+    async def _say_goodbye(self) -> None:
+        self.carry_out(self.role.goodbye(self.clock.now_ms()))
+        await asyncio.gather(*(link.close() for link in self.links.values()))
+        if self._ready_file is not None:
+            _mark(self._ready_file, False)
+        if self.counts:
+            logger.info("counted: %s", ", ".join(f"{kind} {n}" for kind, n in sorted(self.counts.items())))
+
+
+def next_tick(due_s: float, now_s: float) -> float:
+    """When the tick after the one due at `due_s` is: on the same schedule, what was missed left out."""
+    return due_s + TICK_S * max(1, ceil((now_s - due_s) / TICK_S))
+
+
+def _mark(path: Path, ready: bool) -> None:
+    """A fresh modification time says ready; an old one, or no file, says not."""
+    if ready:
+        path.touch()
+    else:
+        path.unlink(missing_ok=True)

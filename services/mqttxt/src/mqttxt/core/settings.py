@@ -1,0 +1,92 @@
+"""What every role is told at its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..protocol.values import Encoding
+from .clock import BEACON_INTERVAL_MS
+
+GRACE_MS = 5_000
+"""How long after deadline and limit a command may stay without its last word before it is unconfirmed."""
+REBIRTH_MS = 1_000
+"""How long an owner waits before it puts its retained topic right, so that two of them do not race."""
+QUERY_DEADLINE_MS = 0
+"""A deadline that is always past: the relay asks what became of a command that an earlier session may have had."""
+RESEND_FIRST_MS = 2_000
+RESEND_LAST_MS = 16_000
+NO_MATCHING_SUBSCRIBERS = 0x10
+"""MQTT 5 PUBACK reason code: the broker took the message and nobody is there to get it."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """`qos` is that of commands, results and the likes; states are always QoS 0, presence and leases QoS 1.
+
+    `bundles`: a UAV client publishes its states together, once in `bundle_ms`, and so does an activator to the
+    stations that ask for it. PSMI and QoDS leave out drones whose figures are older than `state_limit_ms`.
+    """
+
+    qos: int = 1
+    encoding: Encoding = Encoding.CBOR
+    beacon_interval_ms: int = BEACON_INTERVAL_MS
+    bundles: bool = False
+    bundle_ms: int = 1000
+    state_limit_ms: int = 45_000
+
+
+def next_turn_ms(due_ms: int, now_ms: int, interval_ms: int) -> int:
+    """When what was due at `due_ms` is due again: on the same schedule, unless it came early or missed a turn."""
+    on_schedule = due_ms <= now_ms < due_ms + interval_ms
+    return (due_ms if on_schedule else now_ms) + interval_ms
+
+
+class Rebirth:
+    """When an owner puts its retained topic right. Once it is armed nothing puts it off: a stranger may write on."""
+
+    def __init__(self) -> None:
+        self._at_ms: int | None = None
+
+    def arm(self, now_ms: int) -> None:
+        if self._at_ms is None:
+            self._at_ms = now_ms + REBIRTH_MS
+
+    def is_due(self, now_ms: int) -> bool:
+        """Whether it is time; asking when it is disarms it."""
+        if self._at_ms is None or now_ms < self._at_ms:
+            return False
+        self._at_ms = None
+        return True
+
+
+class Retry:
+    """When to send an unanswered message again: pauses double from two to sixteen seconds."""
+
+    def __init__(self, first_ms: int) -> None:
+        self._gap_ms = RESEND_FIRST_MS
+        self._next_ms = first_ms
+
+    def is_due(self, now_ms: int) -> bool:
+        """Whether it is time; asking when it is moves the next time on."""
+        if now_ms < self._next_ms:
+            return False
+        self._next_ms = now_ms + self._gap_ms
+        self._gap_ms = min(2 * self._gap_ms, RESEND_LAST_MS)
+        return True
+
+    @classmethod
+    def unanswered(cls, now_ms: int) -> Retry:
+        """What was sent just now is sent again after two seconds."""
+        retry = cls(now_ms)
+        retry.is_due(now_ms)
+        return retry
+
+    @classmethod
+    def after_word(cls, qos: int, now_ms: int) -> Retry | None:
+        """A command that was answered is asked for rarely at QoS 0, and not at all at QoS 1."""
+        return cls(now_ms + RESEND_LAST_MS) if qos == 0 else None
+
+    @classmethod
+    def of(cls, qos: int, now_ms: int, remaining_ms: int) -> Retry:
+        """QoS 0 asks again after two seconds; at QoS 1 the transport repeats, so not before the deadline."""
+        return cls(now_ms + (RESEND_FIRST_MS if qos == 0 else max(RESEND_FIRST_MS, remaining_ms)))

@@ -1,0 +1,158 @@
+"""What the autopilot's acknowledgements say of the open commands (docs/protocol.md, R5.6, R5.18)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..core.effects import Log
+from ..protocol.commands import Offboard
+from ..protocol.messages import Word
+from .mavlink.mav_result import answered, percent_of, refusal
+from .mavlink.vehicle import Vehicle
+from .offboard import OffboardPilot
+from .resting_numbers import AckKey, Kind
+from .runs import Output, Phase, Run, Runs, Said
+
+PROGRESS_MS = 1000
+"""Percentages are told at most as often; of those in between the newest."""
+
+_FLIGHT_COMMANDS = frozenset(
+    {
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        mavlink.MAV_CMD_NAV_TAKEOFF,
+        mavlink.MAV_CMD_NAV_LAND,
+        mavlink.MAV_CMD_DO_REPOSITION,
+        mavlink.MAV_CMD_DO_SET_MODE,
+    }
+)
+
+
+@dataclass(frozen=True)
+class Acknowledgements:
+    """Finds the command that an acknowledgement is of, and says what became of that."""
+
+    vehicle: Vehicle
+    runs: Runs
+    pilot: OffboardPilot
+
+    def on_ack(self, message: Any, now_ms: int) -> list[Output]:
+        keys = [(message.command, source) for source in answered(message, self.vehicle.system_id)]
+        late = next((key for key in keys if self.runs.acks.is_late(key, now_ms)), None)
+        run = self.runs.awaiting(*keys) if late is None else None
+        if run is None:
+            return self._on_unawaited(late or keys[0], message.result, now_ms) if keys else []
+        if message.get_srcComponent() != run.plan.message.target_component:
+            return []
+        if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
+            return self._on_progress(run, percent_of(message), now_ms)
+        run.acks += 1
+        if message.result != mavlink.MAV_RESULT_ACCEPTED:
+            return self._on_refusal(run, message.result, now_ms)
+        if run.sends > run.acks:
+            self.rest(run, now_ms)
+        if self.vehicle.answers_twice(run.plan.mav_cmd):
+            self.runs.acks.expect_second(run.ack_key, run.id, now_ms)
+        if run.plan.is_said_once:
+            return [self.runs.end(run, Word.COMPLETED, observed=False)]
+        return self.accept(run, now_ms)
+
+    def rest(self, run: Run, now_ms: int) -> None:
+        """Leave the key alone while acknowledgements of this run may still come."""
+        self.runs.acks.rest(run.ack_key, run.id, run.sends - run.acks, now_ms)
+
+    def accept(self, run: Run, now_ms: int) -> list[Output]:
+        """The autopilot does it from now on."""
+        run.phase = Phase.RUNNING
+        run.accepted_ms = now_ms
+        run.accepted_number, run.restarts = self.vehicle.number, self.vehicle.boots.restarts
+        if isinstance(run.command, Offboard):
+            self.pilot.begin(run, now_ms)
+        if run.plan.on_accepted is not None:
+            run.plan.on_accepted(now_ms)
+        out: list[Output] = [Said(run.id, Word.ACCEPTED, late_ms=run.late_ms), *self._supersede(run, now_ms)]
+        newer = self.runs.newer(run)
+        if newer is not None and newer.is_under_way:
+            out.append(self.runs.end(run, Word.SUPERSEDED, by=newer.id))
+        return out
+
+    def tell_progress(self, run: Run, now_ms: int) -> list[Output]:
+        """The newest percentage, where it is another one than was told, and not too soon after that."""
+        if not run.in_progress or run.percent == run.told_percent or now_ms < run.told_percent_ms + PROGRESS_MS:
+            return []
+        return [self._progress(run, now_ms)]
+
+    def _refusal(self, run: Run, result: int) -> tuple[Word, str | None]:
+        """The last word for a refusal, with what the autopilot told people since the command was sent."""
+        word, reason = refusal(result)
+        if result == mavlink.MAV_RESULT_FAILED and self.vehicle.autopilot.refuses_as_failed:
+            word = Word.DENIED
+        text = self.vehicle.text_since(run.sent_number)
+        reason = f"{reason}: {text}" if reason == "autopilot" and text else reason
+        if word.is_definite_no and (run.in_progress or run.phase is Phase.RUNNING):  # it was started
+            return Word.FAILED, reason or word.label
+        return word, reason
+
+    def _on_refusal(self, run: Run, result: int, now_ms: int) -> list[Output]:
+        """The last word once every copy was refused: one that is unanswered, or in progress, may be carried out."""
+        word, reason = self._refusal(run, result)
+        run.refusals += 1
+        if run.refused is None or run.refused[0].is_definite_no:
+            run.refused = (word, reason)
+        if run.sends == run.acks:
+            return [self.runs.end(run, *run.refused)]
+        run.last_send_ms = now_ms
+        return []
+
+    def _on_unawaited(self, key: AckKey, result: int, now_ms: int) -> list[Output]:
+        """An acknowledgement that no command waits for: another copy's, a second one, or of a write of our own."""
+        if result == mavlink.MAV_RESULT_IN_PROGRESS:
+            return []
+        expected, mav_cmd = self.runs.acks.take(key, now_ms), key[0]
+        if expected is None:
+            text = f"COMMAND_ACK of {mav_cmd} without an open command"
+            return [Log("ack_unexpected", text)] if mav_cmd in _FLIGHT_COMMANDS else []
+        is_accepted, is_second = result == mavlink.MAV_RESULT_ACCEPTED, expected.kind is Kind.SECOND
+        if is_accepted and not is_second and self.vehicle.answers_twice(mav_cmd):
+            self.runs.acks.expect_second(key, expected.owner, now_ms)
+        late = [Log("ack_discarded", f"late COMMAND_ACK of {mav_cmd}")] if expected.kind is Kind.LATE else []
+        run = self.runs.find(expected.owner) if expected.owner is not None else None
+        if run is None:
+            return [*late]
+        if run.phase is Phase.PREPARING and run.preparation is not None:
+            run.preparation.on_answer(is_accepted, is_second)
+        elif run.phase is Phase.RUNNING and run.ack_key == key and not is_accepted:
+            return [*late, *self._on_refusal_after_acceptance(run, result)]
+        return [*late]
+
+    def _on_refusal_after_acceptance(self, run: Run, result: int) -> list[Output]:
+        """It was not carried out after all, unless a heartbeat has shown its mode, or another copy may be."""
+        run.refusals += 1
+        if run.entered_mode or run.refusals < run.sends:
+            return []
+        return [self.runs.end(run, *self._refusal(run, result))]
+
+    def _on_progress(self, run: Run, percent: int | None, now_ms: int) -> list[Output]:
+        """It is being done, and is not said again."""
+        run.percent = percent
+        if run.in_progress:
+            return self.tell_progress(run, now_ms)
+        run.in_progress, run.restarts = True, self.vehicle.boots.restarts
+        return [self._progress(run, now_ms), *self._supersede(run, now_ms)]
+
+    def _progress(self, run: Run, now_ms: int) -> Said:
+        run.told_percent, run.told_percent_ms = run.percent, now_ms
+        return Said(run.id, Word.IN_PROGRESS, percent=run.percent, late_ms=run.late_ms)
+
+    def _supersede(self, run: Run, now_ms: int) -> list[Output]:
+        """A command that is under way takes the place of the older ones of its group, acknowledged or not."""
+        out: list[Output] = []
+        for other in self.runs.older(run):
+            if other.phase is Phase.SENT:
+                self.rest(other, now_ms)
+            word, reason = self.pilot.superseded(other)
+            by = run.id if word is Word.SUPERSEDED else None
+            out.append(self.runs.end(other, word, reason, by=by))
+        return out

@@ -1,0 +1,273 @@
+"""What a UAV client does with commands: admit, execute, answer, and answer again until it was heard."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..core.clock import MAX_TTL_MS, stamp
+from ..core.effects import Inbound, Log, Publish
+from ..core.ledger import KEEP_MS, Admission, Ledger, Share
+from ..core.settings import NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Settings
+from ..errors import PayloadError
+from ..protocol.codec import decode, encode
+from ..protocol.identify import identify
+from ..protocol.messages import BeaconMessage, By, CommandId, CommandMessage, ResultMessage, Word, without_contradiction
+from ..protocol.topics import FogSide
+from ..protocol.words import NO_DEADLINE, NOT_IN_CONTROL
+from .effects import Effect, Journal
+from .executor import Executor
+from .mavlink.raw import Limits
+from .mavlink.vehicle import Vehicle
+from .runs import Output, Said
+
+LINK = "fog"
+MOST_SESSIONS = 1000
+"""Stations of the last ten minutes beyond which older ones are forgotten."""
+KEPT_BACK_MS = 1000
+"""How long a result waits before it is published again, where nobody was there to get it."""
+
+
+@dataclass
+class Answers:
+    """What was said of a command: its name for the topic, the newest word, and whether a last one was acknowledged.
+
+    `is_journalled`: the journal has it. What was refused before needs no place there: an id that a later session
+    does not know is `expired`, a definite no too.
+    """
+
+    name: str
+    newest: ResultMessage | None = None
+    delivered: bool = False
+    is_journalled: bool = False
+
+    @property
+    def last(self) -> ResultMessage | None:
+        return self.newest if self.newest is not None and self.newest.word.is_last else None
+
+
+@dataclass(frozen=True)
+class Unfinished:
+    """What a journal tells of an earlier session: an id that was open, or a last word, and whether it was delivered.
+
+    A delivered one is kept too: its answer may have died with the fog's broker, and is asked for again then.
+    """
+
+    id: CommandId
+    command: str
+    word: Word | None = None
+    reason: str | None = None
+    delivered: bool = False
+
+
+class CommandDesk:
+    """The commands of one UAV client session: ledger, order, executor, and the words about them.
+
+    `remembers` false: there is no journal of the sessions before this one, so that of an id which may have been
+    theirs nobody knows what became. `epoch` is that of the drone's control. `may_publish` is set while the
+    client is born, `republish_at_ms` when a last word has to be said again.
+    """
+
+    def __init__(
+        self,
+        drone: int,
+        session: int,
+        settings: Settings,
+        topics: FogSide,
+        vehicle: Vehicle,
+        unfinished: list[Unfinished],
+        remembers: bool = True,
+        limits: Limits | None = None,
+    ) -> None:
+        self.ledger: Ledger[Answers] = Ledger()
+        self.executor = Executor(vehicle, limits)
+        self.may_publish = False
+        self.republish_at_ms: int | None = None
+        self.epoch = 0
+        self._drone = drone
+        self._session = session
+        self._settings = settings
+        self._topics = topics
+        self._remembers = remembers
+        self._highest_started: dict[int, tuple[int, int]] = {}
+        self._to_start: dict[CommandId, CommandMessage] = {}
+        self._restored = list(unfinished)
+        for left in self._restored:
+            entry = self.ledger.enter(left.id, None, Answers(left.command, is_journalled=True), 0)
+            self.ledger.close(entry, 0)
+
+    def on_payload(self, message: Inbound, now_ms: int) -> list[Effect]:
+        try:
+            command = decode(CommandMessage, message.payload)
+        except PayloadError as error:
+            out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
+            known = identify(message.payload)
+            if known is not None and self.ledger.get(known) is None:
+                denial = self._result(Said(known, Word.DENIED, str(error)), now_ms)
+                out.append(self._publish_result("malformed", denial, kept=False))
+            return out
+        return self._on_command(command, message.retain, now_ms)
+
+    def _on_command(self, command: CommandMessage, retained: bool, now_ms: int) -> list[Effect]:
+        deadline_ms = command.deadline_ms
+        if command.executor_session != self._session:
+            deadline_ms = None
+        known_until_ms = min(deadline_ms or now_ms, now_ms + MAX_TTL_MS)
+        share = Share.of(command.command, self.executor.holder_session == command.gs_session)
+        verdict = self.ledger.examine(command.id, command.command, known_until_ms, now_ms, share)
+        if verdict is Admission.DUPLICATE:
+            entry = self.ledger.get(command.id)
+            assert entry is not None
+            return self._answer(entry.record)
+        if verdict is Admission.IGNORED:
+            return [Log("outsiders", f"{command.command.name} of {command.id}: no room for it")]
+        if verdict in (Admission.CONFLICT, Admission.FULL):
+            reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
+            denial = self._result(Said(command.id, Word.DENIED, reason), now_ms)
+            return [self._publish_result(command.command.name, denial, kept=False)]
+        self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms, share)
+        refusal = self._refusal(command, deadline_ms, retained, now_ms)
+        if refusal is not None:
+            return self.carry_out([refusal], now_ms)
+        self._to_start[command.id] = command
+        return [Journal(command.id, command.command.name)]
+
+    def on_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
+        """Start a command that the journal has, so that a restarted client can say what became of it."""
+        command, entry = self._to_start.pop(command_id), self.ledger.get(command_id)
+        assert entry is not None
+        assert command.deadline_ms is not None
+        entry.record.is_journalled = True
+        limit_ms = round(command.limit_s * 1000)
+        started = self.executor.start(command_id, command.command, command.deadline_ms, limit_ms, now_ms)
+        if not any(isinstance(output, Said) and output.id == command_id for output in started):
+            self._note_started(command, now_ms)
+        return self.carry_out(started, now_ms)
+
+    def on_not_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
+        """Nothing is started that a restarted client would not know of."""
+        del self._to_start[command_id]
+        return self.carry_out([Said(command_id, Word.DENIED, "journal")], now_ms)
+
+    def _refusal(self, command: CommandMessage, deadline_ms: int | None, retained: bool, now_ms: int) -> Said | None:
+        """Why a new command is not started, None when it is."""
+        if retained:
+            return Said(command.id, Word.DENIED, "retained")
+        is_of_before = command.executor_session not in (0, self._session) or deadline_ms == QUERY_DEADLINE_MS
+        if is_of_before and not self._remembers:
+            return Said(command.id, Word.UNCONFIRMED, "no_journal")
+        if deadline_ms is None:
+            return Said(command.id, Word.DENIED, NO_DEADLINE)
+        if deadline_ms > now_ms + MAX_TTL_MS:
+            return Said(command.id, Word.DENIED, "deadline_too_far")
+        if now_ms > deadline_ms:
+            return Said(command.id, Word.EXPIRED)
+        if command.epoch < self.epoch:
+            return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
+        if command.seq < self._highest_started.get(command.gs_session, (-1, 0))[0]:
+            return Said(command.id, Word.OVERTAKEN)
+        return None
+
+    def _note_started(self, command: CommandMessage, now_ms: int) -> None:
+        """Keep the order of a station's commands while an older one of it may still be in time."""
+        self._highest_started[command.gs_session] = (command.seq, now_ms)
+        if len(self._highest_started) > MOST_SESSIONS:
+            recent = {session: at for session, at in self._highest_started.items() if now_ms - at[1] <= KEEP_MS}
+            self._highest_started = recent
+
+    def carry_out(self, outputs: list[Output], now_ms: int) -> list[Effect]:
+        """Effects as they are; words become results, recorded in ledger and journal before they leave."""
+        out: list[Effect] = []
+        for output in outputs:
+            if not isinstance(output, Said):
+                out.append(output)
+                continue
+            entry = self.ledger.get(output.id)
+            assert entry is not None
+            record = entry.record
+            earlier = record.newest.word if record.newest is not None else None
+            word, reason = without_contradiction(output.word, output.reason, earlier)
+            record.newest = self._result(replace(output, word=word, reason=reason), now_ms)
+            if word.is_last:
+                self.ledger.close(entry, now_ms)
+                record.is_journalled = record.is_journalled or not word.is_definite_no
+                if record.is_journalled:
+                    out.append(Journal(entry.id, record.name, word, reason))
+            out += self._answer(record)
+        return out
+
+    def _result(self, said: Said, now_ms: int) -> ResultMessage:
+        return ResultMessage(
+            gs_session=said.id.gs_session,
+            seq=said.id.seq,
+            session=self._session,
+            stamp=stamp(now_ms),
+            word=said.word,
+            reason=said.reason,
+            percent=said.percent,
+            late_ms=said.late_ms,
+            observed=said.observed,
+            by=By(gs_session=said.by.gs_session, seq=said.by.seq) if said.by is not None else None,
+            beacon=BeaconMessage(session=self._session, now_ms=now_ms) if said.reason == NO_DEADLINE else None,
+        )
+
+    def _answer(self, record: Answers) -> list[Effect]:
+        """The newest word, while there is somebody to publish it to; without one it will come by itself.
+
+        At QoS 0 nothing acknowledges it: what is lost is asked for again.
+        """
+        newest = record.newest
+        if newest is None or not self.may_publish:
+            return []
+        out: list[Effect] = [self._publish_result(record.name, newest)]
+        if self._settings.qos == 0 and newest.word.is_last and not record.delivered:
+            out += self._delivered(newest.id, record)
+        return out
+
+    def _delivered(self, command_id: CommandId, record: Answers) -> list[Effect]:
+        """Somebody has the last word, and need not be told again."""
+        record.delivered = True
+        return [Journal(command_id, record.name, done=True)] if record.is_journalled else []
+
+    def republish(self) -> list[Effect]:
+        """The newest words whose delivery was not acknowledged."""
+        records = [entry.record for entry in self.ledger.entries()]
+        return [effect for record in records if not record.delivered for effect in self._answer(record)]
+
+    def close_restored(self, now_ms: int) -> list[Effect]:
+        """Ids that an earlier session left: nobody knows what became of the open ones."""
+        out: list[Effect] = []
+        for left in self._restored:
+            entry = self.ledger.get(left.id)
+            assert entry is not None
+            word, reason = (left.word, left.reason) if left.word else (Word.UNCONFIRMED, "restarted")
+            entry.record.newest = self._result(Said(left.id, word, reason), now_ms)
+            entry.record.delivered = left.delivered
+            if not left.delivered:
+                out.append(Journal(left.id, left.command, word, reason))
+        self._restored.clear()
+        return out
+
+    def _publish_result(self, name: str, result: ResultMessage, kept: bool = True) -> Publish:
+        """Only the acknowledgement of a last word that the ledger keeps ends its repetition."""
+        topic = self._topics.commands_result(self._drone, name)
+        ref = result.id if kept and result.word.is_last else None
+        return Publish(LINK, topic, encode(result, self._settings.encoding), self._settings.qos, ref=ref)
+
+    def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
+        """A QoS 1 publish with `ref` was acknowledged with an MQTT reason code."""
+        entry = self.ledger.get(ref)
+        if entry is None or entry.record.delivered or entry.record.last is None:
+            return []
+        if code == NO_MATCHING_SUBSCRIBERS or code >= 0x80:
+            self.republish_at_ms = now_ms + KEPT_BACK_MS
+            return []
+        return self._delivered(entry.id, entry.record)
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """Deadlines and limits of what runs, and last words that nobody was there to get."""
+        out = self.carry_out(self.executor.tick(now_ms), now_ms)
+        if self.may_publish and self.republish_at_ms is not None and now_ms >= self.republish_at_ms:
+            self.republish_at_ms = None
+            out += self.republish()
+        return out

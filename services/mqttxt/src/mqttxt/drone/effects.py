@@ -1,0 +1,80 @@
+"""What a UAV client asks of the world beside what every role does: of its autopilot, its journal and its store."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Any
+
+from ..core import effects
+from ..core.effects import Receipt
+from ..protocol.messages import CommandId, Word
+from ..protocol.readings import Reading, ReadingKey
+from .mavlink.sources import Source
+
+
+@dataclass(frozen=True)
+class Transmit:
+    """Write a MAVLink message to the autopilot, unless the session clock reads past `not_after_ms`.
+
+    The runner checks the clock immediately before the write and reports `on_transmitted` with the clock's
+    reading after it, or `on_refused`. `source`: in whose name.
+    """
+
+    message: Any
+    not_after_ms: int | None = None
+    ref: Hashable = None
+    source: Source = Source.COMPANION
+
+
+@dataclass(frozen=True)
+class Journal:
+    """Record durably, before the next effect, that a command is open or what its last word was.
+
+    `word` None opens the id: `on_journalled` follows, or `on_not_journalled` where the disk did not take it. A last
+    word is said whether or not the disk took it. `done`: it was delivered.
+    """
+
+    id: CommandId
+    command: str
+    word: Word | None = None
+    reason: str | None = None
+    done: bool = False
+
+    @property
+    def is_opening(self) -> bool:
+        return self.word is None and not self.done
+
+
+@dataclass(frozen=True)
+class StoreReading:
+    """Store a reading durably; `on_stored` or `on_refused` follows, in the order of these effects."""
+
+    reading: Reading
+    receipt: Receipt | None = None
+
+
+@dataclass(frozen=True)
+class LoadReadings:
+    """Load at most `most` stored readings behind the place `after`, oldest first; `on_loaded` follows."""
+
+    after: int
+    most: int
+
+
+@dataclass(frozen=True)
+class ForgetReadings:
+    """Remove readings from the store: others have them."""
+
+    keys: tuple[ReadingKey, ...]
+
+
+@dataclass(frozen=True)
+class Acknowledge:
+    """Acknowledge an inbound message on `link`, in the order of receipt."""
+
+    link: str
+    receipt: Receipt
+
+
+Effect = effects.Effect | Transmit | Journal | StoreReading | LoadReadings | ForgetReadings | Acknowledge

@@ -1,0 +1,83 @@
+"""Asks the autopilot for what it does not tell by itself, and again when it no longer does.
+
+An ArduPilot sends next to nothing unasked, and forgets after a restart what it was asked for.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..protocol.states import Home, MaxGroundspeed
+from .mavlink.plans import AUTOPILOT_COMPONENT, command_long
+from .mavlink.vehicle import SOURCES, Vehicle
+
+PATIENCE_MS = 3000
+SILENT_MS = 10_000
+"""How long a message may stay away before it is asked for again; PX4 sends the slowest every two seconds."""
+_GAP_MS = (0, 1000, 2000, 5000, 10_000, 30_000)
+"""Pauses between the askings for one thing; the last one repeats."""
+
+_RATES_HZ = {
+    "battery": (mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 0.5),
+    "location": (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 5),
+    "groundspeed": (mavlink.MAVLINK_MSG_ID_VFR_HUD, 4),
+    "landed_state": (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 5),
+    "health": (mavlink.MAVLINK_MSG_ID_SYS_STATUS, 1),
+}
+
+
+class Enquiries:
+    """What was asked when; streams are waited for in the first `PATIENCE_MS` of an autopilot's life.
+
+    Home is asked for at once: it comes every two seconds, and no drone takes off without it.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._asked: dict[str, tuple[int, int]] = {}
+        self._first_ms: int | None = None
+
+    def due(self, now_ms: int) -> list[Any]:
+        """The MAVLink messages to send now."""
+        if not self._vehicle.is_alive(now_ms):
+            self._first_ms = None
+            return []
+        if self._first_ms is None:
+            self._first_ms = now_ms
+        alive_ms = now_ms - self._first_ms
+        missing = self._missing_parameters()
+        if self._vehicle.seen(Home) is None:
+            missing.append("home")
+        if alive_ms >= PATIENCE_MS:
+            enough_ms = min(SILENT_MS, alive_ms)
+            streamed = (name for name in (*_RATES_HZ, "home") if name not in missing)
+            missing += [name for name in streamed if self._vehicle.silence_ms(SOURCES[name], now_ms) >= enough_ms]
+        self._asked = {name: asked for name, asked in self._asked.items() if name in missing}
+        return [self._question(name) for name in missing if self._is_due(name, now_ms)]
+
+    def _missing_parameters(self) -> list[str]:
+        """What no stream carries."""
+        autopilot = self._vehicle.autopilot
+        speeds = [] if self._vehicle.seen(MaxGroundspeed) else [*autopilot.max_speed]
+        return speeds + ([] if self._vehicle.cruise_m_s is not None else [*autopilot.cruise_speed])
+
+    def _is_due(self, name: str, now_ms: int) -> bool:
+        count, next_ms = self._asked.get(name, (0, 0))
+        if now_ms < next_ms:
+            return False
+        gap = _GAP_MS[min(count + 1, len(_GAP_MS) - 1)]
+        self._asked[name] = (count + 1, now_ms + gap)
+        return True
+
+    def _question(self, name: str) -> Any:
+        if name == "home":
+            return command_long(
+                self._vehicle, mavlink.MAV_CMD_REQUEST_MESSAGE, float(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+            )
+        if name in _RATES_HZ:
+            message_id, rate_hz = _RATES_HZ[name]
+            return command_long(self._vehicle, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
+        target = (self._vehicle.system_id, AUTOPILOT_COMPONENT)
+        return mavlink.MAVLink_param_request_read_message(*target, name.encode(), -1)

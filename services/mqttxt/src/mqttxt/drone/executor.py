@@ -1,0 +1,288 @@
+"""Executes commands on one autopilot over MAVLink, each within its deadline and to its one last word.
+
+COMMAND_ACK carries only the command's number and whom it answers. So at most one command of a MAV_CMD is open in one
+name at a time, and a number whose acknowledgement may still be under way is left alone until it came or three seconds
+have passed. What halts waits for none: it has a name that no other open command has, while there are any.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..protocol.commands import Command, Hold, Mavlink, Offboard, Stream, Takeoff
+from ..protocol.messages import CommandId, Word
+from ..protocol.states import FlightMode
+from .acknowledgements import Acknowledgements
+from .effects import Transmit
+from .interruptions import interrupted
+from .mavlink.plans import CannotExecute, Plan, check
+from .mavlink.raw import Limits, plan_raw
+from .mavlink.sources import HALTING, Source
+from .mavlink.vehicle import Vehicle
+from .offboard import OffboardPilot
+from .preparation import Preparer
+from .runs import UNSENT, Output, Phase, Run, Runs, Said
+from .streams import Streams
+from .takeoffs import Takeoffs
+
+SENDS = 4
+RESEND_MS = 500
+"""MAVLink's command protocol: repeated until acknowledged; the counts are MAVSDK's."""
+ONCE_MS = 3000
+"""How long what is never repeated may stay without an acknowledgement."""
+
+
+class Executor:
+    """The commands of one autopilot. Every method returns effects and words, in their order."""
+
+    def __init__(self, vehicle: Vehicle, limits: Limits | None = None) -> None:
+        self.vehicle = vehicle
+        self._limits = limits or Limits()
+        self._runs = Runs()
+        self._pilot = OffboardPilot(vehicle, self._runs)
+        self._acknowledgements = Acknowledgements(vehicle, self._runs, self._pilot)
+        self._preparer = Preparer(vehicle, self._runs)
+        self._takeoffs = Takeoffs(vehicle, self._runs)
+        self.streams = Streams(vehicle)
+
+    @property
+    def lease_until_ms(self) -> int | None:
+        """The end of the control lease in the session clock, None while nobody controls the drone."""
+        return self._pilot.lease_until_ms
+
+    @lease_until_ms.setter
+    def lease_until_ms(self, until_ms: int | None) -> None:
+        self._pilot.lease_until_ms = until_ms
+
+    @property
+    def holder_session(self) -> int | None:
+        """The station that the control lease belongs to."""
+        return self._pilot.holder_session
+
+    @holder_session.setter
+    def holder_session(self, session: int | None) -> None:
+        self._pilot.holder_session = session
+
+    @property
+    def offboard_until_ms(self) -> int | None:
+        """Until when the lease lets an offboard command go on."""
+        return self._pilot.offboard_until_ms
+
+    @offboard_until_ms.setter
+    def offboard_until_ms(self, until_ms: int | None) -> None:
+        self._pilot.offboard_until_ms = until_ms
+
+    def start(
+        self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
+    ) -> list[Output]:
+        """Begin a command that was admitted; its first write may have to wait for its MAV_CMD."""
+        reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
+        if reason is not None:
+            return [Said(command_id, Word.DENIED, reason)]
+        if now_ms > deadline_ms:
+            return [Said(command_id, Word.EXPIRED)]
+        try:
+            planned = self._plan(command, now_ms)
+        except CannotExecute as error:
+            return [Said(command_id, Word.DENIED, str(error))]
+        out: list[Output] = []
+        run = Run(command_id, command, planned, deadline_ms, limit_ms)
+        self._runs.add(run)
+        for older in self._runs.older(run):
+            older.is_outdated = True
+            if older.phase in UNSENT:
+                out.append(self._runs.end(older, Word.SUPERSEDED, by=command_id))
+        return out + self._go_on(run, now_ms) + self._pilot.set_points(now_ms)
+
+    def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
+        """The write happened; the clock read `now_ms` after it. Its acknowledgement is waited for from then on."""
+        run = self._runs.find(command_id)
+        if run is None:
+            return []
+        run.last_send_ms = now_ms
+        if now_ms > run.deadline_ms:
+            run.late_ms = max(run.late_ms or 0, now_ms - run.deadline_ms)
+        return []
+
+    def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
+        """The runner did not write: past the deadline (`late`), or the autopilot's link took nothing."""
+        run = self._runs.find(command_id)
+        if run is None or run.phase is not Phase.SENT:
+            return []
+        run.sends -= 1
+        if run.sends > 0:
+            return []
+        run.phase = Phase.WAITING
+        return [self._runs.end(run, Word.EXPIRED)] if late else []
+
+    def on_message(self, message: Any, now_ms: int) -> list[Output]:
+        """A message of the autopilot, after `vehicle` has taken it in."""
+        if message.get_type() == "COMMAND_ACK":
+            return self._acknowledgements.on_ack(message, now_ms)
+        return self._observe(now_ms) + self._takeoffs.undo(now_ms)
+
+    def tick(self, now_ms: int) -> list[Output]:
+        """Deadlines, retransmissions and limits; to be called at least ten times a second."""
+        out: list[Output] = []
+        for run in self._runs:
+            if run.phase in UNSENT:
+                out += self._try_send(run, now_ms)
+            elif run.phase is Phase.SENT:
+                out += self._acknowledgements.tell_progress(run, now_ms) + self._await_ack(run, now_ms)
+            elif run.phase is Phase.STOPPING:
+                out += self._pilot.go_on_stopping(run, now_ms)
+            elif isinstance(run.command, Offboard):
+                over = self._pilot.over(run, now_ms)
+                out += self._pilot.stop(run, *over, now_ms) if over is not None else []
+            elif now_ms >= run.started_ms + run.limit_ms:
+                out.append(self._time_out(run, now_ms))
+        return out + self._observe(now_ms) + self._takeoffs.undo(now_ms) + self._pilot.set_points(now_ms)
+
+    def ask(self, message: Any, now_ms: int) -> list[Output]:
+        """Write a question of our own, unless a command waits for an acknowledgement of the same number."""
+        if message.get_type() == "COMMAND_LONG":
+            if self._runs.awaiting((message.command, Source.COMPANION)) is not None:
+                return []
+            self._runs.acks.expect((message.command, Source.COMPANION), now_ms)
+        return [Transmit(message)]
+
+    def leave(self) -> list[Output]:
+        """The process is about to end: what must not go on without it is stopped."""
+        return self._pilot.leave()
+
+    def _plan(self, command: Command, now_ms: int) -> Plan:
+        """How a command is said now; raises CannotExecute where the autopilot's state, as last heard, forbids it."""
+        if not self.vehicle.is_alive(now_ms):
+            raise CannotExecute("no_autopilot")
+        if isinstance(command, Stream):
+            return self.streams.plan(command, now_ms)
+        if isinstance(command, Mavlink):
+            return plan_raw(command, self.vehicle, self._limits)
+        check(command, self.vehicle, now_ms)
+        return self.vehicle.autopilot.plan(command, self.vehicle, now_ms)
+
+    def _time_out(self, run: Run, now_ms: int) -> Said:
+        if not self.vehicle.is_alive(now_ms) or not self.vehicle.boots.is_sure:
+            return self._give_up(run, Word.UNCONFIRMED, "autopilot_lost", now_ms)
+        if run.phase is Phase.SENT and run.refused is not None:
+            return self._give_up(run, Word.UNCONFIRMED, "refused_once", now_ms)
+        return self._give_up(run, Word.FAILED, "timeout", now_ms)
+
+    def _give_up(self, run: Run, word: Word, reason: str, now_ms: int) -> Said:
+        """End a command that is under way and has not shown its effect."""
+        if isinstance(run.command, Stream):
+            self.streams.drop(run.command.state)
+        if run.phase is Phase.SENT:
+            self._acknowledgements.rest(run, now_ms)
+        return self._runs.end(run, word, reason)
+
+    def _try_send(self, run: Run, now_ms: int) -> list[Output]:
+        if now_ms > run.deadline_ms:
+            return [self._runs.end(run, Word.EXPIRED)]
+        try:
+            run.plan = self._plan(run.command, now_ms)  # what has become of the autopilot meanwhile counts
+        except CannotExecute as error:
+            return [self._runs.end(run, Word.DENIED, str(error))]
+        return self._go_on(run, now_ms)
+
+    def _go_on(self, run: Run, now_ms: int) -> list[Output]:
+        """The next step of a command that was planned just now and is not sent yet."""
+        if self._preparer.is_taken_over(run):
+            return [self._runs.end(run, Word.FAILED, "mode_changed")]
+        if run.phase is Phase.WAITING:
+            run.started_ms = now_ms
+        if run.plan.message is None:
+            return self._begin_unsaid(run, now_ms)
+        first = run.plan.first_mode
+        if first is not None and self.vehicle.seen(FlightMode) != FlightMode(first):
+            return self._preparer.prepare(run, first, now_ms)
+        if isinstance(run.command, Offboard) and self._pilot.needs_priming(run):
+            run.phase = Phase.PRIMING
+            self._pilot.begin(run, now_ms)
+            if not self._pilot.is_primed(run):
+                return []
+        halts = isinstance(run.command, Hold)
+        sources = HALTING if halts else (Source.COMPANION,)
+        free = next((one for one in sources if self._runs.is_free((run.plan.mav_cmd, one), now_ms)), None)
+        if free is None and not halts:
+            return []
+        run.source = free or sources[-1]
+        if free is not None:
+            self._runs.acks.begin(run.ack_key)
+        run.phase = Phase.SENT
+        return self._send(run, now_ms)
+
+    def _begin_unsaid(self, run: Run, now_ms: int) -> list[Output]:
+        """A command that needs no write runs as soon as no older one of its kind can be acknowledged after it."""
+        if any(older.phase is Phase.SENT for older in self._runs.older(run)):
+            return []
+        _, *superseded = self._acknowledgements.accept(run, now_ms)
+        return superseded
+
+    def _send(self, run: Run, now_ms: int) -> list[Output]:
+        run.sends += 1
+        run.last_send_ms, run.sent_number = now_ms, self.vehicle.number
+        if isinstance(run.command, Takeoff):
+            self._takeoffs.said(now_ms)
+        return [Transmit(run.plan.message, run.deadline_ms, run.id, run.source)]
+
+    def _await_ack(self, run: Run, now_ms: int) -> list[Output]:
+        if run.in_progress:
+            return [self._time_out(run, now_ms)] if now_ms >= run.started_ms + run.limit_ms else []
+        if now_ms < run.last_send_ms + (ONCE_MS if run.plan.is_said_once else RESEND_MS):
+            return []
+        if (
+            run.refused is None
+            and not run.plan.is_said_once
+            and run.sends < SENDS
+            and now_ms <= run.deadline_ms
+            and not run.is_outdated
+            and self._may_repeat(run, now_ms)
+        ):
+            return self._send(run, now_ms)
+        if now_ms < run.last_send_ms + 2 * RESEND_MS:
+            return []
+        self._acknowledgements.rest(run, now_ms)
+        reason = "no_ack" if run.refused is None else "refused_once"
+        if isinstance(run.command, Offboard):
+            return self._pilot.stop(run, Word.UNCONFIRMED, reason, now_ms)
+        return [self._runs.end(run, Word.UNCONFIRMED, reason)]
+
+    def _may_repeat(self, run: Run, now_ms: int) -> bool:
+        """Whether what allowed the first copy still does."""
+        try:
+            planned = self._plan(run.command, now_ms)
+        except CannotExecute:
+            return False
+        is_ready = planned.first_mode is None or self.vehicle.seen(FlightMode) == FlightMode(planned.first_mode)
+        return is_ready and planned.mav_cmd == run.plan.mav_cmd
+
+    def _observe(self, now_ms: int) -> list[Output]:
+        out: list[Output] = []
+        for run in self._runs:
+            if run.phase is Phase.STOPPING:
+                out += self._pilot.go_on_stopping(run, now_ms)
+            elif isinstance(run.command, Offboard):
+                out += self._observe_offboard(run, now_ms)
+            elif run.is_under_way:
+                out += self._observe_run(run, now_ms)
+        return out
+
+    def _observe_offboard(self, run: Run, now_ms: int) -> list[Output]:
+        reason = interrupted(run, self._runs, self.vehicle, now_ms) if run.phase is Phase.RUNNING else None
+        if reason == "disarmed":
+            return self._pilot.stop(run, Word.FAILED, reason, now_ms)
+        return [self._runs.end(run, Word.FAILED, reason)] if reason is not None else []
+
+    def _observe_run(self, run: Run, now_ms: int) -> list[Output]:
+        """The last word where the effect shows, or cannot any more; what an autopilot says is of its own start."""
+        lost = "autopilot_restarted" if self.vehicle.boots.restarts != run.restarts else None
+        lost = lost or ("autopilot_lost" if self.vehicle.is_lost(now_ms) else None)
+        if lost is not None:
+            return [self._give_up(run, Word.UNCONFIRMED, lost, now_ms)]
+        if run.phase is not Phase.RUNNING or not self.vehicle.boots.is_sure:
+            return []
+        if run.plan.effect(self.vehicle, run.accepted_number):
+            return [self._runs.end(run, Word.COMPLETED)]
+        reason = interrupted(run, self._runs, self.vehicle, now_ms)
+        return [self._runs.end(run, Word.FAILED, reason)] if reason is not None else []

@@ -1,0 +1,63 @@
+"""What differs between kinds of autopilots, behind one interface; each kind has a module of its own."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ...protocol.commands import Command
+from ...protocol.states import FlightModeName, Health
+from .plans import Effect, Group, Plan
+
+if TYPE_CHECKING:
+    from .vehicle import Vehicle
+
+
+class Autopilot(ABC):
+    """One kind of autopilot: what its messages mean, and how commands are said to it. It keeps nothing.
+
+    `types` are the HEARTBEAT.type of those that fly so, None where modes and commands are the same for all.
+    `max_speed` and `cruise_speed` are the parameters that have the largest horizontal speed and the cruise speed,
+    any one of each, and what makes their values metres a second. `hold_mode` is the mode in which it stays where it
+    is, `offboard_mode` the one in which it follows set-points; `is_offboard_alone`: it does nothing else there.
+    `priming` set-points have to come before that mode. `refuses_as_failed`: it says MAV_RESULT_FAILED of what it does
+    not begin. `answers_twice` are the MAV_CMDs that it may accept first, and then say what became of them.
+    """
+
+    name: ClassVar[str]
+    max_speed: ClassVar[Mapping[str, float]]
+    cruise_speed: ClassVar[Mapping[str, float]]
+    types: ClassVar[frozenset[int] | None] = None
+    hold_mode: ClassVar[FlightModeName]
+    offboard_mode: ClassVar[FlightModeName]
+    is_offboard_alone: ClassVar[bool]
+    priming: ClassVar[int]
+    refuses_as_failed: ClassVar[bool]
+    answers_twice: ClassVar[frozenset[int]] = frozenset()
+
+    @abstractmethod
+    def flight_mode(self, heartbeat: Any) -> FlightModeName:
+        """The mode that a HEARTBEAT tells; UNKNOWN for one that has no name here."""
+
+    @abstractmethod
+    def health(self, status: Any) -> Health:
+        """What SYS_STATUS tells."""
+
+    @abstractmethod
+    def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:
+        """MAV_CMD_DO_SET_MODE as COMMAND_LONG; raises KeyError for a mode that this kind does not have."""
+
+    @abstractmethod
+    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
+        """The plan of a command; raises CannotExecute where the autopilot's state does not allow to say it.
+
+        `stream` and `mavlink` are the same for all kinds, and have their plans elsewhere.
+        """
+
+    def _mode(self, vehicle: Vehicle, name: FlightModeName, effect: Effect) -> Plan:
+        """The plan of a command that is a mode."""
+        message = self.set_mode(vehicle, name)
+        return Plan(message, mavlink.MAV_CMD_DO_SET_MODE, Group.MOTION, effect, frozenset({name}))

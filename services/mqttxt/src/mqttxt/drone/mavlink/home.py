@@ -1,0 +1,49 @@
+"""The home of an arming, above which every height is told and flown (docs/protocol.md, R3.10)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from ...protocol.states import Home, Location, State, is_elsewhere
+
+
+class HomeOfArming:
+    """Holds home's altitude while a drone is armed, but where home is put elsewhere.
+
+    PX4 corrects that altitude in flight, by a metre and several times a second: what GLOBAL_POSITION_INT calls
+    relative_alt jumps with it, though the drone does not.
+    """
+
+    def __init__(self) -> None:
+        self._altitude_m: float | None = None
+        self._home: Home | None = None
+
+    def correct(self, told: Iterable[State], is_armed: bool) -> list[State]:
+        """What a message told, with heights above this home, and with home itself where it is another one now."""
+        if not is_armed:
+            self._altitude_m = None
+        return [corrected for state in told for corrected in self._correct(state, is_armed)]
+
+    def _correct(self, state: State, is_armed: bool) -> list[State]:
+        if isinstance(state, Home):
+            if self._altitude_m is not None:
+                if self._home is not None and is_elsewhere(self._home, state):
+                    self._altitude_m = state.altitude_amsl_m
+                state = replace(state, altitude_amsl_m=self._altitude_m)
+            self._home = state
+            return [state]
+        if not (is_armed and isinstance(state, Location)):
+            return [state]
+        before: list[State] = []
+        if self._altitude_m is None:  # at 4 Hz and more a better word of it than HOME_POSITION's, once in two seconds
+            self._altitude_m = _difference_m(state.altitude_amsl_m, state.altitude_m)
+            if self._home is not None:
+                self._home = replace(self._home, altitude_amsl_m=self._altitude_m)
+                before.append(self._home)
+        return [*before, replace(state, altitude_m=_difference_m(state.altitude_amsl_m, self._altitude_m))]
+
+
+def _difference_m(one_m: float, other_m: float) -> float:
+    """As MAVLink tells altitudes: in whole millimetres."""
+    return round(one_m - other_m, 3)

@@ -1,0 +1,153 @@
+"""PX4: its custom modes (main << 16 | sub << 24, after px4_custom_mode.h), and how commands are said to it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ...protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff
+from ...protocol.states import Armed, FlightMode, FlightModeName, Health, Landed
+from .autopilot import Autopilot
+from .plans import (
+    ALTITUDE_NEAR_M,
+    NAN,
+    Group,
+    Plan,
+    above,
+    arming,
+    climbed,
+    command_long,
+    holds,
+    home_altitude_m,
+    is_down,
+    landed_state,
+    never,
+    reposition,
+)
+
+if TYPE_CHECKING:
+    from .vehicle import Vehicle
+
+_MODES: Final[dict[tuple[int, int], FlightModeName]] = {
+    (1, 0): FlightModeName.MANUAL,
+    (2, 0): FlightModeName.ALTITUDE,
+    (3, 0): FlightModeName.POSITION,
+    (3, 1): FlightModeName.ORBIT,
+    (4, 2): FlightModeName.TAKEOFF,
+    (4, 3): FlightModeName.HOLD,
+    (4, 4): FlightModeName.MISSION,
+    (4, 5): FlightModeName.RETURN,
+    (4, 6): FlightModeName.LAND,
+    (4, 8): FlightModeName.FOLLOW,
+    (4, 9): FlightModeName.PRECISION_LAND,
+    (5, 0): FlightModeName.ACRO,
+    (6, 0): FlightModeName.OFFBOARD,
+    (7, 0): FlightModeName.STABILIZED,
+}
+_STAYS = frozenset(
+    {
+        FlightModeName.MANUAL,
+        FlightModeName.ALTITUDE,
+        FlightModeName.POSITION,
+        FlightModeName.ACRO,
+        FlightModeName.STABILIZED,
+        FlightModeName.HOLD,
+    }
+)
+"""Modes in which a drone that is armed on the ground stays there; in TAKEOFF or MISSION it flies off."""
+_NUMBERS = {name: numbers for numbers, name in _MODES.items()}
+
+
+def mode_name(custom_mode: int) -> FlightModeName:
+    """The name of HEARTBEAT.custom_mode; UNKNOWN for a mode that has none here."""
+    return _MODES.get((custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF), FlightModeName.UNKNOWN)
+
+
+def mode_numbers(name: FlightModeName) -> tuple[int, int]:
+    """Main and sub mode as MAV_CMD_DO_SET_MODE takes them; raises KeyError for UNKNOWN."""
+    return _NUMBERS[name]
+
+
+class Px4(Autopilot):
+    """A PX4 multicopter."""
+
+    name = "PX4"
+    max_speed: ClassVar = {"MPC_XY_VEL_MAX": 1.0}
+    cruise_speed: ClassVar = {"MPC_XY_CRUISE": 1.0}
+    hold_mode = FlightModeName.HOLD
+    offboard_mode = FlightModeName.OFFBOARD
+    is_offboard_alone = True
+    priming = 10
+    refuses_as_failed = False
+    answers_twice: ClassVar = frozenset({mavlink.MAV_CMD_DO_SET_MODE})
+
+    def flight_mode(self, heartbeat: Any) -> FlightModeName:
+        return mode_name(heartbeat.custom_mode)
+
+    def health(self, status: Any) -> Health:
+        """PX4 says that it would arm in the health bits alone; PREARM_CHECK is neither present nor enabled."""
+        enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
+        unhealthy = enabled & ~status.onboard_control_sensors_health & 0xFFFFFFFF
+        return Health(bool(status.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK), unhealthy)
+
+    def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:
+        custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+        return command_long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, *map(float, mode_numbers(name)))
+
+    def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
+        if isinstance(command, Arm):
+            stays = vehicle.seen(Armed) == Armed(True) or _mode_of(vehicle) in _STAYS
+            return replace(arming(command, vehicle), first_mode=None if stays else FlightModeName.HOLD)
+        if isinstance(command, Disarm):
+            return arming(command, vehicle)
+        if isinstance(command, Takeoff):
+            return _takeoff(command, vehicle)
+        if isinstance(command, Goto):
+            return _goto(command, vehicle)
+        if isinstance(command, Land):
+            message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
+            return Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
+        if isinstance(command, Hold):
+            return self._hold(vehicle, now_ms)
+        if isinstance(command, Offboard):
+            return self._mode(vehicle, self.offboard_mode, never)
+        assert isinstance(command, Return)
+        return self._mode(vehicle, FlightModeName.RETURN, is_down)
+
+    def _hold(self, vehicle: Vehicle, now_ms: int) -> Plan:
+        """In the air a reposition to where it is: a goto is HOLD mode already, and DO_SET_MODE would not stop it.
+
+        Armed, and without a fresh landed state, too: on the ground such a reposition was recorded to lift nothing.
+        """
+        modes = frozenset({FlightModeName.HOLD})
+        if vehicle.seen(Armed) != Armed(True) or landed_state(vehicle, now_ms) is Landed.ON_GROUND:
+            return self._mode(vehicle, FlightModeName.HOLD, holds)
+        here = (-1.0, float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE), 0.0, NAN, NAN, NAN, NAN)
+        message = command_long(vehicle, mavlink.MAV_CMD_DO_REPOSITION, *here)
+        return Plan(message, mavlink.MAV_CMD_DO_REPOSITION, Group.MOTION, holds, modes)
+
+
+def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
+    home_m = home_altitude_m(vehicle)
+    target_m = home_m + command.altitude_m
+    return Plan(
+        command_long(vehicle, mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 6, target_m),
+        mavlink.MAV_CMD_NAV_TAKEOFF,
+        Group.MOTION,
+        climbed(command, home_m),
+        modes=frozenset({FlightModeName.TAKEOFF}),
+        passing=frozenset({FlightModeName.HOLD}),
+        near=above(target_m - max(ALTITUDE_NEAR_M, 0.1 * command.altitude_m)),
+    )
+
+
+def _mode_of(vehicle: Vehicle) -> FlightModeName:
+    told = vehicle.seen(FlightMode)
+    return FlightModeName.UNKNOWN if told is None else told.mode
+
+
+def _goto(command: Goto, vehicle: Vehicle) -> Plan:
+    """In MAV_FRAME_GLOBAL_INT: some builds between PX4 1.16 and 1.17 refuse MAV_FRAME_GLOBAL."""
+    return reposition(command, vehicle, mavlink.MAV_FRAME_GLOBAL_INT, NAN, FlightModeName.HOLD)

@@ -1,0 +1,265 @@
+"""What the autopilot last said of itself: MAVLink messages in, MQTT-XT's states out."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ...protocol.states import (
+    Armed,
+    Battery,
+    FlightMode,
+    Groundspeed,
+    Heading,
+    Home,
+    Landed,
+    LandedState,
+    Location,
+    MaxGroundspeed,
+    State,
+    VitalState,
+    check_range,
+)
+from .autopilot import Autopilot
+from .autopilots import kind_of
+from .boots import Boots
+from .home import HomeOfArming
+from .plans import AUTOPILOT_COMPONENT, CannotExecute
+
+HEARTBEAT_LOST_MS = 3000
+LOST_MS = 10_000
+"""Without a heartbeat for this long, what an autopilot was doing is not known any more: ten in a row are missing."""
+STILL_M_S, STILL_CLIMB_M_S, STILL_MS = 1.0, 0.5, 1000
+"""Slower than both for this long is standing still: a drone that turns back passes through zero sooner."""
+
+Value = TypeVar("Value", bound=VitalState)
+
+
+@dataclass(frozen=True)
+class Seen(Generic[Value]):
+    """A state and the number of the message that said it; a higher number was received later."""
+
+    state: Value
+    number: int
+
+
+@dataclass
+class Arrivals:
+    """When messages of one kind came: the number and time of the last, and the time between them, smoothed."""
+
+    number: int
+    at_ms: int
+    interval_ms: float | None = None
+
+
+class Vehicle:
+    """One autopilot as seen through its MAVLink messages.
+
+    `number` counts the messages taken in, so that "newer than the acknowledgement" needs no clock.
+    """
+
+    def __init__(self, system_id: int) -> None:
+        self.system_id = system_id
+        self.number = 0
+        self.heartbeat_ms: int | None = None
+        self.heard_ms: int | None = None
+        self.boots = Boots()
+        self.states: dict[str, Seen[Any]] = {}
+        self.cruise_m_s: float | None = None
+        self._autopilot: Autopilot | None = None
+        self._still: list[tuple[int, int]] = []
+        self._arrivals: dict[str, Arrivals] = {}
+        self._text = (-1, "")
+        self._home = HomeOfArming()
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """Its kind; raises CannotExecute before its first heartbeat."""
+        if self._autopilot is None:
+            raise CannotExecute("no_autopilot")
+        return self._autopilot
+
+    def is_alive(self, now_ms: int) -> bool:
+        """Whether a heartbeat came within the last three seconds."""
+        return self.heartbeat_ms is not None and now_ms - self.heartbeat_ms <= HEARTBEAT_LOST_MS
+
+    def is_lost(self, now_ms: int) -> bool:
+        """Whether for ten seconds no heartbeat came that is surely of the flight of before."""
+        sure_ms = self.heartbeat_ms if self.boots.is_sure else self.boots.sure_ms
+        return sure_ms is None or now_ms - sure_ms > LOST_MS
+
+    def answers_twice(self, mav_cmd: int) -> bool:
+        """Whether the autopilot may acknowledge a command of a number once more after it has accepted it."""
+        return self._autopilot is not None and mav_cmd in self._autopilot.answers_twice
+
+    def seen(self, cls: type[Value], after: int = -1) -> Value | None:
+        """The last state of a class, if its message came after message number `after`."""
+        found = self.states.get(cls.name)
+        return found.state if found is not None and found.number > after else None
+
+    def is_still(self, after: int) -> bool:
+        """Whether the drone has been standing still for a second, by messages after message number `after`."""
+        shown = [at_ms for number, at_ms in self._still if number > after]
+        return bool(shown) and shown[-1] - shown[0] >= STILL_MS
+
+    def is_own(self, message: Any) -> bool:
+        """Whether a message is of this autopilot."""
+        return bool(message.get_srcSystem() == self.system_id and message.get_srcComponent() == AUTOPILOT_COMPONENT)
+
+    def number_of(self, kind: str) -> int:
+        """The number of the last message of a kind, -1 where none came."""
+        found = self._arrivals.get(kind)
+        return found.number if found is not None else -1
+
+    def text_since(self, number: int) -> str:
+        """The last warning (STATUSTEXT) that came after message number `number`, empty where none did."""
+        return self._text[1] if self._text[0] > number else ""
+
+    def silence_ms(self, kind: str, now_ms: int) -> float:
+        """How long ago the last message of a kind came; infinite where none did."""
+        found = self._arrivals.get(kind)
+        return math.inf if found is None else now_ms - found.at_ms
+
+    def rate_hz(self, kind: str, now_ms: int) -> float:
+        """How often messages of a kind have been coming; 0 where none did, or not any more."""
+        found = self._arrivals.get(kind)
+        if found is None or found.interval_ms is None:
+            return 0.0
+        since_ms = now_ms - found.at_ms
+        return 1000 / max(1.0, found.interval_ms, since_ms if since_ms > 3 * found.interval_ms else 0.0)
+
+    def update(self, message: Any, now_ms: int) -> list[State]:
+        """Take in a message of this autopilot; returns the states that it told.
+
+        Raises PayloadError, and believes none of it, where a value is outside its state's range.
+        """
+        if not self.is_own(message):
+            return []
+        kind = message.get_type()
+        if kind == "HEARTBEAT" and not self._is_of_kind(message):
+            return []
+        self.number += 1
+        self.boots.on_message(message, 0 if self.heard_ms is None else now_ms - self.heard_ms, self.heartbeat_ms)
+        self.heard_ms = now_ms
+        self._note_arrival(kind, now_ms)
+        if kind == "HEARTBEAT":
+            self.heartbeat_ms = now_ms
+        elif kind == "STATUSTEXT" and message.severity <= mavlink.MAV_SEVERITY_WARNING:
+            self._text = (self.number, _printable(message.text))
+        read, home = self._read(kind, message), copy(self._home)
+        told = home.correct(read, self.seen(Armed) == Armed(True))
+        for state in (*read, *told):
+            check_range(state)
+        self._home = home
+        if kind == "GLOBAL_POSITION_INT":
+            self._note_motion(message, now_ms)
+        for state in told:
+            self.states[state.name] = Seen(state, self.number)
+        return told
+
+    def _is_of_kind(self, heartbeat: Any) -> bool:
+        """Whether a heartbeat is of the kind that the first one told; one of another kind is nobody's."""
+        kind = kind_of(heartbeat)
+        if self._autopilot is None:
+            self._autopilot = kind
+        return kind is not None and kind is self._autopilot
+
+    def _read(self, kind: str, message: Any) -> list[State]:
+        """The states that a message tells; what kinds of autopilots mean differently is read once that is known."""
+        reader = _READERS.get(kind)
+        if reader is not None:
+            return reader(message)
+        if self._autopilot is None:
+            return []
+        if kind == "HEARTBEAT":
+            armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            return [Armed(armed), FlightMode(self._autopilot.flight_mode(message))]
+        if kind == "SYS_STATUS":
+            return [self._autopilot.health(message)]
+        return self._read_parameter(message) if kind == "PARAM_VALUE" else []
+
+    def _read_parameter(self, message: Any) -> list[State]:
+        name, value = message.param_id, message.param_value
+        if not math.isfinite(value):
+            return []
+        if name in self.autopilot.cruise_speed:
+            self.cruise_m_s = value * self.autopilot.cruise_speed[name]
+        if name in self.autopilot.max_speed:
+            return [MaxGroundspeed(value * self.autopilot.max_speed[name])]
+        return []
+
+    def _note_motion(self, message: Any, now_ms: int) -> None:
+        """Keep when the drone stood still: from the last moment that is a second ago, or since it stopped."""
+        across_m_s, climb_m_s = math.hypot(message.vx, message.vy) / 100, abs(message.vz) / 100
+        if across_m_s > STILL_M_S or climb_m_s > STILL_CLIMB_M_S:
+            self._still.clear()
+            return
+        self._still.append((self.number, now_ms))
+        while len(self._still) > 1 and now_ms - self._still[1][1] >= STILL_MS:
+            del self._still[0]
+
+    def _note_arrival(self, kind: str, now_ms: int) -> None:
+        found = self._arrivals.get(kind)
+        if found is None:
+            self._arrivals[kind] = Arrivals(self.number, now_ms)
+            return
+        interval_ms = now_ms - found.at_ms
+        smoothed = found.interval_ms
+        found.interval_ms = interval_ms if smoothed is None else 0.9 * smoothed + 0.1 * interval_ms
+        found.number, found.at_ms = self.number, now_ms
+
+
+def _printable(text: str) -> str:
+    return "".join(c for c in text if c.isprintable())
+
+
+def _battery(message: Any) -> list[State]:
+    if message.id != 0 or message.battery_remaining < 0:
+        return []
+    return [Battery(min(100, message.battery_remaining))]
+
+
+def _position(message: Any) -> list[State]:
+    told: list[State] = [
+        Location(message.lat / 1e7, message.lon / 1e7, message.alt / 1000, message.relative_alt / 1000)
+    ]
+    if message.hdg < 36_000:
+        told.append(Heading(message.hdg / 100))
+    return told
+
+
+def _vfr_hud(message: Any) -> list[State]:
+    return [Groundspeed(message.groundspeed)] if math.isfinite(message.groundspeed) else []
+
+
+def _landed(message: Any) -> list[State]:
+    return [LandedState(Landed(message.landed_state))] if message.landed_state in list(Landed) else []
+
+
+def _home(message: Any) -> list[State]:
+    return [Home(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1000)]
+
+
+_READERS = {
+    "BATTERY_STATUS": _battery,
+    "GLOBAL_POSITION_INT": _position,
+    "VFR_HUD": _vfr_hud,
+    "EXTENDED_SYS_STATE": _landed,
+    "HOME_POSITION": _home,
+}
+SOURCES = {
+    "battery": "BATTERY_STATUS",
+    "location": "GLOBAL_POSITION_INT",
+    "heading": "GLOBAL_POSITION_INT",
+    "groundspeed": "VFR_HUD",
+    "flight_mode": "HEARTBEAT",
+    "armed": "HEARTBEAT",
+    "landed_state": "EXTENDED_SYS_STATE",
+    "home": "HOME_POSITION",
+    "health": "SYS_STATUS",
+}
+"""The message that tells each state, but for those that come from parameters."""

@@ -1,0 +1,187 @@
+"""Offboard: set-points streamed on the drone itself, from before the mode changes to when it has changed back.
+
+They end safely, by commanding hold and braking until a heartbeat shows another mode, at the end of the
+duration, when the control lease ends, and past the limit. Another mode that was not asked for is a pilot's: the
+set-points stop at once, and nothing is commanded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..protocol.commands import Offboard
+from ..protocol.messages import Word
+from ..protocol.states import FlightMode
+from .effects import Transmit
+from .mavlink.set_points import set_point
+from .mavlink.sources import Source
+from .mavlink.vehicle import Vehicle
+from .runs import Output, Phase, Run, Runs
+
+SET_POINT_MS = 50
+"""20 Hz, as MAVSDK does; PX4 leaves the mode when none came for COM_OF_LOSS_T (1 s)."""
+EARLY_MS = 10
+"""A tick of that period may come a little before a set-point is due; waiting for the next would halve the rate."""
+LEASE_MS = 3000
+"""How long set-points go on without a newer lease; at the start, until there was time for one."""
+STOP_MS = 3000
+"""How long to wait for the mode to change back before the set-points stop all the same."""
+HOLD_AGAIN_MS = 500
+
+
+@dataclass
+class Ending:
+    """The last word of a run that is being stopped, said when the mode has changed back."""
+
+    word: Word
+    reason: str | None
+    since_ms: int
+    after: int
+    next_hold_ms: int
+
+
+@dataclass
+class Flight:
+    """The set-points of one offboard command."""
+
+    command: Offboard
+    next_ms: int
+    written: int = 0
+    ending: Ending | None = None
+
+
+class OffboardPilot:
+    """Flies the offboard commands among the runs of one autopilot.
+
+    `lease_until_ms` is the end of the control lease, `offboard_until_ms` what it allows to an offboard command;
+    both in the session clock, None while there is none. `holder_session` is the station that it belongs to.
+    """
+
+    def __init__(self, vehicle: Vehicle, runs: Runs) -> None:
+        self.lease_until_ms: int | None = None
+        self.offboard_until_ms: int | None = None
+        self.holder_session: int | None = None
+        self._vehicle = vehicle
+        self._runs = runs
+        self._flights: dict[Run, Flight] = {}
+
+    def refusal(self, gs_session: int, now_ms: int) -> str | None:
+        """Why an offboard command of a station is not started now, None where it may be."""
+        if not self._has_control(gs_session, now_ms):
+            return "no_lease"
+        own = any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards())
+        if self._vehicle.autopilot.is_offboard_alone and self._is_offboard() and not own:
+            return "offboard_elsewhere"
+        return None
+
+    def needs_priming(self, run: Run) -> bool:
+        """Whether set-points have to come first: not where those of an older command are streamed already."""
+        return self._vehicle.autopilot.priming > 0 and not any(
+            other.phase in (Phase.SENT, Phase.RUNNING) for other in self._offboards() if other is not run
+        )
+
+    def begin(self, run: Run, now_ms: int) -> None:
+        """The first set-point is due at once."""
+        assert isinstance(run.command, Offboard)
+        self._flights.setdefault(run, Flight(run.command, now_ms))
+
+    def is_primed(self, run: Run) -> bool:
+        flight = self._flights.get(run)
+        return flight is not None and flight.written >= self._vehicle.autopilot.priming
+
+    def over(self, run: Run, now_ms: int) -> tuple[Word, str | None] | None:
+        """The last word that a running flight has earned by now, None while it goes on."""
+        assert isinstance(run.command, Offboard)
+        if not self._vehicle.is_alive(now_ms):
+            return Word.UNCONFIRMED, "autopilot_lost"
+        if not self._has_control(run.id.gs_session, now_ms) or now_ms > max(
+            run.started_ms + LEASE_MS, self.offboard_until_ms or 0
+        ):
+            return Word.FAILED, "lease_lost"
+        if now_ms >= run.started_ms + run.limit_ms:
+            return Word.FAILED, "timeout"
+        if run.entered_mode and now_ms >= run.accepted_ms + round(run.command.duration_s * 1000):
+            return Word.COMPLETED, None
+        return None
+
+    def stop(self, run: Run, word: Word, reason: str | None, now_ms: int) -> list[Output]:
+        """Command hold and brake; `word` is said when the mode has changed. A newer flight is not disturbed."""
+        newer = self._runs.newer(run)
+        if newer is not None and newer.is_under_way:
+            return [self._runs.end(run, word, reason)]
+        run.phase = Phase.STOPPING
+        self.begin(run, now_ms)
+        self._flights[run].ending = Ending(word, reason, now_ms, self._vehicle.number, now_ms)
+        return self.go_on_stopping(run, now_ms)
+
+    def go_on_stopping(self, run: Run, now_ms: int) -> list[Output]:
+        """The last word where the mode has changed or waiting was in vain; else hold again, now and then."""
+        ending = self._flights[run].ending
+        assert ending is not None
+        told = self._vehicle.seen(FlightMode, ending.after)
+        if told is not None and told.mode is not self._vehicle.autopilot.offboard_mode:
+            return [self._runs.end(run, ending.word, ending.reason)]
+        if now_ms >= ending.since_ms + STOP_MS:
+            if not self._vehicle.is_alive(now_ms):
+                return [self._runs.end(run, Word.UNCONFIRMED, "autopilot_lost")]
+            word, reason = ending.word, ending.reason
+            return [self._runs.end(run, *((Word.FAILED, "no_hold") if word is Word.COMPLETED else (word, reason)))]
+        newer = self._runs.newer(run)
+        if now_ms < ending.next_hold_ms or newer is not None:
+            return []
+        ending.next_hold_ms = now_ms + HOLD_AGAIN_MS
+        self._runs.acks.expect((mavlink.MAV_CMD_DO_SET_MODE, Source.COMPANION), now_ms)
+        return [self._hold()]
+
+    def superseded(self, run: Run) -> tuple[Word, str | None]:
+        """The last word of a run whose place a newer flight took."""
+        flight = self._flights.get(run)
+        if flight is None or flight.ending is None or flight.ending.word is Word.COMPLETED:
+            return Word.SUPERSEDED, None
+        return flight.ending.word, flight.ending.reason
+
+    def set_points(self, now_ms: int) -> list[Output]:
+        """The set-point that is due; a late caller sends one, not those that were missed.
+
+        Until the command runs its deadline holds for set-points too.
+        """
+        run = self._streaming()
+        if run is None or now_ms < self._flights[run].next_ms - EARLY_MS:
+            return []
+        flight = self._flights[run]
+        late = now_ms - flight.next_ms >= SET_POINT_MS
+        flight.next_ms = now_ms + SET_POINT_MS if late else flight.next_ms + SET_POINT_MS
+        flight.written += 1
+        message = set_point(flight.command, self._vehicle, now_ms, braking=flight.ending is not None)
+        started = run.phase in (Phase.RUNNING, Phase.STOPPING)
+        return [Transmit(message, None if started else run.deadline_ms)]
+
+    def leave(self) -> list[Output]:
+        """The process ends: an autopilot that follows set-points is told to hold."""
+        if any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards()):
+            return [self._hold()]
+        return []
+
+    def _hold(self) -> Transmit:
+        autopilot = self._vehicle.autopilot
+        return Transmit(autopilot.set_mode(self._vehicle, autopilot.hold_mode))
+
+    def _has_control(self, gs_session: int, now_ms: int) -> bool:
+        """Whether the control lease lives, and is this station's still."""
+        if self.lease_until_ms is None or now_ms > self.lease_until_ms:
+            return False
+        return self.holder_session in (None, gs_session)
+
+    def _offboards(self) -> list[Run]:
+        return [run for run in self._runs if isinstance(run.command, Offboard)]
+
+    def _streaming(self) -> Run | None:
+        """The oldest flight that has begun: a newer one takes over when it is accepted, and ends the older."""
+        if self._flights:
+            self._flights = {run: flight for run, flight in self._flights.items() if self._runs.find(run.id) is run}
+        return next((run for run in self._flights if run.phase is not Phase.WAITING), None)
+
+    def _is_offboard(self) -> bool:
+        return self._vehicle.seen(FlightMode) == FlightMode(self._vehicle.autopilot.offboard_mode)

@@ -1,0 +1,40 @@
+"""What one drone's UAV client is told about its drone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..errors import ConfigurationError
+from .mavlink.raw import GUARDED, Limits
+from .mavlink.sources import COMMANDING
+
+SHORTEST_S, LONGEST_S = 60, 86_400
+
+
+@dataclass(frozen=True)
+class UavOptions:
+    """`endurance_s`: how long a full battery lasts in flight; None: to be measured. `limits`: of raw MAV_CMDs.
+
+    `carries_sensors`: the client has a broker for sensors and carries their readings.
+    Raises ConfigurationError for what cannot be.
+    """
+
+    endurance_s: int | None = None
+    limits: Limits = field(default_factory=Limits)
+    carries_sensors: bool = False
+
+    def __post_init__(self) -> None:
+        if self.endurance_s is not None and not SHORTEST_S <= self.endurance_s <= LONGEST_S:
+            raise ConfigurationError(
+                f"--endurance-s {self.endurance_s}: expected seconds from {SHORTEST_S} to {LONGEST_S}"
+            )
+        for number in self.limits.mav_cmds - GUARDED.keys():
+            raise ConfigurationError(
+                f"--allow-mav-cmd {number}: expected one that is guarded: {', '.join(map(str, sorted(GUARDED)))}"
+            )
+        for component in self.limits.components:
+            own = [source.component for source in COMMANDING]
+            if not 2 <= component <= 255 or component in own:
+                raise ConfigurationError(
+                    f"--allow-component {component}: expected 2 to 255, not {min(own)} to {max(own)}"
+                )

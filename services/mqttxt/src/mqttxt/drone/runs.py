@@ -1,0 +1,182 @@
+"""The commands that have no last word yet: where each is, and which of them stands in another's way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from ..protocol.commands import Command
+from ..protocol.messages import CommandId, Word
+from ..protocol.states import FlightMode, FlightModeName
+from .effects import Effect
+from .mavlink.plans import Plan
+from .mavlink.sources import Source
+from .resting_numbers import AckKey, Acks
+
+
+@dataclass(frozen=True)
+class Said:
+    """A word about a command."""
+
+    id: CommandId
+    word: Word
+    reason: str | None = None
+    percent: int | None = None
+    late_ms: int | None = None
+    by: CommandId | None = None
+    observed: bool | None = None
+
+
+Output = Effect | Said
+
+
+class Phase(Enum):
+    """Where a command is.
+
+    WAITING for its MAV_CMD to be free; PREPARING: the autopilot is put into another mode before it is sent;
+    PRIMING: set-points are streamed before it is sent; SENT and not acknowledged; RUNNING: accepted; STOPPING: on the
+    way to a safe end, its last word is known but not said.
+    """
+
+    WAITING = auto()
+    PREPARING = auto()
+    PRIMING = auto()
+    SENT = auto()
+    RUNNING = auto()
+    STOPPING = auto()
+
+
+UNSENT = (Phase.WAITING, Phase.PREPARING, Phase.PRIMING)
+
+
+@dataclass
+class Preparation:
+    """A mode that is commanded before a command, since when, and what came of it.
+
+    `before` and `number`: the mode and the newest message at the first write.
+    """
+
+    mode: FlightModeName
+    before: FlightMode | None
+    number: int
+    since_ms: int
+    writes: int = 0
+    accepted: int = 0
+    refusals: int = 0
+    is_entered: bool = False
+
+    def on_answer(self, is_accepted: bool, is_second: bool) -> None:
+        """One of the writes was acknowledged, or once more after it was accepted."""
+        if is_accepted and not is_second:
+            self.accepted += 1
+        elif not is_accepted:
+            self.refusals += 1
+            self.accepted -= is_second
+
+    @property
+    def may_have_changed(self) -> bool:
+        """Whether the autopilot's mode may be another one because of it."""
+        return self.writes > self.refusals
+
+
+@dataclass(eq=False)
+class Run:
+    """A command that has no last word yet. `refused`: what one copy of it was answered, while others are unanswered.
+
+    `refusals` counts the copies that were refused, `restarts` the autopilot's starts when it said that it does it.
+    `is_outdated`: a newer command of its group was started, and this one is not said again, whatever became of that.
+    """
+
+    id: CommandId
+    command: Command
+    plan: Plan
+    deadline_ms: int
+    limit_ms: int
+    phase: Phase = Phase.WAITING
+    sends: int = 0
+    acks: int = 0
+    refusals: int = 0
+    last_send_ms: int = 0
+    sent_number: int = 0
+    started_ms: int = 0
+    accepted_ms: int = 0
+    accepted_number: int = 0
+    restarts: int = 0
+    in_progress: bool = False
+    percent: int | None = None
+    told_percent: int | None = None
+    told_percent_ms: int = 0
+    preparation: Preparation | None = None
+    refused: tuple[Word, str | None] | None = None
+    entered_mode: bool = False
+    passing_since_ms: int | None = None
+    late_ms: int | None = None
+    is_outdated: bool = False
+    source: Source = Source.COMPANION
+
+    @property
+    def ack_key(self) -> AckKey:
+        """What its acknowledgements are told by."""
+        return self.plan.mav_cmd, self.source
+
+    def is_of_group(self, other: Run) -> bool:
+        """Whether one of the two can take the other's place."""
+        return self.plan.group is not None and self.plan.group == other.plan.group
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether the autopilot said that it does it."""
+        return self.phase in (Phase.RUNNING, Phase.STOPPING) or (self.phase is Phase.SENT and self.in_progress)
+
+
+class Runs:
+    """The open commands of one autopilot, oldest first, and the numbers that may be sent."""
+
+    def __init__(self) -> None:
+        self.acks = Acks()
+        self._runs: list[Run] = []
+
+    def __iter__(self) -> Iterator[Run]:
+        """Over a copy, so that a run may end meanwhile."""
+        return iter(list(self._runs))
+
+    def add(self, run: Run) -> None:
+        self._runs.append(run)
+
+    def find(self, command_id: CommandId) -> Run | None:
+        return next((run for run in self._runs if run.id == command_id), None)
+
+    def end(
+        self,
+        run: Run,
+        word: Word,
+        reason: str | None = None,
+        by: CommandId | None = None,
+        observed: bool | None = None,
+    ) -> Said:
+        """Say a run's last word. A definite no would be false where a mode may have been changed for it."""
+        self._runs.remove(run)
+        if word.is_definite_no and run.preparation is not None and run.preparation.may_have_changed:
+            word, reason = Word.FAILED, reason or word.label
+        return Said(run.id, word, reason, late_ms=run.late_ms, by=by, observed=observed)
+
+    def awaiting(self, *keys: AckKey) -> Run | None:
+        """The run that waits for an acknowledgement of one of these: the oldest, as they come in the writes' order."""
+        return next((run for run in self._runs if run.phase is Phase.SENT and run.ack_key in keys), None)
+
+    def is_free(self, key: AckKey, now_ms: int) -> bool:
+        """Whether nobody waits for this key; a run that stops sends the autopilot into hold until it is there."""
+        if any(run.phase in (Phase.SENT, Phase.STOPPING) and run.ack_key == key for run in self._runs):
+            return False
+        return self.acks.is_free(key, now_ms)
+
+    def older(self, run: Run) -> list[Run]:
+        """The earlier commands of the same group."""
+        earlier = self._runs[: self._runs.index(run)]
+        return [r for r in earlier if r.is_of_group(run)]
+
+    def newer(self, run: Run) -> Run | None:
+        """A later command of the same group that was sent too: the older one must not be said again after it."""
+        later = self._runs[self._runs.index(run) + 1 :]
+        return next((r for r in later if r.is_of_group(run) and r.phase not in UNSENT), None)

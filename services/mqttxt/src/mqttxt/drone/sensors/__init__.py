@@ -1,0 +1,1 @@
+"""Sensors' readings on a drone: taken, kept on disk, and carried to the fog."""

@@ -1,0 +1,154 @@
+"""The sensors' side of a UAV client: the drone's own broker, the connection to it, and the store, in its own thread.
+
+A disk may take a tenth of a second to say that something is on it, and the aircraft does not wait for that.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...core.effects import Receipt
+from ...core.embedded_broker import EmbeddedBroker
+from ...core.mqtt.events import LinkEvents
+from ...core.mqtt.link import BrokerAddress, MqttLink
+from ...errors import BrokerRefused
+from ..effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
+from .carrier import SENSORS, Carrier
+from .store import DEFAULT_LIMIT, Batch, Done, SensorStore
+
+logger = logging.getLogger("mqttxt.sensors")
+
+KEPT_BY_BROKER_S = 3600
+"""How long the drone's broker keeps, for this client, what sensors publish while it is away."""
+PAUSE_S = 1.0
+"""After an error of the store, so that a full disk is not asked all the time."""
+
+
+@dataclass(frozen=True)
+class SensorOptions:
+    """Where sensors publish (an embedded broker, or one that runs elsewhere) and where their readings are kept."""
+
+    broker: BrokerAddress
+    store: Path
+    limit: int = DEFAULT_LIMIT
+    embedded: EmbeddedBroker | None = None
+
+
+class Receipts:
+    """Acknowledges inbound messages in the order of their receipt (MQTT 5.0, 4.6), in whichever they become safe."""
+
+    def __init__(self, acknowledge: Callable[[Receipt], None]) -> None:
+        self._acknowledge = acknowledge
+        self._waiting: dict[Receipt, bool] = {}
+
+    def wait(self, receipt: Receipt) -> None:
+        """A message came; what came behind it waits for it."""
+        self._waiting[receipt] = False
+
+    def release(self, receipt: Receipt) -> None:
+        """A message, whether it had to wait or not, may be acknowledged."""
+        self._waiting[receipt] = True
+        while self._waiting:
+            first = next(iter(self._waiting))
+            if not self._waiting[first]:
+                return
+            del self._waiting[first]
+            self._acknowledge(first)
+
+
+class SensorPort:
+    """Carries out what a Carrier asks for; raises ConfigurationError for a store that cannot be used.
+
+    Whatever becomes of the sensors' side, the drone flies on.
+    """
+
+    def __init__(
+        self,
+        options: SensorOptions,
+        carrier: Carrier,
+        drone: int,
+        events: LinkEvents,
+        carry_out: Callable[[Iterable[Any]], None],
+        now_ms: Callable[[], int],
+    ) -> None:
+        self._embedded = options.embedded
+        self._store = SensorStore(options.store, options.limit)
+        self._carrier = carrier
+        self._carry_out = carry_out
+        self._now_ms = now_ms
+        self._batch = Batch()
+        self._due = asyncio.Event()
+        self.link = MqttLink(
+            SENSORS,
+            options.broker,
+            f"mqttxt-drone{drone}-sensors",
+            None,
+            events,
+            manual_ack=True,
+            session_expiry_s=KEPT_BY_BROKER_S,
+        )
+        self._receipts = Receipts(self.link.acknowledge)
+
+    def jobs(self) -> list[Any]:
+        """The coroutines that run as long as the UAV client does."""
+        embedded = [self._embedded.run()] if self._embedded is not None else []
+        return [*embedded, self._keep_link(), self._work()]
+
+    def take(self, output: Any) -> bool:
+        """Carry out an effect of the carrier; whether it was one."""
+        if isinstance(output, StoreReading):
+            self._batch.store.append(output)
+            if output.receipt is not None:
+                self._receipts.wait(output.receipt)
+        elif isinstance(output, ForgetReadings):
+            self._batch.forget += output.keys
+        elif isinstance(output, LoadReadings):
+            self._batch.load = output
+        elif isinstance(output, Acknowledge):
+            self._receipts.release(output.receipt)
+            return True
+        else:
+            return False
+        self._due.set()
+        return True
+
+    async def _keep_link(self) -> None:
+        try:
+            await self.link.run()
+        except BrokerRefused as error:
+            logger.error("%s; no reading is taken in until this UAV client is started again", error)
+
+    async def _work(self) -> None:
+        """One transaction after the other; what comes meanwhile goes into the next one."""
+        loop = asyncio.get_running_loop()
+        try:
+            with ThreadPoolExecutor(1, "sensor-store") as thread:
+                while True:
+                    await self._due.wait()
+                    self._due.clear()
+                    batch, self._batch = self._batch, Batch()
+                    done = await loop.run_in_executor(thread, self._store.carry_out, batch)
+                    self._report(batch, done)
+                    if done.failed:
+                        await asyncio.sleep(PAUSE_S)
+        finally:
+            self._store.close()
+
+    def _report(self, batch: Batch, done: Done) -> None:
+        now_ms = self._now_ms()
+        if done.failed and batch.forget:
+            self._batch.forget = batch.forget + self._batch.forget
+            self._due.set()
+        if done.stored:
+            self._carry_out(self._carrier.on_stored(done.stored, now_ms))
+        if done.refused:
+            self._carry_out(self._carrier.on_refused(done.refused, done.reason, now_ms))
+        if batch.load is not None:
+            most = batch.load.most if not done.failed else 0
+            self._carry_out(self._carrier.on_loaded(done.rows, most, now_ms))

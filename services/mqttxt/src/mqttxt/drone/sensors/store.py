@@ -1,0 +1,185 @@
+"""The readings that a drone carries: a bounded sqlite file that survives a crash and a power loss.
+
+Write-ahead log with full synchronisation: what a finished transaction holds is on the disk.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sqlite3
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...errors import ConfigurationError, PayloadError
+from ...protocol.codec import decode, encode
+from ...protocol.readings import Reading, ReadingKey, ReadingMessage, checked
+from ..disk import is_fault
+from ..effects import LoadReadings, StoreReading
+
+logger = logging.getLogger("mqttxt.sensors")
+
+DEFAULT_LIMIT = 100_000
+"""Readings: three a second for nine hours, in about ten megabytes."""
+_VERSION = 1
+_SCHEMA = """
+CREATE TABLE reading (
+    place INTEGER PRIMARY KEY AUTOINCREMENT,
+    sensor INTEGER NOT NULL,
+    boot INTEGER NOT NULL,
+    seq INTEGER NOT NULL,
+    kind TEXT NOT NULL,
+    payload BLOB NOT NULL,
+    UNIQUE (sensor, boot, seq)
+)
+"""
+_KEY = "sensor = ? AND boot = ? AND seq = ?"
+
+
+@dataclass
+class Batch:
+    """What is to be done in one transaction: forget, then store, then load."""
+
+    forget: list[ReadingKey] = field(default_factory=list)
+    store: list[StoreReading] = field(default_factory=list)
+    load: LoadReadings | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self.forget or self.store or self.load)
+
+
+@dataclass
+class Done:
+    """What became of a batch. `reason` says why something was refused; `rows` are places and readings, oldest first."""
+
+    stored: list[StoreReading] = field(default_factory=list)
+    refused: list[StoreReading] = field(default_factory=list)
+    reason: str = ""
+    rows: list[tuple[int, Reading]] = field(default_factory=list)
+    failed: bool = False
+    """Nothing of the batch was done; what was to be forgotten is still there."""
+
+
+class SensorStore:
+    """At most `limit` readings in `path`, for one process at a time; raises ConfigurationError for what cannot be it.
+
+    To be used by one thread at a time. A reading that is there already counts as stored. A disk that is full or fails
+    refuses, from the start on, until it takes something again.
+    """
+
+    def __init__(self, path: Path, limit: int = DEFAULT_LIMIT) -> None:
+        self.path = path
+        self.limit = limit
+        self._count = 0
+        self._is_open = False
+        try:
+            self._open()
+        except (OSError, sqlite3.Error) as error:
+            if not is_fault(error):
+                raise ConfigurationError(f"--sensor-store {path}: cannot be used: {error}") from error
+            logger.error("%s: %s; new readings stay with their sensors until it can be written", path, error)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def carry_out(self, batch: Batch) -> Done:
+        """Carry a batch out as one transaction, which is on the disk when this returns; an error refuses all of it."""
+        done = Done()
+        count = self._count
+        try:
+            self._open()
+            count = self._count
+            self._database.execute("BEGIN IMMEDIATE")
+            self._forget(batch.forget)
+            for effect in batch.store:
+                self._store(effect, done)
+            if batch.load is not None:
+                done.rows = self._load(batch.load)
+            self._database.execute("COMMIT")
+        except (OSError, sqlite3.Error) as error:
+            self._count = count
+            if not self._is_open:
+                return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
+            with contextlib.suppress(sqlite3.Error):  # sqlite rolls back by itself after some errors
+                self._database.execute("ROLLBACK")
+            return Done(refused=batch.store, reason=f"{self.path}: {error}", failed=True)
+        return done
+
+    def close(self) -> None:
+        if not self._is_open:
+            return
+        with contextlib.suppress(sqlite3.Error):  # all that counts is on the disk already
+            self._database.close()
+
+    def _open(self) -> None:
+        """Open the file where that has not been done: a full disk may have been in the way."""
+        if self._is_open:
+            return
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._database = sqlite3.connect(self.path, timeout=1.0, isolation_level=None, check_same_thread=False)
+        try:
+            self._count = self._prepare()
+        except sqlite3.Error:
+            self._database.close()
+            raise
+        self._is_open = True
+
+    def _prepare(self) -> int:
+        run = self._database.execute
+        run("PRAGMA locking_mode = EXCLUSIVE")
+        run("PRAGMA journal_mode = WAL")
+        run("PRAGMA synchronous = FULL")
+        run("BEGIN EXCLUSIVE")
+        (version,) = run("PRAGMA user_version").fetchone()
+        if version == 0:
+            run(_SCHEMA)
+            run(f"PRAGMA user_version = {_VERSION}")
+        elif version != _VERSION:
+            raise sqlite3.DatabaseError(f"expected version {_VERSION} of its tables, got {version}")
+        (count,) = run("SELECT count(*) FROM reading").fetchone()
+        run("COMMIT")
+        return int(count)
+
+    def _forget(self, keys: Iterable[ReadingKey]) -> None:
+        for key in keys:
+            found = self._database.execute(f"DELETE FROM reading WHERE {_KEY}", (key.sensor, key.boot, key.seq))
+            self._count -= found.rowcount
+
+    def _store(self, effect: StoreReading, done: Done) -> None:
+        reading = effect.reading
+        key = reading.key
+        row = (key.sensor, key.boot, key.seq)
+        if self._database.execute(f"SELECT 1 FROM reading WHERE {_KEY}", row).fetchone() is not None:
+            done.stored.append(effect)
+            return
+        if self._count >= self.limit:
+            done.refused.append(effect)
+            done.reason = f"{self.path}: full with {self.limit} readings"
+            return
+        self._database.execute(
+            "INSERT INTO reading (sensor, boot, seq, kind, payload) VALUES (?, ?, ?, ?, ?)",
+            (*row, reading.kind, encode(reading.message)),
+        )
+        self._count += 1
+        done.stored.append(effect)
+
+    def _load(self, wanted: LoadReadings) -> list[tuple[int, Reading]]:
+        rows: list[tuple[int, Reading]] = []
+        spoilt: list[int] = []
+        found = self._database.execute(
+            "SELECT place, sensor, kind, payload FROM reading WHERE place > ? ORDER BY place", (wanted.after,)
+        )
+        for place, sensor, kind, payload in found:
+            try:
+                rows.append((place, checked(sensor, kind, decode(ReadingMessage, payload))))
+            except PayloadError as error:
+                logger.error("%s: reading at place %d is spoilt and is removed: %s", self.path, place, error)
+                spoilt.append(place)
+            if len(rows) == wanted.most:
+                break
+        found.close()
+        for place in spoilt:
+            self._database.execute("DELETE FROM reading WHERE place = ?", (place,))
+            self._count -= 1
+        return rows

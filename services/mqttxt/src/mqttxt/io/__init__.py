@@ -1,1 +1,0 @@
-"""What touches the world: brokers (paho-mqtt), autopilots (pymavlink), processes and files."""

@@ -1,0 +1,33 @@
+"""Which command a payload names that cannot be decoded, so that it can be answered all the same."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import cbor2
+
+from .codec import MAX_PAYLOAD
+from .messages import CommandId
+
+
+def identify(payload: bytes) -> CommandId | None:
+    """The id in a malformed command, None where it has none that can be read."""
+    if not 0 < len(payload) <= MAX_PAYLOAD:
+        return None
+    try:
+        plain: Any = json.loads(payload) if payload[:1] == b"{" else cbor2.loads(payload)
+    except (ValueError, cbor2.CBORError, RecursionError):
+        return None
+    if isinstance(plain, dict):
+        numbers = (plain.get("gs_session"), plain.get("seq"))
+    elif isinstance(plain, list) and len(plain) >= 3:
+        numbers = (plain[1], plain[2])
+    else:
+        return None
+    session, seq = numbers
+    if type(session) is not int or type(seq) is not int:
+        return None
+    if not (0 < session < 2**32 and 0 <= seq < 2**32):
+        return None
+    return CommandId(session, seq)

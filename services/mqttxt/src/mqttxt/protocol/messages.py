@@ -1,0 +1,258 @@
+"""The messages that travel on MQTT-XT's topics, as frozen dataclasses (docs/protocol.md, sections 3 to 9).
+
+Every message but a beacon and a state leads with the payload's version; those two belong to a session
+whose birth named it. Times are milliseconds in the session clock of whoever the field names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+from .commands import COMMAND, Command
+from .fields import (
+    U32,
+    VERSION,
+    DroneNumber,
+    Integer,
+    Items,
+    Milliseconds,
+    Named,
+    Reason,
+    Scaled,
+    Session,
+    Stamp,
+    StationName,
+    Text,
+    Version,
+)
+
+Limit = Annotated[float, Scaled(10, 0.1, 86_400)]
+"""Seconds within which a command must end."""
+
+
+class CommandId(NamedTuple):
+    """What names a command from end to end: the ground station's session and its sequence number."""
+
+    gs_session: int
+    seq: int
+
+    def __str__(self) -> str:
+        return f"{self.gs_session:08x}:{self.seq}"
+
+
+class Word(Named):
+    """What can be said of a command: first words, then exactly one last word for each drone."""
+
+    ACCEPTED = 1
+    IN_PROGRESS = 2
+    COMPLETED = 3
+    DENIED = 4
+    UNSUPPORTED = 5
+    FAILED = 6
+    EXPIRED = 7
+    OVERTAKEN = 8
+    SUPERSEDED = 9
+    UNREACHABLE = 10
+    UNCONFIRMED = 11
+
+    @property
+    def is_last(self) -> bool:
+        return self not in (Word.ACCEPTED, Word.IN_PROGRESS)
+
+    @property
+    def is_definite_no(self) -> bool:
+        """Whether it says that the command was not started, and will not be."""
+        return self in (Word.DENIED, Word.UNSUPPORTED, Word.EXPIRED, Word.OVERTAKEN, Word.UNREACHABLE)
+
+
+def without_contradiction(word: Word, reason: str | None, earlier: Word | None) -> tuple[Word, str | None]:
+    """A word behind an earlier one. A definite no behind a first word, as of an executor that was started anew and
+    remembers nothing, is `unconfirmed`: what was begun may go on."""
+    if earlier is None or earlier.is_last or not word.is_definite_no:
+        return word, reason
+    return Word.UNCONFIRMED, f"{word.label} after {earlier.label}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeaconMessage:
+    """A process's own clock, on `fogX/clock` and `droneY/clock` (section 4)."""
+
+    session: Session
+    now_ms: Milliseconds
+    nonce: U32 | None = None
+    held_ms: Milliseconds | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AboutCommand:
+    """What every message about a command leads with."""
+
+    version: Version = VERSION
+    gs_session: Session
+    seq: U32
+
+    @property
+    def id(self) -> CommandId:
+        return CommandId(self.gs_session, self.seq)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandHead(AboutCommand):
+    """A command without what it says: who is to execute it, when at the latest, and under whose control."""
+
+    executor_session: U32
+    deadline_ms: Milliseconds | None = None
+    limit_s: Limit
+    epoch: U32 = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandMessage(CommandHead):
+    """A command for the executor whose session it names, started no later than `deadline_ms` of its clock.
+
+    A deadline that is past makes the message a query; 0 is always past. None: the sender had no beacon.
+    `epoch` is that of the sender's control of the drone: a takeover raises it, and lower ones are refused.
+    """
+
+    command: Annotated[Command, COMMAND]
+
+
+@dataclass(frozen=True, kw_only=True)
+class By:
+    """The command that superseded another."""
+
+    gs_session: Session
+    seq: U32
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultMessage(AboutCommand):
+    """One word about a command and a drone, on `…/droneY/commands_result/C`.
+
+    `session` is the drone's, or the activator's where the activator closed the command; `stamp` is of the
+    same clock, `relay_stamp` the activator's. `late_ms`: how far past the deadline the clock read after the
+    write. `settled` marks the truth that came after an `unconfirmed`; `observed` false a `completed` whose effect
+    nobody saw.
+    """
+
+    session: Session
+    relay_stamp: Stamp | None = None
+    stamp: Stamp
+    word: Word
+    reason: Reason | None = None
+    percent: Annotated[int, Integer(0, 100)] | None = None
+    late_ms: Milliseconds | None = None
+    by: By | None = None
+    settled: bool | None = None
+    beacon: BeaconMessage | None = None
+    observed: bool | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosterEntry:
+    """A drone that a broadcast concerns, and its session if it has one."""
+
+    drone: DroneNumber
+    session: Session | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FogResultMessage(AboutCommand):
+    """A broadcast's roster, or why the fog denied a command, on `fogX/commands_result/C`."""
+
+    session: Session
+    stamp: Stamp
+    roster: Annotated[tuple[RosterEntry, ...], Items(250)] | None = None
+    denied: Reason | None = None
+    beacon: BeaconMessage | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Presence:
+    """Birth (`up`) and will of a ground station (`gs/G/reachable`) or a UAV client (`droneY/reachable`)."""
+
+    version: Version = VERSION
+    session: Session
+    up: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class DroneRecord:
+    """Whether a drone is reachable, and who controls it (`fogX/droneY/reachable`).
+
+    In the words of the activator session that says so. `holder` is the controlling station's name, absent while
+    nobody controls the drone; `epoch` rises with each takeover.
+    """
+
+    version: Version = VERSION
+    activator_session: Session
+    up: bool
+    drone_session: Session | None = None
+    holder: StationName | None = None
+    holder_session: Session | None = None
+    epoch: U32 | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FogPresence:
+    """Birth and will of an activator (`fogX/reachable`): its fog broker's address, and its drones.
+
+    `authenticated` says whether commands must be signed.
+    """
+
+    version: Version = VERSION
+    session: Session
+    up: bool
+    broker: Annotated[str, Text(200)] | None = None
+    authenticated: bool | None = None
+    drones: Annotated[tuple[RosterEntry, ...], Items(250)] | None = None
+
+
+class Control(Named):
+    """What a registering station wants: only to watch, control of what is free, or control of what others hold too."""
+
+    NONE = 0
+    WANT = 1
+    TAKE = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registration:
+    """A ground station's lease at a fog (`fogX/init_connect`); `lease_s` 0 ends it.
+
+    `control` says what the station wants of the drones in `drones` (of all, where they are absent); `bundles` true
+    asks for states as `fogX/states`. `until_ms` is the lease's end in the activator's clock, as a command's
+    deadline is made; a takeover names the `epoch` that the station has seen.
+    """
+
+    version: Version = VERSION
+    name: StationName
+    session: Session
+    nonce: U32
+    lease_s: Annotated[int, Integer(0, 3600)]
+    control: Control | None = None
+    bundles: bool | None = None
+    drones: Annotated[tuple[DroneNumber, ...], Items(250)] | None = None
+    until_ms: Milliseconds | None = None
+    epoch: U32 | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DroneLease:
+    """The activator's word to the UAV client of one session (`droneY/init_connect`): a nonce to echo, and control.
+
+    `bound` false tells a second UAV client of the same number that it is refused. While a station controls the
+    drone, `holder_session` names it and the lease ends at `deadline_ms` of the drone's clock; while an offboard
+    command of it is open, that may go on until `offboard_until_ms`.
+    """
+
+    version: Version = VERSION
+    activator_session: Session
+    drone_session: Session
+    nonce: U32
+    bound: bool
+    epoch: U32 = 0
+    holder_session: Session | None = None
+    deadline_ms: Milliseconds | None = None
+    offboard_until_ms: Milliseconds | None = None

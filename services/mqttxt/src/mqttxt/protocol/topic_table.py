@@ -1,0 +1,143 @@
+"""Every topic of MQTT-XT as a table: who says what to whom, at which QoS, and whether the broker keeps it.
+
+`topics` builds and parses topics; this says what they are for. docs/protocol.md (section 2) is generated from it.
+X is a fog's number, Y a drone's, S a sensor's, Z a state's name, C a command's, G a station's, K a sensor value's kind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from .bundles import DroneBundle, FogBundle
+from .messages import (
+    BeaconMessage,
+    CommandMessage,
+    DroneLease,
+    DroneRecord,
+    FogPresence,
+    FogResultMessage,
+    Presence,
+    Registration,
+    ResultMessage,
+)
+from .rankings import PsmiMessage, QodsMessage, SelectMessage
+from .readings import ReadingAck, ReadingMessage
+
+STATION, STATIONS = "station", "stations"
+ACTIVATOR, ACTIVATORS = "activator", "activators"
+UAV = "UAV client"
+SENSOR, SENSORS = "sensor", "sensors"
+
+
+@dataclass(frozen=True)
+class TopicRow:
+    """One topic. `qos` is the default; `choice` marks what the thesis leaves open or does not have.
+
+    `payload` is the message's class, or in words what it is where the class follows from the topic's last level.
+    """
+
+    topic: str
+    sender: str
+    receiver: str
+    qos: int
+    retained: bool
+    payload: type[Any] | str
+    what: str
+    choice: bool = False
+
+
+CLOUD_SIDE = (
+    TopicRow(
+        *("gs/G/reachable", STATION, ACTIVATORS, 1, True, Presence),
+        "a station's birth and will; one will serves all its fogs",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/init_connect", STATION, ACTIVATOR, 1, False, Registration),
+        "registration: take, renew or end a lease",
+    ),
+    TopicRow(
+        *("fogX/reachable", ACTIVATOR, STATIONS, 1, True, FogPresence),
+        "the activator's birth and will, its broker's address and its drones",
+        choice=True,
+    ),
+    TopicRow(*("fogX/clock", ACTIVATOR, STATIONS, 0, False, BeaconMessage), "beacon", choice=True),
+    TopicRow(
+        *("fogX/droneY/reachable", ACTIVATOR, STATIONS, 1, True, DroneRecord),
+        "whether a drone is reachable now; outside the gate",
+        choice=True,
+    ),
+    TopicRow(*("fogX/droneY/state/Z", ACTIVATOR, STATIONS, 0, False, "state Z"), "a state, while the gate is open"),
+    TopicRow(
+        *("fogX/states", ACTIVATOR, STATIONS, 0, False, FogBundle),
+        "the drones' changed states in one message, for stations that asked for bundles, while the gate is open",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/QoDS", ACTIVATOR, STATIONS, 0, False, QodsMessage),
+        "the ranking of the available drones, while the gate is open",
+    ),
+    TopicRow(*("fogX/droneY/commands", STATION, ACTIVATOR, 1, False, CommandMessage), "a command for one drone"),
+    TopicRow(*("fogX/commands", STATION, ACTIVATOR, 1, False, CommandMessage), "a broadcast to the fog's drones"),
+    TopicRow(
+        *("fogX/commands/C", STATION, ACTIVATOR, 1, False, SelectMessage),
+        "a command whose drone the activator chooses (PSMI)",
+    ),
+    TopicRow(
+        *("fogX/PSMI", ACTIVATOR, STATIONS, 1, False, PsmiMessage),
+        "the list that PSMI made for a command, with every figure",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/commands_result/C", ACTIVATOR, STATIONS, 1, False, FogResultMessage),
+        "a broadcast's roster, or why the fog denied it",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/droneY/commands_result/C", ACTIVATOR, STATIONS, 1, False, ResultMessage),
+        "words about a command and a drone",
+    ),
+    TopicRow(
+        *("fogX/droneY/sensorS/K", ACTIVATOR, STATIONS, 1, False, ReadingMessage),
+        "a reading that a drone carried; outside the gate",
+    ),
+)
+
+FOG_SIDE = (
+    TopicRow(*("droneY/reachable", UAV, ACTIVATOR, 1, True, Presence), "the drone's birth and will"),
+    TopicRow(*("droneY/clock", UAV, ACTIVATOR, 0, False, BeaconMessage), "beacon", choice=True),
+    TopicRow(
+        *("droneY/init_connect", ACTIVATOR, UAV, 1, False, DroneLease),
+        "the activator's lease: a nonce to echo, or that this client is refused",
+    ),
+    TopicRow(*("droneY/state/Z", UAV, ACTIVATOR, 0, False, "state Z"), "a state, whether or not the gate is open"),
+    TopicRow(
+        *("droneY/states", UAV, ACTIVATOR, 0, False, DroneBundle),
+        "states that are due together, from a UAV client that bundles",
+        choice=True,
+    ),
+    TopicRow(*("droneY/commands", ACTIVATOR, UAV, 1, False, CommandMessage), "a command"),
+    TopicRow(*("droneY/commands_result/C", UAV, ACTIVATOR, 1, False, ResultMessage), "words about a command"),
+    TopicRow(
+        *("droneY/sensorS/K", UAV, ACTIVATOR, 1, False, ReadingMessage), "a reading, repeated until it is acknowledged"
+    ),
+    TopicRow(
+        *("droneY/sensor_ack", ACTIVATOR, UAV, 1, False, ReadingAck),
+        "which readings the activator has passed on",
+        choice=True,
+    ),
+)
+
+
+SENSOR_SIDE = (
+    TopicRow(
+        *("sensorS/K", SENSOR, UAV, 1, False, ReadingMessage), "a reading, repeated until it is acknowledged if it can"
+    ),
+    TopicRow(*("sensor_ack", UAV, SENSORS, 1, False, ReadingAck), "which readings the drone has stored", choice=True),
+)
+
+
+def topics_of(payload: type[Any]) -> list[str]:
+    """The topics that carry messages of a class, cloud side first."""
+    return [row.topic for row in (*CLOUD_SIDE, *FOG_SIDE, *SENSOR_SIDE) if row.payload is payload]

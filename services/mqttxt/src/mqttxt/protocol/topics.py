@@ -1,0 +1,284 @@
+"""Every topic of MQTT-XT is built and parsed here, and nowhere else (docs/protocol.md, section 2).
+
+Numbers are ASCII `[1-9][0-9]*`, names 1 to 64 of `[A-Za-z0-9_.-]`. A root may be prefixed (`acme/`); on a
+broker that cloud and fog share, the fog side has the root `<prefix>fogX/local/`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+
+from ..errors import ConfigurationError, PayloadError
+
+MAX_DRONE = 250
+MAX_SENSOR = 999_999_999
+_NUMBER = re.compile(r"[1-9][0-9]{0,8}")
+NAME = "[A-Za-z0-9_.-]{1,64}"
+"""Of ground stations, commands and states; a regular expression as JSON Schema and CDDL read it too."""
+NAME_EXPECTED = "1 to 64 characters out of letters, digits, '_', '.' and '-'"
+_NAME = re.compile(NAME)
+_KIND = re.compile(r"[a-z][a-z0-9_]{0,31}")
+
+
+def check_prefix(prefix: str) -> str:
+    """The prefix of a root, empty or ending in `/`; raises ConfigurationError where MQTT could not carry it."""
+    if prefix == "":
+        return ""
+    levels = prefix.removesuffix("/").split("/")
+    if any(level == "" or set(level) & set("+#$\0") for level in levels):
+        raise ConfigurationError(
+            f"topic prefix {prefix!r}: expected levels without '+', '#' or '$' and none of them empty, as 'acme/'"
+        )
+    return "/".join(levels) + "/"
+
+
+def check_station_name(name: str) -> str:
+    """A ground station's name; raises ConfigurationError when it cannot be a topic level."""
+    if not _NAME.fullmatch(name):
+        raise ConfigurationError(f"ground station name {name!r}: expected {NAME_EXPECTED}")
+    return name
+
+
+def check_number(what: str, value: int, most: int = 999_999_999) -> int:
+    """A fog's or drone's number; raises ConfigurationError outside 1..most."""
+    if not 1 <= value <= most:
+        raise ConfigurationError(f"{what} {value}: expected a whole number from 1 to {most}")
+    return value
+
+
+def check_kind(kind: str) -> str:
+    """The name of what a sensor measures, as a topic's last level; raises PayloadError."""
+    if not _KIND.fullmatch(kind):
+        raise PayloadError(
+            f"sensor kind {kind[:60]!r}: expected 1 to 32 lower-case letters, digits and '_', a letter first", "topic"
+        )
+    return kind
+
+
+@dataclass(frozen=True)
+class DroneTopic:
+    """What a fog-side topic, or the rest of a cloud-side one behind `fogX/`, says: drone, kind, name.
+
+    kind is `reachable`, `clock`, `init_connect`, `state`, `states`, `commands`, `commands_result`, `sensor` or
+    `sensor_ack`; name is the state's, the command's or the sensor value's kind, empty for the others; sensor is
+    the number in `sensorS`, 0 for the other kinds.
+    """
+
+    drone: int
+    kind: str
+    name: str = ""
+    sensor: int = 0
+
+
+@dataclass(frozen=True)
+class FogTopic:
+    """A cloud-side topic of a fog itself: kind, and the command's name for `commands_result` and `select`.
+
+    kind is `reachable`, `clock`, `init_connect`, `states`, `QoDS`, `PSMI`, `commands` (broadcast),
+    `commands_result` or `select` (`fogX/commands/C`, where PSMI chooses the drone).
+    """
+
+    kind: str
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class StationTopic:
+    """`gs/G/reachable`."""
+
+    name: str
+
+
+_FOG_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "QoDS", "PSMI"})
+_DRONE_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "sensor_ack"})
+_NAMED_KINDS = frozenset({"state", "commands_result"})
+MAVLINK_STATE = "mavlink/"
+"""Leads the name of a state that is a MAVLink message as it is."""
+SELECTABLE = ("goto",)
+"""The commands for which PSMI chooses a drone."""
+
+
+def _number(level: str, what: str, most: int) -> int | None:
+    if not level.startswith(what):
+        return None
+    digits = level.removeprefix(what)
+    if not _NUMBER.fullmatch(digits) or int(digits) > most:
+        raise PayloadError(f"topic level {level!r}: expected {what} and a number from 1 to {most}", "topic")
+    return int(digits)
+
+
+class FogSide:
+    """The topics between an activator and its UAV clients, below `root` (empty on an embedded broker)."""
+
+    def __init__(self, root: str = "") -> None:
+        self.root = root
+
+    def _drone(self, drone: int, rest: str) -> str:
+        return f"{self.root}drone{drone}/{rest}"
+
+    def reachable(self, drone: int) -> str:
+        return self._drone(drone, "reachable")
+
+    def clock(self, drone: int) -> str:
+        return self._drone(drone, "clock")
+
+    def init_connect(self, drone: int) -> str:
+        return self._drone(drone, "init_connect")
+
+    def state(self, drone: int, name: str) -> str:
+        return self._drone(drone, f"state/{name}")
+
+    def states(self, drone: int) -> str:
+        return self._drone(drone, "states")
+
+    def sensor(self, drone: int, sensor: int, kind: str) -> str:
+        return self._drone(drone, f"sensor{sensor}/{kind}")
+
+    def sensor_ack(self, drone: int) -> str:
+        return self._drone(drone, "sensor_ack")
+
+    def commands(self, drone: int) -> str:
+        return self._drone(drone, "commands")
+
+    def commands_result(self, drone: int, command: str) -> str:
+        return self._drone(drone, f"commands_result/{command}")
+
+    def activator_filters(self) -> tuple[str, ...]:
+        """What an activator subscribes to; no two of them match one topic.
+
+        `+/+/+` is states, results and sensors: a filter cannot say `sensor` and any number.
+        """
+        return tuple(f"{self.root}+/{rest}" for rest in ("reachable", "clock", "states", "+/+", "state/mavlink/+"))
+
+    def parse(self, topic: str) -> DroneTopic:
+        """A topic below this root; raises PayloadError for any other."""
+        if not topic.startswith(self.root):
+            raise PayloadError(f"topic {topic!r}: expected the root {self.root!r}", "topic")
+        return _drone_topic(topic, topic.removeprefix(self.root))
+
+
+class SensorSide:
+    """The topics between sensors and the UAV client that carries their readings, on the drone's own broker."""
+
+    ack = "sensor_ack"
+    filter = "+/+"
+
+    def sensor(self, sensor: int, kind: str) -> str:
+        return f"sensor{sensor}/{check_kind(kind)}"
+
+    def parse(self, topic: str) -> tuple[int, str]:
+        """Number and kind of a `sensorS/K` topic; raises PayloadError for any other."""
+        first, _, kind = topic.partition("/")
+        sensor = _number(first, "sensor", MAX_SENSOR)
+        if sensor is None:
+            raise PayloadError(f"topic {topic[:100]!r}: not a sensor's", "topic")
+        return sensor, check_kind(kind)
+
+
+class CloudSide:
+    """The topics of one fog between its activator and the ground stations."""
+
+    def __init__(self, fog: int, prefix: str = "") -> None:
+        self.fog = check_number("fog", fog)
+        self.prefix = check_prefix(prefix)
+        self.root = f"{self.prefix}fog{fog}/"
+
+    reachable = property(lambda self: f"{self.root}reachable")
+    clock = property(lambda self: f"{self.root}clock")
+    init_connect = property(lambda self: f"{self.root}init_connect")
+    broadcast = property(lambda self: f"{self.root}commands")
+    states = property(lambda self: f"{self.root}states")
+    qods = property(lambda self: f"{self.root}QoDS")
+    psmi = property(lambda self: f"{self.root}PSMI")
+
+    def select(self, command: str) -> str:
+        return f"{self.root}commands/{command}"
+
+    def fog_result(self, command: str) -> str:
+        return f"{self.root}commands_result/{command}"
+
+    def drone_reachable(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/reachable"
+
+    def drone_state(self, drone: int, name: str) -> str:
+        return f"{self.root}drone{drone}/state/{name}"
+
+    def drone_sensor(self, drone: int, sensor: int, kind: str) -> str:
+        return f"{self.root}drone{drone}/sensor{sensor}/{kind}"
+
+    def drone_commands(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/commands"
+
+    def drone_result(self, drone: int, command: str) -> str:
+        return f"{self.root}drone{drone}/commands_result/{command}"
+
+    def local_root(self) -> str:
+        """The fog side's root on a broker that the cloud side uses too."""
+        return f"{self.root}local/"
+
+    def activator_command_filters(self) -> tuple[str, ...]:
+        select = tuple(self.select(command) for command in SELECTABLE)
+        return (f"{self.root}commands", f"{self.root}+/commands", *select)
+
+    def activator_filters(self) -> tuple[str, ...]:
+        """What an activator subscribes to beside commands: registrations, stations, its own records."""
+        return (
+            f"{self.root}init_connect",
+            f"{self.root}reachable",
+            f"{self.root}+/reachable",
+            f"{self.prefix}gs/+/reachable",
+        )
+
+    def station_filters(self) -> tuple[str, ...]:
+        """What a ground station subscribes to; no two of them match one topic."""
+        own = ("reachable", "clock", "states", "QoDS", "PSMI", "commands_result/#")
+        return tuple(f"{self.root}{rest}" for rest in (*own, "+/reachable", "+/+/+", "+/state/mavlink/+"))
+
+    def parse(self, topic: str) -> DroneTopic | FogTopic | StationTopic:
+        """A topic of this fog or of a station; raises PayloadError for any other."""
+        station = station_of(topic, self.prefix)
+        if station is not None:
+            return StationTopic(station)
+        if not topic.startswith(self.root):
+            raise PayloadError(f"topic {topic!r}: expected the root {self.root!r}", "topic")
+        levels = topic.removeprefix(self.root).split("/")
+        if len(levels) == 1 and levels[0] in _FOG_KINDS:
+            return FogTopic(levels[0])
+        if len(levels) == 2 and levels[0] == "commands_result" and _NAME.fullmatch(levels[1]):
+            return FogTopic(levels[0], levels[1])
+        if len(levels) == 2 and levels[0] == "commands" and levels[1] in SELECTABLE:
+            return FogTopic("select", levels[1])
+        return _drone_topic(topic, topic.removeprefix(self.root))
+
+
+@lru_cache(maxsize=8192)
+def _drone_topic(topic: str, below: str) -> DroneTopic:
+    """A topic by its levels below the root; kept, because an activator hears the same ones all the time."""
+    levels = below.split("/")
+    drone = _number(levels[0], "drone", MAX_DRONE)
+    if drone is not None and len(levels) == 2 and levels[1] in _DRONE_KINDS:
+        return DroneTopic(drone, levels[1])
+    if drone is not None and len(levels) == 3 and _NAME.fullmatch(levels[2]):
+        if levels[1] in _NAMED_KINDS:
+            return DroneTopic(drone, levels[1], levels[2])
+        sensor = _number(levels[1], "sensor", MAX_SENSOR)
+        if sensor is not None:
+            return DroneTopic(drone, "sensor", check_kind(levels[2]), sensor)
+    if drone is not None and len(levels) == 4 and levels[1:3] == ["state", "mavlink"] and _NAME.fullmatch(levels[3]):
+        return DroneTopic(drone, "state", MAVLINK_STATE + levels[3])
+    raise PayloadError(f"topic {topic!r}: not a topic of MQTT-XT", "topic")
+
+
+def station_reachable(name: str, prefix: str = "") -> str:
+    """`gs/G/reachable`."""
+    return f"{check_prefix(prefix)}gs/{check_station_name(name)}/reachable"
+
+
+def station_of(topic: str, prefix: str = "") -> str | None:
+    """The station's name of a `gs/G/reachable` topic, None for any other topic."""
+    levels = topic.removeprefix(prefix).split("/") if topic.startswith(prefix) else []
+    if len(levels) == 3 and levels[0] == "gs" and levels[2] == "reachable" and _NAME.fullmatch(levels[1]):
+        return levels[1]
+    return None

@@ -1,0 +1,272 @@
+"""A ground station's commands: sent with their deadlines, followed to exactly one last word for each drone."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from ..core.clock import DEFAULT_TTL_MS, MAX_TTL_MS, expiry_s
+from ..core.effects import Effect, Log, Publish
+from ..core.ledger import KEEP_MS, OVERRIDING
+from ..core.settings import GRACE_MS, Retry, Settings
+from ..errors import ConfigurationError, FogUnreachable
+from ..protocol.codec import encode
+from ..protocol.commands import BROADCASTABLE, Command, Offboard
+from ..protocol.fields import Scaled
+from ..protocol.messages import (
+    CommandId,
+    CommandMessage,
+    FogResultMessage,
+    Limit,
+    ResultMessage,
+    Word,
+    without_contradiction,
+)
+from ..protocol.rankings import PsmiMessage, SelectMessage, SelectMode
+from ..protocol.topics import SELECTABLE
+from ..protocol.values import mark_of
+from .fog import LINK, FogView
+from .outcomes import Event, Outcome, PsmiList
+from .pending import Pending
+
+Output = Effect | Event
+
+_LIMIT: Scaled = mark_of(Limit)
+
+
+def ttl_ms_of(ttl_s: float) -> int:
+    """A ttl in whole milliseconds; raises ConfigurationError for what no deadline may be ahead."""
+    if not 0 < ttl_s <= MAX_TTL_MS / 1000:
+        raise ConfigurationError(f"ttl {ttl_s:g} s: expected more than 0 and at most {MAX_TTL_MS / 1000:g}")
+    return max(1, round(ttl_s * 1000))
+
+
+class StationCommands:
+    """The commands of one ground station session, by their ids."""
+
+    def __init__(self, session: int, settings: Settings) -> None:
+        self.pending: dict[CommandId, Pending] = {}
+        self._open: dict[CommandId, Pending] = {}
+        self._closed: deque[Pending] = deque()
+        self._session = session
+        self._settings = settings
+        self._seq = 0
+        self._overriding_seq = -1
+
+    def is_overridden(self, command_id: CommandId) -> bool:
+        """Whether a hold, land or return was sent behind a command: nobody is sent in place of whom that stops."""
+        return command_id.seq < self._overriding_seq
+
+    def send(
+        self,
+        fog: FogView,
+        drone: int | None,
+        command: Command,
+        now_ms: int,
+        *,
+        ttl_ms: int = DEFAULT_TTL_MS,
+        limit_s: float | None = None,
+    ) -> tuple[CommandId, list[Output]]:
+        """Send a command to a drone, or with None to every drone of a fog.
+
+        Raises FogUnreachable when the activator is not live, ConfigurationError for a ttl, a limit or a broadcast
+        that cannot be.
+        """
+        if drone is None and not isinstance(command, BROADCASTABLE):
+            raise ConfigurationError(f"broadcast {command.name}: expected a command that is the same for every drone")
+        common = self._addressed(fog, command, ttl_ms, limit_s, now_ms)
+        message = CommandMessage(**common, command=command)
+        topic = fog.topics.broadcast if drone is None else fog.topics.drone_commands(drone)
+        pending = self._pend(fog, drone, message, topic, ttl_ms, now_ms)
+        pending.roster = None if drone is None else (drone,)
+        if isinstance(command, OVERRIDING):
+            self._overriding_seq = message.seq
+        return message.id, [pending.publish]
+
+    def select(
+        self,
+        fog: FogView,
+        command: Command,
+        now_ms: int,
+        *,
+        mode: SelectMode = SelectMode.SELECT,
+        reservation: int | None = None,
+        ttl_ms: int = DEFAULT_TTL_MS,
+        limit_s: float | None = None,
+    ) -> tuple[CommandId, list[Output]]:
+        """Let a fog choose the drone for a command, or take one step of a choice across fogs; errors as `send`.
+
+        `limit_s` of an offer is how long the reservation holds.
+        """
+        if command.name not in SELECTABLE:
+            raise ConfigurationError(f"{command.name}: expected a command that PSMI ranks: {', '.join(SELECTABLE)}")
+        common = self._addressed(fog, command, ttl_ms, limit_s, now_ms)
+        message = SelectMessage(**common, mode=mode, reservation=reservation, command=command)
+        pending = self._pend(fog, None, message, fog.topics.select(command.name), ttl_ms, now_ms)
+        pending.choosing = mode is SelectMode.SELECT
+        pending.denied = mode is SelectMode.RELEASE
+        return message.id, [pending.publish]
+
+    def _addressed(
+        self, fog: FogView, command: Command, ttl_ms: int, limit_s: float | None, now_ms: int
+    ) -> dict[str, Any]:
+        """The fields that every command to a fog has; the sequence number is used up."""
+        if not 0 < ttl_ms <= MAX_TTL_MS:
+            raise ConfigurationError(f"ttl {ttl_ms} ms: expected more than 0 and at most {MAX_TTL_MS}")
+        if limit_s is not None and not _LIMIT.low <= limit_s <= _LIMIT.high:
+            raise ConfigurationError(f"limit {limit_s:g} s: expected {_LIMIT.low:g} to {_LIMIT.high:g}")
+        deadline_ms = fog.clock.deadline_ms(now_ms, ttl_ms) if fog.clock is not None else None
+        if deadline_ms is None or not fog.registered or not fog.is_live(now_ms):
+            raise FogUnreachable(f"fog {fog.number}: no live activator; {command.name} was not sent")
+        self._seq += 1
+        return {
+            "gs_session": self._session,
+            "seq": self._seq,
+            "executor_session": fog.session,
+            "deadline_ms": max(0, deadline_ms),
+            "limit_s": command.limit_s if limit_s is None else limit_s,
+            "epoch": fog.epoch,
+        }
+
+    def _pend(
+        self,
+        fog: FogView,
+        drone: int | None,
+        message: CommandMessage | SelectMessage,
+        topic: str,
+        ttl_ms: int,
+        now_ms: int,
+    ) -> Pending:
+        payload = encode(message, self._settings.encoding)
+        pending = self.pending[message.id] = Pending(
+            message.id,
+            fog.number,
+            drone,
+            message.command,
+            Publish(LINK, topic, payload, self._settings.qos, expiry_s=expiry_s(ttl_ms)),
+            close_at_ms=now_ms + ttl_ms + round(message.limit_s * 1000) + 2 * GRACE_MS,
+            retry=Retry.of(self._settings.qos, now_ms, ttl_ms),
+            roster=None,
+        )
+        self._open[message.id] = pending
+        return pending
+
+    def on_result(self, fog: FogView, drone: int, result: ResultMessage, now_ms: int) -> list[Output]:
+        pending = self.pending.get(result.id)
+        if pending is None or pending.fog != fog.number:
+            return []  # another station's, or one that was forgotten
+        if pending.drone is None and pending.command.name in SELECTABLE and drone not in (pending.roster or ()):
+            pending.roster = (*(pending.roster or ()), drone)  # chosen by PSMI, whose list may have been lost
+        if pending.roster is not None and drone not in pending.roster:
+            return [Log("foreign_result", f"drone {drone} on {result.id}, which was not sent to it")]
+        age_ms = None
+        if fog.clock is not None and result.relay_stamp is not None:
+            age_ms = fog.clock.age_ms(result.relay_stamp, now_ms)
+        outcome = Outcome(
+            pending.id,
+            fog.number,
+            drone,
+            pending.command.name,
+            result.word,
+            result.reason,
+            result.percent,
+            result.late_ms,
+            CommandId(result.by.gs_session, result.by.seq) if result.by is not None else None,
+            settled=bool(result.settled),
+            age_ms=age_ms,
+            observed=result.observed is not False,
+        )
+        return self._say(pending, outcome, now_ms)
+
+    def _say(self, pending: Pending, outcome: Outcome, now_ms: int) -> list[Output]:
+        """Pass on a word once: one last word for each drone, and at most one truth after an unconfirmed."""
+        assert outcome.drone is not None
+        before = pending.words.get(outcome.drone)
+        if before is None or not before.is_last:
+            if before is outcome.word and outcome.percent == pending.percents.get(outcome.drone):
+                return []
+            word, reason = without_contradiction(outcome.word, outcome.reason, before)
+            pending.percents[outcome.drone] = outcome.percent
+            pending.words[outcome.drone] = word
+            pending.retry = Retry.after_word(self._settings.qos, now_ms)
+            if word is Word.UNCONFIRMED:
+                pending.unconfirmed_here.add(outcome.drone)
+            return [replace(outcome, word=word, reason=reason, settled=False)]
+        if outcome.drone in pending.unconfirmed_here and outcome.word.is_last and outcome.word is not before:
+            pending.unconfirmed_here.discard(outcome.drone)
+            pending.words[outcome.drone] = outcome.word
+            return [replace(outcome, settled=True)]
+        return []
+
+    def on_psmi(self, fog: FogView, message: PsmiMessage, now_ms: int) -> list[Output]:
+        pending = self.pending.get(message.id)
+        if pending is None or pending.fog != fog.number:
+            return []  # another station's
+        if message.hold_until_ms is not None or message.chosen is None:
+            pending.retry = None
+        elif message.chosen not in (pending.roster or ()):
+            pending.roster = (*(pending.roster or ()), message.chosen)
+        if message.hold_until_ms is not None:
+            pending.denied = True  # an offer is answered by its list: nothing flies by it
+        return [PsmiList(fog.number, message.id, message.listed, message.left_out, message.chosen)]
+
+    def on_fog_result(self, fog: FogView, result: FogResultMessage, now_ms: int) -> list[Output]:
+        pending = self.pending.get(result.id)
+        if pending is None or pending.fog != fog.number or pending.drone is not None or not pending.is_open:
+            return []
+        if result.denied is not None:
+            if pending.has_begun:
+                return self._say_to_open(pending, Word.DENIED, result.denied, now_ms)
+            if pending.roster is not None and not pending.choosing:
+                return []
+            pending.denied = True
+            return [Outcome(pending.id, fog.number, None, pending.command.name, Word.DENIED, result.denied)]
+        if pending.roster is None and result.roster is not None:
+            pending.roster = tuple(entry.drone for entry in result.roster)
+        return []
+
+    def ask_again(self, fog_number: int) -> list[Output]:
+        """After a lost connection the same bytes again: a duplicate is answered, not executed."""
+        return [p.publish for p in self.pending.values() if p.fog == fog_number and p.is_open]
+
+    def tick(self, fogs: Mapping[int, FogView], now_ms: int) -> list[Output]:
+        """Commands that nobody answers: asked for again, and at last given up."""
+        for pending in [pending for pending in self._open.values() if not pending.is_open]:
+            del self._open[pending.id]
+            self._closed.append(pending)
+        while self._closed and now_ms > self._closed[0].close_at_ms + KEEP_MS:
+            del self.pending[self._closed.popleft().id]
+        for fog in fogs.values():
+            fog.in_offboard = any(
+                isinstance(pending.command, Offboard) and pending.fog == fog.number for pending in self._open.values()
+            )
+        return [
+            output
+            for pending in list(self._open.values())
+            for output in self._tick_one(pending, fogs[pending.fog], now_ms)
+        ]
+
+    def _tick_one(self, pending: Pending, fog: FogView, now_ms: int) -> list[Output]:
+        if now_ms > pending.close_at_ms:
+            return self._give_up(pending, now_ms)
+        if pending.retry is not None and fog.registered and pending.retry.is_due(now_ms):
+            return [pending.publish]
+        return []
+
+    def _give_up(self, pending: Pending, now_ms: int) -> list[Output]:
+        out = self._say_to_open(pending, Word.UNCONFIRMED, None, now_ms)
+        if pending.roster is None:
+            pending.denied = True
+            name = pending.command.name
+            out.append(Outcome(pending.id, pending.fog, None, name, Word.UNCONFIRMED, "no_roster"))
+        return out
+
+    def _say_to_open(self, pending: Pending, word: Word, reason: str | None, now_ms: int) -> list[Output]:
+        """A last word for each drone that has none."""
+        out: list[Output] = []
+        for drone in pending.open_drones():
+            outcome = Outcome(pending.id, pending.fog, drone, pending.command.name, word, reason)
+            out += self._say(pending, outcome, now_ms)
+        return out

@@ -1,0 +1,201 @@
+"""One fog as a ground station sees it: registration, clock, drones and their states."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass, field
+
+from ..core.clock import Beacon, RemoteClock, stamp_supersedes
+from ..core.effects import Publish
+from ..core.settings import Settings
+from ..protocol.codec import encode
+from ..protocol.messages import BeaconMessage, Control, DroneRecord, FogPresence, Registration
+from ..protocol.rankings import QodsMessage, Ranked
+from ..protocol.state_payload import StampedState
+from ..protocol.topics import CloudSide
+from .outcomes import ControlChanged, Event, QodsRanking, Reachability, StateUpdate
+
+LINK = "cloud"
+OFFBOARD_RENEWAL_MS = 1000
+"""How often a station with an open offboard command says that it is there."""
+
+
+@dataclass
+class KnownState:
+    """A state with its stamps, when it came in the station's own time, and the clock that its relay stamp is of.
+
+    `said_ms` bounds from below when it was said, in the own time, once that clock is known.
+    """
+
+    message: StampedState
+    received_ms: int
+    clock: RemoteClock | None
+    said_ms: int | None = None
+
+
+@dataclass
+class DroneView:
+    """One drone of a fog."""
+
+    number: int
+    record: DroneRecord | None = None
+    holder: str | None = None
+    reachable: bool = False
+    states: dict[str, KnownState] = field(default_factory=dict)
+
+
+class FogView:
+    """What a ground station knows of one fog, in the ground station's own time."""
+
+    def __init__(
+        self, topics: CloudSide, name: str, session: int, lease_s: int, settings: Settings, control: Control
+    ) -> None:
+        self.topics = topics
+        self.control = control
+        self.ranking: tuple[Ranked, ...] = ()
+        self.in_offboard = False
+        self.number = topics.fog
+        self.session: int | None = None
+        self.up = False
+        self.registered = False
+        self.subscribed = False
+        self.clock: RemoteClock | None = None
+        self.configured: tuple[int, ...] = ()
+        self.broker: str | None = None
+        self.drones: dict[int, DroneView] = {}
+        self._name = name
+        self._own_session = session
+        self._lease_s = lease_s
+        self._settings = settings
+        self._nonces: dict[int, int] = {}
+        self._next_registration_ms = 0
+        self._registered_ms = 0
+
+    @property
+    def epoch(self) -> int:
+        """The newest epoch of control that the fog's records tell."""
+        return max((view.record.epoch or 0 for view in self.drones.values() if view.record is not None), default=0)
+
+    def controls(self, number: int) -> bool:
+        """Whether this station controls a drone, in the words of the activator's live session."""
+        view = self.drones.get(number)
+        record = view.record if view is not None else None
+        if record is None or record.activator_session != self.session:
+            return False
+        return record.holder_session == self._own_session
+
+    def is_live(self, now_ms: int) -> bool:
+        """Whether the activator says so, and a beacon of it came within three intervals."""
+        return self.up and self.clock is not None and self.clock.is_live(now_ms, self._settings.beacon_interval_ms)
+
+    def on_presence(self, presence: FogPresence, now_ms: int) -> tuple[list[Publish], list[Event]]:
+        """`fogX/reachable`: an activator that is there anew is registered at."""
+        if not presence.up:
+            if presence.session != self.session or not self.up:
+                return [], []
+            self.up = self.registered = False
+            return [], self._review(now_ms)
+        anew = not self.up or presence.session != self.session
+        if presence.session != self.session:
+            self.session = presence.session
+            self.clock = RemoteClock(presence.session)
+            self.registered = False
+            self._nonces.clear()
+        self.up = True
+        self.broker = presence.broker
+        self.configured = tuple(entry.drone for entry in presence.drones or ())
+        out = [self.registration(now_ms)] if anew and self.subscribed else []
+        return out, self._review(now_ms)
+
+    def on_beacon(self, message: BeaconMessage, now_ms: int) -> tuple[list[Event], bool]:
+        """`fogX/clock`. The flag tells whether the registration is confirmed by it, for the first time."""
+        if self.clock is None or message.session != self.session:
+            return [], False
+        asked_ms = self._nonces.get(message.nonce) if message.nonce is not None else None
+        beacon = Beacon(message.session, message.now_ms, message.nonce, message.held_ms)
+        self.clock.observe(beacon, now_ms, asked_ms)
+        confirmed = asked_ms is not None and not self.registered
+        self.registered = self.registered or asked_ms is not None
+        return self._review(now_ms), confirmed
+
+    def on_record(self, number: int, record: DroneRecord, now_ms: int) -> list[Event]:
+        """`fogX/droneY/reachable`."""
+        drone = self.drones.setdefault(number, DroneView(number))
+        if record.up and (drone.record is None or drone.record.drone_session != record.drone_session):
+            drone.states.clear()
+        drone.record = record
+        events = self._review(now_ms)
+        if record.holder != drone.holder:
+            drone.holder = record.holder
+            mine = record.holder_session == self._own_session
+            events.append(ControlChanged(self.number, number, record.holder, mine, record.epoch or 0))
+        return events
+
+    def on_qods(self, message: QodsMessage) -> list[Event]:
+        """`fogX/QoDS`."""
+        if message.session != self.session:
+            return []
+        self.ranking = message.ranking
+        return [QodsRanking(self.number, message.ranking)]
+
+    def on_state(self, number: int, message: StampedState, now_ms: int) -> list[Event]:
+        """`fogX/droneY/state/Z`: an update unless it is older than what is known."""
+        drone = self.drones.setdefault(number, DroneView(number))
+        known = drone.states.get(message.state.name)
+        if known is not None and not stamp_supersedes(message.stamp, known.message.stamp, now_ms - known.received_ms):
+            return []
+        drone.states[message.state.name] = KnownState(message, now_ms, self.clock)
+        age_ms = self.age_ms(drone.states[message.state.name], now_ms)
+        return [StateUpdate(self.number, number, message.state, message.stamp, age_ms)]
+
+    def age_ms(self, known: KnownState, now_ms: int) -> int | None:
+        """Upper bound of a state's age; None before the fog has echoed this station."""
+        if known.said_ms is None and known.clock is not None and known.message.relay_stamp is not None:
+            age_ms = known.clock.age_ms(known.message.relay_stamp, now_ms)
+            known.said_ms = None if age_ms is None else now_ms - age_ms
+        return None if known.said_ms is None else now_ms - known.said_ms
+
+    def tick(self, now_ms: int) -> tuple[list[Publish], list[Event]]:
+        """Renew the lease at a third of it; a fog whose beacons stay away is not live any more."""
+        out = []
+        if self.in_offboard:
+            self._next_registration_ms = min(self._next_registration_ms, self._registered_ms + OFFBOARD_RENEWAL_MS)
+        if self.up and self.subscribed and now_ms >= self._next_registration_ms:
+            out.append(self.registration(now_ms))
+        return out, self._review(now_ms)
+
+    def registration(
+        self, now_ms: int, lease_s: int | None = None, take: bool = False, drones: tuple[int, ...] | None = None
+    ) -> Publish:
+        """Register, renew, with `lease_s` 0 end the lease, or `take` control of what others hold."""
+        nonce = secrets.randbelow(2**32)
+        self._nonces[nonce] = now_ms
+        while len(self._nonces) > 8:
+            del self._nonces[next(iter(self._nonces))]
+        self._registered_ms = now_ms
+        self._next_registration_ms = now_ms + self._lease_s * 1000 // 3
+        until_ms = self.clock.deadline_ms(now_ms, self._lease_s * 1000) if self.clock is not None else None
+        message = Registration(
+            name=self._name,
+            session=self._own_session,
+            nonce=nonce,
+            lease_s=self._lease_s if lease_s is None else lease_s,
+            control=Control.TAKE if take else self.control,
+            bundles=self._settings.bundles,
+            drones=drones,
+            until_ms=max(0, until_ms) if until_ms is not None else None,
+            epoch=self.epoch if take else None,
+        )
+        return Publish(LINK, self.topics.init_connect, encode(message, self._settings.encoding), qos=1)
+
+    def _review(self, now_ms: int) -> list[Event]:
+        """What has changed in who is reachable."""
+        out: list[Event] = []
+        live = self.is_live(now_ms)
+        for drone in self.drones.values():
+            record = drone.record
+            reachable = live and record is not None and record.up and record.activator_session == self.session
+            if reachable != drone.reachable:
+                drone.reachable = reachable
+                out.append(Reachability(self.number, drone.number, reachable))
+        return out

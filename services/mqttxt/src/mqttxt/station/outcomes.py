@@ -1,0 +1,133 @@
+"""What a ground station learns: outcomes of its commands, states of drones, and who is reachable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..core.printable import printable
+from ..protocol.messages import CommandId, Word
+from ..protocol.rankings import Candidate, Ranked
+from ..protocol.states import State
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One word about a command and a drone. `drone` None: about the fog as a whole.
+
+    `is_last` marks a drone's one last word; `settled` the truth that followed an `unconfirmed`; `observed` false a
+    `completed` whose effect nobody saw. `late_ms`: how far past its deadline the drone's clock read after the write.
+    `age_ms` is an upper bound of how long ago it was said, None where the fog has no clock of it.
+    """
+
+    id: CommandId
+    fog: int
+    drone: int | None
+    command: str
+    word: Word
+    reason: str | None = None
+    percent: int | None = None
+    late_ms: int | None = None
+    superseded_by: CommandId | None = None
+    settled: bool = False
+    age_ms: int | None = None
+    observed: bool = True
+
+    @property
+    def is_last(self) -> bool:
+        return self.word.is_last and not self.settled
+
+    def __str__(self) -> str:
+        who = f"fog {self.fog}" if self.drone is None else f"drone {self.drone}"
+        what = f"{self.word.label}({printable(self.reason)})" if self.reason else self.word.label
+        if self.superseded_by is not None:
+            what = f"{self.word.label}(by {self.superseded_by})"
+        if self.percent is not None:
+            what += f" {self.percent} %"
+        if not self.observed:
+            what += ", effect not observed"
+        late = f", {self.late_ms} ms late" if self.late_ms else ""
+        return f"{who}: {self.command} {'settled as ' if self.settled else ''}{what}{late}"
+
+
+@dataclass(frozen=True)
+class StateUpdate:
+    """A state of a drone; `age_ms` is an upper bound of its age when it arrived."""
+
+    fog: int
+    drone: int
+    state: State
+    stamp: int
+    age_ms: int | None
+
+
+@dataclass(frozen=True)
+class Reachability:
+    """A fog (`drone` None) or a drone has become reachable or unreachable."""
+
+    fog: int
+    drone: int | None
+    reachable: bool
+
+
+@dataclass(frozen=True)
+class ControlChanged:
+    """Another station controls a drone now: `holder` is its name, None when nobody does; `mine` when it is this one."""
+
+    fog: int
+    drone: int
+    holder: str | None
+    mine: bool
+    epoch: int
+
+
+@dataclass(frozen=True)
+class PsmiList:
+    """What PSMI found for a command: soonest arrival first, and who is left out for which reason.
+
+    `chosen` is the drone that the command went to; of an offer, the one that is reserved.
+    """
+
+    fog: int
+    id: CommandId
+    listed: tuple[Candidate, ...]
+    left_out: tuple[Candidate, ...]
+    chosen: int | None
+
+    def __str__(self) -> str:
+        lines = [f"fog {self.fog}: PSMI {[candidate.drone for candidate in self.listed]}"]
+        lines += [f"  drone {c.drone}: {c.distance_m:.0f} m, {c.arrival_s:.1f} s" for c in self.listed if c.arrival_s]
+        return "\n".join(lines + [f"  drone {c.drone} left out: {printable(c.reason or '')}" for c in self.left_out])
+
+
+@dataclass(frozen=True)
+class QodsRanking:
+    """The available drones of a fog, best first."""
+
+    fog: int
+    ranking: tuple[Ranked, ...]
+
+
+@dataclass(frozen=True)
+class SensorReading:
+    """A value that a sensor measured and a drone carried; each (drone, sensor, boot, seq) comes once.
+
+    `boot` is random at each start of the sensor, `seq` counts its readings; `time_ms` is when it was measured, in
+    milliseconds since 1970 UTC by the sensor's own clock.
+    """
+
+    fog: int
+    drone: int
+    sensor: int
+    boot: int
+    seq: int
+    kind: str
+    value: float
+    unit: str
+    time_ms: int
+
+    def __str__(self) -> str:
+        unit = f" {printable(self.unit)}" if self.unit else ""
+        return f"drone {self.drone} sensor {self.sensor}: {self.kind} {self.value:g}{unit}"
+
+
+Event = Outcome | StateUpdate | Reachability | ControlChanged | PsmiList | QodsRanking | SensorReading

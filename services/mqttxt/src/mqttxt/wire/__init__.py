@@ -1,1 +1,0 @@
-"""The wire: how messages become bytes and topics carry them."""

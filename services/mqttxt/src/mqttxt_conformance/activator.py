@@ -1,0 +1,73 @@
+"""Checks an activator: the kit plays its ground stations and its UAV clients, on both brokers."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+
+from mqttxt.core.address import BrokerAddress
+from mqttxt.core.clock import SessionClock
+from mqttxt.protocol.topics import CloudSide, FogSide
+
+from . import activator_gate as gate
+from .activator_kit import ActivatorKit, ActivatorTarget
+from .registry import RULES, Broken, Finding, Rule, check_all, unmet
+from .subject import Subject
+from .tap import Tap, clear_retained
+
+# Their import enters their rules, in this order.
+from . import activator_commands, activator_control  # isort: skip
+
+ENDING = (gate.will_carries_the_session, gate.a_second_one_refuses_to_start, gate.a_clean_stop_says_down)
+"""Rules that end the implementation; they come last."""
+
+
+def rules() -> list[Rule]:
+    """Every rule of an activator in the order in which it is checked."""
+    found = RULES["activator"]
+    return [rule for rule in found if rule.check not in ENDING] + [rule for rule in found if rule.check in ENDING]
+
+
+async def check_activator(
+    cloud_broker: BrokerAddress,
+    fog_broker: BrokerAddress,
+    target: ActivatorTarget,
+    on_finding: Callable[[Finding], None],
+) -> list[Finding]:
+    """Check an activator; raises ConfigurationError for what cannot be tested as it was asked."""
+    topics, fog_side = CloudSide(target.fog, target.prefix), FogSide(target.fog_root)
+    clock = SessionClock()
+    values = {
+        "broker": str(cloud_broker),
+        "fog_broker": str(fog_broker),
+        "fog": str(target.fog),
+        "drones": "1,2",
+        "fog_root": target.fog_root,
+    }
+    subject = Subject(target.run, values, target.log)
+    own = f"conformance-{secrets.token_hex(4)}"
+    cloud, fog = Tap(cloud_broker, own, clock), Tap(fog_broker, f"{own}-fog", clock)
+    await cloud.connect("--broker")
+    await fog.connect("--fog-broker")
+    kit = ActivatorKit(topics, fog_side, cloud, fog, subject, clock)
+    try:
+        await clear_retained(fog, [fog_side.reachable(number) for number in (1, 2)])
+        if subject.is_ours:
+            records = [topics.drone_reachable(number) for number in (1, 2)]
+            await clear_retained(cloud, [topics.reachable, *records])
+        cloud.on_heard, fog.on_heard = kit.on_cloud, kit.on_fog
+        await cloud.subscribe(f"{topics.root}#")
+        await fog.subscribe(*(f"{fog_side.root}drone{number}/#" for number in (1, 2)))
+        if subject.is_ours:
+            await subject.start()
+        try:
+            await kit.meet()
+        except Broken as broken:
+            return unmet(rules(), "birth-carries-the-session", str(broken), on_finding)
+        await kit.add_drones()
+        return await check_all(rules(), kit, on_finding)
+    finally:
+        await kit.close()
+
+
+__all__ = ["ActivatorTarget", "activator_commands", "activator_control", "check_activator", "rules"]

@@ -1,0 +1,312 @@
+"""The world of a ground station under test: the kit is its activator and its drone, and follows a script.
+
+Everything is heard first and judged afterwards, because a ground station acts by itself: it registers, renews, sends
+commands when its user says so, and ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mqttxt.core.clock import SessionClock, stamp
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.messages import BeaconMessage, DroneRecord, FogPresence, Presence, ResultMessage, RosterEntry, Word
+from mqttxt.protocol.state_payload import StampedState, encode_state
+from mqttxt.protocol.states import Battery
+from mqttxt.protocol.topics import CloudSide
+from mqttxt.protocol.values import Encoding
+
+from . import shapes
+from .registry import Broken
+from .subject import Subject
+from .tap import NOBODY_SUBSCRIBED, Heard, Tap, clear_retained
+
+APPEAR_S = 60.0
+"""How long a ground station may take to register, and then to send its first command."""
+NEXT_S = 4.0
+"""How long to wait for another command once one is answered."""
+BEACON_HELD_S = 0.4
+"""How long each beacon seems to be under way: deadlines made from it must be earlier by that."""
+RATE = 0.002
+"""2 rho of R4.4."""
+EPOCH = 3
+LONGEST_LEASE_S = 60
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command as it came, and the latest deadline that R4.4 allows it, None where it could not be read."""
+
+    heard: Heard
+    fields: dict[str, Any]
+    latest_ms: float
+    session: int
+
+
+@dataclass(frozen=True)
+class Enrolment:
+    """A registration as it came, under which session of the kit's activator."""
+
+    heard: Heard
+    fields: dict[str, Any]
+    latest_ms: float
+    session: int
+
+
+class GsKit:
+    """One ground station, seen from the cloud broker. Times are milliseconds of the kit's clock."""
+
+    def __init__(
+        self, fog: int, drone: int, prefix: str, tap: Tap, subject: Subject, clock: SessionClock, ttl_s: float
+    ) -> None:
+        self.topics = CloudSide(fog, prefix)
+        self.drone = drone
+        self.prefix = prefix
+        self.tap = tap
+        self.subject = subject
+        self.clock = clock
+        self.ttl_ms = round(ttl_s * 1000)
+        self.activator = SessionClock()
+        self.sessions: list[int] = []
+        self.enrolments: list[Enrolment] = []
+        self.commands: list[Command] = []
+        self.malformed: list[str] = []
+        self.unheard: list[str] | None = None
+        self.presence_topic: str | None = None
+        self.anew_ms = 0
+        self.answered: dict[bytes, int] = {}
+        self.upset_ms: int | None = None
+        self.killed_mark: int | None = None
+        self.stopped_mark: int | None = None
+        self.exit_code: int | None = None
+        self._beacons: list[tuple[int, int]] = []
+        self._tasks: set[asyncio.Task[Any]] = set()
+
+    # What the kit says as an activator.
+
+    async def appear(self) -> None:
+        """A live activator with one drone, in a session of its own."""
+        self.activator = SessionClock()
+        self._beacons.clear()
+        self.sessions.append(self.activator.session)
+        drones = (RosterEntry(drone=self.drone, session=self._drone_session),)
+        birth = FogPresence(session=self.activator.session, up=True, authenticated=False, drones=drones)
+        await self.tap.publish(self.topics.reachable, encode(birth), retain=True)
+        self._tell_record()
+        self._beacon(None)
+
+    @property
+    def _drone_session(self) -> int:
+        return self.activator.session % (2**32 - 1) + 1
+
+    def _tell_record(self) -> None:
+        newest = self.enrolments[-1].fields if self.enrolments else None
+        record = DroneRecord(
+            activator_session=self.activator.session,
+            up=True,
+            drone_session=self._drone_session,
+            holder=newest["name"] if newest else None,
+            holder_session=newest["session"] if newest else None,
+            epoch=EPOCH,
+        )
+        self.tap.publish(self.topics.drone_reachable(self.drone), encode(record), retain=True)
+
+    def _beacon(self, nonce: int | None) -> None:
+        """A beacon that seems to be under way for a while."""
+        held_ms = 0 if nonce is not None else None
+        now_ms = self.activator.now_ms()
+        message = BeaconMessage(session=self.activator.session, now_ms=now_ms, nonce=nonce, held_ms=held_ms)
+        self._later(self._publish_beacon(message))
+
+    async def _publish_beacon(self, message: BeaconMessage) -> None:
+        await asyncio.sleep(BEACON_HELD_S)
+        if message.session == self.activator.session:
+            self._beacons.append((self.clock.now_ms(), message.now_ms))
+            self.tap.publish(self.topics.clock, encode(message), qos=0)
+
+    def _later(self, job: Any) -> None:
+        task = asyncio.create_task(job)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def answer(self, command: Command, *words: Word) -> None:
+        """The drone's words about a command."""
+        self.answered[command.heard.payload] = self.clock.now_ms()
+        for word in words:
+            now = stamp(self.activator.now_ms())
+            result = ResultMessage(
+                gs_session=command.fields["gs_session"],
+                seq=command.fields["seq"],
+                session=self._drone_session,
+                relay_stamp=now,
+                stamp=now,
+                word=word,
+            )
+            self.tap.publish(self.topics.drone_result(self.drone, command.fields["command"]), encode(result))
+
+    # What the kit hears.
+
+    def on_heard(self, heard: Heard) -> None:
+        try:
+            if heard.topic == self.topics.init_connect:
+                self._on_registration(heard, shapes.read("registration", heard.payload))
+            elif heard.topic.endswith("/commands") and heard.payload:
+                self._on_command(heard, shapes.read("command", heard.payload))
+        except Broken as broken:
+            self.malformed.append(f"{heard.topic}: {broken}")
+
+    def latest(self, at_ms: int, length_ms: int) -> float:
+        """The latest deadline that R4.4 allows for something that arrived at `at_ms`: it was made no later."""
+        bounds = [told_ms + (at_ms - sent_ms) * (1 - RATE) for sent_ms, told_ms in self._beacons]
+        return max(bounds, default=0.0) + length_ms * (1 - RATE)
+
+    def _on_registration(self, heard: Heard, fields: dict[str, Any]) -> None:
+        is_first = not self.enrolments
+        latest_ms = self.latest(heard.at_ms, fields["lease_s"] * 1000)
+        self.enrolments.append(Enrolment(heard, fields, latest_ms, self.activator.session))
+        if is_first:
+            self.presence_topic = f"{self.prefix}gs/{fields['name']}/reachable"
+            self._later(self._probe())
+        if fields["lease_s"] > 0:
+            self._beacon(fields["nonce"])
+            self._tell_record()
+
+    def _on_command(self, heard: Heard, fields: dict[str, Any]) -> None:
+        latest_ms = self.latest(heard.at_ms, self.ttl_ms)
+        self.commands.append(Command(heard, fields, latest_ms, self.activator.session))
+
+    async def _probe(self) -> None:
+        """Whom the broker reaches right after the first registration: PUBACK 0x10 says nobody, if it says so at all."""
+        stranger = secrets.randbelow(2**32 - 1) + 1
+        beacon = BeaconMessage(session=stranger, now_ms=1)
+        result = ResultMessage(gs_session=stranger, seq=1, session=stranger, stamp=1, word=Word.EXPIRED)
+        state = encode_state(StampedState(Battery(50), 1, 1), Encoding.CBOR)
+        probes = {
+            self.topics.clock: encode(beacon),
+            self.topics.drone_result(self.drone, "arm"): encode(result),
+            self.topics.drone_state(self.drone, "battery"): state,
+        }
+        nowhere = f"{self.prefix}conformance/{secrets.token_hex(4)}"
+        futures = {topic: self.tap.publish(topic, payload) for topic, payload in {nowhere: b"", **probes}.items()}
+        found = {topic: await future for topic, future in futures.items()}
+        if found.pop(nowhere) == NOBODY_SUBSCRIBED:
+            self.unheard = [topic for topic, code in found.items() if code == NOBODY_SUBSCRIBED]
+
+    # The script.
+
+    async def play(self) -> None:
+        """From a registration to the end; raises Broken when no station registers."""
+        await self.appear()
+        if self.subject.is_ours:
+            await self.subject.start()
+        await self.tap.until(lambda: self.enrolments, APPEAR_S)
+        if not self.enrolments:
+            raise Broken(f"no registration on {self.topics.init_connect} within {APPEAR_S:g} s")
+        await self.tap.until(lambda: self.commands, APPEAR_S)
+        self._say_nonsense()
+        self._upset()
+        await self._wait_for_renewal()
+        before = len(self.enrolments)
+        self.anew_ms = self.clock.now_ms()
+        await self.appear()
+        await self.tap.until(lambda: len(self.enrolments) > before, 5)
+        if self.enrolments[before:]:
+            await asyncio.sleep(2 * BEACON_HELD_S)
+        await self._answer_all()
+        await self._end()
+
+    def _say_nonsense(self) -> None:
+        for topic in (self.topics.clock, self.topics.drone_result(self.drone, "arm"), self.topics.drone_state(1, "x")):
+            for payload in (b"{", b"\xff\xff", b"\x81\x01", b""):
+                self.tap.publish(topic, payload)
+
+    def _upset(self) -> None:
+        """Another session's `down` on the station's retained topic."""
+        if self.presence_topic is not None:
+            self.upset_ms = self.clock.now_ms()
+            other = Presence(session=secrets.randbelow(2**32 - 1) + 1, up=False)
+            self.tap.publish(self.presence_topic, encode(other), retain=True)
+
+    async def _wait_for_renewal(self) -> None:
+        """Until a third of the lease has passed, and a command that nobody answers came again."""
+        first = self.enrolments[0]
+        lease_ms = min(first.fields["lease_s"], LONGEST_LEASE_S) * 1000
+        due_ms = first.heard.at_ms + lease_ms / 3 * 1.25 + 1000
+        payloads = [command.heard.payload for command in self.commands]
+        if payloads:
+            due_ms = max(due_ms, self.commands[0].heard.at_ms + self.ttl_ms + 2500)
+
+        def seen() -> bool:
+            again = not payloads or sum(c.heard.payload == payloads[0] for c in self.commands) > 1
+            return len(self.enrolments) > 1 and again
+
+        while not seen() and self.clock.now_ms() < due_ms:
+            await self.tap.until(seen, (due_ms - self.clock.now_ms()) / 1000)
+
+    async def _answer_all(self) -> None:
+        """Every command is completed, until no more come."""
+        while True:
+            known = len(self.commands)
+            for command in self.commands:
+                if command.heard.payload not in self.answered:
+                    self.answer(command, Word.ACCEPTED, Word.COMPLETED)
+            await self.tap.until(partial(self._has_more, known), NEXT_S)
+            if len(self.commands) == known:
+                return
+
+    def _has_more(self, known: int) -> bool:
+        """Whether another command came, or none can come any more."""
+        return len(self.commands) > known or self.subject.exit_code is not None
+
+    async def _end(self) -> None:
+        """A clean stop; then, of an implementation that the kit starts, a crash."""
+        if not self.subject.is_ours:
+            return
+        self.subject.terminate()
+        self.exit_code = await self.subject.ended()
+        await asyncio.sleep(0.3)
+        self.stopped_mark = len(self.tap.heard)
+        await self.subject.kill()
+        count = len(self.enrolments)
+        await self.subject.start()
+        await self.tap.until(lambda: len(self.enrolments) > count or self.subject.exit_code is not None, APPEAR_S)
+        if len(self.enrolments) > count:
+            name = self.enrolments[-1].fields["name"]
+            self.presence_topic = f"{self.prefix}gs/{name}/reachable"
+            await asyncio.sleep(0.2)
+            self.killed_mark = len(self.tap.heard)
+            await self.subject.kill()
+            await self.tap.until(lambda: self.presences(self.killed_mark or 0), 5)
+
+    def presences(self, mark: int = 0, end: int | None = None) -> list[tuple[Heard, dict[str, Any]]]:
+        """What was heard on any station's retained topic."""
+        below = f"{self.prefix}gs/"
+        found = [heard for heard in self.tap.heard[mark:end] if heard.topic.startswith(below) and heard.payload]
+        return [(heard, shapes.read("presence", heard.payload)) for heard in found]
+
+    async def close(self) -> None:
+        await self.subject.kill()
+        for task in list(self._tasks):
+            task.cancel()
+        topics = [self.topics.reachable, self.topics.drone_reachable(self.drone)]
+        topics += [command.heard.topic for command in self.commands if command.heard.retain]
+        topics += [heard.topic for heard in self.tap.heard if heard.topic.startswith(f"{self.prefix}gs/")]
+        await clear_retained(self.tap, set(topics))
+        await self.tap.close()
+
+
+@dataclass(frozen=True)
+class GsTarget:
+    """The fog and the drone that the ground station commands, and how to start it. `ttl_s` is its commands'."""
+
+    fog: int
+    drone: int
+    prefix: str = ""
+    ttl_s: float = 5.0
+    run: str | None = None
+    log: Path | None = None

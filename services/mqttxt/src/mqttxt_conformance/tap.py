@@ -1,0 +1,159 @@
+"""The kit's own connection to a broker: it keeps everything it hears, with RETAIN and expiry as they came."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ssl
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from paho.mqtt.client import Client, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+from paho.mqtt.subscribeoptions import SubscribeOptions
+
+from mqttxt.core.address import BrokerAddress
+from mqttxt.core.clock import SessionClock
+from mqttxt.errors import ConfigurationError
+from mqttxt.protocol.topics import check_prefix
+
+CONNECT_S = 5.0
+NOBODY_SUBSCRIBED = 0x10
+NO_PUBACK = 0x80
+PUBACK_S = 5.0
+
+
+@dataclass(frozen=True)
+class Heard:
+    """A message as it came, and when, in milliseconds of the kit's clock."""
+
+    at_ms: int
+    topic: str
+    payload: bytes
+    qos: int
+    retain: bool
+    expiry_s: int | None
+
+
+class Tap:
+    """One connection; `heard` has everything in the order of its arrival, own publishes left out."""
+
+    def __init__(self, address: BrokerAddress, client_id: str, clock: SessionClock, prefix: str = "") -> None:
+        self.heard: list[Heard] = []
+        self.on_heard: Callable[[Heard], None] = lambda heard: None
+        self._address = address
+        self._clock = clock
+        self._prefix = check_prefix(prefix)
+        self._loop = asyncio.get_running_loop()
+        self._arrived = asyncio.Event()
+        self._connected: asyncio.Future[int] = self._loop.create_future()
+        self._pubacks: dict[int, asyncio.Future[int]] = {}
+        self._subacks: dict[int, asyncio.Future[int]] = {}
+        self._client = Client(CallbackAPIVersion.VERSION2, client_id=client_id, protocol=MQTTProtocolVersion.MQTTv5)
+        self._client.connect_timeout = CONNECT_S
+        if address.username is not None:
+            self._client.username_pw_set(address.username, address.password)
+        if address.tls:
+            self._client.tls_set_context(ssl.create_default_context())
+        self._client.on_connect = lambda _c, _u, _f, code, _p: self._call(_resolve, self._connected, code.value)
+        self._client.on_message = self._on_message
+        self._client.on_publish = lambda _c, _u, mid, code, _p: self._call(self._acknowledged, mid, code.value)
+        self._client.on_subscribe = lambda _c, _u, mid, codes, _p: self._call(self._subscribed, mid, codes[0].value)
+
+    async def connect(self, what: str, will: tuple[str, bytes] | None = None) -> None:
+        """Raises ConfigurationError, which names the option `what`, where there is no broker or it refuses."""
+        if will is not None:
+            self._client.will_set(*will, qos=1, retain=True)
+        try:
+            await self._loop.run_in_executor(
+                None, lambda: self._client.connect(self._address.host, self._address.port, clean_start=True)
+            )
+            self._client.loop_start()
+            async with asyncio.timeout(CONNECT_S):
+                code = await self._connected
+        except (OSError, TimeoutError) as error:
+            raise ConfigurationError(f"{what} {self._address}: no broker answers: {error or 'time-out'}") from error
+        if code != 0:
+            raise ConfigurationError(f"{what} {self._address}: the broker refused with reason code 0x{code:02x}")
+
+    async def subscribe(self, *filters: str) -> None:
+        """RETAIN comes as it was published; what the broker retains comes too."""
+        options = SubscribeOptions(qos=1, noLocal=True, retainAsPublished=True)
+        _, mid = self._client.subscribe([(one, options) for one in filters])
+        assert mid is not None
+        done = self._subacks.setdefault(mid, self._loop.create_future())
+        async with asyncio.timeout(CONNECT_S):
+            await done
+
+    def publish(
+        self, topic: str, payload: bytes, *, qos: int = 1, retain: bool = False, expiry_s: int | None = None
+    ) -> asyncio.Future[int]:
+        """The future is the PUBACK's reason code, NO_PUBACK where none comes in time."""
+        properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
+        if expiry_s is not None:
+            properties.MessageExpiryInterval = expiry_s
+        info = self._client.publish(topic, payload, qos, retain, properties)
+        acknowledged = self._pubacks.setdefault(info.mid, self._loop.create_future())
+        self._loop.call_later(PUBACK_S, _resolve, acknowledged, NO_PUBACK)
+        return acknowledged
+
+    def since(self, mark: int, topic: str | None = None, below: str | None = None) -> list[Heard]:
+        """What was heard from number `mark` on, on one topic or below one."""
+        return [
+            heard
+            for heard in self.heard[mark:]
+            if (topic is None or heard.topic == topic) and (below is None or heard.topic.startswith(below))
+        ]
+
+    async def until(self, condition: Callable[[], Any], limit_s: float) -> Any:
+        """The condition's first true value, asked anew with each message; its last value when time is up."""
+        deadline = self._loop.time() + limit_s
+        while not (value := condition()) and (left := deadline - self._loop.time()) > 0:
+            self._arrived.clear()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(min(left, 0.1)):
+                    await self._arrived.wait()
+        return value
+
+    async def close(self, cleanly: bool = True) -> None:
+        """DISCONNECT, or as after a power loss without one."""
+        if cleanly:
+            self._client.disconnect()
+        else:
+            self._client.socket().close()  # type: ignore[union-attr]
+        await self._loop.run_in_executor(None, self._client.loop_stop)
+
+    def _call(self, act: Callable[..., None], *args: Any) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+            self._loop.call_soon_threadsafe(act, *args)
+
+    def _on_message(self, _client: Client, _userdata: Any, message: MQTTMessage) -> None:
+        expiry_s = getattr(message.properties, "MessageExpiryInterval", None)
+        heard = Heard(
+            self._clock.now_ms(), message.topic, bytes(message.payload), message.qos, message.retain, expiry_s
+        )
+        self._call(self._take, heard)
+
+    def _take(self, heard: Heard) -> None:
+        self.heard.append(heard)
+        self.on_heard(heard)
+        self._arrived.set()
+
+    def _acknowledged(self, mid: int, code: int) -> None:
+        _resolve(self._pubacks.setdefault(mid, self._loop.create_future()), code)
+
+    def _subscribed(self, mid: int, code: int) -> None:
+        _resolve(self._subacks.setdefault(mid, self._loop.create_future()), code)
+
+
+def _resolve(future: asyncio.Future[int], value: int) -> None:
+    if not future.done():
+        future.set_result(value)
+
+
+async def clear_retained(tap: Tap, topics: Iterable[str]) -> None:
+    """Take back what the broker retains on some topics, if it still answers."""
+    await asyncio.gather(*(tap.publish(topic, b"", retain=True) for topic in topics))

@@ -1,0 +1,229 @@
+"""The world of a UAV client under test: the kit is its activator and its autopilot."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mqttxt.core.clock import Beacon, RemoteClock, SessionClock
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.commands import Arm, Command
+from mqttxt.protocol.messages import CommandMessage, DroneLease
+from mqttxt.protocol.topics import FogSide
+from mqttxt.protocol.values import Encoding
+
+from . import shapes
+from .autopilot import HOLD_MODE, Autopilot, Written
+from .registry import Broken, expect
+from .subject import Subject
+from .tap import Heard, Tap, clear_retained
+from .words import Words, words_of
+
+PATIENCE_S = 6.0
+"""How long an answer may take that no rule gives a time for."""
+BIRTH_S = 30.0
+QUIET_S = 0.4
+"""How long to listen for what must not come."""
+SLACK_MS = 250
+"""How long a datagram may be under way before its arrival proves nothing about when it was written."""
+
+
+class UavKit:
+    """One UAV client, seen from both its sides. Times are milliseconds of the kit's clock."""
+
+    def __init__(
+        self, drone: int, topics: FogSide, autopilot: Autopilot, tap: Tap, subject: Subject, clock: SessionClock
+    ) -> None:
+        self.drone = drone
+        self.topics = topics
+        self.autopilot = autopilot
+        self.tap = tap
+        self.subject = subject
+        self.clock = clock
+        self.activator_session = self.clock.session
+        self.session = 0
+        self.remote = RemoteClock(1)
+        self.epoch = 0
+        self.open_command: CommandMessage | None = None
+        self.states: list[tuple[Heard, int | None]] = []
+        self.births: list[Heard] = []
+        self.beacons: list[tuple[int, dict[str, Any]]] = []
+        self.nonces: dict[int, int] = {}
+
+    async def meet(self, mark: int = 0) -> None:
+        """Wait for a birth since `mark` and an echo; raises Broken."""
+        topic = self.topics.reachable(self.drone)
+
+        def born() -> Heard | None:
+            found = [heard for heard in self.tap.since(mark, topic) if heard.payload]
+            alive = [heard for heard in found if shapes.read("presence", heard.payload)["up"]]
+            return alive[-1] if alive else None
+
+        found = await self.tap.until(lambda: born() or self.subject.exit_code is not None, BIRTH_S)
+        birth = born()
+        why = f"it ended with exit code {self.subject.exit_code}" if found else f"{BIRTH_S:g} s of heartbeats went by"
+        if birth is None:
+            raise Broken(f"no birth on {topic}: {why}")
+        self.births.append(birth)
+        self.session = shapes.read("presence", birth.payload)["session"]
+        self.remote = RemoteClock(self.session)
+        for at_ms, beacon in self.beacons:
+            if beacon["session"] == self.session:
+                self.observe(at_ms, beacon)
+        await self.echo()
+        if self.remote.last_beacon_ms is None:
+            raise Broken(f"no beacon on {self.topics.clock(self.drone)}: no deadline can be made")
+
+    def on_heard(self, heard: Heard) -> None:
+        """Beacons are taken in as they come; of a state it is kept what the clock could have read at the most."""
+        latest_ms = self.remote.latest_now_ms(heard.at_ms)
+        if heard.topic.startswith(self.topics.state(self.drone, "")):
+            self.states.append((heard, latest_ms))
+        elif heard.topic == self.topics.states(self.drone):
+            with contextlib.suppress(Broken):  # the rule about states reads it again
+                for name, payload in shapes.unbundled(heard.payload):
+                    topic = self.topics.state(self.drone, name)
+                    self.states.append((replace(heard, topic=topic, payload=payload), latest_ms))
+        if heard.topic != self.topics.clock(self.drone):
+            return
+        try:
+            beacon = shapes.read("beacon", heard.payload)
+        except Broken:
+            return
+        self.beacons.append((heard.at_ms, beacon))
+        if beacon["session"] == self.remote.session:
+            self.observe(heard.at_ms, beacon)
+
+    def observe(self, at_ms: int, beacon: dict[str, Any]) -> None:
+        told = Beacon(beacon["session"], beacon["now_ms"], beacon.get("nonce"), beacon.get("held_ms"))
+        self.remote.observe(told, at_ms, self.nonces.get(beacon.get("nonce", -1)))
+
+    async def echo(self, **changed: Any) -> dict[str, Any] | None:
+        """Hand a lease down; returns the beacon that echoes its nonce."""
+        nonce = self.lease(**changed)
+        found = await self.tap.until(lambda: [b for _, b in self.beacons if b.get("nonce") == nonce], PATIENCE_S)
+        return found[0] if found else None
+
+    def lease(self, **changed: Any) -> int:
+        """Publish a lease for the session under test; returns its nonce."""
+        nonce = secrets.randbelow(2**32)
+        self.nonces[nonce] = self.clock.now_ms()
+        fields = {
+            "activator_session": self.activator_session,
+            "drone_session": self.session,
+            "nonce": nonce,
+            "bound": True,
+            "epoch": self.epoch,
+        }
+        lease = DroneLease(**{**fields, **changed})
+        self.tap.publish(self.topics.init_connect(self.drone), encode(lease))
+        return nonce
+
+    def deadline(self, ttl_ms: int) -> int:
+        """`ttl_ms` from now, in the clock of the session under test."""
+        deadline_ms = self.remote.deadline_ms(self.clock.now_ms(), ttl_ms)
+        assert deadline_ms is not None
+        return max(0, deadline_ms)
+
+    def command(self, command: Command | None = None, **changed: Any) -> CommandMessage:
+        """A command that is in order, of a station of its own, but for what is changed."""
+        ttl_ms = changed.pop("ttl_ms", 5000)
+        fields = {
+            "gs_session": secrets.randbelow(2**32 - 1) + 1,
+            "seq": 1,
+            "executor_session": self.session,
+            "deadline_ms": self.deadline(ttl_ms),
+            "limit_s": 10.0,
+            "epoch": self.epoch,
+            "command": command or Arm(),
+        }
+        return CommandMessage(**{**fields, **changed})
+
+    def publish(self, message: CommandMessage, retain: bool = False, encoding: Encoding = Encoding.CBOR) -> None:
+        self.publish_raw(encode(message, encoding), retain)
+
+    def publish_raw(self, payload: bytes, retain: bool = False) -> None:
+        self.tap.publish(self.topics.commands(self.drone), payload, retain=retain)
+
+    def words(self, gs_session: int, seq: int = 1, mark: int = 0) -> Words:
+        """What was said so far of a command; raises Broken where a result is none."""
+        below = f"{self.topics.root}drone{self.drone}/commands_result/"
+        return words_of(self.tap.since(mark, below=below), below, gs_session, seq)
+
+    async def outcome(self, message: CommandMessage, limit_s: float = PATIENCE_S, mark: int = 0) -> Words:
+        """The words of a command up to its last one, and what comes right behind it."""
+        return await self.said(message.gs_session, limit_s, message.seq, mark)
+
+    async def said(self, gs_session: int, limit_s: float, seq: int = 1, mark: int = 0) -> Words:
+        """The words about an id up to a last one."""
+        await self.tap.until(lambda: self.words(gs_session, seq, mark).last, limit_s)
+        return self.words(gs_session, seq, mark)
+
+    async def word(self, message: CommandMessage, name: str, limit_s: float = PATIENCE_S) -> Words:
+        """The words of a command once one of them is `name`."""
+        await self.tap.until(lambda: name in self.words(message.gs_session, message.seq).names, limit_s)
+        return self.words(message.gs_session, message.seq)
+
+    async def refused(
+        self, message: CommandMessage, word: str, reason: str | None = None, *, retain: bool = False
+    ) -> tuple[Words, str]:
+        """Send a command that must be answered by one word and not be written; raises Broken. With the evidence."""
+        mark = len(self.autopilot.written)
+        self.publish(message, retain)
+        words = await self.outcome(message)
+        await asyncio.sleep(QUIET_S)
+        self.expect_unwritten(mark, f"{message.command.name} was written to the autopilot")
+        wanted = word + (f"({reason})" if reason else "")
+        last = words.last or {}
+        expect(last.get("word") == word, f"expected {wanted}, came {words}")
+        expect(reason is None or str(last.get("reason", "")).startswith(reason), f"expected {wanted}, came {words}")
+        return words, f"came {words}; nothing was written"
+
+    def expect_unwritten(self, mark: int, otherwise: str) -> None:
+        written = self.autopilot.flights(mark)
+        expect(not written, f"{otherwise}: {_written(written)}")
+
+    async def written(self, mark: int, command: int, limit_s: float = PATIENCE_S) -> list[Written]:
+        """What was written of a MAV_CMD since `mark`, once something was."""
+        found: list[Written] = await self.tap.until(lambda: self.autopilot.flights(mark, command), limit_s)
+        return found
+
+    def read_late(self, at_ms: int, deadline_ms: int) -> bool:
+        """Whether the clock under test surely read past a deadline when what came at `at_ms` was written."""
+        earliest = self.remote.deadline_ms(at_ms - SLACK_MS, 0)
+        return earliest is not None and earliest > deadline_ms
+
+    async def calm(self) -> None:
+        """Back to a disarmed autopilot that holds, acknowledges and does."""
+        self.autopilot.manners.clear()
+        self.autopilot.silent = False
+        self.autopilot.armed, self.autopilot.mode = False, HOLD_MODE
+        self.autopilot.altitude_mm, self.autopilot.landed = 0, 1
+        self.autopilot.tell()
+        await asyncio.sleep(0.05)
+
+    async def close(self) -> None:
+        await self.subject.kill()
+        await clear_retained(self.tap, [self.topics.reachable(self.drone), self.topics.commands(self.drone)])
+        await self.autopilot.close()
+        await self.tap.close()
+
+
+def _written(written: list[Written]) -> str:
+    return ", ".join(f"{one.message.get_type()} {one.command} at {one.at_ms} ms" for one in written)
+
+
+@dataclass(frozen=True)
+class UavTarget:
+    """Where the UAV client under test is, and how to start it."""
+
+    drone: int
+    autopilot_host: str
+    autopilot_port: int
+    fog_root: str = ""
+    run: str | None = None
+    log: Path | None = None

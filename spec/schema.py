@@ -1,0 +1,184 @@
+"""The schemas of both payload forms, made from the messages themselves: JSON Schema and CDDL (RFC 8610).
+
+`python -m spec.schema DIRECTORY` writes them; a test holds the repository's copies to this.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from mqttxt.protocol import bundles, messages, rankings, readings
+from mqttxt.protocol.codec import FieldPlan, Plan, plan_of
+from mqttxt.protocol.fields import VERSION, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
+from mqttxt.protocol.state_payload import message_class
+from mqttxt.protocol.states import STATES
+
+MESSAGES: tuple[type[Any], ...] = (
+    messages.BeaconMessage,
+    messages.CommandMessage,
+    messages.ResultMessage,
+    messages.FogResultMessage,
+    messages.Presence,
+    messages.DroneRecord,
+    messages.FogPresence,
+    messages.Registration,
+    messages.DroneLease,
+    rankings.SelectMessage,
+    rankings.PsmiMessage,
+    rankings.QodsMessage,
+    readings.ReadingMessage,
+    readings.ReadingAck,
+    bundles.DroneBundle,
+    bundles.FogBundle,
+)
+
+
+def _every_message() -> list[type[Any]]:
+    states = [message_class(name, relayed) for name in STATES for relayed in (False, True)]
+    return [*MESSAGES, *states]
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of every message, by name under `$defs`."""
+    definitions: dict[str, Any] = {}
+    for cls in _every_message():
+        _define(cls, definitions)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": f"urn:mqttxt:payload:{VERSION}",
+        "title": f"MQTT-XT payloads in JSON, version {VERSION}",
+        "$defs": dict(sorted(definitions.items())),
+    }
+
+
+def _define(cls: type[Any], definitions: dict[str, Any]) -> None:
+    plan = plan_of(cls)
+    fields = {field.name: _json_field(field.mark, definitions) for field in plan.fields}
+    required = [field.name for field in plan.fields if not field.optional]
+    definitions[cls.__name__] = {}
+    if plan.variant is None:
+        definitions[cls.__name__] = _object(fields, required)
+        return
+    name, variant = plan.variant
+    choices = []
+    for _, label, body in variant.codes:
+        own = {field.name: _json_field(field.mark, definitions) for field in plan_of(body).fields}
+        needed = [field.name for field in plan_of(body).fields if not field.optional]
+        choices.append(_object({**fields, name: {"const": label}, **own}, [*required, name, *needed]))
+    definitions[cls.__name__] = {"oneOf": choices}
+
+
+def _object(fields: dict[str, Any], required: list[str]) -> dict[str, Any]:
+    return {"type": "object", "properties": fields, "required": required, "additionalProperties": False}
+
+
+def _json_field(mark: Any, definitions: dict[str, Any]) -> dict[str, Any]:
+    if isinstance(mark, Integer):
+        return {"type": "integer", "minimum": mark.low, "maximum": mark.high}
+    if isinstance(mark, Constant):
+        return {"const": mark.value}
+    if isinstance(mark, Scaled):
+        return {"type": "number", "minimum": mark.low, "maximum": mark.high}
+    if isinstance(mark, Real):
+        return {"type": ["number", "null"], "minimum": -mark.largest, "maximum": mark.largest}
+    if isinstance(mark, Finite):
+        return {"type": "number"}
+    if isinstance(mark, Name):
+        return {"type": "string", "pattern": f"^{mark.pattern}$"}
+    if isinstance(mark, Text):
+        return {"type": "string", "maxLength": mark.longest}
+    if isinstance(mark, Items):
+        return {
+            "type": "array",
+            "minItems": mark.least,
+            "maxItems": mark.most,
+            "items": _json_field(mark.of, definitions),
+        }
+    if mark is bool:
+        return {"type": "boolean"}
+    if issubclass(mark, Named):
+        return {"enum": [member.label for member in mark]}
+    _define(mark, definitions)
+    return {"$ref": f"#/$defs/{mark.__name__}"}
+
+
+def cddl() -> str:
+    """The CDDL of every message's CBOR form; a state's rule ends in `-state`."""
+    rules: dict[str, str] = {}
+    for cls in _every_message():
+        _rule(cls, rules)
+    head = f"; MQTT-XT payloads in CBOR, version {VERSION}: positional arrays, trailing nulls left out.\n"
+    return head + "\n" + "\n".join(rules.values())
+
+
+def rule_name(cls: type[Any]) -> str:
+    """What a message is called in the CDDL and in the specification."""
+    words = "".join(f"-{c.lower()}" if c.isupper() else c for c in cls.__name__).lstrip("-")
+    return words.removesuffix("-message")
+
+
+def _rule(cls: type[Any], rules: dict[str, str]) -> str:
+    name = rule_name(cls)
+    plan = plan_of(cls)
+    if name in rules:
+        return name
+    rules[name] = ""
+    items = [_cddl_item(plan, index, field, rules) for index, field in enumerate(plan.fields)]
+    if plan.variant is None:
+        rules[name] = f"{name} = [{', '.join(items)}]\n"
+        return name
+    _, variant = plan.variant
+    choices = [_cddl_choice(code, label, body, rules) for code, label, body in variant.codes]
+    rules[name] = f"{name} = [{', '.join([*items, ''])}({' // '.join(choices)})]\n"
+    return name
+
+
+def _cddl_choice(code: int, label: str, body: type[Any], rules: dict[str, str]) -> str:
+    plan = plan_of(body)
+    own = [_cddl_item(plan, index, field, rules) for index, field in enumerate(plan.fields)]
+    return ", ".join([f"{label}: {code}", *own])
+
+
+def _cddl_item(plan: Plan, index: int, field: FieldPlan, rules: dict[str, str]) -> str:
+    item = f"{field.name}: {_cddl_type(field.mark, rules)}"
+    if field.optional:
+        item += " / null"
+    return f"? {item}" if index >= plan.required and plan.variant is None else item
+
+
+def _cddl_type(mark: Any, rules: dict[str, str]) -> str:
+    if isinstance(mark, Integer):
+        return f"{mark.low}..{mark.high}"
+    if isinstance(mark, Constant):
+        return str(mark.value)
+    if isinstance(mark, Scaled):
+        return f"{round(mark.low * mark.per_unit)}..{round(mark.high * mark.per_unit)}"
+    if isinstance(mark, Real):
+        return "number / null"
+    if isinstance(mark, Finite):
+        return "int / float"
+    if isinstance(mark, Name):
+        return f'tstr .regexp "{mark.pattern}"'
+    if isinstance(mark, Text):
+        return f"tstr .size (0..{4 * mark.longest})"
+    if isinstance(mark, Items):
+        return f"[{mark.least}*{mark.most} {_cddl_type(mark.of, rules)}]"
+    if mark is bool:
+        return "bool"
+    if issubclass(mark, Named):
+        return "(" + " / ".join(str(int(member)) for member in mark) + ")"
+    return _rule(mark, rules)
+
+
+def main(directory: str) -> None:
+    """Write both schemas into `directory`."""
+    target = Path(directory)
+    (target / f"payload-v{VERSION}.schema.json").write_text(json.dumps(json_schema(), indent=1) + "\n")
+    (target / f"payload-v{VERSION}.cddl").write_text(cddl())
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
