@@ -19,7 +19,7 @@ from .notes import clock_step, notes, unsent_note
 from .shaping import Shaping, read_shaping
 from .sizes import message_sizes
 from .traffic import count_before, count_foreign, count_links, count_mqtt
-from .ways import STATION, Ways
+from .ways import Ways
 from .window import Window, arm_asked_ns, mission_window
 
 
@@ -76,7 +76,7 @@ def _measured(
     shared = manifest["configuration"].get("chain") == "shared"
     exchange = side.measure(packets, ways, window, events)
     commands = count_messages(exchange.commands, {d: packets.until_ns[node] for d, node in ways.drones.items()})
-    states = count_messages(exchange.states, dict.fromkeys(ways.drones, packets.until_ns[STATION]))
+    states = count_messages(exchange.states, exchange.states_until_ns(packets, ways))
     links = count_links(packets, window)
     entered = sum(link.packets for link in links.values())
     lost = sum(link.lost for link in links.values())

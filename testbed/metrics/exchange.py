@@ -8,7 +8,9 @@ from typing import Any
 
 import polars as pl
 
+from ..packets import Packets
 from .statistics import loss_of
+from .ways import STATION, Ways
 from .window import Window
 
 SENT = pl.Schema({
@@ -26,11 +28,18 @@ class Exchange:
     """Commands and states of the window, as `SENT` has them.
 
     `frames_per_call` is the mean number of frames that left the ground station for a call, repetitions included.
+    `left_ns` is when the ground station took its leave, after which nobody sends it states (None: it did not).
     """
 
     commands: pl.DataFrame = field(default_factory=SENT.to_frame)
     states: pl.DataFrame = field(default_factory=SENT.to_frame)
     frames_per_call: dict[str, float] = field(default_factory=dict)
+    left_ns: int | None = None
+
+    def states_until_ns(self, packets: Packets, ways: Ways) -> dict[int, int]:
+        """Until when states could come, by drone: while the station's capture ran and the station had not left."""
+        captured_ns = packets.until_ns[STATION]
+        return dict.fromkeys(ways.drones, captured_ns if self.left_ns is None else min(captured_ns, self.left_ns))
 
 
 def calls_in(events: list[dict[str, Any]], window: Window) -> list[dict[str, Any]]:
@@ -72,7 +81,7 @@ def count_messages(sent: pl.DataFrame, until_ns: dict[int, int]) -> dict[str, di
     """By name how many were sent and lost, and for each drone.
 
     What has not come is `open`, not lost, if it left so late that no message of its name was as slow as the time that
-    was left until the capture at its far end ended; `until_ns` is when that was, by drone.
+    was left until `until_ns`: the time, by drone, until which the far end could take it.
     """
     found: dict[str, dict[str, Any]] = {}
     for (name,), group in sorted(sent.group_by("name", maintain_order=True)):

@@ -15,7 +15,7 @@ from .message_spans import Kind, kinds_of
 from .sizes import acknowledgements, message_sizes
 from .statistics import loss_of
 from .timeline import histogram
-from .ways import STATION, Ways
+from .ways import Ways
 from .window import Window, is_message_set
 
 _SAME_MESSAGE = {"heading": "location"}
@@ -90,7 +90,7 @@ def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: E
         until_ns = {drone: packets.until_ns[node] for drone, node in ways.drones.items()}
     else:
         sent = exchange.states.filter(kind.entered, pl.col("name") == name).sort("t_ns", maintain_order=True)
-        until_ns = dict.fromkeys(ways.drones, packets.until_ns[STATION])
+        until_ns = exchange.states_until_ns(packets, ways)
     named = sent.with_columns(pl.lit(name).alias("name"))
     counted = count_messages(named, until_ns).get(name) or {**loss_of(0, 0), "open": 0}
     took = ((sent["arrived_ns"] - sent["t_ns"]) / 1e6).round(3).to_list()

@@ -11,7 +11,7 @@ import polars as pl
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.bundles import DroneBundle, FogBundle, states_of
 from mqttxt.protocol.codec import decode
-from mqttxt.protocol.messages import CommandMessage
+from mqttxt.protocol.messages import CommandMessage, Presence
 from mqttxt.protocol.state_payload import decode_state
 
 from ..packets import Packets
@@ -28,7 +28,8 @@ _STATE = pl.Schema({"drone": pl.Int64(), "name": pl.String(), "stamp": pl.Int64(
 def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str, Any]]) -> Exchange:
     """What the mission's PUBLISHes say. A call of which no frame left the ground station is lost too."""
     publishes = packets.messages.filter(pl.col("body").is_not_null()).with_columns(pl.col("link").cast(pl.String))
-    leaving = publishes.filter(window.entered, pl.col("link").is_in(ways.leaving(STATION)))
+    from_station = publishes.filter(pl.col("link").is_in(ways.leaving(STATION)))
+    leaving = from_station.filter(window.entered)
     sent, frames = _commands_sent(leaving, ways)
     frames += _selects_sent(leaving)
     received = _commands_received(publishes, ways)
@@ -46,7 +47,20 @@ def measure(packets: Packets, ways: Ways, window: Window, events: list[dict[str,
         commands=pl.DataFrame(rows, schema=SENT, orient="row"),
         states=states.filter(window.entered).select(SENT.names()),
         frames_per_call=mean_frames(calls, frames),
+        left_ns=_left_ns(from_station),
     )
+
+
+def _left_ns(from_station: pl.DataFrame) -> int | None:
+    """When the ground station published that it is down (R9.3), after which a fog has nobody to send states to."""
+    said = from_station.filter(pl.col("topic").str.contains(r"^gs/[^/]+/reachable$")).sort("t_ns")
+    for t_ns, body in said.select("t_ns", "body").iter_rows():
+        try:
+            if not decode(Presence, body).up:
+                return int(t_ns)
+        except PayloadError:
+            continue
+    return None
 
 
 def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame:

@@ -57,6 +57,13 @@ def write_pcap(path: Path, frames: list[tuple[int, bytes]]) -> None:
             writer.write_packet(data, sec=t_ns // SECOND, usec=t_ns % SECOND)
 
 
+def add_frames(attempt: Attempt, node: str, frames: list[tuple[int, bytes]]) -> None:
+    """More frames at the end of a node's capture."""
+    with RawPcapWriter(str(attempt.path / "pcap" / f"{node}.pcap"), linktype=1, nano=True, append=True) as writer:
+        for t_ns, data in frames:
+            writer.write_packet(data, sec=t_ns // SECOND, usec=t_ns % SECOND)
+
+
 def arm_command() -> bytes:
     message = CommandMessage(gs_session=7, seq=1, executor_session=9, deadline_ms=5000, limit_s=10.0, command=Arm())
     return encode(message)

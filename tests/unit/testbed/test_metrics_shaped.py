@@ -7,10 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from attempts import SECOND, T0, arm_command, frame, make_attempt, publish, write_pcap
+from attempts import SECOND, T0, add_frames, arm_command, frame, make_attempt, publish, write_pcap
 from mavlink_attempts import HOP, MS, Chain, long_command, make_mavlink_attempt, packed, sender
 from pymavlink.dialects.v20 import common
 
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.messages import Presence
+from mqttxt.protocol.state_payload import StampedState, encode_state
+from mqttxt.protocol.states import Battery
+from mqttxt.protocol.values import Encoding
 from testbed.metrics import measure_series
 from testbed.results import Attempt, Series, new_series, write_json
 
@@ -303,6 +308,19 @@ def test_a_state_that_was_under_way_when_the_captures_ended_is_open_and_not_lost
     make_mavlink_attempt(series, 1, chain, mission(chain, [call("arm", T0 - 500)]), 10.0)
     mode = measured(series, "mavlink")["messages"]["states"]["flight_mode"]
     assert (mode["sent"], mode["lost"], mode["open"]) == (3, 1, 1)
+
+
+def test_a_state_that_its_fog_still_held_when_the_ground_station_left_is_open_and_not_lost(series: Series) -> None:
+    attempt = make_attempt(series)
+    state = encode_state(StampedState(Battery(80), 9999), Encoding.CBOR)
+    held = frame("uav1", "fog1", publish("drone1/state/battery", state), 21, (40_001, 1883))
+    left = frame("gs", "cloud", publish("gs/g/reachable", encode(Presence(session=1, up=False))), 22, (40_002, 1883))
+    add_frames(attempt, "uav1", [(T0 + 6 * SECOND - MS, held)])
+    add_frames(attempt, "fog1", [(T0 + 6 * SECOND, held)])
+    assert measured(series)["messages"]["states"]["battery"]["lost"] == 1  # the station listened for seconds more
+    add_frames(attempt, "gs", [(T0 + 6 * SECOND, left)])
+    battery = measured(series)["messages"]["states"]["battery"]
+    assert (battery["sent"], battery["lost"], battery["open"]) == (2, 0, 1)
 
 
 def test_retransmissions_are_counted_by_link(series: Series) -> None:
