@@ -21,7 +21,7 @@ from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.logging import LogLevel, log_subscribe
 
-from mqttxt import Arm, GroundStation, Word
+from mqttxt import GroundStation
 from tests.bench.always_armed import AlwaysArmed
 from tests.bench.brokers import BenchBroker
 from tests.bench.raw_mqtt import RawClient
@@ -122,8 +122,8 @@ async def _mqttxt(journals: Path | None) -> AsyncIterator[tuple[Turn, Turn]]:
             await eventually(lambda: drone.is_reachable, "the drone is reachable")
 
             async def arm() -> None:
-                outcome = await drone.send(Arm())
-                assert outcome.word is Word.COMPLETED, outcome
+                outcome = await drone.arm()
+                assert outcome.completed, outcome
 
             bare = await _bare(on, cloud.port, fog.port)
             yield lambda: _until_heard(arm, autopilot), bare

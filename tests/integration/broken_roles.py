@@ -29,7 +29,7 @@ from mqttxt.protocol.messages import CommandMessage, ResultMessage, Word
 from mqttxt.protocol.states import Armed, LandedState
 from mqttxt.station.commands import StationCommands
 from mqttxt.station.fog import FogView
-from mqttxt.station.role import GroundStation
+from mqttxt.station.role import StationRole
 
 Patch = Callable[[], None]
 
@@ -244,7 +244,7 @@ def gs_refreshes_what_it_sends_again() -> None:
 
 
 def gs_leaves_its_lease() -> None:
-    wrap(GroundStation, "goodbye", lambda original: lambda self, now_ms: original(self, now_ms)[-1:])
+    wrap(StationRole, "goodbye", lambda original: lambda self, now_ms: original(self, now_ms)[-1:])
 
 
 VARIANTS: dict[str, Patch] = {

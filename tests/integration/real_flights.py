@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self
 from processes import Broker, Process, eventually, free_port, wait_until
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt import Command, Drone, GroundStation, Outcome, Word
+from mqttxt import Command, Drone, GroundStation, Health, Outcome, Word
 
 SYSTEM = 7
 HOME = (47.397742, 8.545594, 488.0)
@@ -205,8 +205,8 @@ class Flight:
 
 
 def is_armable(drone: Drone) -> bool:
-    health = drone.states.get("health")
-    return drone.is_controlled and health is not None and health.state.armable  # type: ignore[union-attr]
+    health = drone.state(Health)
+    return drone.is_controlled and health is not None and health.state.armable
 
 
 async def armable(drone: Drone) -> None:
@@ -225,7 +225,7 @@ async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.
     heard: list[Outcome] = []
 
     async def listen() -> None:
-        async for outcome in drone.outcomes(command):
+        async for outcome in drone.send(command):
             heard.append(outcome)
 
     task = asyncio.create_task(listen())

@@ -10,7 +10,7 @@ from typing import Any
 
 from processes import System, eventually
 
-from mqttxt import Arm, FogUnreachable, Goto, GroundStation, Takeoff, Word
+from mqttxt import FogUnreachable, GroundStation, Outcome, SentCommand, Word
 from mqttxt.core.clock import SessionClock, system_clock_ns
 
 MAV_CMD_DO_REPOSITION = 192
@@ -53,27 +53,25 @@ class Salvo:
         for number in range(count):
             self.next_x += 1
             command = Sent(1 + number % 2, self.next_x)
-            listening.append(asyncio.create_task(self._listen(fog.drone(command.drone), command)))
+            try:
+                said = fog.drone(command.drone).goto(command.x / 1e7, self.y, 5, ttl_s=TTL_S, limit_s=LIMIT_S)
+            except FogUnreachable:
+                self.unsent += 1
+            else:  # it is sent: its deadline is no later than this
+                command.latest_ns = time.time_ns() + round(TTL_S * 1e9)
+                listening.append(asyncio.create_task(self._listen(said, command)))
             await asyncio.sleep(PACE_S)
         async with asyncio.timeout(60):
             await asyncio.gather(*listening)
 
-    async def _listen(self, drone: Any, command: Sent) -> None:
-        outcomes = drone.outcomes(Goto(command.x / 1e7, self.y, 5), ttl_s=TTL_S, limit_s=LIMIT_S)
-        first = asyncio.ensure_future(anext(outcomes))
-        await asyncio.sleep(0)  # now it is sent: its deadline is no later than this
-        command.latest_ns = time.time_ns() + round(TTL_S * 1e9)
-        try:
-            async for outcome in _led_by(first, outcomes):
-                if not command.words:
-                    self.sent.append(command)
-                command.words.append(outcome.word)
-                command.last_words += outcome.is_last  # the truth that settles an `unconfirmed` is none
-                command.late_ms = command.late_ms or outcome.late_ms
-                if outcome.word is Word.EXPIRED and time.time_ns() < command.latest_ns:
-                    command.refused_in_time = True
-        except FogUnreachable:
-            self.unsent += 1
+    async def _listen(self, said: SentCommand[Outcome, Outcome], command: Sent) -> None:
+        self.sent.append(command)
+        async for outcome in said:
+            command.words.append(outcome.word)
+            command.last_words += outcome.is_last  # the truth that settles an `unconfirmed` is none
+            command.late_ms = command.late_ms or outcome.late_ms
+            if outcome.word is Word.EXPIRED and time.time_ns() < command.latest_ns:
+                command.refused_in_time = True
 
     def verdict(self, what: str) -> Counter[str]:
         """Asserts that none was late, twice, elsewhere, or without exactly one last word; returns the counts."""
@@ -109,13 +107,6 @@ class Salvo:
         return counts
 
 
-async def _led_by(first: asyncio.Future[Any], rest: Any) -> Any:
-    """An async generator whose first step has begun already."""
-    yield await first
-    async for item in rest:
-        yield item
-
-
 def station(url: str) -> GroundStation:
     """A ground station whose clock is too fast."""
     start_ns = system_clock_ns()
@@ -136,5 +127,5 @@ async def aloft(system: System, fog: Any) -> Salvo:
 
 
 async def _fly_up(drone: Any) -> None:
-    for command in (Arm(), Takeoff(5)):
-        assert (await drone.send(command)).word is Word.COMPLETED
+    assert (await drone.arm()).completed
+    assert (await drone.takeoff(5)).completed

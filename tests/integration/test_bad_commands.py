@@ -134,12 +134,13 @@ async def test_well_formed_commands_that_may_not_be_executed_are_denied_with_the
     async with GroundStation(system.cloud.url, name="alpha") as station:
         (fog,) = await station.connect([1])
         await eventually(lambda: fog.drone(1).is_reachable, "drone 1 is reachable")
-        executor = station.station.fogs[1].session
+        inside = station._runner
+        executor = inside.station.fogs[1].session
         assert executor is not None
         common = {"executor_session": executor, "deadline_ms": 10**9, "limit_s": 10.0, "command": Arm()}
-        clock = station.station.fogs[1].clock
+        clock = inside.station.fogs[1].clock
         assert clock is not None
-        soon = clock.deadline_ms(station.clock.now_ms(), 20_000)
+        soon = clock.deadline_ms(inside.clock.now_ms(), 20_000)
         cases: list[tuple[str, dict[str, Any], bool, str, str]] = [
             ("drone1/commands", {"deadline_ms": None}, False, "denied", "no_deadline"),
             ("drone1/commands", {"executor_session": 0}, False, "denied", "no_deadline"),
@@ -178,7 +179,7 @@ async def test_a_station_that_is_not_in_control_is_told_who_is(system: System) -
         command = [sys.executable, "-m", "mqttxt", "gs", "send", "arm", "--drone", "1", "--cloud", system.cloud.url]
         told = await asyncio.to_thread(subprocess.run, command, cwd=ROOT, capture_output=True, text=True, timeout=60)
         assert (told.returncode, told.stdout) == (1, "drone 1: arm denied(not_in_control, alpha)\n")
-        assert (await fog.drone(1).send(Arm())).word is Word.COMPLETED
+        assert (await fog.drone(1).arm()).completed
     assert len(system.commanded(1, ARM)) == 1
 
 
@@ -218,7 +219,7 @@ async def test_a_payload_of_256_mb_reaches_no_role(system: System) -> None:
             command = [sys.executable, "-c", PUBLISH_256_MB, str(port), topic]
             done = await asyncio.to_thread(subprocess.run, command, timeout=90, capture_output=True, text=True)
             assert done.returncode == 0, done.stderr
-        assert (await fog.drone(1).send(Arm())).word is Word.COMPLETED
+        assert (await fog.drone(1).arm()).completed
     roles = (system.activator, *system.uavs.values())
     assert [role.exit_code for role in roles] == [None] * 3
     assert all(peak_memory_kb(role) < MOST_MEMORY_KB for role in roles), [peak_memory_kb(role) for role in roles]

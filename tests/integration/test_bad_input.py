@@ -14,7 +14,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from processes import ROOT, Broker, System, eventually
 
-from mqttxt import Arm, GroundStation, Word
+from mqttxt import GroundStation, Word
 
 pytestmark = pytest.mark.integration
 
@@ -58,7 +58,7 @@ async def test_garbage_on_every_topic_ends_nothing_and_is_answered_where_an_answ
     async with GroundStation(system.cloud.url) as station:
         (fog,) = await station.connect([1])
         await eventually(lambda: fog.drone(1).is_reachable, "drone 1 is (again) reachable")
-        assert (await fog.drone(1).send(Arm())).word is Word.COMPLETED
+        assert (await fog.drone(1).arm()).completed
     for client in (cloud, fog_broker):
         client.disconnect()
         client.loop_stop()

@@ -30,12 +30,12 @@ async def drone(station: GroundStation) -> Drone:
 
 
 async def _outcomes(drone: Drone, command: Arm | Mavlink | Stream) -> list[Outcome]:
-    return [outcome async for outcome in drone.outcomes(command)]
+    return [outcome async for outcome in drone.send(command)]
 
 
 async def test_a_message_that_was_not_streamed_comes_on_request_and_ends(drone: Drone) -> None:
     """The stand-in's `normal` streams have no HIGHRES_IMU."""
-    assert (await drone.send(Stream("mavlink/HIGHRES_IMU", 10.0))).word is Word.COMPLETED
+    assert (await drone.send(Stream("mavlink/HIGHRES_IMU", 10.0))).completed
     stamps: set[object] = set()
 
     def are_many() -> bool:
@@ -45,13 +45,13 @@ async def test_a_message_that_was_not_streamed_comes_on_request_and_ends(drone: 
         return len(stamps) > 10
 
     await eventually(are_many, "eleven messages")
-    assert (await drone.send(Stream("mavlink/HIGHRES_IMU", 0.0))).word is Word.COMPLETED
+    assert (await drone.send(Stream("mavlink/HIGHRES_IMU", 0.0))).completed
     await eventually(lambda: (drone.states["mavlink/HIGHRES_IMU"].age_ms or 0) > 1000, "it has ended")
 
 
 async def test_a_state_that_does_not_change_comes_all_the_same(station: GroundStation, drone: Drone) -> None:
     """On change alone ten of them would take five minutes."""
-    assert (await drone.send(Stream("landed_state", 5.0))).word is Word.COMPLETED
+    assert (await drone.send(Stream("landed_state", 5.0))).completed
     stamps: set[int] = set()
     async with asyncio.timeout(30):
         async for event in station.events():

@@ -59,8 +59,7 @@ async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path)
         async with GroundStation(system.cloud.url) as station:
             (fog,) = await station.connect([1], timeout_s=30)
             await eventually(lambda: all(fog.drone(n).is_reachable for n in (1, 2)), "both drones reachable")
-            async for outcome in fog.broadcast(Arm()):
-                assert not outcome.is_last or outcome.word is Word.COMPLETED
+            assert (await fog.broadcast(Arm())).completed
             heard: list[Outcome] = []
             listening = asyncio.create_task(_collect(fog.broadcast(Takeoff(8)), heard))
             await eventually(lambda: len(heard) == 2, "takeoff accepted")
@@ -88,8 +87,8 @@ async def test_an_embedded_broker_that_dies_as_soon_as_it_listens_comes_back(tmp
         async with GroundStation(system.cloud.url) as station:
             (fog,) = await station.connect([1], timeout_s=30)
             await eventually(lambda: all(fog.drone(n).is_reachable for n in (1, 2)), "both drones reachable")
-            words = [outcome.word async for outcome in fog.broadcast(Arm()) if outcome.is_last]
-        assert words == [Word.COMPLETED, Word.COMPLETED]
+            outcomes = await fog.broadcast(Arm())
+        assert [outcome.word for outcome in outcomes] == [Word.COMPLETED, Word.COMPLETED]
         assert contained.said().count("embedded broker ended with code -9") == 1
     finally:
         contained.kill()

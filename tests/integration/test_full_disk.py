@@ -49,7 +49,7 @@ async def test_a_full_disk_denies_and_room_is_all_that_is_needed(tmp_path: Path,
             (fog,) = await station.connect([1])
             drone = fog.drone(1)
             await eventually(lambda: drone.is_reachable and drone.is_controlled, "the drone is there")
-            assert (await drone.send(Arm())).word is Word.COMPLETED
+            assert (await drone.arm()).completed
 
             fill(small)
             said = [await drone.send(Disarm()) for _ in range(40)]
@@ -67,7 +67,7 @@ async def test_a_full_disk_denies_and_room_is_all_that_is_needed(tmp_path: Path,
             assert len(system.commanded(1, ARM_DISARM)) == before
 
             (small / "filler").unlink()
-            assert (await drone.send(Arm())).word is Word.COMPLETED
+            assert (await drone.arm()).completed
         assert uav.exit_code is None
         log = uav.log.read_text()
         assert "No space left on device; commands are denied until it can be written" in log

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from processes import System, eventually
 
-from mqttxt import Arm, Attitude, Drone, GroundStation, Offboard, Outcome, Takeoff, Velocity, Word
+from mqttxt import Attitude, Drone, GroundStation, Offboard, Outcome, Velocity, Word
 
 pytestmark = [pytest.mark.integration, pytest.mark.timed]
 
@@ -22,8 +22,8 @@ async def airborne(system: System) -> AsyncIterator[tuple[System, Drone]]:
         (fog,) = await station.connect([1])
         drone = fog.drone(1)
         await eventually(lambda: drone.is_reachable, "drone 1 is reachable")
-        assert (await drone.send(Arm())).word is Word.COMPLETED
-        assert (await drone.send(Takeoff(5.0))).word is Word.COMPLETED
+        assert (await drone.arm()).completed
+        assert (await drone.takeoff(5.0)).completed
         yield system, drone
 
 
@@ -40,7 +40,7 @@ async def _engage(system: System, drone: Drone, command: Offboard) -> tuple[list
     heard: list[Outcome] = []
 
     async def listen() -> None:
-        async for outcome in drone.outcomes(command):
+        async for outcome in drone.send(command):
             heard.append(outcome)
 
     task = asyncio.create_task(listen())

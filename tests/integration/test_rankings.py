@@ -8,12 +8,13 @@ import socket
 import subprocess
 import sys
 from collections.abc import AsyncIterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 from processes import ROOT, Broker, Process, System, eventually, free_port
 
-from mqttxt import Arm, Fog, Goto, GroundStation, Hold, Land, Outcome, PsmiList, Takeoff, Word
+from mqttxt import Arm, Fog, Goto, GroundStation, Hold, Outcome, PsmiList, Takeoff, Word
 from mqttxt.protocol.rankings import SelectMode
 from mqttxt.protocol.states import Armed
 
@@ -84,8 +85,9 @@ def known(fog: Fog, drone: int) -> bool:
 
 
 async def complete(fog: Fog, command: Arm | Takeoff) -> None:
-    words = [outcome.word async for outcome in fog.broadcast(command) if outcome.is_last]
-    assert words == [Word.COMPLETED] * len(FLEET[fog.number])
+    outcomes = await fog.broadcast(command)
+    assert outcomes.completed
+    assert len(outcomes) == len(FLEET[fog.number])
 
 
 async def test_the_best_drone_of_a_fog_and_of_all_fogs_is_sent_and_a_dying_station_sends_none(tmp_path: Path) -> None:
@@ -119,10 +121,10 @@ async def test_the_best_drone_of_a_fog_and_of_all_fogs_is_sent_and_a_dying_stati
             await there.take_over()
             assert there.drone(1).is_controlled
             assert (await one.drone(1).send(Hold())).reason == "not_in_control, second"
-            offered = second.station.select(1, NEAR_2, second.clock.now_ms(), mode=SelectMode.OFFER, limit_s=3.0)
-            second.carry_out(offered[1])
-            pending = second.station.commands.pending[offered[0]]
-            await second.wait_until(lambda: not pending.is_open, 10)
+            inside = second._runner
+            select = partial(inside.station.select, 1, NEAR_2, mode=SelectMode.OFFER, limit_s=3.0)
+            async with asyncio.timeout(10):
+                assert await inside.send(select, len) == 1
         await eventually(lambda: one.drone(2).is_controlled, "control returned to the first station")
         assert system.flown_to() == {1: 0, 2: 1, 4: 1}
         heard = [event async for event in one.best(NEAR_2, ttl_s=20)]
@@ -131,7 +133,7 @@ async def test_the_best_drone_of_a_fog_and_of_all_fogs_is_sent_and_a_dying_stati
 
 async def test_a_nearer_drone_on_the_ground_is_passed_over_for_one_that_flies_on_another_fog(tmp_path: Path) -> None:
     async with airborne(tmp_path) as (system, station, (_, two)):
-        assert (await two.drone(4).send(Land())).word is Word.COMPLETED
+        assert (await two.drone(4).land()).completed
         await eventually(lambda: two.drone(4).states["armed"].state == Armed(False), "the fog has heard it too")
         heard: list[Outcome | PsmiList] = []
         async for event in station.best(NEAR_4):

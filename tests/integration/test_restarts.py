@@ -14,7 +14,7 @@ import pytest
 from processes import ROOT, Process, System, eventually, free_port, wait_until
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt import Arm, GroundStation, Hold, Land, Outcome, Takeoff, Word
+from mqttxt import Arm, GroundStation, Land, Outcome, Takeoff, Word
 
 pytestmark = [pytest.mark.integration, pytest.mark.timed]
 
@@ -39,8 +39,7 @@ async def _collect(stream: Any, heard: list[Outcome]) -> None:
 
 async def _airborne_with_open_takeoff(fleet: System, fog: Any) -> tuple[list[Outcome], asyncio.Task[None]]:
     """Both drones climb; the broadcast takeoff is accepted and still open."""
-    async for outcome in fog.broadcast(Arm()):
-        assert not outcome.is_last or outcome.word is Word.COMPLETED
+    assert (await fog.broadcast(Arm())).completed
     heard: list[Outcome] = []
     listening = asyncio.create_task(_collect(fog.broadcast(Takeoff(ALTITUDE_M), limit_s=25), heard))
     await eventually(lambda: len(heard) == 2, "takeoff accepted by both")
@@ -106,8 +105,7 @@ async def test_a_ground_station_dies_and_another_takes_over(fleet: System) -> No
     async with GroundStation(fleet.cloud.url, qos=fleet.qos) as first:
         (fog,) = await first.connect([1])
         await _all_back(fog)
-        async for outcome in fog.broadcast(Arm()):
-            assert not outcome.is_last or outcome.word is Word.COMPLETED
+        assert (await fog.broadcast(Arm())).completed
     with subprocess.Popen([*command, "--qos", str(fleet.qos)], cwd=ROOT, stdout=subprocess.DEVNULL) as dying:
         wait_until(lambda: bool(fleet.commanded(1, TAKEOFF) and fleet.commanded(2, TAKEOFF)), "takeoff commanded")
         dying.kill()
@@ -127,17 +125,16 @@ async def test_a_query_after_the_deadline_is_answered_from_the_ledger(system: Sy
     async with GroundStation(system.cloud.url) as station:
         (fog,) = await station.connect([1])
         await _all_back(fog)
-        heard: list[Outcome] = []
-        await _collect(fog.drone(1).outcomes(Arm(), ttl_s=3), heard)
-        assert _last_words(heard) == {1: [Word.COMPLETED]}
-        pending = station.station.commands.pending[heard[0].id]
-        await eventually(lambda: station.clock.now_ms() > pending.close_at_ms - 19_000, "the deadline has passed")
-        answers: list[Any] = []
-        station._listeners.append(answers.append)
+        armed = await fog.drone(1).send(Arm(), ttl_s=3)
+        assert armed.completed
+        inside = station._runner
+        pending = inside.station.commands.pending[armed.id]
+        await eventually(lambda: inside.clock.now_ms() > pending.close_at_ms - 19_000, "the deadline has passed")
+        events = station.events()
         pending.words.clear()
-        station.carry_out([pending.publish])
-        await eventually(lambda: any(isinstance(a, Outcome) for a in answers), "an answer")
-        assert [a.word for a in answers if isinstance(a, Outcome)] == [Word.COMPLETED]
+        inside.carry_out([pending.publish])
+        async with asyncio.timeout(30):
+            assert (await anext(event async for event in events if isinstance(event, Outcome))).completed
         assert len(system.commanded(1, 400)) == 1
 
 
@@ -155,7 +152,7 @@ async def test_a_second_uav_client_of_a_number_is_refused(system: System) -> Non
         assert "refused: another live UAV client is drone 1 already" in twin.log.read_text()
         assert system.uavs[1].exit_code is None
         await _all_back(fog)
-        assert (await fog.drone(1).send(Hold())).word is Word.COMPLETED
+        assert (await fog.drone(1).hold()).completed
 
 
 def _second_sitl(system: System) -> int:

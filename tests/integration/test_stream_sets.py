@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from processes import System, eventually
 
-from mqttxt import Arm, GroundStation, Land, Stream, Takeoff, Word
+from mqttxt import Arm, GroundStation, Land, Stream, Takeoff
 
 pytestmark = [pytest.mark.integration, pytest.mark.timed]
 STATES = frozenset(
@@ -25,6 +25,6 @@ async def test_every_state_comes_and_a_flight_is_completed(streams: str, tmp_pat
             drone = station.fog(1).drone(1)
             await eventually(lambda: drone.is_reachable and set(drone.states) >= STATES, "every state was told")
             for command in (Stream("battery", 1.0), Arm(), Takeoff(3.0), Land()):
-                assert (await drone.send(command)).word is Word.COMPLETED, command.name
+                assert (await drone.send(command)).completed, command.name
     finally:
         system.close()

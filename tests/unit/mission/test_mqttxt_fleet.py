@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from io import StringIO
 from pathlib import Path
 from typing import Any, Self
@@ -15,10 +15,21 @@ from mission import mqttxt_fleet
 from mission.events import EventLog
 from mission.fleet import MissionError, Point, Result
 from mission.mqttxt_fleet import NEEDED_STATES, MqttxtFleet
-from mqttxt import BrokerRefused, Command, Goto, Outcome, PsmiList, Return, Stream, Word
+from mqttxt import BrokerRefused, Command, Goto, Outcome, Outcomes, PsmiList, Return, SentCommand, Stream, Word
 from mqttxt.protocol.messages import CommandId
+from mqttxt.station.heard import Record
+from mqttxt.station.outcomes import last_word
 
 FOGS = {1: (1, 2), 2: (4,)}
+
+
+def said(words: Iterable[Any], answer: Callable[[Any], Any]) -> SentCommand[Any, Any]:
+    """A command of which this was said."""
+    record = Record[Any]()
+    for word in words:
+        record.hear(word)
+    record.end()
+    return SentCommand(record, answer)
 
 
 class Drone:
@@ -29,9 +40,8 @@ class Drone:
         self._fog = fog
         self._number = number
 
-    async def outcomes(self, command: Command) -> AsyncIterator[Outcome]:
-        async for outcome in self._fog.answer(command, (self._number,)):
-            yield outcome
+    def send(self, command: Command) -> SentCommand[Outcome, Outcome]:
+        return said(self._fog.answer(command, (self._number,)), last_word)
 
 
 class Fog:
@@ -45,12 +55,11 @@ class Fog:
     def drone(self, number: int) -> Drone:
         return Drone(self, number)
 
-    async def broadcast(self, command: Command) -> AsyncIterator[Outcome]:
+    def broadcast(self, command: Command) -> SentCommand[Outcomes, Outcome]:
         self._asked.append((self.number, command))
-        async for outcome in self.answer(command, FOGS[self.number]):
-            yield outcome
+        return said(self.answer(command, FOGS[self.number]), Outcomes.of)
 
-    async def answer(self, command: Command, drones: tuple[int, ...]) -> AsyncIterator[Outcome]:
+    def answer(self, command: Command, drones: tuple[int, ...]) -> Iterable[Outcome]:
         if isinstance(command, Goto):
             self._asked.append((*drones, command))
         for drone in drones:
@@ -85,13 +94,12 @@ class Station:
     async def connect(self, fogs: dict[int, Any], limit_s: float) -> list[Fog]:
         return [Fog(number, self.asked, self._answers) for number in fogs]
 
-    async def best(self, command: Command, fogs: list[int]) -> AsyncIterator[Outcome | PsmiList]:
+    def best(self, command: Command, fogs: list[int]) -> SentCommand[Outcome, Outcome | PsmiList]:
         self.asked.append((tuple(fogs), command))
         key = CommandId(1, 7)
-        yield PsmiList(2, key, (), (), 4)
-        if self._answers.get(4) is not None:
-            yield Outcome(key, 2, 4, command.name, Word.ACCEPTED)
-            yield Outcome(key, 2, 4, command.name, self._answers[4] or Word.FAILED)
+        drone, word, reason = (4, Word.COMPLETED, None) if self._answers[4] else (None, Word.DENIED, "none_left")
+        last = Outcome(key, 2, drone, command.name, word, reason)
+        return said([PsmiList(2, key, (), (), 4), Outcome(key, 2, 4, command.name, Word.ACCEPTED), last], last_word)
 
     async def wait_until(self, condition: Callable[[], bool], limit_s: float) -> None:
         assert condition()
@@ -193,7 +201,7 @@ async def test_the_fogs_choose_who_flies_to_a_point(
     fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(tmp_path / "events.jsonl", StringIO()))
     await fleet.connect(5)
     if word is None:
-        with pytest.raises(MissionError, match=r"^goto_best: no drone can fly there$"):
+        with pytest.raises(MissionError, match=r"^goto_best: denied \(none_left\)$"):
             await fleet.goto_best(Point(47.0, 8.0, 10.0))
     else:
         assert await fleet.goto_best(Point(47.0, 8.0, 10.0)) == Result(4, "completed")

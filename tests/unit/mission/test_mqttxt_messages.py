@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,9 +16,10 @@ from mission import mqttxt_messages
 from mission.events import EventLog
 from mission.fleet import MissionError, Result
 from mission.mqttxt_messages import MqttxtMessageFleet
-from mqttxt import BrokerRefused, Command, FogUnreachable, Outcome, Word
+from mqttxt import Armed, BrokerRefused, Command, FogUnreachable, KnownState, Outcome, SentCommand, Word
 from mqttxt.protocol.messages import CommandId
-from mqttxt.protocol.states import Armed
+from mqttxt.station.heard import Record
+from mqttxt.station.outcomes import last_word
 
 KEY = CommandId(1, 1)
 
@@ -27,22 +28,34 @@ class Drone:
     """Says these words of every command, then nothing more; `raises` is raised instead of the first one."""
 
     def __init__(self, words: tuple[Word, ...], ends: bool = True, raises: Exception | None = None) -> None:
-        self.states = {"armed": SimpleNamespace(state=Armed(True))}
         self.sent: list[Command] = []
         self._words, self._ends, self._raises = words, ends, raises
 
-    async def outcomes(self, command: Command) -> AsyncIterator[Outcome]:
+    def state(self, kind: type[Armed]) -> KnownState[Armed]:
+        return KnownState(kind(True), 0)
+
+    def send(self, command: Command) -> SentCommand[Outcome, Outcome]:
         if self._raises is not None:
             raise self._raises
-        for word in self._words:
-            yield Outcome(KEY, 1, 1, command.name, word, "disarmed" if word is Word.FAILED else None)
-        if not self._ends:
-            await asyncio.Event().wait()
-
-    async def send(self, command: Command) -> Outcome:
         self.sent.append(command)
-        await asyncio.sleep(0)
-        return Outcome(KEY, 1, 1, command.name, self._words[min(len(self.sent), len(self._words)) - 1], "why")
+        record = Record[Outcome]()
+        for word in self._words:
+            record.hear(Outcome(KEY, 1, 1, command.name, word, "disarmed" if word is Word.FAILED else None))
+        if self._ends:
+            record.end()
+        return SentCommand(record, last_word)
+
+
+class Unwilling(Drone):
+    """Has one last word for each command."""
+
+    def send(self, command: Command) -> SentCommand[Outcome, Outcome]:
+        self.sent.append(command)
+        record = Record[Outcome]()
+        word = self._words[min(len(self.sent), len(self._words)) - 1]
+        record.hear(Outcome(KEY, 1, 1, command.name, word, "why"))
+        record.end()
+        return SentCommand(record, last_word)
 
 
 Make = Callable[[Drone], MqttxtMessageFleet]
@@ -110,14 +123,14 @@ async def test_nothing_has_to_be_settled_before_the_first_call(make: Make) -> No
 
 
 async def test_a_rate_is_asked_for_until_it_is_there(make: Make) -> None:
-    drone = Drone((Word.EXPIRED, Word.UNREACHABLE, Word.COMPLETED))
+    drone = Unwilling((Word.EXPIRED, Word.UNREACHABLE, Word.COMPLETED))
     await make(drone).untell("battery")
     assert len(drone.sent) == 3
 
 
 @pytest.mark.parametrize(("word", "tries"), [(Word.DENIED, 1), (Word.EXPIRED, 3)])
 async def test_a_rate_that_will_not_come_is_named(word: Word, tries: int, make: Make) -> None:
-    drone = Drone((word,))
+    drone = Unwilling((word,))
     with pytest.raises(MissionError, match=rf"^stream battery: {word.label} \(why\)$"):
         await make(drone).tell("battery")
     assert len(drone.sent) == tries

@@ -19,7 +19,7 @@ from mqttxt.core.settings import Settings
 from mqttxt.errors import FogUnreachable
 from mqttxt.protocol.commands import Arm, Disarm, Goto, Hold
 from mqttxt.station.outcomes import Outcome
-from mqttxt.station.role import GroundStation
+from mqttxt.station.role import StationRole
 
 if TYPE_CHECKING:
     from adversary import Simulation
@@ -86,7 +86,7 @@ class Node(Client):
         up, down = (Channel(self.sim.events, self.sim.weather) for _ in range(2))
         self.links[link] = connection = Connection(broker, self, link, self.will(link), up, down)
         broker.connect(connection)
-        self.react(self.role.on_connected, *self.named(link))
+        self.react(self.role.on_connected, link)
 
     def will(self, link: str) -> Any:
         return self.role.will()
@@ -95,18 +95,15 @@ class Node(Client):
         """What the role keeps of the clock that a beacon's topic is of."""
         return None
 
-    def named(self, link: str) -> tuple[str, ...]:
-        return ()
-
     def received(self, link: str, message: Inbound, read_us: int) -> None:
-        self.react(self.role.on_message, *self.named(link), message, heard=(message, read_us))
+        self.react(self.role.on_message, link, message, heard=(message, read_us))
 
     def subscribed(self, link: str, subscribe: Subscribe) -> None:
         self.react(self.role.on_subscribed, subscribe)
 
     def published(self, link: str, ref: Any, code: int) -> None:
         if ref is not None:
-            self.react(self.role.on_published, *self.named(link), ref, code)
+            self.react(self.role.on_published, link, ref, code)
 
     def react(self, method: Callable[..., Iterable[Any]], *args: Any, heard: tuple[Inbound, int] | None = None) -> None:
         """Read the clock, let the role decide, and do what it wants, perhaps after a pause."""
@@ -162,7 +159,7 @@ class Node(Client):
         self._at(max(self.stalled_until_us, self.sim.events.now_us + TICK_US), self._tick)
 
     def _disconnected(self, link: str) -> None:
-        self.react(self.role.on_disconnected, *self.named(link))
+        self.react(self.role.on_disconnected, link)
         self._soon(self.sim.rng.randint(100 * MS, 1 * S), self.connect, link)
 
     def _drop(self, link: str, noticed_us: int) -> None:
@@ -184,9 +181,9 @@ class StationNode(Node):
 
     brokers = (CLOUD,)
 
-    def make_role(self) -> GroundStation:
+    def make_role(self) -> StationRole:
         self.sim.judge.station_starts()
-        role = GroundStation("g", self.clock.session, Settings(qos=self.sim.qos))
+        role = StationRole("g", self.clock.session, Settings(qos=self.sim.qos))
         self.carry_out(role.add_fogs([1]), 0)
         return role
 
@@ -233,9 +230,6 @@ class ActivatorNode(Node):
 
     def will(self, link: str) -> Any:
         return self.role.will() if link == CLOUD else None
-
-    def named(self, link: str) -> tuple[str, ...]:
-        return (link,)
 
     def remote_clock(self, topic: str) -> RemoteClock | None:
         link = self.role.drones.get(int(topic[5])) if topic.startswith("drone") else None

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from mqttxt.core.clock import SessionClock
 from mqttxt.errors import FogUnreachable
 from mqttxt.protocol.commands import Goto
 from mqttxt.protocol.messages import CommandId, Word
 from mqttxt.protocol.rankings import Candidate, SelectMode
 from mqttxt.station.best import best
+from mqttxt.station.heard import Record, SentCommand
 from mqttxt.station.outcomes import Outcome, PsmiList
 
 TARGET = Goto(47.4, 8.5, 20)
@@ -34,7 +34,6 @@ class Station:
         self.words = words
         self.station = self
         self.commands = Commands()
-        self.clock = SessionClock()
         self.reserved: dict[int, tuple[int, int]] = {}
         self.tried: dict[int, set[int]] = {}
         self.sent: list[int] = []
@@ -51,20 +50,23 @@ class Station:
             del self.reserved[how["reservation"]]
         return asked, []
 
-    def carry_out(self, effects: Any) -> None:
-        assert effects == []
+    def choose(self, choice: Any, answer: Any) -> Any:
+        return choice
 
-    async def follow(self, start: Callable[[], Any]) -> AsyncIterator[Any]:
-        (seq, fog, mode, reservation), _ = start()
+    def send(self, make: Callable[[int], Any], answer: Any) -> SentCommand[Any, Any]:
+        (seq, fog, mode, reservation), _ = make(0)
+        record = Record[Any]()
         if mode is SelectMode.OFFER:
-            yield self._offer(CommandId(1, seq), fog, reservation)
-            return
-        _, drone = self.reserved.pop(reservation)
-        self.sent.append(drone)
-        for word in self.words[drone]:
-            yield Outcome(CommandId(1, seq), fog, drone, "goto", word)
-        if drone == self.lands_behind:
-            self.commands.overriding_seq = seq + 1
+            record.hear(self._offer(CommandId(1, seq), fog, reservation))
+        elif mode is SelectMode.COMMIT:
+            _, drone = self.reserved.pop(reservation)
+            self.sent.append(drone)
+            for word in self.words[drone]:
+                record.hear(Outcome(CommandId(1, seq), fog, drone, "goto", word))
+            if drone == self.lands_behind:
+                self.commands.overriding_seq = seq + 1
+        record.end()
+        return SentCommand(record, answer)
 
     def _offer(self, command_id: CommandId, fog: int, before: int | None) -> PsmiList:
         tried = self.tried.get(before, set()) if before is not None else set()
@@ -118,7 +120,7 @@ async def test_who_is_reserved_elsewhere_is_released_as_soon_as_one_may_fly() ->
 
 async def test_a_fog_that_is_gone_is_passed_over() -> None:
     station = Station(FLEET, {1: FLIES, 4: FLIES})
-    events = best(station, TARGET, [1, 2], 5.0, None)  # type: ignore[arg-type]
+    events = aiter(best(station, TARGET, [1, 2], 5.0, None))  # type: ignore[arg-type]
     await anext(events)
     station.gone.add(1)
     heard = [event async for event in events]

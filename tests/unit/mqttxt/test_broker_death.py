@@ -51,8 +51,7 @@ class MortalWorld(World):
             if self.fate == "handed on only":
                 super().route(name, replace(publish, ref=None))
             elif self.fate == "acknowledged only" and publish.ref is not None and publish.qos > 0:
-                link = (publish.link,) if name == "activator" else ()
-                self.run(name, getattr(self, name).on_published(*link, publish.ref, 0, self.now_ms))
+                self.run(name, getattr(self, name).on_published(publish.link, publish.ref, 0, self.now_ms))
 
     def live(self, milliseconds: int) -> None:
         """Let time pass, while the autopilot acknowledges what it hears and does it half a second later."""
@@ -70,12 +69,10 @@ class MortalWorld(World):
         self.subscribed = [entry for entry in self.subscribed if entry[1] != self.link]
         self.retained = {key: kept for key, kept in self.retained.items() if key[0] != self.link}
         for name in ENDS[self.link]:
-            link = (self.link,) if name == "activator" else ()
-            self.run(name, getattr(self, name).on_disconnected(*link, self.now_ms))
+            self.run(name, getattr(self, name).on_disconnected(self.link, self.now_ms))
 
     def connect(self, name: str) -> None:
-        link = (self.link,) if name == "activator" else ()
-        self.run(name, getattr(self, name).on_connected(*link, self.now_ms))
+        self.run(name, getattr(self, name).on_connected(self.link, self.now_ms))
 
     def last_words(self) -> list[Word]:
         return [event.word for event in self.heard if isinstance(event, Outcome) and event.is_last]

@@ -222,28 +222,28 @@ def test_two_sensors_of_one_number_both_pass(way: Way) -> None:
 def test_a_uav_client_that_carries_hears_acknowledgements_and_repeats_for_a_new_activator() -> None:
     client = UavClient(1, UAV_SESSION, Settings(), options=UavOptions(carries_sensors=True))
     assert client.carrier is not None
-    subscribes = [e for e in client.on_connected(0) if isinstance(e, Subscribe)]
+    subscribes = [e for e in client.on_connected("fog", 0) if isinstance(e, Subscribe)]
     assert "drone1/sensor_ack" in subscribes[1].filters
     out = [effect for subscribe in subscribes for effect in client.on_subscribed(subscribe, 0)]
     assert LoadReadings(0, WINDOW) in out
     (publish,) = client.carrier.on_loaded([(1, reading(0))], WINDOW, 0)[:1]
     assert isinstance(publish, Publish)
     assert (publish.topic, publish.qos, publish.retain) == ("drone1/sensor1/temperature", 1, False)
-    client.on_published(publish.ref, 0, 0)
+    client.on_published("fog", publish.ref, 0, 0)
     for activator in (1, 1, 2):
         lease = DroneLease(activator_session=activator, drone_session=UAV_SESSION, nonce=1, bound=True)
-        client.on_message(Inbound("drone1/init_connect", encode(lease), 1), 100)
+        client.on_message("fog", Inbound("drone1/init_connect", encode(lease), 1), 100)
     assert [e.topic for e in client.tick(100) if isinstance(e, Publish)].count(publish.topic) == 1
     ack = Inbound("drone1/sensor_ack", encode(ReadingAck(readings=(reading(0).key,))), 1)
-    assert ForgetReadings((reading(0).key,)) in client.on_message(ack, 100)
-    assert client.on_disconnected(200) == []
+    assert ForgetReadings((reading(0).key,)) in client.on_message("fog", ack, 100)
+    assert client.on_disconnected("fog", 200) == []
     assert not [e for e in client.tick(90_000) if isinstance(e, Publish)]
 
 
 def test_a_uav_client_that_carries_nothing_knows_no_acknowledgements() -> None:
     client = UavClient(1, UAV_SESSION, Settings())
-    assert "drone1/sensor_ack" not in [f for e in client.on_connected(0) for f in getattr(e, "filters", ())]
-    (log,) = client.on_message(Inbound("drone1/sensor_ack", encode(ReadingAck(readings=())), 1), 0)
+    assert "drone1/sensor_ack" not in [f for e in client.on_connected("fog", 0) for f in getattr(e, "filters", ())]
+    (log,) = client.on_message("fog", Inbound("drone1/sensor_ack", encode(ReadingAck(readings=())), 1), 0)
     assert isinstance(log, Log)
 
 

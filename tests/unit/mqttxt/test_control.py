@@ -18,7 +18,7 @@ from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Hold, Offboard, Velocity
 from mqttxt.protocol.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
 from mqttxt.station.outcomes import ControlChanged
-from mqttxt.station.role import GroundStation
+from mqttxt.station.role import StationRole
 
 
 def record(effects: list[Any]) -> DroneRecord:
@@ -110,7 +110,7 @@ def test_while_an_offboard_command_is_open_the_lease_is_handed_down_often_and_is
 
 def hand_down(uav: Any, now_ms: int = 1000, **fields: Any) -> list[Any]:
     given = {"activator_session": 5, "drone_session": UAV_SESSION, "nonce": 1, "bound": True, **fields}
-    return list(uav.on_message(Inbound("drone1/init_connect", encode(DroneLease(**given)), 1), now_ms))
+    return list(uav.on_message("fog", Inbound("drone1/init_connect", encode(DroneLease(**given)), 1), now_ms))
 
 
 def heartbeats(effects: list[Any]) -> list[tuple[int, Source]]:
@@ -162,7 +162,7 @@ def test_a_station_asks_for_control_and_a_watcher_does_not() -> None:
     (renewal,) = registrations(bench.until(20_100))
     assert (renewal.control, renewal.bundles) == (Control.WANT, False)
     assert renewal.until_ms is not None
-    watcher = GroundStation("w", 3, Settings(), control=False)
+    watcher = StationRole("w", 3, Settings(), control=False)
     watcher.add_fogs([1])
     assert watcher.fogs[1].registration(0).payload != b""
     assert decode(Registration, watcher.fogs[1].registration(0).payload).control is Control.NONE

@@ -128,7 +128,7 @@ def test_any_journal_is_read_and_what_it_says_can_be_said_again(lines: list[byte
         client = UavClient(1, 5, Settings(encoding=how), unfinished=journal.unfinished)
         said = [
             effect
-            for subscribe in client.on_connected(0)
+            for subscribe in client.on_connected("fog", 0)
             if isinstance(subscribe, Subscribe)
             for effect in client.on_subscribed(subscribe, 0)
             if isinstance(effect, Publish) and "/commands_result/" in effect.topic

@@ -28,7 +28,7 @@ from mqttxt.protocol.commands import Arm, Goto, Takeoff
 from mqttxt.protocol.messages import BeaconMessage, CommandId, CommandMessage, FogPresence, Presence
 from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE
 from mqttxt.protocol.values import Encoding
-from mqttxt.station.role import GroundStation
+from mqttxt.station.role import StationRole
 
 NONCE = 7
 KNOWN = (GS_SESSION, FOG_SESSION, UAV_SESSION, NONCE, 0, 1, 5000)
@@ -180,22 +180,22 @@ def test_nothing_from_broker_or_autopilot_makes_a_uav_client_raise(
     if healthy:
         for message in (heartbeat(), home(), position(), landed(1)):
             client.on_mavlink(message, bench.now_ms)
-    bench.carry_out(client.on_connected(bench.now_ms))
+    bench.carry_out(client.on_connected("fog", bench.now_ms))
     for step in traffic:
         if isinstance(step, Inbound):
-            bench.hear(step)
+            bench.hear("fog", step)
             bench.wait(50)
         elif isinstance(step, CommandMessage):
             timely = replace(step, executor_session=UAV_SESSION, deadline_ms=bench.now_ms + 3000)
-            bench.hear(Inbound("drone1/commands", encode(timely, how.encoding), how.qos))
+            bench.hear("fog", Inbound("drone1/commands", encode(timely, how.encoding), how.qos))
         elif not isinstance(step, int):
             bench.carry_out(client.on_mavlink(step, bench.now_ms))
             bench.wait(50)
         elif step in (0x10, 0x80, 0x97):
             for _, ref in bench.refs[-3:]:
-                bench.carry_out(client.on_published(ref, step, bench.now_ms))
-            bench.carry_out(client.on_disconnected(bench.now_ms))
-            bench.carry_out(client.on_connected(bench.now_ms))
+                bench.carry_out(client.on_published("fog", ref, step, bench.now_ms))
+            bench.carry_out(client.on_disconnected("fog", bench.now_ms))
+            bench.carry_out(client.on_connected("fog", bench.now_ms))
         else:
             bench.wait(step)
     bench.wait(10_000)
@@ -235,16 +235,16 @@ def test_nothing_from_sensors_makes_a_uav_client_raise(how: Settings, has_room: 
     bench = CarrierBench(client, has_room)
     for message in (heartbeat(), home(), position(), landed(1)):
         client.on_mavlink(message, bench.now_ms)
-    bench.carry_out(client.on_connected(bench.now_ms))
+    bench.carry_out(client.on_connected("fog", bench.now_ms))
     bench.carry_out(bench.carrier.on_connected(bench.now_ms))
     for step in traffic:
         if isinstance(step, tuple):
             bench.carry_out(bench.carrier.on_message(step[0], bench.now_ms))
         elif isinstance(step, Inbound):
-            bench.hear(step)
+            bench.hear("fog", step)
         elif step in (0x10, 0x80, 0x97):
             for _, ref in bench.refs[-3:]:
-                bench.carry_out(client.on_published(ref, step, bench.now_ms))
+                bench.carry_out(client.on_published("fog", ref, step, bench.now_ms))
         bench.wait(50 if not isinstance(step, int) or step in (0x10, 0x80, 0x97) else step)
     bench.wait(10_000)
 
@@ -258,15 +258,15 @@ def test_nothing_on_the_cloud_broker_makes_a_ground_station_raise(
     how: Settings, fog_ms: int, traffic: list[Any]
 ) -> None:
     with patch("secrets.randbelow", lambda _: NONCE):
-        station = GroundStation("g", GS_SESSION, how)
+        station = StationRole("g", GS_SESSION, how)
         bench = Bench(station, ())
         bench.carry_out(station.add_fogs([1]))
-        bench.carry_out(station.on_connected(bench.now_ms))
-        bench.hear(Inbound("fog1/reachable", encode(FogPresence(session=FOG_SESSION, up=True))))
-        bench.hear(Inbound("fog1/clock", beacon(FOG_SESSION, fog_ms)))
+        bench.carry_out(station.on_connected("cloud", bench.now_ms))
+        bench.hear("cloud", Inbound("fog1/reachable", encode(FogPresence(session=FOG_SESSION, up=True))))
+        bench.hear("cloud", Inbound("fog1/clock", beacon(FOG_SESSION, fog_ms)))
         for step in traffic:
             if isinstance(step, Inbound):
-                bench.hear(step)
+                bench.hear("cloud", step)
                 bench.wait(50)
             elif isinstance(step, tuple):
                 try:
@@ -275,8 +275,8 @@ def test_nothing_on_the_cloud_broker_makes_a_ground_station_raise(
                     continue
                 bench.carry_out(sent)
             elif step in (0x10, 0x80, 0x97):
-                bench.carry_out(station.on_disconnected(bench.now_ms))
-                bench.carry_out(station.on_connected(bench.now_ms))
+                bench.carry_out(station.on_disconnected("cloud", bench.now_ms))
+                bench.carry_out(station.on_connected("cloud", bench.now_ms))
             else:
                 bench.wait(step)
         bench.wait(10_000)
@@ -286,15 +286,15 @@ def test_nothing_on_the_cloud_broker_makes_a_ground_station_raise(
 @PATIENT
 @given(PAYLOADS)
 def test_bytes_on_a_topic_of_its_own_never_make_a_role_raise(payload: bytes) -> None:
-    station = GroundStation("g", GS_SESSION, Settings())
+    station = StationRole("g", GS_SESSION, Settings())
     station.add_fogs([1])
     activator = Activator(1, FOG_SESSION, Settings())
     client = UavClient(1, UAV_SESSION, Settings())
     for row in CLOUD_SIDE:
         topic = row.topic.replace("X", "1").replace("Y", "1").replace("S/", "3/")
-        station.on_message(Inbound(topic, payload), 0)
+        station.on_message("cloud", Inbound(topic, payload), 0)
         activator.on_message("cloud", Inbound(topic, payload), 0)
     for row in FOG_SIDE:
         topic = row.topic.replace("Y", "1").replace("S/", "3/")
         activator.on_message("fog", Inbound(topic, payload), 0)
-        client.on_message(Inbound(topic, payload), 0)
+        client.on_message("fog", Inbound(topic, payload), 0)

@@ -27,7 +27,7 @@ from mqttxt.protocol.messages import (
     Word,
 )
 from mqttxt.station.outcomes import Outcome, Reachability, StateUpdate
-from mqttxt.station.role import GroundStation
+from mqttxt.station.role import StationRole
 
 ARM = 400
 FOG = 0x22
@@ -37,10 +37,10 @@ class Bench:
     """A ground station whose fog is this test."""
 
     def __init__(self, qos: int = 1, registered: bool = True) -> None:
-        self.role = GroundStation("alpha", GS_SESSION, Settings(qos=qos))
+        self.role = StationRole("alpha", GS_SESSION, Settings(qos=qos))
         self.now_ms = 10_000
         self.role.add_fogs([1])
-        self.subscribes = [e for e in self.role.on_connected(self.now_ms) if isinstance(e, Subscribe)]
+        self.subscribes = [e for e in self.role.on_connected("cloud", self.now_ms) if isinstance(e, Subscribe)]
         if registered:
             for subscribe in self.subscribes:
                 self.role.on_subscribed(subscribe, self.now_ms)
@@ -48,7 +48,7 @@ class Bench:
             self.hear("drone1/reachable", DroneRecord(activator_session=FOG, up=True, drone_session=5))
 
     def hear(self, rest: str, message: Any) -> list[Any]:
-        return list(self.role.on_message(Inbound(f"fog1/{rest}", encode(message), 1), self.now_ms))
+        return list(self.role.on_message("cloud", Inbound(f"fog1/{rest}", encode(message), 1), self.now_ms))
 
     def confirm(self, effects: list[Any], session: int = FOG) -> list[Any]:
         (publish,) = of(effects, "fog1/init_connect")
@@ -153,8 +153,8 @@ def test_a_foreign_result_is_no_outcome() -> None:
 def test_after_a_reconnection_open_commands_are_asked_for_by_the_same_bytes() -> None:
     bench = Bench()
     sent = bench.send()
-    bench.role.on_disconnected(bench.now_ms)
-    for effect in bench.role.on_connected(bench.now_ms):
+    bench.role.on_disconnected("cloud", bench.now_ms)
+    for effect in bench.role.on_connected("cloud", bench.now_ms):
         bench.role.on_subscribed(effect, bench.now_ms)  # type: ignore[arg-type]
     effects = bench.hear("reachable", FogPresence(session=FOG, up=True))
     assert sent in bench.confirm(effects)
@@ -223,19 +223,19 @@ def test_reachable_needs_beacons() -> None:
 
 
 def test_a_late_will_is_answered_with_a_new_birth_also_below_a_prefix() -> None:
-    station = GroundStation("alpha", GS_SESSION, Settings(), prefix="acme")
-    station.on_connected(0)
-    station.on_message(Inbound("acme/gs/alpha/reachable", encode(Presence(session=9, up=False)), 1), 100)
+    station = StationRole("alpha", GS_SESSION, Settings(), prefix="acme")
+    station.on_connected("cloud", 0)
+    station.on_message("cloud", Inbound("acme/gs/alpha/reachable", encode(Presence(session=9, up=False)), 1), 100)
     assert len(of(station.tick(1100), "acme/gs/alpha/reachable")) == 1
 
 
 def test_a_forged_will_again_and_again_does_not_put_the_birth_off() -> None:
-    station, births = GroundStation("alpha", GS_SESSION, Settings()), 0
-    station.on_connected(0)
+    station, births = StationRole("alpha", GS_SESSION, Settings()), 0
+    station.on_connected("cloud", 0)
     forged = Inbound("gs/alpha/reachable", encode(Presence(session=GS_SESSION, up=False)), 1)
     for now_ms in range(2000, 12_000, 100):
         if now_ms % 800 == 0:
-            station.on_message(forged, now_ms)
+            station.on_message("cloud", forged, now_ms)
         births += len(of(station.tick(now_ms), "gs/alpha/reachable"))
     assert 5 <= births <= 10
 

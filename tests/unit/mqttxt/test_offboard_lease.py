@@ -67,7 +67,7 @@ def test_without_the_fog_link_it_holds_within_three_seconds() -> None:
     world = Flight().in_offboard()
     world.pass_time(4000, 50)
     world.drop = {"init_connect"}
-    world.uav.on_disconnected(world.now_ms)
+    world.uav.on_disconnected("fog", world.now_ms)
     world.pass_time(3100, 50)
     assert world.holds()
 

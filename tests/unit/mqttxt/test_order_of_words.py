@@ -158,7 +158,9 @@ def test_a_refusal_needs_no_place_in_the_journal() -> None:
     ready(uav)
     for seq in range(10):
         late = encode(command_payload(Arm(), seq=seq, deadline_ms=None))
-        assert not any(isinstance(effect, Journal) for effect in uav.on_message(Inbound("drone1/commands", late, 1), 0))
+        assert not any(
+            isinstance(effect, Journal) for effect in uav.on_message("fog", Inbound("drone1/commands", late, 1), 0)
+        )
 
 
 @pytest.mark.parametrize("no", [Word.EXPIRED, Word.DENIED, Word.UNREACHABLE, Word.UNSUPPORTED, Word.OVERTAKEN])
@@ -181,7 +183,9 @@ def test_an_activator_and_a_station_make_a_contradiction_unconfirmed(first: Word
         result = ResultMessage(
             gs_session=GS_SESSION, seq=command_id.seq, session=0x22, stamp=0, relay_stamp=0, word=word
         )
-        world.run("gs", world.gs.on_message(Inbound("fog1/drone1/commands_result/arm", encode(result)), world.now_ms))
+        world.run(
+            "gs", world.gs.on_message("cloud", Inbound("fog1/drone1/commands_result/arm", encode(result)), world.now_ms)
+        )
     words = [(o.word, o.reason) for o in world.heard if isinstance(o, Outcome) and o.id == command_id]
     assert words == [(first, None), (Word.UNCONFIRMED, f"{no.label} after {first.label}")]
 

@@ -102,6 +102,6 @@ def test_a_station_with_such_a_name_takes_no_drone_and_reaches_no_table() -> Non
     world.pass_time(1000)
     record = cbor2.loads(encode(DroneRecord(activator_session=0x22, up=True, drone_session=0x33, holder="x")))
     forged = cbor2.dumps(["[/nope]" if field == "x" else field for field in record])
-    world.run("gs", world.gs.on_message(Inbound("fog1/drone1/reachable", forged, 1), world.now_ms))
+    world.run("gs", world.gs.on_message("cloud", Inbound("fog1/drone1/reachable", forged, 1), world.now_ms))
     assert world.gs.fogs[1].drones[1].holder != "[/nope]"
     assert world.gs.session == GS_SESSION

@@ -145,7 +145,7 @@ def test_not_set_is_null_on_the_wire(encoding: Encoding) -> None:
 def test_the_result_says_that_nobody_observed_the_effect() -> None:
     uav = UavClient(1, UAV_SESSION, Settings())
     ready(uav)
-    on_disk(uav, uav.on_message(Inbound("drone1/commands", encode(command_payload(raw(ROI))), 1), 0), 0)
+    on_disk(uav, uav.on_message("fog", Inbound("drone1/commands", encode(command_payload(raw(ROI))), 1), 0), 0)
     (result,) = results(uav.on_mavlink(ack(ROI), 100))
     assert (result.word, result.observed) == (Word.COMPLETED, False)
     assert decode(ResultMessage, encode(result, Encoding.JSON)) == result
@@ -175,5 +175,5 @@ def test_a_reboot_that_is_allowed_at_the_uav_client_passes() -> None:
     uav = UavClient(1, UAV_SESSION, Settings(), options=UavOptions(limits=Limits(frozenset({REBOOT}))))
     ready(uav)
     wanted = Inbound("drone1/commands", encode(command_payload(raw(REBOOT, 1.0))), 1)
-    effects = on_disk(uav, uav.on_message(wanted, 0), 0)
+    effects = on_disk(uav, uav.on_message("fog", wanted, 0), 0)
     assert [e.message.command for e in effects if isinstance(e, Transmit)] == [REBOOT]

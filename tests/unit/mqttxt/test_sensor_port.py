@@ -196,10 +196,11 @@ def test_the_reading_that_the_documentation_publishes_is_one() -> None:
 def test_the_newest_readings_are_watched(capsys: pytest.CaptureFixture[str]) -> None:
     async def check() -> None:
         gs = GroundStation("mqtt://127.0.0.1:1")
-        gs.carry_out(gs.station.add_fogs([1]))
+        inside = gs._runner
+        inside.carry_out(inside.station.add_fogs([1]))
         for seq, kind, unit in ((0, "temperature", None), (1, "temperature", None), (2, "wind", "[m/s]")):
             message = reading(seq, kind=kind, unit=unit, value=seq + 0.5).message
-            gs.carry_out(gs.station.on_message(Inbound(f"fog1/drone2/sensor3/{kind}", encode(message), 1), 0))
+            inside.received("cloud", Inbound(f"fog1/drone2/sensor3/{kind}", encode(message), 1))
         fog = gs.fog(1)
         assert [(r.kind, r.value) for r in fog.drone(2).readings] == [("temperature", 1.5), ("wind", 2.5)]
         fog._view.configured = (2,)

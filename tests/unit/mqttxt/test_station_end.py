@@ -22,7 +22,7 @@ async def test_who_listens_or_waits_is_told_that_the_station_was_left() -> None:
         async with GroundStation(f"mqtt://127.0.0.1:{server.port}") as station:
             listening = asyncio.create_task(_all(station.events()))
             waiting = asyncio.create_task(station.wait_until(lambda: False, 3600))
-            await eventually(lambda: station.station.connected, "connected")
+            await eventually(lambda: station._runner.station.connected, "connected")
         await asyncio.wait({listening, waiting}, timeout=10)
         assert listening.result() == []
         with pytest.raises(StationEnded):
@@ -34,7 +34,7 @@ async def test_who_listens_is_told_what_ended_the_station() -> None:
         station = GroundStation(f"mqtt://127.0.0.1:{server.port}")
         await station.__aenter__()
         listening = asyncio.create_task(_all(station.events()))
-        await eventually(lambda: station.station.connected, "connected")
+        await eventually(lambda: station._runner.station.connected, "connected")
         server.sessions[0].send(TAKEN_OVER)
         await asyncio.wait({listening}, timeout=10)
         with pytest.raises(BrokerRefused, match="took over"):
@@ -47,7 +47,7 @@ async def test_who_listens_is_told_what_ended_the_station() -> None:
 
 async def test_listening_no_longer_leaves_no_task_behind() -> None:
     async with Server() as server, GroundStation(f"mqtt://127.0.0.1:{server.port}") as station:
-        await eventually(lambda: station.station.connected, "connected")
+        await eventually(lambda: station._runner.station.connected, "connected")
         before = asyncio.all_tasks()
         listening = asyncio.create_task(_all(station.events()))
         await asyncio.sleep(0)

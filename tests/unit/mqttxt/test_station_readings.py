@@ -54,11 +54,11 @@ def test_a_drone_that_changed_its_fog_does_not_double_its_readings() -> None:
 def test_a_reading_at_the_station_is_an_event_with_its_unit() -> None:
     world = World().start()
     message = Inbound("fog1/drone1/sensor3/humidity", encode(reading(8, value=40.5).message), 1)
-    (event,) = world.gs.on_message(message, 0)
+    (event,) = world.gs.on_message("cloud", message, 0)
     assert isinstance(event, SensorReading)
     assert str(event) == "drone 1 sensor 3: humidity 40.5 %"
-    assert world.gs.on_message(message, 0) == []
-    (log,) = world.gs.on_message(Inbound("fog1/drone1/sensor3/humidity", b"{}", 1), 0)
+    assert world.gs.on_message("cloud", message, 0) == []
+    (log,) = world.gs.on_message("cloud", Inbound("fog1/drone1/sensor3/humidity", b"{}", 1), 0)
     assert isinstance(log, Log)
 
 

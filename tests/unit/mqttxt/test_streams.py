@@ -162,7 +162,9 @@ class Client:
     def command(self, state: str, rate_hz: float, seq: int = 1) -> list[Any]:
         payload = encode(command_payload(Stream(state, rate_hz), seq=seq, deadline_ms=self.now_ms + 5000))
         return [
-            *on_disk(self.uav, self.uav.on_message(Inbound("drone1/commands", payload, 1), self.now_ms), self.now_ms),
+            *on_disk(
+                self.uav, self.uav.on_message("fog", Inbound("drone1/commands", payload, 1), self.now_ms), self.now_ms
+            ),
             *self.uav.on_mavlink(ack(INTERVAL), self.now_ms),
         ]
 
@@ -248,7 +250,9 @@ def test_a_state_of_a_parameter_is_repeated() -> None:
     assert (
         results(
             client.uav.on_message(
-                Inbound("drone1/commands", encode(command_payload(Stream("max_groundspeed", 2.0))), 1), client.now_ms
+                "fog",
+                Inbound("drone1/commands", encode(command_payload(Stream("max_groundspeed", 2.0))), 1),
+                client.now_ms,
             )
         )[0].word
         is Word.COMPLETED

@@ -27,7 +27,7 @@ def client(qos: int = 1, unfinished: list[Unfinished] | None = None, now_ms: int
 
 
 def hear(uav: UavClient, message: Any, now_ms: int = 1000, retain: bool = False) -> list[Any]:
-    return on_disk(uav, uav.on_message(Inbound("drone1/commands", encode(message), 1, retain), now_ms), now_ms)
+    return on_disk(uav, uav.on_message("fog", Inbound("drone1/commands", encode(message), 1, retain), now_ms), now_ms)
 
 
 def words(effects: list[Any]) -> list[tuple[Word, str | None]]:
@@ -40,7 +40,7 @@ def published(effects: list[Any], topic: str) -> list[Publish]:
 
 def test_commands_are_subscribed_without_what_is_retained() -> None:
     uav = UavClient(1, UAV_SESSION, Settings())
-    commands, others = uav.on_connected(0)
+    commands, others = uav.on_connected("fog", 0)
     assert commands == Subscribe("fog", ("drone1/commands",), live_only=True)
     assert isinstance(others, Subscribe)
     assert others.filters == ("drone1/init_connect", "drone1/reachable")
@@ -118,9 +118,9 @@ def test_a_lower_number_is_overtaken_by_a_started_one_of_its_session() -> None:
 
 def test_a_malformed_command_is_denied_where_it_can_be_named() -> None:
     broken = cbor2.dumps([1, 0x11, 1, UAV_SESSION, 5000, 600, 0, 99])
-    effects = list(client().on_message(Inbound("drone1/commands", broken), 1000))
+    effects = list(client().on_message("fog", Inbound("drone1/commands", broken), 1000))
     assert words(effects) == [(Word.DENIED, "command: expected a known command, got 99")]
-    assert [type(e) for e in client().on_message(Inbound("drone1/commands", b"\xff"), 1000)] == [Log]
+    assert [type(e) for e in client().on_message("fog", Inbound("drone1/commands", b"\xff"), 1000)] == [Log]
 
 
 def controlled() -> UavClient:
@@ -128,7 +128,7 @@ def controlled() -> UavClient:
     uav = client()
     fields = {"activator_session": 9, "drone_session": UAV_SESSION, "nonce": 42, "bound": True, "deadline_ms": 60_000}
     lease = DroneLease(**fields, holder_session=0x11)
-    uav.on_message(Inbound("drone1/init_connect", encode(lease)), 1000)
+    uav.on_message("fog", Inbound("drone1/init_connect", encode(lease)), 1000)
     return uav
 
 
@@ -153,7 +153,7 @@ def test_a_full_ledger_denies() -> None:
 
 
 def test_another_drones_topic_is_not_listened_to() -> None:
-    (log,) = client().on_message(Inbound("drone2/commands", encode(command_payload(Arm()))), 1000)
+    (log,) = client().on_message("fog", Inbound("drone2/commands", encode(command_payload(Arm()))), 1000)
     assert isinstance(log, Log)
 
 
@@ -166,19 +166,19 @@ def test_a_last_word_stays_in_the_journal_until_it_is_acknowledged() -> None:
     assert [type(e) for e in effects] == [Journal, Publish]
     ref = effects[1].ref
     assert ref == CommandId(0x11, 1)
-    assert uav.on_published(ref, 0x10, 1300) == []
+    assert uav.on_published("fog", ref, 0x10, 1300) == []
     assert words(list(uav.tick(2400))) == [(Word.COMPLETED, None)]
-    assert uav.on_published(ref, 0, 2500) == [Journal(ref, "arm", done=True)]
-    assert uav.on_published(ref, 0, 2600) == []
+    assert uav.on_published("fog", ref, 0, 2500) == [Journal(ref, "arm", done=True)]
+    assert uav.on_published("fog", ref, 0, 2600) == []
 
 
 def test_a_word_said_while_disconnected_is_published_after_the_next_birth() -> None:
     uav = client()
     hear(uav, command_payload(Arm()))
-    uav.on_disconnected(1050)
+    uav.on_disconnected("fog", 1050)
     assert words(list(uav.on_mavlink(ack(ARM), 1100))) == []
     uav.on_mavlink(heartbeat(armed=True), 1200)
-    effects = [e for s in uav.on_connected(1300) for e in uav.on_subscribed(s, 1300)]  # type: ignore[arg-type]
+    effects = [e for s in uav.on_connected("fog", 1300) for e in uav.on_subscribed(s, 1300)]  # type: ignore[arg-type]
     assert words(effects) == [(Word.COMPLETED, None)]
 
 
@@ -192,7 +192,7 @@ def test_what_an_earlier_session_left_open_is_unconfirmed() -> None:
             Unfinished(CommandId(0x11, 2), "hold", Word.COMPLETED),
         ],
     )
-    effects = [e for s in uav.on_connected(0) for e in uav.on_subscribed(s, 0)]  # type: ignore[arg-type]
+    effects = [e for s in uav.on_connected("fog", 0) for e in uav.on_subscribed(s, 0)]  # type: ignore[arg-type]
     assert words(effects) == [(Word.UNCONFIRMED, "restarted"), (Word.COMPLETED, None)]
     again = hear(uav, command_payload(Arm(), deadline_ms=0), 10)
     assert words(again) == [(Word.UNCONFIRMED, "restarted")]
@@ -201,23 +201,23 @@ def test_what_an_earlier_session_left_open_is_unconfirmed() -> None:
 
 def test_a_question_of_the_activator_is_echoed_at_once() -> None:
     lease = DroneLease(activator_session=9, drone_session=UAV_SESSION, nonce=42, bound=True)
-    (beacon,) = client().on_message(Inbound("drone1/init_connect", encode(lease)), 1500)
+    (beacon,) = client().on_message("fog", Inbound("drone1/init_connect", encode(lease)), 1500)
     assert isinstance(beacon, Publish)
     assert decode(BeaconMessage, beacon.payload) == BeaconMessage(session=UAV_SESSION, now_ms=1500, nonce=42, held_ms=0)
 
 
 def test_a_second_client_of_a_number_stops_when_it_is_refused() -> None:
     refusal = DroneLease(activator_session=9, drone_session=UAV_SESSION, nonce=42, bound=False)
-    (stop,) = client().on_message(Inbound("drone1/init_connect", encode(refusal)), 1500)
+    (stop,) = client().on_message("fog", Inbound("drone1/init_connect", encode(refusal)), 1500)
     assert isinstance(stop, Stop)
     others = DroneLease(activator_session=9, drone_session=77, nonce=42, bound=False)
-    assert client().on_message(Inbound("drone1/init_connect", encode(others)), 1500) == []
+    assert client().on_message("fog", Inbound("drone1/init_connect", encode(others)), 1500) == []
 
 
 @pytest.mark.parametrize("seen", [Presence(session=77, up=False), Presence(session=UAV_SESSION, up=False)])
 def test_a_late_will_is_answered_with_a_new_birth(seen: Presence) -> None:
     uav = client()
-    uav.on_message(Inbound("drone1/reachable", encode(seen), retain=True), 1100)
+    uav.on_message("fog", Inbound("drone1/reachable", encode(seen), retain=True), 1100)
     (birth,) = published(list(uav.tick(2100)), "drone1/reachable")
     assert decode(Presence, birth.payload) == Presence(session=UAV_SESSION, up=True)
     assert birth.retain
@@ -228,14 +228,16 @@ def test_a_forged_will_again_and_again_does_not_put_the_birth_off() -> None:
     forged = Inbound("drone1/reachable", encode(Presence(session=UAV_SESSION, up=False)), retain=True)
     for now_ms in range(2000, 12_000, 100):
         if now_ms % 800 == 0:
-            uav.on_message(forged, now_ms)
+            uav.on_message("fog", forged, now_ms)
         births += len(published(list(uav.tick(now_ms)), "drone1/reachable"))
     assert 5 <= births <= 10
 
 
 def test_the_own_birth_needs_no_answer() -> None:
     uav = client()
-    uav.on_message(Inbound("drone1/reachable", encode(Presence(session=UAV_SESSION, up=True)), retain=True), 1100)
+    uav.on_message(
+        "fog", Inbound("drone1/reachable", encode(Presence(session=UAV_SESSION, up=True)), retain=True), 1100
+    )
     assert published(list(uav.tick(2500)), "drone1/reachable") == []
 
 
@@ -274,8 +276,8 @@ def test_states_are_published_once_and_again_after_a_reconnection() -> None:
     first = [e.topic for e in uav.tick(1100) if isinstance(e, Publish) and "/state/" in e.topic]
     assert "drone1/state/armed" in first
     assert [e for e in uav.tick(1200) if isinstance(e, Publish) and "/state/" in e.topic] == []
-    uav.on_disconnected(1300)
-    for subscribe in uav.on_connected(1400):
+    uav.on_disconnected("fog", 1300)
+    for subscribe in uav.on_connected("fog", 1400):
         uav.on_subscribed(subscribe, 1400)  # type: ignore[arg-type]
     again = [e.topic for e in uav.tick(1500) if isinstance(e, Publish) and "/state/" in e.topic]
     assert again == first
@@ -287,7 +289,7 @@ def test_without_a_journal_nobody_knows_what_an_earlier_session_did(asked: dict[
     client = UavClient(1, UAV_SESSION, Settings(), remembers=remembers)
     ready(client)
     payload = encode(command_payload(Arm(), **asked))
-    (said,) = results(client.on_message(Inbound("drone1/commands", payload, 1), 100))
+    (said,) = results(client.on_message("fog", Inbound("drone1/commands", payload, 1), 100))
     if remembers:
         assert said.word in (Word.EXPIRED, Word.DENIED)
     else:
@@ -300,10 +302,10 @@ def test_a_new_activator_session_hears_every_state_anew() -> None:
     assert told
     uav.vehicle.heartbeat_ms = 1300
     lease = DroneLease(activator_session=5, drone_session=UAV_SESSION, nonce=1, bound=True)
-    uav.on_message(Inbound("drone1/init_connect", encode(lease), 1), 1200)
+    uav.on_message("fog", Inbound("drone1/init_connect", encode(lease), 1), 1200)
     assert not [e for e in uav.tick(1250) if isinstance(e, Publish) and "/state/" in e.topic]
     lease = DroneLease(activator_session=6, drone_session=UAV_SESSION, nonce=1, bound=True)
-    uav.on_message(Inbound("drone1/init_connect", encode(lease), 1), 1300)
+    uav.on_message("fog", Inbound("drone1/init_connect", encode(lease), 1), 1300)
     assert {e.topic for e in uav.tick(1350) if isinstance(e, Publish) and "/state/" in e.topic} == told
 
 

@@ -18,7 +18,7 @@ from mqttxt.drone.mavlink.sources import Source
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import CommandId, CommandMessage, ResultMessage
-from mqttxt.station.role import GroundStation
+from mqttxt.station.role import StationRole
 
 GS_SESSION, FOG_SESSION, UAV_SESSION = 0x11, 0x22, 0x33
 HOME = (473_977_420, 85_455_940, 488_000)
@@ -63,7 +63,7 @@ def ready(client: UavClient, now_ms: int = 0) -> None:
     """Heartbeat, home and position have come, the fog broker is connected and subscribed."""
     for message in (heartbeat(), home(), position(), landed(1)):
         client.on_mavlink(message, now_ms)
-    for effect in client.on_connected(now_ms):
+    for effect in client.on_connected(FOG, now_ms):
         if isinstance(effect, Subscribe):
             client.on_subscribed(effect, now_ms)
 
@@ -139,7 +139,7 @@ class World:
 
     def __post_init__(self) -> None:
         settings = Settings(qos=self.qos)
-        self.gs = GroundStation("g", GS_SESSION, settings)
+        self.gs = StationRole("g", GS_SESSION, settings)
         self.activator = Activator(1, FOG_SESSION, settings, drones=(1,))
         self.uav = UavClient(1, UAV_SESSION, settings)
         self.subscribed: list[tuple[str, str, str, bool]] = []
@@ -151,8 +151,8 @@ class World:
             self.uav.on_mavlink(message, self.now_ms)
         self.run("activator", self.activator.on_connected(FOG, self.now_ms))
         self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
-        self.run("uav", self.uav.on_connected(self.now_ms))
-        self.run("gs", self.gs.on_connected(self.now_ms))
+        self.run("uav", self.uav.on_connected(FOG, self.now_ms))
+        self.run("gs", self.gs.on_connected(CLOUD, self.now_ms))
         return self
 
     def restart_activator(self, session: int) -> None:
@@ -172,7 +172,7 @@ class World:
         self.uav = UavClient(1, session, Settings(qos=self.qos), unfinished=unfinished, remembers=remembers)
         for message in (heartbeat(), home(), position(), landed(1)):
             self.uav.on_mavlink(message, self.now_ms)
-        self.run("uav", self.uav.on_connected(self.now_ms))
+        self.run("uav", self.uav.on_connected(FOG, self.now_ms))
 
     def autopilot(self, *messages: Any) -> None:
         for message in messages:
@@ -228,8 +228,7 @@ class World:
         if publish.ref is not None and publish.qos > 0:
             code = 0 if receivers else 0x10
             role = getattr(self, name)
-            link = () if name != "activator" else (publish.link,)
-            self.run(name, role.on_published(*link, publish.ref, code, self.now_ms))
+            self.run(name, role.on_published(publish.link, publish.ref, code, self.now_ms))
 
     def _subscribe(self, name: str, effect: Subscribe) -> None:
         self.subscribed += [(name, effect.link, topic, effect.live_only) for topic in effect.filters]
@@ -242,8 +241,7 @@ class World:
     def _deliver(self, name: str, publish: Publish, retained: bool) -> None:
         message = Inbound(publish.topic, publish.payload, publish.qos, retained)
         role = getattr(self, name)
-        link = (publish.link,) if name == "activator" else ()
-        self.run(name, role.on_message(*link, message, self.now_ms))
+        self.run(name, role.on_message(publish.link, message, self.now_ms))
 
     def _write(self, effect: Transmit) -> None:
         if effect.ref is None:

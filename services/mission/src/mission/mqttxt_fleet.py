@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterable, Callable, Coroutine, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -23,7 +23,6 @@ from mqttxt import (
     GroundStation,
     Land,
     LandedState,
-    Location,
     MqttxtError,
     Outcome,
     Return,
@@ -31,7 +30,6 @@ from mqttxt import (
     StateUpdate,
     Stream,
     Takeoff,
-    Word,
 )
 
 from .events import EventLog
@@ -109,21 +107,21 @@ class MqttxtFleet:
 
     async def goto_best(self, point: Point) -> Result:
         """Each fog says in what time its drones would arrive; the lists are in the events as `psmi`."""
-        call, last = self._log.next_call(), None
+        call = self._log.next_call()
         self._log.write("command", call=call, command=Goto.name, fog=None, drone=None)
         try:
-            async for event in self._station.best(as_goto(point), list(self._wanted)):
+            sent = self._station.best(as_goto(point), list(self._wanted))
+            async for event in sent:
                 if isinstance(event, Outcome):
                     self._note(call, event)
-                    last = event if event.is_last else last
                 else:
                     listed = [candidate.drone for candidate in event.listed]
                     self._log.write("psmi", call=call, fog=event.fog, drones=listed, chosen=event.chosen)
+            last = await sent
         except MqttxtError as error:
             raise MissionError(f"goto_best: {error}") from error
-        if last is None or last.drone is None:
-            why = f"{last.word.label} ({last.reason})" if last is not None else "no drone can fly there"
-            raise MissionError(f"goto_best: {why}")
+        if last.drone is None:
+            raise MissionError(f"goto_best: {last.word.label} ({last.reason})")
         return Result(last.drone, last.word.label, last.reason)
 
     async def return_home(self) -> list[Result]:
@@ -134,14 +132,13 @@ class MqttxtFleet:
         return self._readings
 
     def status(self, drone: int) -> Status:
-        states = {name: known.state for name, known in self._fog_of(drone).drone(drone).states.items()}
-        armed, mode = states.get("armed"), states.get("flight_mode")
-        place, landed = states.get("location"), states.get("landed_state")
+        seen = self._fog_of(drone).drone(drone)
+        armed, mode, landed = seen.state(Armed), seen.state(FlightMode), seen.state(LandedState)
         return Status(
-            armed=armed.armed if isinstance(armed, Armed) else None,
-            mode=mode.mode.label if isinstance(mode, FlightMode) else None,
-            altitude_m=place.altitude_m if isinstance(place, Location) else None,
-            landed=landed.landed.label if isinstance(landed, LandedState) else None,
+            armed=armed.state.armed if armed else None,
+            mode=mode.state.mode.label if mode else None,
+            altitude_m=seen.location.state.altitude_m if seen.location else None,
+            landed=landed.state.landed.label if landed else None,
         )
 
     async def changed(self) -> None:
@@ -164,31 +161,30 @@ class MqttxtFleet:
 
     async def _stream(self, fog: Fog, name: str) -> None:
         """Have a state told at its fixed rate; part of setting up, so no call of the mission."""
-        completed = set()
-        async for outcome in fog.broadcast(Stream(name, FIVE_STATES_HZ)):
-            if outcome.is_last and outcome.drone in self._wanted[fog.number]:
-                if outcome.word is not Word.COMPLETED:
-                    refused = Result(outcome.drone, outcome.word.label, outcome.reason)
-                    raise MissionError(f"connect: stream {name}: {refused}")
-                completed.add(outcome.drone)
-        if silent := set(self._wanted[fog.number]) - completed:
+        answers = {outcome.drone: outcome for outcome in await fog.broadcast(Stream(name, FIVE_STATES_HZ))}
+        wanted = self._wanted[fog.number]
+        for drone in wanted:
+            if drone in answers and not answers[drone].completed:
+                refused = Result(drone, answers[drone].word.label, answers[drone].reason)
+                raise MissionError(f"connect: stream {name}: {refused}")
+        if silent := set(wanted) - answers.keys():
             raise MissionError(f"connect: stream {name}: drone {min(silent)}: no answer")
 
     async def _to_fog(self, fog: Fog, command: Command) -> list[Result]:
-        return await self._follow(fog, None, command, fog.broadcast(command))
+        return await self._follow(fog, None, command, fog.broadcast)
 
     async def _to_drone(self, drone: int, command: Command) -> list[Result]:
         fog = self._fog_of(drone)
-        return await self._follow(fog, drone, command, fog.drone(drone).outcomes(command))
+        return await self._follow(fog, drone, command, fog.drone(drone).send)
 
     async def _follow(
-        self, fog: Fog, drone: int | None, command: Command, outcomes: AsyncIterator[Outcome]
+        self, fog: Fog, drone: int | None, command: Command, send: Callable[[Command], AsyncIterable[Outcome]]
     ) -> list[Result]:
         """A call and what is said of it; `drone` None for all of the fog."""
         call = self._log.next_call()
         self._log.write("command", call=call, command=command.name, fog=fog.number, drone=drone)
         results = []
-        async for outcome in outcomes:
+        async for outcome in send(command):
             self._note(call, outcome)
             if outcome.is_last and outcome.drone in self._wanted[fog.number]:
                 results.append(Result(outcome.drone, outcome.word.label, outcome.reason))

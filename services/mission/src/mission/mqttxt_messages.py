@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
 
 from mqttxt import (
     Arm,
@@ -14,7 +13,6 @@ from mqttxt import (
     Land,
     MqttxtError,
     Offboard,
-    Outcome,
     StateUpdate,
     Stream,
     Takeoff,
@@ -63,7 +61,7 @@ class MqttxtMessageFleet(MqttxtFleet):
         command = self._command(name)
         self._log.write("command", call=call, command=name, fog=self._fog_of(self._number).number, drone=self._number)
         first: asyncio.Future[Result] = asyncio.get_running_loop().create_future()
-        self._following = asyncio.create_task(self._follow_call(call, name, self._drone().outcomes(command), first))
+        self._following = asyncio.create_task(self._follow_call(call, name, command, first))
         await asyncio.wait({first}, timeout=FIRST_WORD_LIMIT_S)
         if not first.done():
             first.set_result(self._own_word(call, name, Word.UNCONFIRMED, "no_word"))
@@ -81,8 +79,8 @@ class MqttxtMessageFleet(MqttxtFleet):
 
     def follows(self, armed: bool) -> bool:
         """The UAV client, which is beside its autopilot, judges by what comes after an acknowledgement."""
-        known = self._drone().states.get("armed")
-        return known is not None and known.state == Armed(armed)
+        known = self._drone().state(Armed)
+        return known is not None and known.state.armed == armed
 
     async def quieten(self) -> None:
         if self._at_fixed_rate:
@@ -116,12 +114,10 @@ class MqttxtMessageFleet(MqttxtFleet):
     def _drone(self) -> Drone:
         return self._fog_of(self._number).drone(self._number)
 
-    async def _follow_call(
-        self, call: int, name: str, outcomes: AsyncIterator[Outcome], first: asyncio.Future[Result]
-    ) -> None:
-        """Write down what is said of a call up to its last word; its first one is `first`."""
+    async def _follow_call(self, call: int, name: str, command: Command, first: asyncio.Future[Result]) -> None:
+        """Send a command and write down what is said of it up to its last word; its first one is `first`."""
         try:
-            async for outcome in outcomes:
+            async for outcome in self._drone().send(command):
                 self._note(call, outcome)
                 if not first.done():
                     first.set_result(Result(self._number, outcome.word.label, outcome.reason))
@@ -149,7 +145,7 @@ class MqttxtMessageFleet(MqttxtFleet):
         try:
             for _ in range(STREAM_TRIES):
                 last = await self._drone().send(Stream(name, rate_hz))
-                if last.word is Word.COMPLETED:
+                if last.completed:
                     return
                 said = last.word.label + (f" ({last.reason})" if last.reason else "")
                 if last.word in (Word.DENIED, Word.UNSUPPORTED):

@@ -50,17 +50,20 @@ from .protocol.states import (
     State,
 )
 from .protocol.values import Encoding
-from .station.ground_station import Drone, Fog, GroundStation, KnownState
+from .station.ground_station import GroundStation
+from .station.heard import EventStream, SentCommand
 from .station.outcomes import (
     ControlChanged,
     Event,
     Outcome,
+    Outcomes,
     PsmiList,
     QodsRanking,
     Reachability,
     SensorReading,
     StateUpdate,
 )
+from .station.views import Drone, Fog, KnownState
 
 __version__ = "0.1.0"
 
@@ -81,6 +84,7 @@ __all__ = [
     "Encoding",
     "Endurance",
     "Event",
+    "EventStream",
     "FlightMode",
     "FlightModeName",
     "Fog",
@@ -103,6 +107,7 @@ __all__ = [
     "MqttxtError",
     "Offboard",
     "Outcome",
+    "Outcomes",
     "PayloadError",
     "PsmiList",
     "QodsRanking",
@@ -111,6 +116,7 @@ __all__ = [
     "Refused",
     "Return",
     "SensorReading",
+    "SentCommand",
     "State",
     "StateUpdate",
     "StationEnded",

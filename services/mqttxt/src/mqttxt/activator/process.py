@@ -16,23 +16,6 @@ from .drones import CLOUD, FOG
 from .role import Activator
 
 
-class _Ready:
-    """The activator's role as the runner takes it."""
-
-    def __init__(self, activator: Activator) -> None:
-        self._activator = activator
-        self.on_connected = activator.on_connected
-        self.on_disconnected = activator.on_disconnected
-        self.on_subscribed = activator.on_subscribed
-        self.on_message = activator.on_message
-        self.on_published = activator.on_published
-        self.tick = activator.tick
-        self.goodbye = activator.goodbye
-
-    def is_ready(self, now_ms: int) -> bool:
-        return self._activator.is_ready()
-
-
 class ActivatorRunner(Runner):
     """Runs one fog's activator. `embedded` is its own broker, None where `fog_broker` runs elsewhere.
 
@@ -70,7 +53,7 @@ class ActivatorRunner(Runner):
             cloud=cloud,
             fog_side=FogSide(root),
         )
-        super().__init__(_Ready(self.activator), clock, ready_file)
+        super().__init__(self.activator, clock, ready_file)
         self._embedded = embedded
         client_id = f"mqttxt-fog{fog}-{clock.session:08x}"
         self.links[CLOUD] = MqttLink(CLOUD, cloud_broker, client_id, self.activator.will(), self)

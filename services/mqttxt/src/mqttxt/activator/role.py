@@ -65,7 +65,7 @@ class Activator:
         """The will of the connection to the cloud broker; the fog broker needs none."""
         return Will(self.cloud.reachable, encode(self._presence(up=False), self.settings.encoding))
 
-    def is_ready(self) -> bool:
+    def is_ready(self, now_ms: int) -> bool:
         """Whether the activator is live on both brokers."""
         return self.born and self.connected[FOG] and self._subacks[FOG] == 0
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
 import typer
@@ -10,10 +9,10 @@ from rich.console import Console
 
 from ..errors import ConfigurationError
 from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
-from ..protocol.messages import Word
 from ..protocol.topics import MAX_DRONE, SELECTABLE, check_number
 from ..station.ground_station import GroundStation
-from ..station.outcomes import Outcome, PsmiList
+from ..station.heard import SentCommand
+from ..station.outcomes import Outcome, Outcomes
 from .common import run_coroutine, set_up_logging, settings
 from .parameters import HELP, parse_command
 from .watch import watch_fogs
@@ -82,23 +81,20 @@ def send(
             fogs = await station.connect(numbers, timeout)
             if take_over:
                 for there in fogs:
-                    await station.take_over(there.number, (drone,) if drone is not None else None, timeout)
-            outcomes: AsyncIterator[Outcome | PsmiList]
+                    await (there.take_over(timeout) if drone is None else there.drone(drone).take_over(timeout))
+            sent: SentCommand[Outcome, Any] | SentCommand[Outcomes, Any]
             if best:
-                outcomes = station.best(wanted, numbers, ttl_s=ttl, limit_s=limit)
+                sent = station.best(wanted, numbers, ttl_s=ttl, limit_s=limit)
             elif drone is None:
-                outcomes = fogs[0].broadcast(wanted, ttl_s=ttl, limit_s=limit)
+                sent = fogs[0].broadcast(wanted, ttl_s=ttl, limit_s=limit)
             else:
-                outcomes = fogs[0].drone(drone).outcomes(wanted, ttl_s=ttl, limit_s=limit)
-            words: dict[int | None, Word] = {}
-            async for outcome in outcomes:
-                typer.echo(str(outcome))
-                if isinstance(outcome, Outcome) and outcome.is_last:
-                    words[outcome.drone] = outcome.word
-        if not words:
-            typer.echo(f"fog {', '.join(map(str, numbers))}: no drones", err=True)
-        decisive = [*words.values()][-1:] if best else [*words.values()]
-        return 0 if decisive and all(word is Word.COMPLETED for word in decisive) else 1
+                sent = fogs[0].drone(drone).send(wanted, ttl_s=ttl, limit_s=limit)
+            async for said in sent:
+                typer.echo(str(said))
+            answer = await sent
+        if answer == ():
+            typer.echo(f"fog {numbers[0]}: no drones", err=True)
+        return 0 if answer.completed else 1
 
     run_coroutine(job())
 

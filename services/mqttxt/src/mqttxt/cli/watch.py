@@ -12,9 +12,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..core.printable import printable
-from ..protocol.states import Armed, Battery, FlightMode, Groundspeed, Heading, Health, LandedState, Location
+from ..protocol.states import Armed, Battery, FlightMode, Groundspeed, Heading, Health, LandedState
 from ..protocol.topics import MAX_DRONE
-from ..station.ground_station import Drone, Fog, GroundStation, KnownState
+from ..station.ground_station import GroundStation
+from ..station.views import Drone, Fog
 
 REFRESH_S = 0.5
 FIRST_STATES_S = 5.0
@@ -92,45 +93,35 @@ def table(fogs: list[Fog]) -> Table:
 
 
 def _cells(drone: Drone) -> list[str]:
-    states = drone.states
+    mode, landed = drone.state(FlightMode), drone.state(LandedState)
+    place, speed = drone.location, drone.state(Groundspeed)
+    heading, battery = drone.state(Heading), drone.state(Battery)
     return [
         str(drone.number),
         "[green]yes[/]" if drone.is_reachable else "[red]no[/]",
         _shown(drone.holder or "-"),
-        _armed(states),
-        *_described(states),
-        _age(states),
+        _armed(drone),
+        mode.state.mode.label if mode else "-",
+        landed.state.landed.label.replace("_", " ") if landed else "-",
+        f"{place.state.latitude_deg:.5f} {place.state.longitude_deg:.5f}" if place else "-",
+        f"{place.state.altitude_m:.1f}" if place else "-",
+        f"{speed.state.groundspeed_m_s:.1f}" if speed else "-",
+        f"{heading.state.heading_deg:.0f}" if heading else "-",
+        f"{battery.state.remaining_pct} %" if battery else "-",
+        _age(drone),
     ]
 
 
-def _armed(states: dict[str, KnownState]) -> str:
-    armed, health = states.get("armed"), states.get("health")
-    if armed is None or not isinstance(armed.state, Armed):
+def _armed(drone: Drone) -> str:
+    armed, health = drone.state(Armed), drone.state(Health)
+    if armed is None:
         return "-"
     if armed.state.armed:
         return "[yellow]armed[/]"
-    blocked = health is not None and isinstance(health.state, Health) and not health.state.armable
-    return "no ([red]not armable[/])" if blocked else "no"
+    return "no ([red]not armable[/])" if health is not None and not health.state.armable else "no"
 
 
-def _described(states: dict[str, KnownState]) -> list[str]:
-    found = {name: known.state for name, known in states.items()}
-    mode, landed = found.get("flight_mode"), found.get("landed_state")
-    location, speed = found.get("location"), found.get("groundspeed")
-    heading, battery = found.get("heading"), found.get("battery")
-    position = isinstance(location, Location)
-    return [
-        mode.mode.label if isinstance(mode, FlightMode) else "-",
-        landed.landed.label.replace("_", " ") if isinstance(landed, LandedState) else "-",
-        f"{location.latitude_deg:.5f} {location.longitude_deg:.5f}" if isinstance(location, Location) else "-",
-        f"{location.altitude_m:.1f}" if position and isinstance(location, Location) else "-",
-        f"{speed.groundspeed_m_s:.1f}" if isinstance(speed, Groundspeed) else "-",
-        f"{heading.heading_deg:.0f}" if isinstance(heading, Heading) else "-",
-        f"{battery.remaining_pct} %" if isinstance(battery, Battery) else "-",
-    ]
-
-
-def _age(states: dict[str, KnownState]) -> str:
+def _age(drone: Drone) -> str:
     """How long ago the drone was last heard, at the most: of its newest state."""
-    ages = [known.age_ms for known in states.values() if known.age_ms is not None]
+    ages = [known.age_ms for known in drone.states.values() if known.age_ms is not None]
     return f"{min(ages) / 1000:.1f}" if ages else "-"

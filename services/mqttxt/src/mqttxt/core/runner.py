@@ -22,7 +22,7 @@ READY_TOUCH_S = 1.0
 
 
 class Role(Protocol):
-    """What every role's state machine has, behind an adapter that names the link where it has several."""
+    """What every role's state machine has. `link` is the name of the connection, for roles that have several."""
 
     def on_connected(self, link: str, now_ms: int) -> Iterable[Any]: ...
     def on_disconnected(self, link: str, now_ms: int) -> Iterable[Any]: ...
@@ -71,6 +71,12 @@ class Runner:
         """End `run` as after a cancellation, because the role has done what it was for."""
         if self._stopped is not None and not self._stopped.done():
             self._stopped.set_result(None)
+
+    def stopped_by(self) -> BaseException | None:
+        """What ended `run`, CancelledError where it was cancelled; None before that, and where `finish` ended it."""
+        if self._stopped is None or not self._stopped.done():
+            return None
+        return asyncio.CancelledError() if self._stopped.cancelled() else self._stopped.exception()
 
     def jobs(self) -> list[Any]:
         """The coroutines that run as long as the role does."""

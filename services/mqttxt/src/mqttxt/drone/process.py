@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..core.clock import SessionClock
-from ..core.effects import Inbound, Subscribe
 from ..core.mqtt.link import BrokerAddress, MqttLink
 from ..core.runner import Runner
 from ..core.settings import Settings
@@ -31,35 +29,6 @@ from .sensors.carrier import SENSORS
 from .sensors.port import SensorOptions, SensorPort
 
 logger = logging.getLogger("mqttxt")
-
-
-class _Links:
-    """A UAV client's role has one broker and does not name its link; that of sensors is its carrier's."""
-
-    def __init__(self, client: UavClient) -> None:
-        self.client = client
-        self.tick = client.tick
-        self.goodbye = client.goodbye
-        self.is_ready = client.is_ready
-
-    def on_connected(self, link: str, now_ms: int) -> Any:
-        if link == SENSORS and self.client.carrier is not None:
-            return self.client.carrier.on_connected(now_ms)
-        return self.client.on_connected(now_ms)
-
-    def on_disconnected(self, link: str, now_ms: int) -> Any:
-        return self.client.on_disconnected(now_ms) if link == LINK else ()
-
-    def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> Any:
-        return self.client.on_subscribed(subscribe, now_ms) if subscribe.link == LINK else ()
-
-    def on_message(self, link: str, message: Inbound, now_ms: int) -> Any:
-        if link == SENSORS and self.client.carrier is not None:
-            return self.client.carrier.on_message(message, now_ms)
-        return self.client.on_message(message, now_ms)
-
-    def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> Any:
-        return self.client.on_published(ref, code, now_ms) if link == LINK else ()
 
 
 class UavRunner(Runner):
@@ -83,7 +52,7 @@ class UavRunner(Runner):
         remembers = not journal.is_new
         left = journal.unfinished
         self.client = UavClient(drone, clock.session, settings, topics, policies, left, remembers, options)
-        super().__init__(_Links(self.client), clock, ready_file)
+        super().__init__(self.client, clock, ready_file)
         self._journal = journal
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)
         self._heard: asyncio.Event = asyncio.Event()

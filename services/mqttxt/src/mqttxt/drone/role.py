@@ -23,7 +23,7 @@ from .enquiries import Enquiries
 from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
 from .options import UavOptions
-from .sensors.carrier import Carrier, is_carried
+from .sensors.carrier import SENSORS, Carrier, is_carried
 
 MAV_HEARTBEAT_MS = 1000
 
@@ -78,7 +78,9 @@ class UavClient:
         """Whether the drone has a session with its broker and a heartbeat from its autopilot."""
         return self.born and self.vehicle.is_alive(now_ms)
 
-    def on_connected(self, now_ms: int) -> list[Effect]:
+    def on_connected(self, link: str, now_ms: int) -> list[Effect]:
+        if link == SENSORS and self.carrier is not None:
+            return self.carrier.on_connected(now_ms)
         self.connected = True
         self._awaited_subacks = 2
         commands = Subscribe(LINK, (self.topics.commands(self.drone),), live_only=True)
@@ -87,7 +89,9 @@ class UavClient:
             others.append(self.topics.sensor_ack(self.drone))
         return [commands, Subscribe(LINK, tuple(others))]
 
-    def on_disconnected(self, now_ms: int) -> list[Effect]:
+    def on_disconnected(self, link: str, now_ms: int) -> list[Effect]:
+        if link == SENSORS:
+            return []
         self.connected = self.desk.may_publish = False
         if self.carrier is not None:
             self.carrier.on_fog_down()
@@ -95,6 +99,8 @@ class UavClient:
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
         """Commands can be heard from now on: say so, then everything that may not have been heard before."""
+        if subscribe.link == SENSORS:
+            return []
         self._awaited_subacks -= 1
         if self._awaited_subacks != 0:
             return []
@@ -104,8 +110,10 @@ class UavClient:
         out += self.desk.close_restored(now_ms) + self.desk.republish()
         return out + (self.carrier.on_fog_up(now_ms) if self.carrier is not None else [])
 
-    def on_message(self, message: Inbound, now_ms: int) -> list[Effect]:
-        """A message from the fog broker."""
+    def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Effect]:
+        """A message from the fog broker, or from the drone's own, where sensors publish."""
+        if link == SENSORS and self.carrier is not None:
+            return self.carrier.on_message(message, now_ms)
         try:
             topic = self.topics.parse(message.topic)
             if topic.drone != self.drone:
@@ -116,8 +124,10 @@ class UavClient:
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]
 
-    def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
+    def on_published(self, link: str, ref: Any, code: int, now_ms: int) -> list[Effect]:
         """A QoS 1 publish with `ref` was acknowledged with an MQTT reason code."""
+        if link == SENSORS:
+            return []
         if self.carrier is not None and is_carried(ref):
             return self.carrier.on_published(ref, code, now_ms)
         return self.desk.on_published(ref, code, now_ms)

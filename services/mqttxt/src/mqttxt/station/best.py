@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import AsyncIterator, Sequence
+from typing import Any
 
-from ..errors import FogUnreachable
+from ..errors import FogUnreachable, MqttxtError
 from ..protocol.commands import Command
-from ..protocol.messages import CommandId, Word
+from ..protocol.messages import Word
 from ..protocol.rankings import SelectMode
 from ..protocol.words import DEFINITE_NO
 from .commands import ttl_ms_of
-from .outcomes import Outcome, PsmiList
-
-if TYPE_CHECKING:
-    from .ground_station import GroundStation
+from .heard import SentCommand
+from .outcomes import Outcome, PsmiList, last_word
+from .process import Make, StationRunner
 
 HOLD_S = 5.0
 """How much longer than its answer may take a fog keeps the drone that it offered."""
@@ -24,21 +23,29 @@ HOLD_S = 5.0
 _RELEASE_TTL_S = 5.0
 _SHORTEST_S = 0.001
 
-Start = Callable[[], tuple[CommandId, list[Any]]]
-"""Sends one message; returns its id and the effects."""
 
-
-async def best(
-    station: GroundStation, command: Command, fogs: list[int], ttl_s: float, limit_s: float | None
-) -> AsyncIterator[Outcome | PsmiList]:
-    """`GroundStation.best`, for fogs that are connected."""
+def best(
+    runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: float, limit_s: float | None
+) -> SentCommand[Outcome, Outcome | PsmiList]:
+    """`GroundStation.best`: one fog chooses by itself, of several this station does."""
+    if not fogs:
+        raise FogUnreachable(f"no fog is connected; {command.name} was not sent")
     if len(fogs) == 1:
-        async for event in station.follow(_select(station, fogs[0], command, SelectMode.SELECT, None, ttl_s, limit_s)):
-            yield event
-        return
+        return runner.send(_select(runner, fogs[0], command, SelectMode.SELECT, None, ttl_s, limit_s), last_word)
+    asked = _ask(runner, command, fogs, ttl_s)
+    return runner.choose(_choose(runner, command, asked, ttl_s, limit_s), last_word)
+
+
+async def _choose(
+    runner: StationRunner, command: Command, asked: list[SentCommand[Any, Any]], ttl_s: float, limit_s: float | None
+) -> AsyncIterator[Outcome | PsmiList]:
+    """What is said from the fogs' offers to the last word of whoever was sent."""
     held: list[PsmiList] = []
     try:
-        for event in await _offers(station, command, fogs, ttl_s):
+        offers = await _answers(asked, ttl_s)
+        if not offers:
+            raise FogUnreachable(f"{command.name}: no fog answered within {ttl_s:g} s; no drone was sent")
+        for event in offers:
             held += _reserved(event)
             yield event
         start_until_s = asyncio.get_running_loop().time() + ttl_s
@@ -47,10 +54,10 @@ async def best(
             held.remove(chosen)
             last = None
             try:
-                async for event in _commit(station, command, chosen, start_until_s, limit_s):
+                async for event in _commit(runner, command, chosen, start_until_s, limit_s):
                     last = event.word
                     if last not in DEFINITE_NO:
-                        _release(station, command, held)  # it may fly: nobody else will
+                        _release(runner, command, held)  # it may fly: nobody else will
                     yield event
             except FogUnreachable:  # it was not sent
                 if not held:
@@ -58,41 +65,41 @@ async def best(
                 last = Word.UNREACHABLE
             if last not in DEFINITE_NO:
                 return
-            reason = _why_to_end(station, chosen, start_until_s)
+            reason = _why_to_end(runner, chosen, start_until_s)
             if reason is not None:
                 yield Outcome(chosen.id, chosen.fog, None, command.name, Word.DENIED, reason)
                 return
-            for event in await _next_offer(station, command, chosen, start_until_s):
+            for event in await _next_offer(runner, command, chosen, start_until_s):
                 held += _reserved(event)
                 yield event
     finally:
-        _release(station, command, held)
+        _release(runner, command, held)
 
 
 async def _commit(
-    station: GroundStation, command: Command, chosen: PsmiList, start_until_s: float, limit_s: float | None
+    runner: StationRunner, command: Command, chosen: PsmiList, start_until_s: float, limit_s: float | None
 ) -> AsyncIterator[Outcome]:
     """Send the command to the drone that a fog has reserved; raises FogUnreachable where the fog is gone."""
     left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
-    start = _select(station, chosen.fog, command, SelectMode.COMMIT, chosen.id.seq, left_s, limit_s)
-    async for event in station.follow(start):
-        if isinstance(event, Outcome):  # the list was said with the offer
+    commit = _select(runner, chosen.fog, command, SelectMode.COMMIT, chosen.id.seq, left_s, limit_s)
+    async for event in runner.send(commit, last_word):
+        if isinstance(event, Outcome):  # the list came with the offer
             yield event
 
 
 async def _next_offer(
-    station: GroundStation, command: Command, tried: PsmiList, start_until_s: float
+    runner: StationRunner, command: Command, tried: PsmiList, start_until_s: float
 ) -> list[Outcome | PsmiList]:
     """What a fog has to offer beside the drone that said no."""
     left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
     with contextlib.suppress(FogUnreachable):
-        return await _offers(station, command, [tried.fog], left_s, tried.id.seq)
+        return await _answers(_ask(runner, command, [tried.fog], left_s, tried.id.seq), left_s)
     return []
 
 
-def _why_to_end(station: GroundStation, chosen: PsmiList, start_until_s: float) -> str | None:
+def _why_to_end(runner: StationRunner, chosen: PsmiList, start_until_s: float) -> str | None:
     """Why nobody is sent in place of who said no, None where somebody is."""
-    if station.station.commands.is_overridden(chosen.id):
+    if runner.station.commands.is_overridden(chosen.id):
         return "cancelled"
     return Word.EXPIRED.label if asyncio.get_running_loop().time() >= start_until_s else None
 
@@ -102,53 +109,59 @@ def _reserved(event: Outcome | PsmiList) -> list[PsmiList]:
     return [event] if isinstance(event, PsmiList) and event.chosen is not None else []
 
 
-def _release(station: GroundStation, command: Command, held: list[PsmiList]) -> None:
-    """Give up what is reserved; where the fog is gone it lapses by itself."""
+def _release(runner: StationRunner, command: Command, held: list[PsmiList]) -> None:
+    """Give up what is reserved; where the fog or the station is gone it lapses by itself."""
     while held:
         offer = held.pop()
-        with contextlib.suppress(FogUnreachable):
-            start = _select(station, offer.fog, command, SelectMode.RELEASE, offer.id.seq, _RELEASE_TTL_S, None)
-            station.carry_out(start()[1])
+        release = _select(runner, offer.fog, command, SelectMode.RELEASE, offer.id.seq, _RELEASE_TTL_S, None)
+        with contextlib.suppress(MqttxtError):
+            runner.send(release, last_word)
 
 
-async def _offers(
-    station: GroundStation, command: Command, fogs: list[int], ttl_s: float, tried: int | None = None
-) -> list[Outcome | PsmiList]:
-    """Each fog's list with what it has reserved, or why it has nothing; raises FogUnreachable where none is live.
+def _ask(
+    runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: float, tried: int | None = None
+) -> list[SentCommand[Any, Any]]:
+    """Ask each fog to reserve its best; raises FogUnreachable where none is live.
 
     `tried` is the number of an offer whose drone, and those before it, are left out.
     """
-    starts = [_select(station, fog, command, SelectMode.OFFER, tried, ttl_s, HOLD_S + ttl_s) for fog in fogs]
-    answers = await asyncio.gather(*(_answers(station, start, ttl_s) for start in starts))
-    unreachable = [answer for answer in answers if isinstance(answer, FogUnreachable)]
-    if len(unreachable) == len(fogs):
-        raise unreachable[0]
-    return [event for answer in answers if isinstance(answer, list) for event in answer]
+    asked, unreachable = [], None
+    for fog in fogs:
+        offer = _select(runner, fog, command, SelectMode.OFFER, tried, ttl_s, HOLD_S + ttl_s)
+        try:
+            asked.append(runner.send(offer, last_word))
+        except FogUnreachable as error:
+            unreachable = error
+    if unreachable is not None and not asked:
+        raise unreachable
+    return asked
 
 
-async def _answers(station: GroundStation, start: Start, limit_s: float) -> list[Outcome | PsmiList] | FogUnreachable:
-    """What a fog answers to an offer within a time."""
-    found: list[Outcome | PsmiList] = []
-    try:
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(limit_s):
-                async for event in station.follow(start):
-                    found.append(event)
-    except FogUnreachable as error:
-        return error
-    return found
+async def _answers(asked: list[SentCommand[Any, Any]], limit_s: float) -> list[Outcome | PsmiList]:
+    """What the fogs answer within a time: their lists with what they have reserved, or why they have nothing."""
+    answers = await asyncio.gather(*(_answer(one, limit_s) for one in asked))
+    return [event for answer in answers for event in answer]
+
+
+async def _answer(asked: SentCommand[Any, Any], limit_s: float) -> list[Outcome | PsmiList]:
+    heard: list[Outcome | PsmiList] = []
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(limit_s):
+            async for event in asked:
+                heard.append(event)
+    return heard
 
 
 def _select(
-    station: GroundStation,
+    runner: StationRunner,
     fog: int,
     command: Command,
     mode: SelectMode,
     reservation: int | None,
     ttl_s: float,
     limit_s: float | None,
-) -> Start:
+) -> Make:
     ttl_ms = ttl_ms_of(ttl_s)
-    return lambda: station.station.select(
-        fog, command, station.clock.now_ms(), mode=mode, reservation=reservation, ttl_ms=ttl_ms, limit_s=limit_s
+    return lambda now_ms: runner.station.select(
+        fog, command, now_ms, mode=mode, reservation=reservation, ttl_ms=ttl_ms, limit_s=limit_s
     )

@@ -21,7 +21,7 @@ OFFBOARD_RENEWAL_MS = 1000
 
 
 @dataclass
-class KnownState:
+class HeardState:
     """A state with its stamps, when it came in the station's own time, and the clock that its relay stamp is of.
 
     `said_ms` bounds from below when it was said, in the own time, once that clock is known.
@@ -41,7 +41,7 @@ class DroneView:
     record: DroneRecord | None = None
     holder: str | None = None
     reachable: bool = False
-    states: dict[str, KnownState] = field(default_factory=dict)
+    states: dict[str, HeardState] = field(default_factory=dict)
 
 
 class FogView:
@@ -144,11 +144,11 @@ class FogView:
         known = drone.states.get(message.state.name)
         if known is not None and not stamp_supersedes(message.stamp, known.message.stamp, now_ms - known.received_ms):
             return []
-        drone.states[message.state.name] = KnownState(message, now_ms, self.clock)
+        drone.states[message.state.name] = HeardState(message, now_ms, self.clock)
         age_ms = self.age_ms(drone.states[message.state.name], now_ms)
         return [StateUpdate(self.number, number, message.state, message.stamp, age_ms)]
 
-    def age_ms(self, known: KnownState, now_ms: int) -> int | None:
+    def age_ms(self, known: HeardState, now_ms: int) -> int | None:
         """Upper bound of a state's age; None before the fog has echoed this station."""
         if known.said_ms is None and known.clock is not None and known.message.relay_stamp is not None:
             age_ms = known.clock.age_ms(known.message.relay_stamp, now_ms)

@@ -1,70 +1,54 @@
-"""The ground station's public API, on asyncio.
-
-async with GroundStation("mqtt://cloud.example:1883") as gs:
-    fog, other = await gs.connect([1, 2])
-    async for outcome in fog.broadcast(Takeoff(altitude_m=10)):
-        print(outcome)
-    last_word = await fog.drone(3).send(Goto(47.3980, 8.5460, altitude_m=15))
-"""
+"""The ground station's public API, on asyncio (docs/api.md)."""
 
 from __future__ import annotations
 
-import asyncio
 import secrets
-from collections.abc import AsyncIterator, Callable, Hashable, Iterable
+import ssl
+from collections.abc import Callable, Iterable
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-from ..core.clock import DEFAULT_TTL_MS, SessionClock
-from ..core.effects import Inbound
-from ..core.mqtt.link import BrokerAddress, MqttLink
-from ..core.runner import Runner
+from ..core.address import BrokerAddress
+from ..core.clock import SessionClock
 from ..core.settings import Settings
-from ..errors import ConfigurationError, FogUnreachable, StationEnded
+from ..errors import ConfigurationError, FogUnreachable
 from ..protocol.commands import Command
-from ..protocol.messages import CommandId
-from ..protocol.topics import check_number, check_station_name
+from ..protocol.topics import MAX_DRONE, check_number, check_station_name
 from ..protocol.values import Encoding
 from .best import best
-from .commands import ttl_ms_of
-from .fog import LINK
-from .outcomes import Event, Outcome, PsmiList
-from .role import GroundStation as Station
-from .views import Drone, Fog, KnownState
+from .heard import EventStream, SentCommand
+from .outcomes import Outcome, PsmiList
+from .process import StationRunner
+from .role import StationRole
+from .views import TAKEOVER_S, TTL_S, Fog
+
+CONNECT_S = 10.0
 
 
-class _StationRole:
-    """The ground station's role as the runner takes it: one link, one loop."""
+class GroundStation:
+    """A ground station at a cloud broker: an asynchronous context manager.
 
-    def __init__(self, station: Station) -> None:
-        self._station = station
-        self.on_subscribed = station.on_subscribed
-        self.tick = station.tick
-        self.goodbye = station.goodbye
+        async with GroundStation("mqtt://cloud.example:1883") as gs:
+            (fog,) = await gs.connect([1])
+            outcome = await fog.drone(1).takeoff(10)
 
-    def on_connected(self, link: str, now_ms: int) -> Any:
-        return self._station.on_connected(now_ms)
+    Inside `async with` it connects, connects again by itself, and hears; at its end it gives up the control that it
+    has. Leaving raises BrokerRefused where the broker refused the connection or a subscription for good. It is entered
+    once.
 
-    def on_disconnected(self, link: str, now_ms: int) -> Any:
-        return self._station.on_disconnected(now_ms)
+    Parameters:
+        url: `mqtt://[user:password@]host[:port]`, or `mqtts://…` for TLS.
+        name: the station's name, 1 to 64 letters, digits, `_`, `.` or `-`; None: a random one.
+        qos: MQTT's quality of service of commands, 0 or 1.
+        encoding: how payloads are written; both are read.
+        prefix: the prefix of every topic, as `acme/`.
+        control: take control of every drone that is free; False: only watch.
+        bundles: ask for states together, at most once a second.
+        ssl_context: what to trust and to show at `mqtts://`; None: the system's certificate authorities.
+        clock: the clock of this session; None: a new one on the system's monotonic clock.
 
-    def on_message(self, link: str, message: Inbound, now_ms: int) -> Any:
-        return self._station.on_message(message, now_ms)
-
-    def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> Any:
-        return ()
-
-    def is_ready(self, now_ms: int) -> bool:
-        return self._station.connected
-
-
-class GroundStation(Runner):
-    """A ground station at a cloud broker; an async context manager.
-
-    `url` is `mqtt://[user:password@]host[:port]` or `mqtts://…`; `name` is random unless given; `qos` 0 or 1
-    is that of commands. With `control` it takes control of every drone that is free, without it only watches;
-    `bundles` asks for states together, at most once a second. Raises ConfigurationError for a setting that cannot
-    work.
+    Raises:
+        ConfigurationError: a parameter that cannot be; the message names it.
     """
 
     def __init__(
@@ -77,185 +61,137 @@ class GroundStation(Runner):
         prefix: str = "",
         control: bool = True,
         bundles: bool = False,
+        ssl_context: ssl.SSLContext | None = None,
         clock: SessionClock | None = None,
     ) -> None:
+        if qos not in (0, 1):
+            raise ConfigurationError(f"qos {qos}: expected 0 or 1")
+        own_name = check_station_name(name) if name is not None else f"gs-{secrets.token_hex(4)}"
         own_clock = clock or SessionClock()
-        self.name = check_station_name(name) if name is not None else f"gs-{secrets.token_hex(4)}"
         settings = Settings(qos=qos, encoding=encoding, bundles=bundles)
-        self.station = Station(self.name, own_clock.session, settings, prefix=prefix, control=control)
-        super().__init__(_StationRole(self.station), own_clock)
-        client_id = f"mqttxt-{self.name}-{own_clock.session:08x}"
-        self.links[LINK] = MqttLink(LINK, BrokerAddress.parse(url), client_id, self.station.will(), self)
-        self._listeners: list[Callable[[Event], None]] = []
-        self._changed = asyncio.Event()
-        self._running: asyncio.Task[None] | None = None
+        role = StationRole(own_name, own_clock.session, settings, prefix=prefix, control=control)
+        self._runner = StationRunner(role, BrokerAddress.parse(url), own_clock, ssl_context)
+
+    @property
+    def name(self) -> str:
+        """The station's name."""
+        return self._runner.station.name
 
     @property
     def session(self) -> int:
-        return self.clock.session
+        """The number of this session: it leads the ids of its commands."""
+        return self._runner.station.session
 
     async def __aenter__(self) -> Self:
-        self._running = asyncio.create_task(self.run())
+        self._runner.begin()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        assert self._running is not None
-        self._running.cancel()
-        await asyncio.wait([self._running])
-        if error is None and not self._running.cancelled():
-            self._running.result()
+        await self._runner.leave()
+        if error is None:
+            self._runner.result()
 
-    async def connect(self, fogs: Iterable[int], timeout_s: float = 10.0) -> list[Fog]:
-        """Register at fogs and wait until each has confirmed; raises FogUnreachable after `timeout_s`."""
+    async def connect(self, fogs: Iterable[int], timeout_s: float = CONNECT_S) -> list[Fog]:
+        """Register at fogs, and return them once each has confirmed; drones may become reachable later.
+
+        Parameters:
+            fogs: the fogs' numbers.
+            timeout_s: how long to wait, in seconds.
+
+        Raises:
+            FogUnreachable: a fog has not confirmed in time. The message names what is missing of each: the connection
+                to the broker and why, the fog's activator, or its confirmation. The station goes on trying.
+            ConfigurationError: a number that cannot be a fog's, a timeout that is not above 0, or a station that was
+                not entered (`async with`).
+            StationEnded, BrokerRefused: the station has ended.
+        """
+        runner = self._runner
         numbers = [check_number("fog", number) for number in fogs]
-        self.carry_out(self.station.add_fogs(numbers))
-        views = [self.station.fogs[number] for number in numbers]
+        if not runner.has_begun:
+            raise ConfigurationError("connect: expected a station that was entered, by `async with GroundStation(…)`")
+        runner.carry_out(runner.station.add_fogs(numbers))
+        views = [runner.station.fogs[number] for number in numbers]
         try:
-            await self.wait_until(lambda: all(view.registered for view in views), timeout_s)
+            await runner.wait_until(lambda: all(view.registered for view in views), timeout_s)
         except TimeoutError:
-            silent = ", ".join(str(view.number) for view in views if not view.registered)
-            where = "" if self.station.connected else f"; {self.links[LINK].address} is not connected"
-            raise FogUnreachable(f"fog {silent}: no activator answered within {timeout_s:g} s{where}") from None
-        return [Fog(self, view) for view in views]
+            missing = "; ".join(f"fog {view.number}: {runner.missing(view)}" for view in views if not view.registered)
+            raise FogUnreachable(f"{missing} (waited {timeout_s:g} s)") from None
+        return [Fog(runner, view) for view in views]
 
     def fog(self, number: int) -> Fog:
-        """A fog that `connect` was called with; raises FogUnreachable for another."""
-        if number not in self.station.fogs:
-            raise FogUnreachable(f"fog {number}: connect to it first")
-        return Fog(self, self.station.fogs[number])
+        """A fog that `connect` was called with.
 
-    async def events(self) -> AsyncIterator[Event]:
-        """Everything that is heard from now on: outcomes, states, reachability; ends with the station."""
-        queue: asyncio.Queue[Event] = asyncio.Queue()
-        self._listeners.append(queue.put_nowait)
-        try:
-            while (event := await self._next(queue)) is not None:
-                yield event
-        finally:
-            self._listeners.remove(queue.put_nowait)
+        Parameters:
+            number: the fog's number.
+
+        Raises:
+            FogUnreachable: `connect` was not called with it.
+        """
+        return Fog(self._runner, self._runner.station.fog(number))
+
+    def events(self) -> EventStream:
+        """Everything that is heard from this call on: an asynchronous iterator that ends with the station.
+
+        It yields `Outcome`, `StateUpdate`, `Reachability`, `ControlChanged`, `PsmiList`, `QodsRanking` and
+        `SensorReading`. Raises nothing; iterating raises BrokerRefused where the broker ended the station.
+        """
+        return self._runner.listen()
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
-        """Wait until `condition` holds; it is looked at whenever something was heard.
+        """Wait until something holds; it is looked at whenever something was heard, and twenty times a second.
 
-        Raises TimeoutError, and StationEnded where the station ends before.
+        Parameters:
+            condition: returns whether it holds.
+            timeout_s: how long to wait, in seconds.
+
+        Raises:
+            TimeoutError: it does not hold in time.
+            ConfigurationError: the timeout is not above 0.
+            StationEnded, BrokerRefused: the station ends before.
         """
-        if not timeout_s > 0:
-            raise ConfigurationError(f"timeout {timeout_s:g} s: expected more than 0")
-        async with asyncio.timeout(timeout_s):
-            while not condition():
-                if self._has_ended():
-                    raise StationEnded("the ground station has ended")
-                self._changed.clear()
-                waiter = asyncio.ensure_future(self._changed.wait())
-                try:
-                    await asyncio.wait({waiter, *self._ending()}, return_when=asyncio.FIRST_COMPLETED)
-                finally:
-                    waiter.cancel()
+        await self._runner.wait_until(condition, timeout_s)
 
-    def carry_out(self, outputs: Iterable[Any]) -> None:
-        super().carry_out(outputs)
-        self._changed.set()
+    def best(
+        self, command: Command, fogs: Iterable[int] | None = None, *, ttl_s: float = TTL_S, limit_s: float | None = None
+    ) -> SentCommand[Outcome, Outcome | PsmiList]:
+        """Send a command to the drone that arrives first (PSMI); `await` gives the last word of whoever was sent.
 
-    def special(self, output: Any) -> None:
-        if isinstance(output, Event):
-            for listener in list(self._listeners):
-                listener(output)
-        else:
-            super().special(output)
+        One fog chooses by itself and tries the next drone after a definite no. Of several, each reserves its best, and
+        the best of those gets the command; after a definite no the next. `async for` yields PSMI's lists too. Where
+        nobody was sent, the answer has no `drone` and says why. The choice goes on until somebody is sent or `ttl_s`
+        has passed, whether or not somebody waits for it; `Hold`, `Land` or `Return` from this station ends it.
 
-    async def send(
-        self, fog: int, drone: int | None, command: Command, ttl_s: float, limit_s: float | None
-    ) -> AsyncIterator[Outcome]:
-        """Send a command and yield its outcomes, up to the last word of each drone."""
-        ttl_ms = ttl_ms_of(ttl_s)
+        Parameters:
+            command: a `Goto`.
+            fogs: the numbers of the fogs among which to choose; None: all that `connect` was called with.
+            ttl_s: seconds within which the execution must start, at most 60; among several fogs from their offers on.
+            limit_s: seconds within which the execution must end; None: the command's own limit.
 
-        def start() -> tuple[CommandId, list[Any]]:
-            return self.station.send(fog, drone, command, self.clock.now_ms(), ttl_ms=ttl_ms, limit_s=limit_s)
-
-        async for event in self.follow(start):
-            if isinstance(event, Outcome):
-                yield event
-
-    async def best(
-        self,
-        command: Command,
-        fogs: Iterable[int] | None = None,
-        *,
-        ttl_s: float = DEFAULT_TTL_MS / 1000,
-        limit_s: float | None = None,
-    ) -> AsyncIterator[Outcome | PsmiList]:
-        """Send a command to the drone that arrives first; yields PSMI's lists and the words of whoever it went to.
-
-        One fog chooses by itself and tries the next drone after a definite no. Of several (by default all that
-        are connected) each reserves its best, and the best of those gets the command; after a definite no the next.
-        Raises FogUnreachable when none of the activators is live.
+        Raises:
+            FogUnreachable: none of the activators is live; nothing was sent. Awaiting raises it where none of several
+                fogs answered, or the last one was lost before the command was sent to it.
+            ConfigurationError: another command, or a time that cannot be; nothing was sent.
+            PayloadError: a field of the command that cannot be carried; nothing was sent.
+            StationEnded, BrokerRefused: the station has ended; nothing was sent.
         """
-        numbers = [*self.station.fogs] if fogs is None else [*fogs]
-        async for event in best(self, command, numbers, ttl_s, limit_s):
-            yield event
+        numbers = [*self._runner.station.fogs] if fogs is None else [*fogs]
+        return best(self._runner, command, numbers, ttl_s, limit_s)
 
-    async def take_over(self, fog: int, drones: tuple[int, ...] | None = None, timeout_s: float = 10.0) -> None:
-        """Take control of a fog's drones, whoever has it; raises FogUnreachable when that is not confirmed."""
-        view = self.station.fogs[fog]
-        self.carry_out(self.station.take_over(fog, drones, self.clock.now_ms()))
-        wanted = drones if drones is not None else tuple({*view.drones, *view.configured})
-        try:
-            await self.wait_until(lambda: all(view.controls(drone) for drone in wanted), timeout_s)
-        except TimeoutError:
-            raise FogUnreachable(f"fog {fog}: the takeover was not confirmed within {timeout_s:g} s") from None
+    async def take_over(self, fog: int, drones: tuple[int, ...] | None = None, timeout_s: float = TAKEOVER_S) -> None:
+        """Take control of a fog's drones, whoever has it; all stations are told.
 
-    async def follow(self, start: Callable[[], tuple[CommandId, list[Any]]]) -> AsyncIterator[Outcome | PsmiList]:
-        """Start a command and yield what is said of it until it is closed."""
-        queue: asyncio.Queue[Event] = asyncio.Queue()
-        self._listeners.append(queue.put_nowait)
-        try:
-            command_id, effects = start()
-            self.carry_out(effects)
-            pending = self.station.commands.pending[command_id]
-            while pending.is_open or not queue.empty():
-                event = await self._next_unless_closed(queue, command_id)
-                if event is None:
-                    return
-                if isinstance(event, Outcome | PsmiList) and event.id == command_id:
-                    yield event
-        finally:
-            self._listeners.remove(queue.put_nowait)
+        Parameters:
+            fog: the fog's number.
+            drones: the drones' numbers; None: all of the fog.
+            timeout_s: how long to wait for the confirmation, in seconds.
 
-    async def _next_unless_closed(self, queue: asyncio.Queue[Event], command_id: CommandId) -> Event | None:
-        """The next event; None once the command is closed without one (an empty roster)."""
-        pending = self.station.commands.pending[command_id]
-        while queue.empty():
-            if not pending.is_open:
-                return None
-            await self.wait_until(lambda: not queue.empty() or not pending.is_open, timeout_s=3600)
-        return queue.get_nowait()
-
-    async def _next(self, queue: asyncio.Queue[Event]) -> Event | None:
-        """The next event; None once the station has ended and all it heard was told."""
-        while queue.empty():
-            if self._has_ended():
-                return None
-            waiter = asyncio.ensure_future(queue.get())
-            try:
-                await asyncio.wait({waiter, *self._ending()}, return_when=asyncio.FIRST_COMPLETED)
-                if waiter.done():
-                    return waiter.result()
-            finally:
-                waiter.cancel()
-        return queue.get_nowait()
-
-    def _ending(self) -> set[asyncio.Task[None]]:
-        return {self._running} if self._running is not None else set()
-
-    def _has_ended(self) -> bool:
-        """Whether nothing more will be heard; raises what ended the station, so that nobody waits for it in vain."""
-        if self._running is None or not self._running.done():
-            return False
-        if not self._running.cancelled():
-            self._running.result()
-        return True
-
-
-__all__ = ["Drone", "Fog", "GroundStation", "KnownState"]
+        Raises:
+            FogUnreachable: `connect` was not called with the fog, its activator is not live, or it has not confirmed in
+                time.
+            ConfigurationError: a number that cannot be a drone's, or a timeout that is not above 0.
+            StationEnded, BrokerRefused: the station has ended.
+        """
+        numbers = None if drones is None else tuple(check_number("drone", number, MAX_DRONE) for number in drones)
+        await self._runner.take_over(fog, numbers, timeout_s)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 from ..core.printable import printable
 from ..protocol.messages import CommandId, Word
@@ -34,7 +36,13 @@ class Outcome:
 
     @property
     def is_last(self) -> bool:
+        """Whether it is the drone's one last word; what settles an `unconfirmed` afterwards is none."""
         return self.word.is_last and not self.settled
+
+    @property
+    def completed(self) -> bool:
+        """Whether the drone has done it; where `observed` is false nobody has seen the effect."""
+        return self.word is Word.COMPLETED
 
     def __str__(self) -> str:
         who = f"fog {self.fog}" if self.drone is None else f"drone {self.drone}"
@@ -47,6 +55,28 @@ class Outcome:
             what += ", effect not observed"
         late = f", {self.late_ms} ms late" if self.late_ms else ""
         return f"{who}: {self.command} {'settled as ' if self.settled else ''}{what}{late}"
+
+
+class Outcomes(tuple[Outcome, ...]):
+    """What became of a broadcast: the last word of each drone, by its number.
+
+    Where the fog refused it as a whole, or did not say which drones it concerns, there is one with `drone` None.
+    """
+
+    @classmethod
+    def of(cls, said: Iterable[Outcome]) -> Self:
+        """The last words among what was said."""
+        return cls(sorted((outcome for outcome in said if outcome.is_last), key=lambda outcome: outcome.drone or 0))
+
+    @property
+    def completed(self) -> bool:
+        """Whether every drone has done it, and there was one."""
+        return bool(self) and all(outcome.completed for outcome in self)
+
+
+def last_word(said: Sequence[object]) -> Outcome:
+    """The last word on a command to one drone, and on a choice where nobody was sent why."""
+    return [outcome for outcome in said if isinstance(outcome, Outcome) and outcome.is_last][-1]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from typing import Any
 
 from ..core.clock import DEFAULT_TTL_MS
@@ -33,7 +33,7 @@ from .readings import Readings
 DEFAULT_LEASE_S = 30
 
 
-class GroundStation:
+class StationRole:
     """One ground station session. Times are milliseconds of its session clock."""
 
     def __init__(
@@ -63,12 +63,16 @@ class GroundStation:
         """One will serves all fogs of the station."""
         return Will(self._presence_topic, self._presence(up=False))
 
-    def on_connected(self, now_ms: int) -> list[Output]:
+    def is_ready(self, now_ms: int) -> bool:
+        """Whether it is connected to the cloud broker."""
+        return self.connected
+
+    def on_connected(self, link: str, now_ms: int) -> list[Output]:
         self.connected = True
         out: list[Output] = [Subscribe(LINK, (self._presence_topic,), ref=None)]
         return out + [self._subscribe(fog) for fog in self.fogs.values()]
 
-    def on_disconnected(self, now_ms: int) -> list[Output]:
+    def on_disconnected(self, link: str, now_ms: int) -> list[Output]:
         self.connected = False
         out: list[Output] = []
         for fog in self.fogs.values():
@@ -107,7 +111,7 @@ class GroundStation:
         limit_s: float | None = None,
     ) -> tuple[CommandId, list[Output]]:
         """`StationCommands.send` to a fog by its number."""
-        fog = self._fog(fog_number, command.name)
+        fog = self.fog(fog_number, command.name)
         return self.commands.send(fog, drone, command, now_ms, ttl_ms=ttl_ms, limit_s=limit_s)
 
     def select(
@@ -122,23 +126,24 @@ class GroundStation:
         limit_s: float | None = None,
     ) -> tuple[CommandId, list[Output]]:
         """`StationCommands.select` at a fog by its number."""
-        fog = self._fog(fog_number, command.name)
+        fog = self.fog(fog_number, command.name)
         options: dict[str, Any] = {"mode": mode, "reservation": reservation, "ttl_ms": ttl_ms, "limit_s": limit_s}
         return self.commands.select(fog, command, now_ms, **options)
 
     def take_over(self, fog_number: int, drones: tuple[int, ...] | None, now_ms: int) -> list[Output]:
         """Take control of a fog's drones (None: of all), whoever holds it; raises FogUnreachable."""
-        fog = self._fog(fog_number, "takeover")
+        fog = self.fog(fog_number, "takeover")
         if not fog.registered or not fog.is_live(now_ms):
             raise FogUnreachable(f"fog {fog_number}: no live activator; control was not taken")
         return [fog.registration(now_ms, take=True, drones=drones)]
 
-    def _fog(self, number: int, what: str) -> FogView:
+    def fog(self, number: int, unsent: str | None = None) -> FogView:
+        """A fog that this station takes part in; raises FogUnreachable for another, naming what was not sent."""
         if number not in self.fogs:
-            raise FogUnreachable(f"fog {number}: no live activator; {what} was not sent")
+            raise FogUnreachable(f"fog {number}: connect to it first{f'; {unsent} was not sent' if unsent else ''}")
         return self.fogs[number]
 
-    def on_message(self, message: Inbound, now_ms: int) -> list[Output]:
+    def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Output]:
         """A message from the cloud broker; what does not follow the specification is counted."""
         try:
             if station_of(message.topic, self._prefix) is not None:
@@ -149,6 +154,10 @@ class GroundStation:
             raise PayloadError(f"topic {message.topic!r}: not of a fog that was asked for", "topic")
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]
+
+    def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> list[Output]:
+        """A command is acknowledged by its executor's words, not by the broker."""
+        return []
 
     def tick(self, now_ms: int) -> list[Output]:
         """Everything that is due by time; to be called at least ten times a second."""

@@ -2,136 +2,265 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Generic, TypeVar, cast
 
 from ..core.clock import DEFAULT_TTL_MS
-from ..protocol.commands import Command
+from ..protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff
 from ..protocol.rankings import Ranked
-from ..protocol.states import State
-from .fog import FogView
-from .outcomes import Outcome, PsmiList, SensorReading
+from ..protocol.states import Location, State, VitalState
+from ..protocol.topics import MAX_DRONE, check_number
+from .best import best
+from .commands import ttl_ms_of
+from .fog import DroneView, FogView
+from .heard import SentCommand
+from .outcomes import Outcome, Outcomes, PsmiList, SensorReading, last_word
+from .process import StationRunner
 
-if TYPE_CHECKING:
-    from .ground_station import GroundStation
+TTL_S = DEFAULT_TTL_MS / 1000
+TAKEOVER_S = 10.0
+
+AState = TypeVar("AState", bound=State)
+AVitalState = TypeVar("AVitalState", bound=VitalState)
 
 
 @dataclass(frozen=True)
-class KnownState:
-    """A state as last heard; `age_ms` is an upper bound of its age now, None where the fog has no clock of it."""
+class KnownState(Generic[AState]):
+    """A state as it was last heard.
 
-    state: State
+    Parameters:
+        state: the value.
+        age_ms: an upper bound of its age now, in milliseconds; None where the fog's clock is not known yet.
+    """
+
+    state: AState
     age_ms: int | None
 
 
 class Fog:
-    """One fog, as its ground station sees it."""
+    """One fog, as its ground station sees it: `GroundStation.connect` and `GroundStation.fog` return it."""
 
-    def __init__(self, station: GroundStation, view: FogView) -> None:
-        self._station = station
+    def __init__(self, runner: StationRunner, view: FogView) -> None:
+        self._runner = runner
         self._view = view
 
     @property
     def number(self) -> int:
+        """The fog's number."""
         return self._view.number
 
     @property
     def is_live(self) -> bool:
         """Whether its activator is there: it says so, and its beacons keep coming."""
-        return self._view.is_live(self._station.clock.now_ms())
+        return self._view.is_live(self._runner.clock.now_ms())
 
     @property
     def drones(self) -> list[Drone]:
         """Every drone that the fog knows, by number."""
         numbers = {*self._view.drones, *self._view.configured}
-        return [Drone(self._station, self._view, number) for number in sorted(numbers)]
+        return [Drone(self._runner, self._view, number) for number in sorted(numbers)]
 
     def drone(self, number: int) -> Drone:
-        return Drone(self._station, self._view, number)
+        """A drone of this fog, whether or not the fog knows it yet.
+
+        Parameters:
+            number: the drone's number, 1 to 250.
+
+        Raises:
+            ConfigurationError: the number cannot be a drone's.
+        """
+        return Drone(self._runner, self._view, check_number("drone", number, MAX_DRONE))
 
     @property
     def ranking(self) -> tuple[Ranked, ...]:
-        """QoDS: the available drones, best first, as the activator last said."""
+        """QoDS: the available drones, best first, as the activator last ranked them."""
         return self._view.ranking
 
-    async def take_over(self, timeout_s: float = 10.0) -> None:
-        """Take control of all drones of the fog, whoever has it; errors as `GroundStation.take_over`."""
-        await self._station.take_over(self.number, timeout_s=timeout_s)
+    async def take_over(self, timeout_s: float = TAKEOVER_S) -> None:
+        """Take control of all drones of the fog, whoever has it.
+
+        Parameters:
+            timeout_s: how long to wait for the confirmation, in seconds.
+
+        Raises:
+            FogUnreachable: the activator is not live, or has not confirmed in time.
+            ConfigurationError: the timeout is not above 0.
+            StationEnded, BrokerRefused: the station has ended.
+        """
+        await self._runner.take_over(self.number, None, timeout_s)
 
     def best(
-        self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
-    ) -> AsyncIterator[Outcome | PsmiList]:
-        """Send a command to the drone of this fog that arrives first (PSMI); errors as `broadcast`."""
-        return self._station.best(command, [self.number], ttl_s=ttl_s, limit_s=limit_s)
+        self, command: Command, *, ttl_s: float = TTL_S, limit_s: float | None = None
+    ) -> SentCommand[Outcome, Outcome | PsmiList]:
+        """Send a command to the drone of this fog that arrives first (PSMI); as `GroundStation.best` with this fog.
+
+        Parameters:
+            command: a `Goto`.
+            ttl_s: seconds within which the execution must start, at most 60.
+            limit_s: seconds within which the execution must end; None: the command's own limit.
+
+        Raises:
+            FogUnreachable: the activator is not live; nothing was sent.
+            ConfigurationError: another command, or a time that cannot be; nothing was sent.
+            PayloadError: a field of the command that cannot be carried; nothing was sent.
+            StationEnded, BrokerRefused: the station has ended; nothing was sent.
+        """
+        return best(self._runner, command, [self.number], ttl_s, limit_s)
 
     def broadcast(
-        self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
-    ) -> AsyncIterator[Outcome]:
-        """Send a command to every drone of the fog; yields each one's words up to its last.
+        self, command: Command, *, ttl_s: float = TTL_S, limit_s: float | None = None
+    ) -> SentCommand[Outcomes, Outcome]:
+        """Send a command to every drone of the fog, by this call; `await` gives each drone's last word.
 
-        `ttl_s` bounds the start of the execution (at most 60), `limit_s` its end. Raises FogUnreachable when
-        the activator is not live: the command was not sent then.
+        Parameters:
+            command: one that is the same for every drone: no `Goto`, `Offboard` or `Mavlink`.
+            ttl_s: seconds within which the execution must start, at most 60.
+            limit_s: seconds within which the execution must end; None: the command's own limit.
+
+        Raises:
+            FogUnreachable: the activator is not live; nothing was sent.
+            ConfigurationError: another command, or a time that cannot be; nothing was sent.
+            PayloadError: a field of the command that cannot be carried; nothing was sent.
+            StationEnded, BrokerRefused: the station has ended; nothing was sent.
         """
-        return self._station.send(self.number, None, command, ttl_s, limit_s)
+        ttl_ms = ttl_ms_of(ttl_s)
+        send = self._runner.station.send
+        return self._runner.send(
+            lambda now_ms: send(self.number, None, command, now_ms, ttl_ms=ttl_ms, limit_s=limit_s), Outcomes.of
+        )
 
 
 class Drone:
-    """One drone, as its ground station sees it."""
+    """One drone, as its ground station sees it: `Fog.drone` and `Fog.drones` return it.
 
-    def __init__(self, station: GroundStation, view: FogView, number: int) -> None:
-        self._station = station
-        self._view = view
+    Each of its commands is sent by the call. `await` gives the drone's one last word; `async for` follows every word up
+    to that one (`SentCommand`). They all take, beside what the command has of its own:
+
+    Parameters:
+        ttl_s: seconds within which the execution must start, at most 60. A command that comes later is not executed.
+        limit_s: seconds within which the execution must end; None: the command's own limit.
+
+    Raises:
+        FogUnreachable: the fog's activator is not live; nothing was sent.
+        ConfigurationError: a time that cannot be; nothing was sent.
+        PayloadError: a field of the command that cannot be carried; nothing was sent.
+        StationEnded, BrokerRefused: the station has ended; nothing was sent.
+    """
+
+    def __init__(self, runner: StationRunner, view: FogView, number: int) -> None:
+        self._runner = runner
+        self._fog = view
         self.number = number
+        """The drone's number: its MAVLink system id."""
 
     @property
     def is_reachable(self) -> bool:
-        drone = self._view.drones.get(self.number)
-        return drone is not None and drone.reachable
+        """Whether its fog is live and says that the drone is there."""
+        return self._view.reachable
 
     @property
     def is_controlled(self) -> bool:
         """Whether this station is in control of it."""
-        return self._view.controls(self.number)
+        return self._fog.controls(self.number)
 
     @property
     def holder(self) -> str | None:
         """The name of the station in control, None when nobody is."""
-        drone = self._view.drones.get(self.number)
-        return drone.holder if drone is not None else None
+        return self._view.holder
 
-    async def take_over(self, timeout_s: float = 10.0) -> None:
-        """Take control of this drone, whoever has it; errors as `GroundStation.take_over`."""
-        await self._station.take_over(self._view.number, (self.number,), timeout_s)
+    async def take_over(self, timeout_s: float = TAKEOVER_S) -> None:
+        """Take control of this drone, whoever has it; parameters and errors as `Fog.take_over`."""
+        await self._runner.take_over(self._fog.number, (self.number,), timeout_s)
 
     @property
-    def states(self) -> dict[str, KnownState]:
-        """The newest state of each name."""
-        drone = self._view.drones.get(self.number)
-        now_ms = self._station.clock.now_ms()
-        return {
-            name: KnownState(known.message.state, self._view.age_ms(known, now_ms))
-            for name, known in (drone.states if drone is not None else {}).items()
-        }
+    def location(self) -> KnownState[Location] | None:
+        """Where it is, with the age of that; None before it was heard."""
+        return self.state(Location)
+
+    def state(self, kind: type[AVitalState]) -> KnownState[AVitalState] | None:
+        """The newest state of a kind with its age; None before one was heard.
+
+        Parameters:
+            kind: one of the classes in `STATES`, as `Battery`. A MAVLink message is in `states`, by its name.
+        """
+        return cast("KnownState[AVitalState] | None", self.states.get(kind.name))
+
+    @property
+    def states(self) -> dict[str, KnownState[State]]:
+        """The newest state of each name with its age, MAVLink messages as `mavlink/NAME`."""
+        now_ms = self._runner.clock.now_ms()
+        heard = self._view.states.items()
+        return {name: KnownState(known.message.state, self._fog.age_ms(known, now_ms)) for name, known in heard}
 
     @property
     def readings(self) -> list[SensorReading]:
         """The newest reading of each kind of each sensor that this drone carries for."""
-        latest = self._station.station.readings.latest
+        latest = self._runner.station.readings.latest
         return [latest[key] for key in sorted(latest) if key[0] == self.number]
 
-    def outcomes(
-        self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
-    ) -> AsyncIterator[Outcome]:
-        """Send a command and yield its words up to the last one; errors as `Fog.broadcast`."""
-        return self._station.send(self._view.number, self.number, command, ttl_s, limit_s)
+    def send(
+        self, command: Command, *, ttl_s: float = TTL_S, limit_s: float | None = None
+    ) -> SentCommand[Outcome, Outcome]:
+        """Send any command; `ttl_s`, `limit_s` and the errors are those of `Drone`.
 
-    async def send(
-        self, command: Command, *, ttl_s: float = DEFAULT_TTL_MS / 1000, limit_s: float | None = None
-    ) -> Outcome:
-        """Send a command and wait for its last word."""
-        last = None
-        async for outcome in self.outcomes(command, ttl_s=ttl_s, limit_s=limit_s):
-            last = outcome
-        assert last is not None
-        return last
+        Parameters:
+            command: what to do.
+        """
+        ttl_ms = ttl_ms_of(ttl_s)
+        send = self._runner.station.send
+        return self._runner.send(
+            lambda now_ms: send(self._fog.number, self.number, command, now_ms, ttl_ms=ttl_ms, limit_s=limit_s),
+            last_word,
+        )
+
+    def arm(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
+        """Start the motors; completed when the autopilot reports itself armed."""
+        return self.send(Arm(), ttl_s=ttl_s, limit_s=limit_s)
+
+    def disarm(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
+        """Stop the motors, on the ground only: it is never forced."""
+        return self.send(Disarm(), ttl_s=ttl_s, limit_s=limit_s)
+
+    def takeoff(
+        self, altitude_m: float, *, ttl_s: float = TTL_S, limit_s: float | None = None
+    ) -> SentCommand[Outcome, Outcome]:
+        """Climb; completed when airborne at the altitude.
+
+        Parameters:
+            altitude_m: metres above home, 0.5 to 10,000.
+        """
+        return self.send(Takeoff(altitude_m), ttl_s=ttl_s, limit_s=limit_s)
+
+    def goto(
+        self,
+        latitude_deg: float,
+        longitude_deg: float,
+        altitude_m: float,
+        *,
+        ttl_s: float = TTL_S,
+        limit_s: float | None = None,
+    ) -> SentCommand[Outcome, Outcome]:
+        """Fly to a position; completed on arrival.
+
+        Parameters:
+            latitude_deg: degrees north, WGS84.
+            longitude_deg: degrees east, WGS84.
+            altitude_m: metres above home, -500 to 10,000.
+        """
+        return self.send(Goto(latitude_deg, longitude_deg, altitude_m), ttl_s=ttl_s, limit_s=limit_s)
+
+    def hold(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
+        """Stop and stay; completed when the drone stands still in its hold mode."""
+        return self.send(Hold(), ttl_s=ttl_s, limit_s=limit_s)
+
+    def land(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
+        """Land where it is; completed when landed and disarmed."""
+        return self.send(Land(), ttl_s=ttl_s, limit_s=limit_s)
+
+    def return_home(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
+        """Return to the take-off point and land there; completed when landed and disarmed."""
+        return self.send(Return(), ttl_s=ttl_s, limit_s=limit_s)
+
+    @property
+    def _view(self) -> DroneView:
+        return self._fog.drones.get(self.number) or DroneView(self.number)

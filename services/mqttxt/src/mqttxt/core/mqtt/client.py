@@ -23,7 +23,9 @@ CONNECT_TIMEOUT_S = 5.0
 CONNECT_THREAD = "mqttxt-connect"
 
 
-def make_client(address: BrokerAddress, client_id: str, will: Will | None, manual_ack: bool) -> Client:
+def make_client(
+    address: BrokerAddress, client_id: str, will: Will | None, manual_ack: bool, ssl_context: ssl.SSLContext | None
+) -> Client:
     """A client that has yet to connect, and never connects again by itself."""
     client = Client(
         CallbackAPIVersion.VERSION2,
@@ -39,7 +41,7 @@ def make_client(address: BrokerAddress, client_id: str, will: Will | None, manua
     if address.username is not None:
         client.username_pw_set(address.username, address.password)
     if address.tls:
-        client.tls_set_context(ssl.create_default_context())
+        client.tls_set_context(ssl_context or ssl.create_default_context())
     client.on_socket_open = _on_socket_open
     return client
 

@@ -61,6 +61,7 @@ class Connection:
         events: LinkEvents,
         manual_ack: bool = False,
         session_expiry_s: int = 0,
+        ssl_context: ssl.SSLContext | None = None,
     ) -> None:
         self.name = name
         self.address = address
@@ -86,7 +87,7 @@ class Connection:
         self._is_blocked = False
         self._held = 0
         self._serial = next(_SERIALS) if manual_ack else None
-        self._client = client = make_client(address, client_id, will, manual_ack)
+        self._client = client = make_client(address, client_id, will, manual_ack, ssl_context)
         client.on_connect = self._on_connect
         client.on_disconnect = self._on_disconnect
         client.on_message = self._on_message

@@ -9,8 +9,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
+import ssl
 
-from ...errors import BrokerRefused
+from ...errors import BrokerRefused, ConfigurationError
 from ..address import BrokerAddress
 from ..effects import Publish, Receipt, Subscribe, Unsubscribe, Will
 from .connection import Connection
@@ -33,7 +34,8 @@ class MqttLink:
     With `manual_ack` an inbound QoS 1 message counts as delivered only when its receipt was acknowledged; in the
     order of receipt (MQTT 5.0, 4.6). The broker sends again what was not on the next connection, if that comes
     within `session_expiry_s` with the same client id: for who only subscribes. `longest_pause_s` is that between
-    two attempts to connect.
+    two attempts to connect. `ssl_context` is for `mqtts://`, the system's certificate authorities without it; raises
+    ConfigurationError for one with `mqtt://`.
     """
 
     def __init__(
@@ -47,9 +49,15 @@ class MqttLink:
         manual_ack: bool = False,
         session_expiry_s: int = 0,
         longest_pause_s: float = LONGEST_PAUSE_S,
+        ssl_context: ssl.SSLContext | None = None,
     ) -> None:
+        if ssl_context is not None and not address.tls:
+            raise ConfigurationError(f"ssl_context for {address}: expected a broker at mqtts://")
         self.name = name
         self.address = address
+        self.failure: str | None = None
+        """Why the last attempt to connect failed, None where it did not."""
+        self._ssl_context = ssl_context
         self._client_id = client_id
         self._will = will
         self._events = events
@@ -63,7 +71,7 @@ class MqttLink:
         """Connect, stay connected, connect again; raises BrokerRefused when asking again is pointless."""
         pause_s = FIRST_PAUSE_S
         while not self._is_closed:
-            reason = await self._one_connection()
+            reason = self.failure = await self._one_connection()
             if self._is_closed:
                 return
             if reason is None:
@@ -110,6 +118,7 @@ class MqttLink:
             self._events,
             manual_ack=self._manual_ack,
             session_expiry_s=self._session_expiry_s,
+            ssl_context=self._ssl_context,
         )
         try:
             try:

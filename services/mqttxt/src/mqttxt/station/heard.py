@@ -1,0 +1,116 @@
+"""What a ground station's program waits for: the words about a command that it sent, and everything else it hears."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Generator, Sequence
+from typing import Generic, TypeVar
+
+from .outcomes import Event
+
+Answer = TypeVar("Answer")
+Said = TypeVar("Said")
+
+
+class Bell:
+    """Wakes everyone who waits for it, each time that it rings."""
+
+    def __init__(self) -> None:
+        self._next: asyncio.Future[None] | None = None
+
+    def ring(self) -> None:
+        rung, self._next = self._next, None
+        if rung is not None:
+            rung.set_result(None)
+
+    async def wait(self) -> None:
+        """Return at the next ring; a cancellation ends this wait and no other one."""
+        if self._next is None:
+            self._next = asyncio.get_running_loop().create_future()
+        await asyncio.wait({self._next})
+
+
+class Record(Generic[Said]):
+    """What was said, in its order, for any number of waiting tasks."""
+
+    def __init__(self) -> None:
+        self.said: deque[Said] = deque()
+        self._bell = Bell()
+        self._has_ended = False
+        self._error: BaseException | None = None
+
+    def hear(self, said: Said) -> None:
+        self.said.append(said)
+        self._bell.ring()
+
+    def end(self, error: BaseException | None = None) -> None:
+        """Nothing more will be said; `error` is why, where that is no proper end."""
+        self._has_ended, self._error = True, error
+        self._bell.ring()
+
+    async def more_than(self, count: int) -> bool:
+        """Wait until more than `count` things were said; False at the end, or raises the error that was the end."""
+        while len(self.said) <= count:
+            if self._error is not None:
+                raise self._error
+            if self._has_ended:
+                return False
+            await self._bell.wait()
+        return True
+
+
+class SentCommand(Generic[Answer, Said]):
+    """A command that was sent. Await it for its answer, or iterate over it to follow what is said of it.
+
+    The call that returns this object has sent the command, once. Nothing that is done with the object, or left undone,
+    sends it again, takes it back or stops it:
+
+    - `await` returns the answer, as the call that sent the command describes it. Every further `await`, in any task,
+      returns the same answer.
+    - `async for` yields everything that is said of the command, up to its end. Every iteration begins with the first
+      word, whenever it is started.
+    - A wait that is cancelled, by a timeout too, and an iteration that is left early or ends with an exception of its
+      own, end the waiting alone. The command goes on, and can be awaited again. Send `Hold` to stop a drone.
+    - A command that nobody awaits is carried out all the same.
+
+    Both raise StationEnded where the station is left before the command has ended, and BrokerRefused where the broker
+    ended the station: whether the command is carried out is then not known.
+    """
+
+    def __init__(self, record: Record[Said], answer: Callable[[Sequence[Said]], Answer]) -> None:
+        self._record = record
+        self._answer = answer
+
+    def __await__(self) -> Generator[None, None, Answer]:
+        return self._wait().__await__()
+
+    async def __aiter__(self) -> AsyncIterator[Said]:
+        told = 0
+        while await self._record.more_than(told):
+            yield self._record.said[told]
+            told += 1
+
+    async def _wait(self) -> Answer:
+        while await self._record.more_than(len(self._record.said)):
+            pass
+        return self._answer(self._record.said)
+
+
+class EventStream:
+    """Everything that a ground station hears from the call of `GroundStation.events` on: an asynchronous iterator.
+
+    It ends with the station. Raises BrokerRefused where the broker ended the station, behind what was heard before. A
+    stream that is no longer used need not be closed.
+    """
+
+    def __init__(self, record: Record[Event]) -> None:
+        self._record = record
+
+    def __aiter__(self) -> EventStream:
+        return self
+
+    async def __anext__(self) -> Event:
+        if not await self._record.more_than(0):
+            raise StopAsyncIteration
+        return self._record.said.popleft()

@@ -1,0 +1,186 @@
+"""The ground station as a process: its connection, its role, and the tasks that wait for what it hears."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from typing import Any, TypeVar
+from weakref import WeakSet
+
+from ..core.address import BrokerAddress
+from ..core.clock import SessionClock
+from ..core.mqtt.link import MqttLink
+from ..core.runner import Runner
+from ..errors import ConfigurationError, FogUnreachable, StationEnded
+from ..protocol.messages import CommandId
+from .commands import Output
+from .fog import LINK, FogView
+from .heard import Bell, EventStream, Record, SentCommand
+from .outcomes import Event, Outcome, PsmiList
+from .role import StationRole
+
+Answer = TypeVar("Answer")
+Make = Callable[[int], tuple[CommandId, list[Output]]]
+"""Makes one message at a time of the session clock, in milliseconds; returns its id and the effects that send it."""
+
+
+class StationRunner(Runner):
+    """Runs one ground station's role, and hands what it hears to whoever follows a command, listens or waits."""
+
+    def __init__(
+        self, station: StationRole, address: BrokerAddress, clock: SessionClock, ssl_context: ssl.SSLContext | None
+    ) -> None:
+        super().__init__(station, clock)
+        self.station = station
+        client_id = f"mqttxt-{station.name}-{clock.session:08x}"
+        self.links[LINK] = MqttLink(LINK, address, client_id, station.will(), self, ssl_context=ssl_context)
+        self._open: dict[CommandId, Record[Any]] = {}
+        self._streams: WeakSet[Record[Event]] = WeakSet()
+        self._choices: set[asyncio.Task[None]] = set()
+        self._carried_out = Bell()
+        self._running: asyncio.Task[None] | None = None
+
+    @property
+    def has_begun(self) -> bool:
+        return self._running is not None
+
+    def begin(self) -> None:
+        """Run until `leave`; raises StationEnded where it has run before."""
+        if self._running is not None:
+            raise StationEnded("a ground station is entered once: make another GroundStation")
+        self._running = asyncio.create_task(self.run())
+        self._running.add_done_callback(lambda _: self._end_all())
+
+    async def leave(self) -> None:
+        """End the choices, what they have reserved being released, and say goodbye; raises nothing."""
+        assert self._running is not None
+        for task in self._choices:
+            task.cancel()
+        if self._choices:
+            await asyncio.wait(self._choices)
+        self._running.cancel()
+        await asyncio.wait({self._running})
+
+    def result(self) -> None:
+        """Raises what broke the station, nothing where it was left."""
+        assert self._running is not None
+        if not self._running.cancelled():
+            self._running.result()
+
+    def check(self) -> None:
+        """Raises what ended the station, StationEnded where it was left."""
+        error = self._ended_by()
+        if error is not None:
+            raise error
+
+    def _ended_by(self) -> BaseException | None:
+        """What ended the station, from the moment on at which it sends nothing more."""
+        error = self.stopped_by()
+        was_left = error is None and self._has_ended
+        return StationEnded("the ground station has ended") if was_left or _is_cancel(error) else error
+
+    @property
+    def _has_ended(self) -> bool:
+        return self._running is not None and self._running.done()
+
+    def send(self, make: Make, answer: Callable[[Sequence[Any]], Answer]) -> SentCommand[Answer, Any]:
+        """Send a message now, and follow its command; raises what `make` and `check` raise, nothing being sent."""
+        self.check()
+        command_id, outputs = make(self.clock.now_ms())
+        record = self._open[command_id] = Record[Any]()
+        self.carry_out(outputs)
+        return SentCommand(record, answer)
+
+    def choose(
+        self, choice: AsyncIterator[Outcome | PsmiList], answer: Callable[[Sequence[Any]], Answer]
+    ) -> SentCommand[Answer, Outcome | PsmiList]:
+        """Carry a choice across fogs through, whether or not somebody waits for it."""
+        record = Record[Outcome | PsmiList]()
+
+        async def carry_through() -> None:
+            async for said in choice:
+                record.hear(said)
+
+        def end(task: asyncio.Task[None]) -> None:
+            self._choices.discard(task)
+            record.end(StationEnded("the ground station has ended") if task.cancelled() else task.exception())
+
+        task = asyncio.create_task(carry_through())
+        self._choices.add(task)
+        task.add_done_callback(end)
+        return SentCommand(record, answer)
+
+    def listen(self) -> EventStream:
+        """Everything that is heard from now on."""
+        record = Record[Event]()
+        self._streams.add(record)
+        if self._has_ended:
+            self._end_all()
+        return EventStream(record)
+
+    async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
+        """`GroundStation.wait_until`."""
+        _check_timeout(timeout_s)
+        async with asyncio.timeout(timeout_s):
+            while not condition():
+                if self._has_ended:
+                    self.check()
+                await self._carried_out.wait()
+
+    async def take_over(self, fog: int, drones: tuple[int, ...] | None, timeout_s: float) -> None:
+        """`GroundStation.take_over`."""
+        _check_timeout(timeout_s)
+        self.check()
+        self.carry_out(self.station.take_over(fog, drones, self.clock.now_ms()))
+        view = self.station.fogs[fog]
+        wanted = drones if drones is not None else tuple({*view.drones, *view.configured})
+        try:
+            await self.wait_until(lambda: all(view.controls(drone) for drone in wanted), timeout_s)
+        except TimeoutError:
+            raise FogUnreachable(f"fog {fog}: the takeover was not confirmed within {timeout_s:g} s") from None
+
+    def missing(self, view: FogView) -> str:
+        """What a fog lacks before commands can be sent to it."""
+        link = self.links[LINK]
+        if not self.station.connected:
+            return f"no connection to {link.address}{f' ({link.failure})' if link.failure else ''}"
+        if not view.subscribed:
+            return f"{link.address} has not granted the subscription"
+        if not view.up:
+            return f"no activator is at {link.address}"
+        return "its activator has not confirmed the registration"
+
+    def carry_out(self, outputs: Iterable[Any]) -> None:
+        super().carry_out(outputs)
+        pending = self.station.commands.pending
+        for command_id in [command_id for command_id in self._open if not pending[command_id].is_open]:
+            self._open.pop(command_id).end()
+        self._carried_out.ring()
+
+    def special(self, output: Any) -> None:
+        if not isinstance(output, Event):
+            super().special(output)
+            return
+        for stream in list(self._streams):
+            stream.hear(output)
+        if isinstance(output, Outcome | PsmiList) and output.id in self._open:
+            self._open[output.id].hear(output)
+
+    def _end_all(self) -> None:
+        """Nobody waits in vain for a station that has ended."""
+        error = self._ended_by()
+        while self._open:
+            self._open.popitem()[1].end(error)
+        for stream in list(self._streams):
+            stream.end(None if isinstance(error, StationEnded) else error)
+        self._carried_out.ring()
+
+
+def _check_timeout(timeout_s: float) -> None:
+    if not timeout_s > 0:
+        raise ConfigurationError(f"timeout {timeout_s:g} s: expected more than 0")
+
+
+def _is_cancel(error: BaseException | None) -> bool:
+    return isinstance(error, asyncio.CancelledError)
