@@ -147,7 +147,7 @@ Parameter = Annotated[float | None, Real(3.4028234663852886e38)]
 
 @dataclass(frozen=True)
 class Mavlink:
-    """A MAV_CMD of common.xml with its seven parameters, sent once as COMMAND_LONG. Completed when it is accepted.
+    """A MAV_CMD (`mav_cmd`) with its seven `params`, sent once as COMMAND_LONG. Completed when it is accepted.
 
     That says nothing of its effect, so that the word is marked `observed` false. `component` is the autopilot
     unless given.

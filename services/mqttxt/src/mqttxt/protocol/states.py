@@ -123,7 +123,7 @@ class Armed:
 
 @dataclass(frozen=True)
 class LandedState:
-    """On the ground, in the air, or between (EXTENDED_SYS_STATE.landed_state)."""
+    """Whether it has `landed`, is in the air, or between (EXTENDED_SYS_STATE.landed_state)."""
 
     name: ClassVar[str] = "landed_state"
     landed: Landed
@@ -149,7 +149,7 @@ class Home:
 
 @dataclass(frozen=True)
 class Health:
-    """Whether the autopilot would arm, and its sensors that are enabled but not healthy (SYS_STATUS bits)."""
+    """Whether the autopilot would arm (`armable`), and its `unhealthy_sensors` among the enabled (SYS_STATUS bits)."""
 
     name: ClassVar[str] = "health"
     armable: bool
@@ -174,7 +174,7 @@ FieldValue = int | float | str | None | tuple[int | float | None, ...]
 
 @dataclass(frozen=True)
 class MavlinkState:
-    """A MAVLink message as it is, on request (`stream`): its fields by their names in common.xml.
+    """A MAVLink message as it is, on request (`stream`): `values` are its fields by their names in common.xml.
 
     `name` is `mavlink/` and the message's name.
     """

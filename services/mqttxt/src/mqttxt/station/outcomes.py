@@ -14,11 +14,21 @@ from ..protocol.states import State
 
 @dataclass(frozen=True)
 class Outcome:
-    """One word about a command and a drone. `drone` None: about the fog as a whole.
+    """One word about a command and a drone.
 
-    `is_last` marks a drone's one last word; `settled` the truth that followed an `unconfirmed`; `observed` false a
-    `completed` whose effect nobody saw. `late_ms`: how far past its deadline the drone's clock read after the write.
-    `age_ms` is an upper bound of how long ago it was said, None where the fog has no clock of it.
+    Parameters:
+        id: the command's: this session and its number in it.
+        fog: the fog's number.
+        drone: the drone's number; None: the word is about the fog as a whole.
+        command: the command's name, as `takeoff`.
+        word: the word.
+        reason: why, in the specification's words or the autopilot's; None where there is nothing to say.
+        percent: how far the drone has come, 0 to 100, with `in_progress`.
+        late_ms: how far past its deadline the drone's clock read after the write, in milliseconds.
+        superseded_by: the id of the command that superseded this one.
+        settled: this is the truth that followed an `unconfirmed`, and no last word.
+        age_ms: an upper bound of how long ago it was said, in milliseconds; None where the fog's clock is not known.
+        observed: false for a `completed` whose effect nobody saw.
     """
 
     id: CommandId
@@ -81,7 +91,10 @@ def last_word(said: Sequence[object]) -> Outcome:
 
 @dataclass(frozen=True)
 class StateUpdate:
-    """A state of a drone; `age_ms` is an upper bound of its age when it arrived."""
+    """A `state` of a `drone` of a `fog` has arrived.
+
+    `stamp` tells it from others of the drone; `age_ms` is an upper bound of its age when it arrived.
+    """
 
     fog: int
     drone: int
@@ -92,16 +105,19 @@ class StateUpdate:
 
 @dataclass(frozen=True)
 class Reachability:
-    """A fog (`drone` None) or a drone has become reachable or unreachable."""
+    """A `drone` of a `fog` has become `reachable` or unreachable."""
 
     fog: int
-    drone: int | None
+    drone: int
     reachable: bool
 
 
 @dataclass(frozen=True)
 class ControlChanged:
-    """Another station controls a drone now: `holder` is its name, None when nobody does; `mine` when it is this one."""
+    """Another station controls a `drone` of a `fog` now.
+
+    `holder` is its name, None when nobody does; `mine` whether it is this one; `epoch` rises with each takeover.
+    """
 
     fog: int
     drone: int
@@ -112,7 +128,7 @@ class ControlChanged:
 
 @dataclass(frozen=True)
 class PsmiList:
-    """What PSMI found for a command: soonest arrival first, and who is left out for which reason.
+    """A `fog`'s PSMI list for the command `id`: `listed` by arrival, soonest first, and who is `left_out` and why.
 
     `chosen` is the drone that the command went to; of an offer, the one that is reserved.
     """
@@ -131,7 +147,7 @@ class PsmiList:
 
 @dataclass(frozen=True)
 class QodsRanking:
-    """The available drones of a fog, best first."""
+    """QoDS: the `ranking` of the available drones of a `fog`, best first."""
 
     fog: int
     ranking: tuple[Ranked, ...]
@@ -139,9 +155,9 @@ class QodsRanking:
 
 @dataclass(frozen=True)
 class SensorReading:
-    """A value that a sensor measured and a drone carried; each (drone, sensor, boot, seq) comes once.
+    """A `value` that a `sensor` measured and a `drone` carried to its `fog`; each (drone, sensor, boot, seq) comes once.
 
-    `boot` is random at each start of the sensor, `seq` counts its readings; `time_ms` is when it was measured, in
+    `kind` is what was measured and `unit` in what, empty for a bare number; `boot` is random at each start of the sensor, `seq` counts its readings; `time_ms` is when it was measured, in
     milliseconds since 1970 UTC by the sensor's own clock.
     """
 

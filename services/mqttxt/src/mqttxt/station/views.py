@@ -169,7 +169,7 @@ class Drone:
         return self._view.holder
 
     async def take_over(self, timeout_s: float = TAKEOVER_S) -> None:
-        """Take control of this drone, whoever has it; parameters and errors as `Fog.take_over`."""
+        """Take control of this drone, whoever has it; `timeout_s` and errors as `Fog.take_over`."""
         await self._runner.take_over(self._fog.number, (self.number,), timeout_s)
 
     @property

@@ -1,0 +1,390 @@
+"""A command is sent by the call, once: whatever its caller does, or does not do, with what the call returns."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from typing import Any
+
+import pytest
+
+from mqttxt import (
+    Arm,
+    ConfigurationError,
+    Encoding,
+    Fog,
+    FogUnreachable,
+    Goto,
+    GroundStation,
+    Location,
+    Outcome,
+    Outcomes,
+    PayloadError,
+    PsmiList,
+    SentCommand,
+    StateUpdate,
+    StationEnded,
+    Takeoff,
+    Word,
+)
+from mqttxt.core.effects import Inbound, Publish, Subscribe
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import (
+    BeaconMessage,
+    CommandMessage,
+    FogPresence,
+    FogResultMessage,
+    Registration,
+    ResultMessage,
+    RosterEntry,
+)
+from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
+from mqttxt.protocol.state_payload import StampedState, encode_state
+
+SESSION = 0x22
+NEAR = Goto(47.4, 8.5, 20)
+
+
+class Field:
+    """A ground station whose connection to the cloud broker, and whose fogs, are the test."""
+
+    def __init__(self, *fogs: int) -> None:
+        self.gs = GroundStation("mqtt://127.0.0.1:1", name="alpha")
+        self.runner = self.gs._runner
+        self.runner.links["cloud"] = self  # type: ignore[assignment]
+        self.address = "mqtt://127.0.0.1:1"
+        self.failure: str | None = None
+        self.published: list[Publish] = []
+        self.runner.connected("cloud")
+        self.runner.carry_out(self.runner.station.add_fogs(fogs))
+        for fog in fogs:
+            self.hear(f"fog{fog}/reachable", FogPresence(session=SESSION, up=True))
+            (registration,) = [p for p in self.published if p.topic == f"fog{fog}/init_connect"]
+            nonce = decode(Registration, registration.payload).nonce
+            self.hear(f"fog{fog}/clock", BeaconMessage(session=SESSION, now_ms=0, nonce=nonce, held_ms=0))
+
+    @property
+    def sent(self) -> list[Publish]:
+        """The commands among what was published."""
+        return [publish for publish in self.published if "/commands" in publish.topic]
+
+    async def run(self) -> None:
+        await asyncio.Event().wait()
+
+    async def close(self) -> None:
+        """The broker has taken everything already."""
+
+    def publish(self, effect: Publish) -> None:
+        self.published.append(effect)
+
+    def subscribe(self, effect: Subscribe) -> None:
+        self.runner.subscribed(effect)
+
+    def hear(self, topic: str, message: Any) -> None:
+        self.runner.received("cloud", Inbound(topic, encode(message), 1))
+
+    def fog(self, number: int = 1) -> Fog:
+        return self.gs.fog(number)
+
+    def say(self, word: Word, sent: int = 0, drone: int = 1, fog: int = 1, **more: Any) -> None:
+        """A drone's word on the command that was the station's `sent`-th."""
+        kind = CommandMessage if self.sent[sent].topic.endswith("/commands") else SelectMessage
+        command = decode(kind, self.sent[sent].payload)
+        fields = {"gs_session": command.gs_session, "seq": command.seq, "session": 5, "stamp": 1, "word": word}
+        topic = f"fog{fog}/drone{drone}/commands_result/{command.command.name}"
+        self.hear(topic, ResultMessage(**fields, **more))
+
+    def answer_fog(self, fog: int = 1, **fields: Any) -> None:
+        command = decode(CommandMessage, self.sent[-1].payload)
+        head = {"gs_session": command.gs_session, "seq": command.seq, "session": SESSION, "stamp": 1}
+        self.hear(f"fog{fog}/commands_result/{command.command.name}", FogResultMessage(**head, **fields))
+
+
+async def turns(count: int = 5) -> None:
+    """Let what is ready run."""
+    for _ in range(count):
+        await asyncio.sleep(0)
+
+
+async def fail_at_the_first(sent: SentCommand[Outcome, Outcome]) -> None:
+    async for _ in sent:
+        raise ZeroDivisionError
+
+
+def topics(field: Field) -> list[str]:
+    return [publish.topic for publish in field.sent]
+
+
+async def test_the_call_sends_and_an_await_gives_the_last_word() -> None:
+    field = Field(1)
+    sent = field.fog().drone(1).takeoff(10)
+    assert topics(field) == ["fog1/drone1/commands"]
+    assert decode(CommandMessage, field.sent[0].payload).command == Takeoff(10)
+    field.say(Word.ACCEPTED)
+    field.say(Word.COMPLETED)
+    outcome = await sent
+    assert outcome.completed
+    assert (outcome.drone, outcome.word, outcome.is_last) == (1, Word.COMPLETED, True)
+
+
+async def test_several_awaits_of_one_command_send_it_once_and_get_the_same_answer() -> None:
+    field = Field(1)
+    sent = field.fog().drone(1).arm()
+    waiting = [asyncio.ensure_future(sent), asyncio.ensure_future(sent)]
+    await turns()
+    field.say(Word.FAILED, reason="autopilot")
+    assert await waiting[0] is await waiting[1] is await sent
+    assert not (await sent).completed
+    assert len(field.sent) == 1
+
+
+async def test_a_cancelled_await_leaves_the_command_as_it_is() -> None:
+    field = Field(1)
+    sent = field.fog().drone(1).land()
+    other = asyncio.ensure_future(sent)
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.01):
+            await sent
+    assert len(field.sent) == 1
+    field.say(Word.COMPLETED)
+    assert (await sent).completed
+    assert (await other).completed
+    assert len(field.sent) == 1
+
+
+async def test_every_iteration_begins_with_the_first_word_also_behind_an_exception() -> None:
+    field = Field(1)
+    sent = field.fog().drone(1).send(Goto(47.4, 8.5, 10))
+    field.say(Word.ACCEPTED)
+    with pytest.raises(ZeroDivisionError):
+        await fail_at_the_first(sent)
+    field.say(Word.IN_PROGRESS, percent=40)
+    async for outcome in sent:
+        assert outcome.word is Word.ACCEPTED
+        break
+    field.say(Word.COMPLETED)
+    for _ in range(2):
+        assert [outcome.word async for outcome in sent] == [Word.ACCEPTED, Word.IN_PROGRESS, Word.COMPLETED]
+    assert len(field.sent) == 1
+
+
+async def test_a_broadcast_that_nobody_awaits_is_sent() -> None:
+    field = Field(1)
+    field.fog().broadcast(Arm())
+    gc.collect()
+    assert topics(field) == ["fog1/commands"]
+
+
+async def test_a_broadcast_is_completed_where_every_drone_has_done_it_and_there_is_one() -> None:
+    for words, completed in (
+        ({1: Word.COMPLETED, 2: Word.COMPLETED}, True),
+        ({1: Word.COMPLETED, 2: Word.DENIED}, False),
+        ({}, False),
+    ):
+        field = Field(1)
+        sent = field.fog().broadcast(Arm())
+        field.answer_fog(roster=tuple(RosterEntry(drone=drone) for drone in words))
+        for drone in sorted(words, reverse=True):
+            field.say(words[drone], drone=drone)
+        outcomes = await sent
+        assert isinstance(outcomes, Outcomes)
+        assert [(outcome.drone, outcome.word) for outcome in outcomes] == list(words.items())
+        assert outcomes.completed is completed
+
+
+async def test_a_broadcast_that_the_fog_refuses_is_one_answer_without_a_drone() -> None:
+    field = Field(1)
+    sent = field.fog().broadcast(Arm())
+    field.answer_fog(denied="no_drones")
+    (outcome,) = await sent
+    assert (outcome.drone, outcome.word, outcome.reason) == (None, Word.DENIED, "no_drones")
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        (lambda fog: fog.drone(1).goto(float("nan"), 8.5, 10), PayloadError),
+        (lambda fog: fog.drone(1).arm(ttl_s=61), ConfigurationError),
+        (lambda fog: fog.drone(1).arm(limit_s=0), ConfigurationError),
+        (lambda fog: fog.broadcast(NEAR), ConfigurationError),
+        (lambda fog: fog.best(Arm()), ConfigurationError),
+        (lambda fog: fog.drone(251), ConfigurationError),
+    ],
+)
+async def test_what_cannot_be_is_refused_by_the_call_and_nothing_is_sent(call: Any, error: type[Exception]) -> None:
+    field = Field(1)
+    with pytest.raises(error):
+        call(field.fog())
+    assert field.sent == []
+
+
+async def test_without_a_live_activator_the_call_says_so_and_nothing_is_sent() -> None:
+    field = Field(1)
+    fog = field.fog()
+    field.hear("fog1/reachable", FogPresence(session=SESSION, up=False))
+    for call in (lambda: fog.broadcast(Arm()), lambda: fog.drone(1).arm(), lambda: field.gs.best(NEAR)):
+        with pytest.raises(FogUnreachable, match=r"fog 1: no live activator; .* was not sent"):
+            call()
+    with pytest.raises(FogUnreachable, match="fog 1: no live activator; control was not taken"):
+        await fog.take_over()
+    assert field.sent == []
+
+
+async def test_before_connect_every_call_gives_its_documented_error() -> None:
+    gs = GroundStation("mqtt://127.0.0.1:1")
+    with pytest.raises(FogUnreachable, match="no fog is connected; goto was not sent"):
+        gs.best(NEAR)
+    with pytest.raises(FogUnreachable, match="fog 1: connect to it first; goto was not sent"):
+        gs.best(NEAR, [1])
+    with pytest.raises(FogUnreachable, match="fog 1: connect to it first"):
+        await gs.take_over(1)
+    with pytest.raises(FogUnreachable, match="fog 1: connect to it first"):
+        gs.fog(1)
+    with pytest.raises(ConfigurationError, match="async with"):
+        await gs.connect([1])
+
+
+async def test_events_are_kept_from_the_call_on() -> None:
+    field = Field(1)
+    events = field.gs.events()
+    state = Location(47.4, 8.5, 500.0, 12.0)
+    payload = encode_state(StampedState(state, 0, 0), Encoding.CBOR)
+    field.runner.received("cloud", Inbound("fog1/drone1/state/location", payload))
+    update = await anext(events)
+    assert isinstance(update, StateUpdate)
+    assert update.state == state
+
+
+async def test_a_stream_of_events_that_nobody_holds_is_forgotten() -> None:
+    field = Field(1)
+    field.gs.events()
+    kept = field.gs.events()
+    gc.collect()
+    assert len(field.runner._streams) == 1
+    assert kept is aiter(kept)
+
+
+async def test_a_state_comes_by_its_type_with_its_age() -> None:
+    field = Field(1)
+    drone = field.fog().drone(1)
+    assert drone.location is None
+    assert drone.states == {}
+    state = Location(47.4, 8.5, 500.0, 12.0)
+    payload = encode_state(StampedState(state, 0, 0), Encoding.CBOR)
+    field.runner.received("cloud", Inbound("fog1/drone1/state/location", payload))
+    known = drone.location
+    assert known is not None
+    assert known.state == state
+    assert known.age_ms is not None
+    assert 0 <= known.age_ms < 60_000
+    assert drone.state(Location) is not None
+    assert set(drone.states) == {"location"}
+
+
+async def test_connect_names_what_each_fog_lacks() -> None:
+    field = Field(1)
+    view = field.runner.station.fogs[1]
+    assert field.runner.missing(view) == "its activator has not confirmed the registration"
+    view.up = False
+    assert field.runner.missing(view) == "no activator is at mqtt://127.0.0.1:1"
+    view.subscribed = False
+    assert field.runner.missing(view) == "mqtt://127.0.0.1:1 has not granted the subscription"
+    field.runner.disconnected("cloud")
+    field.failure = "Connection refused"
+    assert field.runner.missing(view) == "no connection to mqtt://127.0.0.1:1 (Connection refused)"
+
+
+async def test_connect_to_a_broker_that_is_not_there_says_why() -> None:
+    async with GroundStation("mqtt://127.0.0.1:1") as gs:
+        with pytest.raises(FogUnreachable) as failure:
+            await gs.connect([1, 2], timeout_s=0.5)
+    lacks = "no connection to mqtt://127.0.0.1:1 (Connection refused)"
+    assert str(failure.value) == f"fog 1: {lacks}; fog 2: {lacks} (waited 0.5 s)"
+
+
+# A choice across fogs
+
+
+def offer(field: Field, fog: int, drone: int | None, arrival_s: float = 10.0) -> None:
+    """A fog's answer to the offer that it was asked for last."""
+    publish = [p for p in field.sent if p.topic == f"fog{fog}/commands/goto"][-1]
+    asked = decode(SelectMessage, publish.payload)
+    listed = (Candidate(drone=drone, distance_m=10.0, arrival_s=arrival_s),) if drone is not None else ()
+    held = {"chosen": drone, "hold_until_ms": 60_000} if drone is not None else {}
+    head = {"gs_session": asked.gs_session, "seq": asked.seq, "session": SESSION, "stamp": 1}
+    field.hear(f"fog{fog}/PSMI", PsmiMessage(**head, listed=listed, left_out=(), **held))
+
+
+def modes(field: Field) -> list[tuple[str, SelectMode]]:
+    """What was asked of which fog."""
+    return [(publish.topic, decode(SelectMessage, publish.payload).mode) for publish in field.sent]
+
+
+OFFERED = [("fog1/commands/goto", SelectMode.OFFER), ("fog2/commands/goto", SelectMode.OFFER)]
+
+
+async def test_a_choice_goes_on_whether_or_not_somebody_waits_for_it() -> None:
+    field = Field(1, 2)
+    sent = field.gs.best(NEAR)
+    assert modes(field) == OFFERED
+    offer(field, 1, 1, arrival_s=20.0)
+    offer(field, 2, 4)
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.01):
+            await sent
+    assert modes(field) == [*OFFERED, ("fog2/commands/goto", SelectMode.COMMIT)]
+    field.say(Word.ACCEPTED, sent=2, drone=4, fog=2)
+    await turns()
+    assert modes(field)[3:] == [("fog1/commands/goto", SelectMode.RELEASE)]
+    field.say(Word.COMPLETED, sent=2, drone=4, fog=2)
+    outcome = await sent
+    assert (outcome.fog, outcome.drone, outcome.completed) == (2, 4, True)
+    assert [event.fog async for event in sent if isinstance(event, PsmiList)] == [1, 2]
+
+
+async def test_fogs_that_answer_no_offer_are_named_and_nobody_is_sent() -> None:
+    field = Field(1, 2)
+    sent = field.gs.best(NEAR, ttl_s=0.01)
+    with pytest.raises(FogUnreachable, match=r"goto: no fog answered within 0\.01 s; no drone was sent"):
+        await sent
+    assert modes(field) == OFFERED
+
+
+# The end of the station
+
+
+async def test_who_waits_for_a_command_hears_that_the_station_was_left_and_a_later_call_too() -> None:
+    field = Field(1)
+    drone = field.fog().drone(1)
+    async with field.gs:
+        sent = drone.arm()
+        waiting = asyncio.ensure_future(sent)
+        await turns()
+    assert len(field.sent) == 1
+    for waits in (waiting, sent):
+        with pytest.raises(StationEnded):
+            await waits
+    with pytest.raises(StationEnded):
+        drone.land()
+    with pytest.raises(StationEnded):
+        await field.gs.take_over(1)
+    with pytest.raises(StationEnded):
+        await field.gs.__aenter__()
+    assert [event async for event in field.gs.events()] == []
+    assert len(field.sent) == 1
+
+
+async def test_a_choice_releases_what_it_holds_when_the_station_is_left() -> None:
+    field = Field(1, 2)
+    async with field.gs:
+        sent = field.gs.best(NEAR)
+        offer(field, 1, 1, arrival_s=20.0)
+        offer(field, 2, 4)
+        await turns(10)
+    assert modes(field) == [
+        *OFFERED,
+        ("fog2/commands/goto", SelectMode.COMMIT),
+        ("fog1/commands/goto", SelectMode.RELEASE),
+    ]
+    with pytest.raises(StationEnded):
+        await sent
