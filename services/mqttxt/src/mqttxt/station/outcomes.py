@@ -155,9 +155,10 @@ class QodsRanking:
 
 @dataclass(frozen=True)
 class SensorReading:
-    """A `value` that a `sensor` measured and a `drone` carried to its `fog`; each (drone, sensor, boot, seq) comes once.
+    """A `value` that a `sensor` measured and a `drone` carried to its `fog`.
 
-    `kind` is what was measured and `unit` in what, empty for a bare number; `boot` is random at each start of the sensor, `seq` counts its readings; `time_ms` is when it was measured, in
+    Each (drone, sensor, boot, seq) comes once: `boot` is random at each start of the sensor, `seq` counts its readings.
+    `kind` is what was measured and `unit` in what, empty for a bare number. `time_ms` is when it was measured, in
     milliseconds since 1970 UTC by the sensor's own clock.
     """
 
