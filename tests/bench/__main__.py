@@ -15,6 +15,7 @@ FIGURES = (
     "sitl_cpu",
     "analysis",
     "emulator",
+    "start",
 )
 """Modules of this folder; each has `measure`, which returns lines of text."""
 

@@ -9,15 +9,17 @@ import logging
 import signal
 import sys
 from collections.abc import Callable, Coroutine, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from ..core.printable import printable
-from ..core.runner import Runner
 from ..core.settings import Settings
 from ..errors import ConfigurationError, MqttxtError
 from ..protocol.values import Encoding
+
+if TYPE_CHECKING:
+    from ..core.runner import Runner
 
 
 @contextlib.contextmanager

@@ -5,29 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Coroutine
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
-from mqttxt_conformance.activator import ActivatorTarget, check_activator
-from mqttxt_conformance.gs import GsTarget, check_gs
-from mqttxt_conformance.registry import Finding, Verdict
-from mqttxt_conformance.report import as_json, count, print_table
-from mqttxt_conformance.uav import UavTarget, check_uav
-
+from ..core.address import BrokerAddress
 from ..core.clock import MAX_TTL_MS
-from ..core.mqtt.link import BrokerAddress
-from ..drone.mavlink.link import AutopilotAddress
 from ..errors import ConfigurationError
 from ..protocol.topics import MAX_DRONE, check_number, check_prefix
 from .common import run_coroutine
 
+if TYPE_CHECKING:
+    from mqttxt_conformance.registry import Finding
+
 conformance_app = typer.Typer(
-    help="Check an implementation of a role against the specification's rules.", no_args_is_help=True
+    help="Check an implementation of a role against the specification's rules.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
 
-Checking = Callable[[Callable[[Finding], None]], Coroutine[Any, Any, list[Finding]]]
+Checking = Callable[[Callable[["Finding"], None]], Coroutine[Any, Any, list["Finding"]]]
 
 Format = Annotated[str, typer.Option("--format", help="table or json.")]
 Run = Annotated[
@@ -54,6 +51,9 @@ def uav(
 
     {broker}, {drone} and {autopilot} in --run are replaced.
     """
+    from mqttxt_conformance.uav import UavTarget, check_uav
+
+    from ..drone.mavlink.link import AutopilotAddress
 
     async def job() -> int:
         where = AutopilotAddress.parse(autopilot)
@@ -82,6 +82,7 @@ def activator(
 
     {broker}, {fog_broker}, {fog}, {drones} and {fog_root} in --run are replaced.
     """
+    from mqttxt_conformance.activator import ActivatorTarget, check_activator
 
     async def job() -> int:
         number, root = check_number("--fog", fog), check_prefix(fog_root)
@@ -111,6 +112,7 @@ def gs(
     Let the station register at the fog and send at least two commands to the drone, one after another. {broker}, {fog}
     and {drone} in --run are replaced.
     """
+    from mqttxt_conformance.gs import GsTarget, check_gs
 
     async def job() -> int:
         numbers = check_number("--fog", fog), check_number("--drone", drone, MAX_DRONE)
@@ -127,6 +129,11 @@ def gs(
 
 async def _report(role: str, format_: str, check: Checking) -> int:
     """Check, print, and say by the exit code whether a rule failed."""
+    from rich.console import Console
+
+    from mqttxt_conformance.registry import Verdict
+    from mqttxt_conformance.report import as_json, count, print_table
+
     if format_ not in ("table", "json"):
         raise ConfigurationError(f"--format {format_!r}: expected table or json")
     progress = Console(stderr=True)

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from ..errors import ConfigurationError
 from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
 from ..protocol.topics import MAX_DRONE, SELECTABLE, check_number
-from ..station.ground_station import GroundStation
-from ..station.heard import SentCommand
-from ..station.outcomes import Outcome, Outcomes
 from .common import run_coroutine, set_up_logging, settings
 from .parameters import HELP, parse_command
-from .watch import watch_fogs
 
-gs_app = typer.Typer(help="A ground station: watch drones, send commands.", no_args_is_help=True)
+if TYPE_CHECKING:
+    from ..station.heard import SentCommand
+    from ..station.outcomes import Outcome, Outcomes
+
+gs_app = typer.Typer(help="A ground station: watch drones, send commands.", no_args_is_help=True, rich_markup_mode=None)
 
 Cloud = Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].", envvar="MQTTXT_CLOUD")]
 Qos = Annotated[int, typer.Option(help="QoS of commands: 0 or 1.")]
@@ -36,6 +35,11 @@ def watch(
     timeout: Timeout = 10.0,
 ) -> None:
     """Show fogs, drones, their states and how old those are at the most, until Ctrl-C."""
+    from rich.console import Console
+
+    from ..station.ground_station import GroundStation
+    from .watch import watch_fogs
+
     set_up_logging(verbose=False)
 
     async def job() -> int:
@@ -70,6 +74,8 @@ def send(
     timeout: Timeout = 10.0,
 ) -> None:
     """Send a command and print each outcome as it comes; exit code 0 only if every drone completed it."""
+    from ..station.ground_station import GroundStation
+
     set_up_logging(verbose=False)
 
     async def job() -> int:

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..activator.process import ActivatorRunner
-from ..core.address import is_host, whole_number
-from ..core.embedded_broker import EmbeddedBroker
-from ..core.mqtt.link import BrokerAddress
-from ..drone.journal import JournalFile
-from ..drone.mavlink.link import AutopilotAddress
-from ..drone.mavlink.raw import Limits
-from ..drone.options import UavOptions
-from ..drone.process import UavRunner
-from ..drone.sensors.port import SensorOptions
-from ..drone.sensors.store import DEFAULT_LIMIT
+from .. import __version__
+from ..core.address import BrokerAddress, is_host, whole_number
+from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
 from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_prefix
 from .common import errors_as_lines, run_role, set_up_logging, settings
 from .conformance import conformance_app
 from .gs import gs_app
+
+if TYPE_CHECKING:
+    from ..activator.process import ActivatorRunner
+    from ..core.embedded_broker import EmbeddedBroker
+    from ..drone.process import UavRunner
+    from ..drone.sensors.port import SensorOptions
 
 app = typer.Typer(
     name="mqttxt",
@@ -31,6 +29,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
 )
 app.add_typer(gs_app, name="gs")
 app.add_typer(conformance_app, name="conformance")
@@ -43,6 +42,21 @@ Ready = Annotated[
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")]
 Prefix = Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")]
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"mqttxt {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _of_all(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """What every subcommand has."""
 
 
 @app.command()
@@ -62,6 +76,8 @@ def activator(
     verbose: Verbose = False,
 ) -> None:
     """Run a fog's activator and its embedded broker."""
+    from ..activator.process import ActivatorRunner
+
     set_up_logging(verbose)
 
     def make() -> ActivatorRunner:
@@ -124,6 +140,12 @@ def uav(
     verbose: Verbose = False,
 ) -> None:
     """Run a drone's UAV client: the interpreter between its autopilot and MQTT."""
+    from ..drone.journal import JournalFile
+    from ..drone.mavlink.link import AutopilotAddress
+    from ..drone.mavlink.raw import Limits
+    from ..drone.options import UavOptions
+    from ..drone.process import UavRunner
+
     set_up_logging(verbose)
 
     def make() -> UavRunner:
@@ -151,6 +173,8 @@ def uav(
 
 def sensor_options(listen: str | None, elsewhere: str | None, store: Path, limit: int) -> SensorOptions | None:
     """Where sensors publish, None where nothing was asked for; raises ConfigurationError."""
+    from ..drone.sensors.port import SensorOptions
+
     if listen is not None and elsewhere is not None:
         raise ConfigurationError(f"--sensor-broker {elsewhere!r}: expected no --sensors beside it")
     if limit < 1:
@@ -164,6 +188,8 @@ def sensor_options(listen: str | None, elsewhere: str | None, store: Path, limit
 
 
 def _embedded(listen: str, option: str = "--listen", instead: str = "--fog-broker") -> EmbeddedBroker:
+    from ..core.embedded_broker import EmbeddedBroker
+
     host, _, port = listen.rpartition(":")
     number = whole_number(port, 65_535)
     if not is_host(host) or number is None:

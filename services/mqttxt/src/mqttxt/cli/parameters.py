@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ..drone.mavlink.raw import MAV_CMDS
 from ..errors import ConfigurationError
 from ..protocol.codec import plan_of
 from ..protocol.commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
@@ -18,7 +17,6 @@ HELP = (
     "mavlink: MAV_CMD (number or name) and up to seven parameters, - or nan for one that is not set."
 )
 _NOT_SET = ("-", "nan")
-_NUMBERS = {name.removeprefix("MAV_CMD_"): number for number, name in MAV_CMDS.items()}
 _MAV_CMD = Integer(0, 2**16 - 1)
 _LARGEST = 3.4028234663852886e38
 """Of a MAV_CMD's parameters: MAVLink's floats have 32 bits."""
@@ -48,7 +46,10 @@ def _offboard(parameters: list[str]) -> Offboard:
 def _mavlink(parameters: list[str]) -> Mavlink:
     if not 1 <= len(parameters) <= 8:
         raise _unexpected("mavlink", "MAV_CMD and up to seven parameters", parameters)
-    number = _NUMBERS.get(parameters[0].upper().removeprefix("MAV_CMD_"))
+    from ..drone.mavlink.raw import MAV_CMDS
+
+    numbers = {name: number for number, name in MAV_CMDS.items()}
+    number = numbers.get("MAV_CMD_" + parameters[0].upper().removeprefix("MAV_CMD_"))
     if number is None:
         number = _value("mavlink", "mav_cmd", _MAV_CMD, parameters[0])
     wide = Scaled(1, -_LARGEST, _LARGEST)

@@ -6,8 +6,6 @@ import math
 from functools import cache
 from typing import Annotated, Any, cast
 
-from pymavlink.dialects.v20 import common as mavlink
-
 from .fields import Integer, Items, Real, Text
 from .states import FieldValue, MavlinkState
 from .topics import MAVLINK_STATE
@@ -19,7 +17,9 @@ _LARGEST_DOUBLE = 1.7976931348623157e308
 
 @cache
 def kinds() -> dict[str, Any]:
-    """pymavlink's class of each message, by its name in common.xml."""
+    """pymavlink's class of each message, by its name in common.xml; most stations never hear one."""
+    from pymavlink.dialects.v20 import common as mavlink
+
     return {kind.msgname: kind for kind in mavlink.mavlink_map.values()}
 
 

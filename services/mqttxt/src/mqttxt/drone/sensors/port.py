@@ -19,8 +19,9 @@ from ...core.mqtt.events import LinkEvents
 from ...core.mqtt.link import BrokerAddress, MqttLink
 from ...errors import BrokerRefused
 from ..effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
+from . import DEFAULT_LIMIT
 from .carrier import SENSORS, Carrier
-from .store import DEFAULT_LIMIT, Batch, Done, SensorStore
+from .store import Batch, Done, SensorStore
 
 logger = logging.getLogger("mqttxt.sensors")
 

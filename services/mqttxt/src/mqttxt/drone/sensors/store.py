@@ -17,11 +17,10 @@ from ...protocol.codec import decode, encode
 from ...protocol.readings import Reading, ReadingKey, ReadingMessage, checked
 from ..disk import is_fault
 from ..effects import LoadReadings, StoreReading
+from . import DEFAULT_LIMIT
 
 logger = logging.getLogger("mqttxt.sensors")
 
-DEFAULT_LIMIT = 100_000
-"""Readings: three a second for nine hours, in about ten megabytes."""
 _VERSION = 1
 _SCHEMA = """
 CREATE TABLE reading (
