@@ -16,7 +16,7 @@ class BenchBroker(Broker):
 
     def __init__(self, folder: Path, name: str, more: str = "") -> None:
         super().__init__(folder, name)
-        self._configuration.write_text(CONFIGURATION.format(host="127.0.0.1", port=self.port) + more)
+        self.configuration.write_text(CONFIGURATION.format(host="127.0.0.1", port=self.port) + more)
 
     @property
     def pid(self) -> int:

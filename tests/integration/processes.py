@@ -118,16 +118,18 @@ class Container:
 
 
 class Broker(Container):
-    """A real Mosquitto on a loopback port, from the testbed's own image."""
+    """A real Mosquitto on a loopback port, from the testbed's own image; it sees the test's folder."""
+
+    folder_inside = "/etc/broker"
 
     def __init__(self, folder: Path, name: str) -> None:
         super().__init__(folder / f"{name}.log")
         self.port = free_port()
-        self._configuration = folder / f"{name}.conf"
-        self._configuration.write_text(
+        self.configuration = folder / f"{name}.conf"
+        self.configuration.write_text(
             f"persistence false\nlistener {self.port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
         )
-        self._configuration.chmod(0o644)
+        self.configuration.chmod(0o644)
         folder.chmod(0o755)
 
     @property
@@ -135,8 +137,9 @@ class Broker(Container):
         return f"mqtt://127.0.0.1:{self.port}"
 
     def start(self) -> Self:
-        volumes = {str(self._configuration): {"bind": "/etc/broker.conf", "mode": "ro"}}
-        self.run(["-c", "/etc/broker.conf"], entrypoint="mosquitto", user="1000:1000", volumes=volumes)
+        volumes = {str(self.configuration.parent): {"bind": self.folder_inside, "mode": "ro"}}
+        configuration = f"{self.folder_inside}/{self.configuration.name}"
+        self.run(["-c", configuration], entrypoint="mosquitto", user="1000:1000", volumes=volumes)
         wait_until(self._listens, f"broker on port {self.port}")
         return self
 

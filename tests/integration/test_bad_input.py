@@ -97,8 +97,8 @@ def _last_line(done: subprocess.CompletedProcess[str]) -> str:
 
 def test_a_broker_that_refuses_is_one_line(tmp_path: Path) -> None:
     locked = Broker(tmp_path, "locked")
-    text = locked._configuration.read_text().replace("allow_anonymous true", "allow_anonymous false")
-    locked._configuration.write_text(text)
+    text = locked.configuration.read_text().replace("allow_anonymous true", "allow_anonymous false")
+    locked.configuration.write_text(text)
     locked.start()
     try:
         done = _run("gs", "send", "arm", "--cloud", locked.url)

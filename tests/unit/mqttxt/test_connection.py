@@ -9,7 +9,7 @@ import threading
 from collections.abc import AsyncIterator, Hashable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
-from ssl import PROTOCOL_TLS_SERVER, SSLContext
+from ssl import PROTOCOL_TLS_SERVER, SSLContext, create_default_context
 from typing import Any
 
 import pytest
@@ -26,12 +26,13 @@ from mqtt_server import (
     publish,
 )
 
+from mqttxt import GroundStation
 from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
 from mqttxt.core.mqtt import connection as connection_module
 from mqttxt.core.mqtt import link as mqtt_module
 from mqttxt.core.mqtt.client import CONNECT_THREAD, KEEPALIVE_S
 from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
-from mqttxt.errors import BrokerRefused
+from mqttxt.errors import BrokerRefused, ConfigurationError
 
 ALIASES_10 = b"\x22\x00\x0a"
 RECEIVE_MAXIMUM_2 = b"\x21\x00\x02"
@@ -439,6 +440,19 @@ async def test_tls_carries_bursts_in_both_directions(tmp_path: Path, monkeypatch
             for name in STATES:
                 link.publish(state(name))
             await eventually(lambda: len(session.of(PUBLISH)) == len(STATES), "all states")
+
+
+async def test_a_station_trusts_whom_its_own_context_trusts(tmp_path: Path) -> None:
+    with certificate(tmp_path) as (context, chain):
+        own = create_default_context(cafile=str(chain))
+        async with Server(tls=context) as server:
+            async with GroundStation(f"mqtts://localhost:{server.port}", ssl_context=own):
+                await eventually(lambda: len(server.sessions) == 1, "connected")
+
+
+def test_a_context_without_tls_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"ssl_context for mqtt://localhost:1883: expected .* mqtts://"):
+        GroundStation("mqtt://localhost", ssl_context=create_default_context())
 
 
 async def test_a_certificate_that_nobody_vouches_for_is_not_talked_to(
