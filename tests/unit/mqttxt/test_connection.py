@@ -445,9 +445,8 @@ async def test_tls_carries_bursts_in_both_directions(tmp_path: Path, monkeypatch
 async def test_a_station_trusts_whom_its_own_context_trusts(tmp_path: Path) -> None:
     with certificate(tmp_path) as (context, chain):
         own = create_default_context(cafile=str(chain))
-        async with Server(tls=context) as server:
-            async with GroundStation(f"mqtts://localhost:{server.port}", ssl_context=own):
-                await eventually(lambda: len(server.sessions) == 1, "connected")
+        async with Server(tls=context) as server, GroundStation(f"mqtts://localhost:{server.port}", ssl_context=own):
+            await eventually(lambda: len(server.sessions) == 1, "connected")
 
 
 def test_a_context_without_tls_is_refused() -> None:
