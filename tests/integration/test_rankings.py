@@ -8,7 +8,6 @@ import socket
 import subprocess
 import sys
 from collections.abc import AsyncIterator
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -121,10 +120,9 @@ async def test_the_best_drone_of_a_fog_and_of_all_fogs_is_sent_and_a_dying_stati
             await there.take_over()
             assert there.drone(1).is_controlled
             assert (await one.drone(1).send(Hold())).reason == "not_in_control, second"
-            inside = second._runner
-            select = partial(inside.station.select, 1, NEAR_2, mode=SelectMode.OFFER, limit_s=3.0)
+            offer = second._runner.select(1, NEAR_2, SelectMode.OFFER, ttl_s=5.0, limit_s=3.0)
             async with asyncio.timeout(10):
-                assert await inside.send(select, len) == 1
+                assert [said.drone async for said in offer if isinstance(said, Outcome)] == []
         await eventually(lambda: one.drone(2).is_controlled, "control returned to the first station")
         assert system.flown_to() == {1: 0, 2: 1, 4: 1}
         heard = [event async for event in one.best(NEAR_2, ttl_s=20)]

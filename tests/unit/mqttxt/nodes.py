@@ -200,9 +200,9 @@ class StationNode(Node):
         self.read_us, now_ms = sim.events.now_us, self.clock.now_ms()
         try:
             if selects:
-                command_id, outputs = self.role.select(1, command, now_ms, **times)
+                command_id, outputs = self.role.commands.select(self.role.fog(1), command, now_ms, **times)
             else:
-                command_id, outputs = self.role.send(1, drone, command, now_ms, **times)
+                command_id, outputs = self.role.commands.send(self.role.fog(1), drone, command, now_ms, **times)
         except FogUnreachable:
             sim.judge.unsent += 1
             return

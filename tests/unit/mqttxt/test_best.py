@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -13,7 +12,7 @@ from mqttxt.protocol.messages import CommandId, Word
 from mqttxt.protocol.rankings import Candidate, SelectMode
 from mqttxt.station.best import best
 from mqttxt.station.heard import Record, SentCommand
-from mqttxt.station.outcomes import Outcome, PsmiList
+from mqttxt.station.outcomes import Outcome, PsmiList, last_word
 
 TARGET = Goto(47.4, 8.5, 20)
 
@@ -41,32 +40,35 @@ class Station:
         self.lands_behind: int | None = None
         self._seq = 0
 
-    def select(self, fog: int, command: Any, now_ms: int, **how: Any) -> tuple[Any, list[Any]]:
+    def choose(self, choice: Any) -> Any:
+        return choice
+
+    def select(
+        self,
+        fog: int,
+        command: Any,
+        mode: SelectMode,
+        ttl_s: float,
+        limit_s: float | None = None,
+        reservation: int | None = None,
+    ) -> SentCommand[Any, Any]:
         if fog in self.gone:
             raise FogUnreachable(f"fog {fog}: no live activator")
         self._seq += 1
-        asked = (self._seq, fog, how["mode"], how["reservation"])
-        if how["mode"] is SelectMode.RELEASE:
-            del self.reserved[how["reservation"]]
-        return asked, []
-
-    def choose(self, choice: Any, answer: Any) -> Any:
-        return choice
-
-    def send(self, make: Callable[[int], Any], answer: Any) -> SentCommand[Any, Any]:
-        (seq, fog, mode, reservation), _ = make(0)
-        record = Record[Any]()
-        if mode is SelectMode.OFFER:
+        seq, record = self._seq, Record[Any]()
+        if mode is SelectMode.RELEASE:
+            del self.reserved[reservation or 0]
+        elif mode is SelectMode.OFFER:
             record.hear(self._offer(CommandId(1, seq), fog, reservation))
         elif mode is SelectMode.COMMIT:
-            _, drone = self.reserved.pop(reservation)
+            _, drone = self.reserved.pop(reservation or 0)
             self.sent.append(drone)
             for word in self.words[drone]:
                 record.hear(Outcome(CommandId(1, seq), fog, drone, "goto", word))
             if drone == self.lands_behind:
                 self.commands.overriding_seq = seq + 1
         record.end()
-        return SentCommand(record, answer)
+        return SentCommand(record, last_word)
 
     def _offer(self, command_id: CommandId, fog: int, before: int | None) -> PsmiList:
         tried = self.tried.get(before, set()) if before is not None else set()

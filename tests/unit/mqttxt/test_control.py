@@ -187,7 +187,7 @@ def test_commands_carry_the_newest_epoch_of_their_fog() -> None:
         DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="a", holder_session=GS_SESSION, epoch=4),
     )
     assert changed == ControlChanged(1, 1, "a", True, 4)
-    _, effects = bench.role.send(1, 1, Arm(), bench.now_ms)
+    _, effects = bench.role.commands.send(bench.role.fog(1), 1, Arm(), bench.now_ms)
     (publish,) = [e for e in effects if isinstance(e, Publish)]
     assert decode(CommandMessage, publish.payload).epoch == 4
 
@@ -197,7 +197,8 @@ def test_a_station_with_an_open_offboard_command_renews_every_second() -> None:
     own = DroneRecord(activator_session=FOG, up=True, drone_session=5, holder="alpha", holder_session=GS_SESSION)
     bench.hear("drone1/reachable", own)
     assert len(registrations(bench.until(bench.now_ms + 3000))) == 0
-    bench.role.send(1, 1, Offboard(1.0, velocity=Velocity(1, 0, 0)), bench.now_ms)
+    offboard = Offboard(1.0, velocity=Velocity(1, 0, 0))
+    bench.role.commands.send(bench.role.fog(1), 1, offboard, bench.now_ms)
     assert 3 <= len(registrations(bench.until(bench.now_ms + 3500))) <= 4
 
 

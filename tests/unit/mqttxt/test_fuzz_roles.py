@@ -270,7 +270,7 @@ def test_nothing_on_the_cloud_broker_makes_a_ground_station_raise(
                 bench.wait(50)
             elif isinstance(step, tuple):
                 try:
-                    _, sent = station.send(1, step[0], step[1], bench.now_ms)
+                    _, sent = station.commands.send(station.fog(1), *step, bench.now_ms)
                 except (FogUnreachable, ConfigurationError):
                     continue
                 bench.carry_out(sent)

@@ -63,7 +63,7 @@ class Bench:
         return out
 
     def send(self, command: Any = None, drone: int | None = 1, **how: Any) -> Publish:
-        _, (publish,) = self.role.send(1, drone, command or Arm(), self.now_ms, **how)
+        _, (publish,) = self.role.commands.send(self.role.fog(1), drone, command or Arm(), self.now_ms, **how)
         assert isinstance(publish, Publish)
         return publish
 
@@ -188,7 +188,7 @@ def test_a_fogs_denial_behind_a_drones_first_word_is_no_definite_no() -> None:
     for select in (True, False):
         bench, name = Bench(), "goto" if select else "arm"
         if select:
-            bench.role.select(1, Goto(47.0, 8.0, 10.0), bench.now_ms, limit_s=1.0)
+            bench.role.commands.select(bench.role.fog(1), Goto(47.0, 8.0, 10.0), bench.now_ms, limit_s=1.0)
         else:
             bench.send(Arm(), None, limit_s=1.0)
         assert bench.result(Word.ACCEPTED) == [(Word.ACCEPTED, False)]

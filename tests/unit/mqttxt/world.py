@@ -179,7 +179,7 @@ class World:
             self.run("uav", self.uav.on_mavlink(message, self.now_ms))
 
     def send(self, command: Any, drone: int | None = 1, **options: Any) -> Any:
-        command_id, outputs = self.gs.send(1, drone, command, self.now_ms, **options)
+        command_id, outputs = self.gs.commands.send(self.gs.fog(1), drone, command, self.now_ms, **options)
         self.run("gs", outputs)
         return command_id
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Sequence
-from typing import Any
 
 from ..errors import FogUnreachable, MqttxtError
 from ..protocol.commands import Command
 from ..protocol.messages import Word
 from ..protocol.rankings import SelectMode
 from ..protocol.words import DEFINITE_NO
-from .commands import ttl_ms_of
 from .heard import SentCommand
-from .outcomes import Outcome, PsmiList, last_word
-from .process import Make, StationRunner
+from .outcomes import Outcome, PsmiList
+from .process import StationRunner
 
 HOLD_S = 5.0
 """How much longer than its answer may take a fog keeps the drone that it offered."""
@@ -23,21 +21,21 @@ HOLD_S = 5.0
 _RELEASE_TTL_S = 5.0
 _SHORTEST_S = 0.001
 
+Asked = SentCommand[Outcome, Outcome | PsmiList]
 
-def best(
-    runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: float, limit_s: float | None
-) -> SentCommand[Outcome, Outcome | PsmiList]:
+
+def best(runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: float, limit_s: float | None) -> Asked:
     """`GroundStation.best`: one fog chooses by itself, of several this station does."""
     if not fogs:
         raise FogUnreachable(f"no fog is connected; {command.name} was not sent")
     if len(fogs) == 1:
-        return runner.send(_select(runner, fogs[0], command, SelectMode.SELECT, None, ttl_s, limit_s), last_word)
+        return runner.select(fogs[0], command, SelectMode.SELECT, ttl_s, limit_s)
     asked = _ask(runner, command, fogs, ttl_s)
-    return runner.choose(_choose(runner, command, asked, ttl_s, limit_s), last_word)
+    return runner.choose(_choose(runner, command, asked, ttl_s, limit_s))
 
 
 async def _choose(
-    runner: StationRunner, command: Command, asked: list[SentCommand[Any, Any]], ttl_s: float, limit_s: float | None
+    runner: StationRunner, command: Command, asked: list[Asked], ttl_s: float, limit_s: float | None
 ) -> AsyncIterator[Outcome | PsmiList]:
     """What is said from the fogs' offers to the last word of whoever was sent."""
     held: list[PsmiList] = []
@@ -81,8 +79,7 @@ async def _commit(
 ) -> AsyncIterator[Outcome]:
     """Send the command to the drone that a fog has reserved; raises FogUnreachable where the fog is gone."""
     left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
-    commit = _select(runner, chosen.fog, command, SelectMode.COMMIT, chosen.id.seq, left_s, limit_s)
-    async for event in runner.send(commit, last_word):
+    async for event in runner.select(chosen.fog, command, SelectMode.COMMIT, left_s, limit_s, chosen.id.seq):
         if isinstance(event, Outcome):  # the list came with the offer
             yield event
 
@@ -113,23 +110,21 @@ def _release(runner: StationRunner, command: Command, held: list[PsmiList]) -> N
     """Give up what is reserved; where the fog or the station is gone it lapses by itself."""
     while held:
         offer = held.pop()
-        release = _select(runner, offer.fog, command, SelectMode.RELEASE, offer.id.seq, _RELEASE_TTL_S, None)
         with contextlib.suppress(MqttxtError):
-            runner.send(release, last_word)
+            runner.select(offer.fog, command, SelectMode.RELEASE, _RELEASE_TTL_S, reservation=offer.id.seq)
 
 
 def _ask(
     runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: float, tried: int | None = None
-) -> list[SentCommand[Any, Any]]:
+) -> list[Asked]:
     """Ask each fog to reserve its best; raises FogUnreachable where none is live.
 
     `tried` is the number of an offer whose drone, and those before it, are left out.
     """
     asked, unreachable = [], None
     for fog in fogs:
-        offer = _select(runner, fog, command, SelectMode.OFFER, tried, ttl_s, HOLD_S + ttl_s)
         try:
-            asked.append(runner.send(offer, last_word))
+            asked.append(runner.select(fog, command, SelectMode.OFFER, ttl_s, HOLD_S + ttl_s, tried))
         except FogUnreachable as error:
             unreachable = error
     if unreachable is not None and not asked:
@@ -137,31 +132,16 @@ def _ask(
     return asked
 
 
-async def _answers(asked: list[SentCommand[Any, Any]], limit_s: float) -> list[Outcome | PsmiList]:
+async def _answers(asked: list[Asked], limit_s: float) -> list[Outcome | PsmiList]:
     """What the fogs answer within a time: their lists with what they have reserved, or why they have nothing."""
     answers = await asyncio.gather(*(_answer(one, limit_s) for one in asked))
     return [event for answer in answers for event in answer]
 
 
-async def _answer(asked: SentCommand[Any, Any], limit_s: float) -> list[Outcome | PsmiList]:
+async def _answer(asked: Asked, limit_s: float) -> list[Outcome | PsmiList]:
     heard: list[Outcome | PsmiList] = []
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(limit_s):
             async for event in asked:
                 heard.append(event)
     return heard
-
-
-def _select(
-    runner: StationRunner,
-    fog: int,
-    command: Command,
-    mode: SelectMode,
-    reservation: int | None,
-    ttl_s: float,
-    limit_s: float | None,
-) -> Make:
-    ttl_ms = ttl_ms_of(ttl_s)
-    return lambda now_ms: runner.station.select(
-        fog, command, now_ms, mode=mode, reservation=reservation, ttl_ms=ttl_ms, limit_s=limit_s
-    )

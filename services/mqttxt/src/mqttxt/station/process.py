@@ -13,16 +13,16 @@ from ..core.clock import SessionClock
 from ..core.mqtt.link import MqttLink
 from ..core.runner import Runner
 from ..errors import ConfigurationError, FogUnreachable, StationEnded
+from ..protocol.commands import Command
 from ..protocol.messages import CommandId
-from .commands import Output
+from ..protocol.rankings import SelectMode
+from .commands import Output, ttl_ms_of
 from .fog import LINK, FogView
 from .heard import Bell, EventStream, Record, SentCommand
-from .outcomes import Event, Outcome, PsmiList
+from .outcomes import Event, Outcome, PsmiList, last_word
 from .role import StationRole
 
 Answer = TypeVar("Answer")
-Make = Callable[[int], tuple[CommandId, list[Output]]]
-"""Makes one message at a time of the session clock, in milliseconds; returns its id and the effects that send it."""
 
 
 class StationRunner(Runner):
@@ -84,17 +84,46 @@ class StationRunner(Runner):
     def _has_ended(self) -> bool:
         return self._running is not None and self._running.done()
 
-    def send(self, make: Make, answer: Callable[[Sequence[Any]], Answer]) -> SentCommand[Answer, Any]:
-        """Send a message now, and follow its command; raises what `make` and `check` raise, nothing being sent."""
+    def send(
+        self,
+        fog: FogView,
+        drone: int | None,
+        command: Command,
+        ttl_s: float,
+        limit_s: float | None,
+        answer: Callable[[Sequence[Outcome]], Answer],
+    ) -> SentCommand[Answer, Outcome]:
+        """Send a command now and follow it; raises what `StationCommands.send` and `check` raise, nothing being sent."""
+        ttl_ms = ttl_ms_of(ttl_s)
         self.check()
-        command_id, outputs = make(self.clock.now_ms())
+        commands, now_ms = self.station.commands, self.clock.now_ms()
+        return self._follow(commands.send(fog, drone, command, now_ms, ttl_ms=ttl_ms, limit_s=limit_s), answer)
+
+    def select(
+        self,
+        fog: int,
+        command: Command,
+        mode: SelectMode,
+        ttl_s: float,
+        limit_s: float | None = None,
+        reservation: int | None = None,
+    ) -> SentCommand[Outcome, Outcome | PsmiList]:
+        """Send a command, or a step of a choice, to a fog whose activator chooses the drone; errors as `send`."""
+        ttl_ms = ttl_ms_of(ttl_s)
+        self.check()
+        view, now_ms = self.station.fog(fog, command.name), self.clock.now_ms()
+        how: dict[str, Any] = {"mode": mode, "reservation": reservation, "ttl_ms": ttl_ms, "limit_s": limit_s}
+        return self._follow(self.station.commands.select(view, command, now_ms, **how), last_word)
+
+    def _follow(
+        self, sent: tuple[CommandId, list[Output]], answer: Callable[[Sequence[Any]], Answer]
+    ) -> SentCommand[Answer, Any]:
+        command_id, outputs = sent
         record = self._open[command_id] = Record[Any]()
         self.carry_out(outputs)
         return SentCommand(record, answer)
 
-    def choose(
-        self, choice: AsyncIterator[Outcome | PsmiList], answer: Callable[[Sequence[Any]], Answer]
-    ) -> SentCommand[Answer, Outcome | PsmiList]:
+    def choose(self, choice: AsyncIterator[Outcome | PsmiList]) -> SentCommand[Outcome, Outcome | PsmiList]:
         """Carry a choice across fogs through, whether or not somebody waits for it."""
         record = Record[Outcome | PsmiList]()
 
@@ -109,7 +138,7 @@ class StationRunner(Runner):
         task = asyncio.create_task(carry_through())
         self._choices.add(task)
         task.add_done_callback(end)
-        return SentCommand(record, answer)
+        return SentCommand(record, last_word)
 
     def listen(self) -> EventStream:
         """Everything that is heard from now on."""

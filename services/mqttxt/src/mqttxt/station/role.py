@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable
 from typing import Any
 
-from ..core.clock import DEFAULT_TTL_MS
 from ..core.effects import Inbound, Log, Publish, Subscribe, Will
 from ..core.settings import Rebirth, Settings
 from ..errors import FogUnreachable, PayloadError
 from ..protocol.bundles import FogBundle, states_of
 from ..protocol.codec import decode, encode
-from ..protocol.commands import Command
 from ..protocol.messages import (
     BeaconMessage,
-    CommandId,
     Control,
     DroneRecord,
     FogPresence,
@@ -22,7 +19,7 @@ from ..protocol.messages import (
     Presence,
     ResultMessage,
 )
-from ..protocol.rankings import PsmiMessage, QodsMessage, SelectMode
+from ..protocol.rankings import PsmiMessage, QodsMessage
 from ..protocol.readings import ReadingMessage, checked
 from ..protocol.state_payload import decode_state
 from ..protocol.topics import CloudSide, DroneTopic, FogTopic, check_prefix, station_of, station_reachable
@@ -99,36 +96,6 @@ class StationRole:
             if self.connected:
                 out.append(self._subscribe(fog))
         return out
-
-    def send(
-        self,
-        fog_number: int,
-        drone: int | None,
-        command: Command,
-        now_ms: int,
-        *,
-        ttl_ms: int = DEFAULT_TTL_MS,
-        limit_s: float | None = None,
-    ) -> tuple[CommandId, list[Output]]:
-        """`StationCommands.send` to a fog by its number."""
-        fog = self.fog(fog_number, command.name)
-        return self.commands.send(fog, drone, command, now_ms, ttl_ms=ttl_ms, limit_s=limit_s)
-
-    def select(
-        self,
-        fog_number: int,
-        command: Command,
-        now_ms: int,
-        *,
-        mode: SelectMode = SelectMode.SELECT,
-        reservation: int | None = None,
-        ttl_ms: int = DEFAULT_TTL_MS,
-        limit_s: float | None = None,
-    ) -> tuple[CommandId, list[Output]]:
-        """`StationCommands.select` at a fog by its number."""
-        fog = self.fog(fog_number, command.name)
-        options: dict[str, Any] = {"mode": mode, "reservation": reservation, "ttl_ms": ttl_ms, "limit_s": limit_s}
-        return self.commands.select(fog, command, now_ms, **options)
 
     def take_over(self, fog_number: int, drones: tuple[int, ...] | None, now_ms: int) -> list[Output]:
         """Take control of a fog's drones (None: of all), whoever holds it; raises FogUnreachable."""

@@ -11,7 +11,6 @@ from ..protocol.rankings import Ranked
 from ..protocol.states import Location, State, VitalState
 from ..protocol.topics import MAX_DRONE, check_number
 from .best import best
-from .commands import ttl_ms_of
 from .fog import DroneView, FogView
 from .heard import SentCommand
 from .outcomes import Outcome, Outcomes, PsmiList, SensorReading, last_word
@@ -123,11 +122,7 @@ class Fog:
             PayloadError: a field of the command that cannot be carried; nothing was sent.
             StationEnded, BrokerRefused: the station has ended; nothing was sent.
         """
-        ttl_ms = ttl_ms_of(ttl_s)
-        send = self._runner.station.send
-        return self._runner.send(
-            lambda now_ms: send(self.number, None, command, now_ms, ttl_ms=ttl_ms, limit_s=limit_s), Outcomes.of
-        )
+        return self._runner.send(self._view, None, command, ttl_s, limit_s, Outcomes.of)
 
 
 class Drone:
@@ -206,12 +201,7 @@ class Drone:
         Parameters:
             command: what to do.
         """
-        ttl_ms = ttl_ms_of(ttl_s)
-        send = self._runner.station.send
-        return self._runner.send(
-            lambda now_ms: send(self._fog.number, self.number, command, now_ms, ttl_ms=ttl_ms, limit_s=limit_s),
-            last_word,
-        )
+        return self._runner.send(self._fog, self.number, command, ttl_s, limit_s, last_word)
 
     def arm(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
         """Start the motors; completed when the autopilot reports itself armed."""
