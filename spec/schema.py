@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mqttxt.protocol import bundles, messages, rankings, readings
-from mqttxt.protocol.codec import FieldPlan, Plan, plan_of
+from mqttxt.protocol.codec import FieldLayout, Layout, layout_of
 from mqttxt.protocol.fields import VERSION, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.protocol.state_payload import message_class
 from mqttxt.protocol.states import STATES
@@ -55,18 +55,18 @@ def json_schema() -> dict[str, Any]:
 
 
 def _define(cls: type[Any], definitions: dict[str, Any]) -> None:
-    plan = plan_of(cls)
-    fields = {field.name: _json_field(field.mark, definitions) for field in plan.fields}
-    required = [field.name for field in plan.fields if not field.optional]
+    layout = layout_of(cls)
+    fields = {field.name: _json_field(field.mark, definitions) for field in layout.fields}
+    required = [field.name for field in layout.fields if not field.optional]
     definitions[cls.__name__] = {}
-    if plan.variant is None:
+    if layout.variant is None:
         definitions[cls.__name__] = _object(fields, required)
         return
-    name, variant = plan.variant
+    name, variant = layout.variant
     choices = []
     for _, label, body in variant.codes:
-        own = {field.name: _json_field(field.mark, definitions) for field in plan_of(body).fields}
-        needed = [field.name for field in plan_of(body).fields if not field.optional]
+        own = {field.name: _json_field(field.mark, definitions) for field in layout_of(body).fields}
+        needed = [field.name for field in layout_of(body).fields if not field.optional]
         choices.append(_object({**fields, name: {"const": label}, **own}, [*required, name, *needed]))
     definitions[cls.__name__] = {"oneOf": choices}
 
@@ -122,31 +122,31 @@ def rule_name(cls: type[Any]) -> str:
 
 def _rule(cls: type[Any], rules: dict[str, str]) -> str:
     name = rule_name(cls)
-    plan = plan_of(cls)
+    layout = layout_of(cls)
     if name in rules:
         return name
     rules[name] = ""
-    items = [_cddl_item(plan, index, field, rules) for index, field in enumerate(plan.fields)]
-    if plan.variant is None:
+    items = [_cddl_item(layout, index, field, rules) for index, field in enumerate(layout.fields)]
+    if layout.variant is None:
         rules[name] = f"{name} = [{', '.join(items)}]\n"
         return name
-    _, variant = plan.variant
+    _, variant = layout.variant
     choices = [_cddl_choice(code, label, body, rules) for code, label, body in variant.codes]
     rules[name] = f"{name} = [{', '.join([*items, ''])}({' // '.join(choices)})]\n"
     return name
 
 
 def _cddl_choice(code: int, label: str, body: type[Any], rules: dict[str, str]) -> str:
-    plan = plan_of(body)
-    own = [_cddl_item(plan, index, field, rules) for index, field in enumerate(plan.fields)]
+    layout = layout_of(body)
+    own = [_cddl_item(layout, index, field, rules) for index, field in enumerate(layout.fields)]
     return ", ".join([f"{label}: {code}", *own])
 
 
-def _cddl_item(plan: Plan, index: int, field: FieldPlan, rules: dict[str, str]) -> str:
+def _cddl_item(layout: Layout, index: int, field: FieldLayout, rules: dict[str, str]) -> str:
     item = f"{field.name}: {_cddl_type(field.mark, rules)}"
     if field.optional:
         item += " / null"
-    return f"? {item}" if index >= plan.required and plan.variant is None else item
+    return f"? {item}" if index >= layout.required and layout.variant is None else item
 
 
 def _cddl_type(mark: Any, rules: dict[str, str]) -> str:

@@ -15,7 +15,7 @@ from typing import Any, get_args, get_type_hints
 
 from mqttxt.drone.mavlink.raw import GUARDED, MAV_CMDS, TYPED
 from mqttxt.errors import ConfigurationError
-from mqttxt.protocol.codec import Plan, plan_of
+from mqttxt.protocol.codec import Layout, layout_of
 from mqttxt.protocol.commands import BROADCASTABLE, COMMAND
 from mqttxt.protocol.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.protocol.messages import Word
@@ -78,16 +78,16 @@ def messages() -> str:
 
 
 def _message(cls: type[Any]) -> str:
-    plan = plan_of(cls)
+    layout = layout_of(cls)
     hints = get_type_hints(cls, include_extras=True)
     rows = [
-        (str(index), f"`{field.name}`", *_forms(field.name, hints[field.name]), _missing(plan, index))
-        for index, field in enumerate(plan.fields)
+        (str(index), f"`{field.name}`", *_forms(field.name, hints[field.name]), _missing(layout, index))
+        for index, field in enumerate(layout.fields)
     ]
-    if plan.variant is not None:
-        name, variant = plan.variant
+    if layout.variant is not None:
+        name, variant = layout.variant
         codes = [code for code, _, _ in variant.codes]
-        last = len(plan.fields)
+        last = len(layout.fields)
         rows += [
             (str(last), f"`{name}`", f"{min(codes)} to {max(codes)}, its code", "its name", "no"),
             (f"{last + 1} …", f"the {name}'s own fields", "as listed below", "on the same level", "no"),
@@ -98,10 +98,10 @@ def _message(cls: type[Any]) -> str:
     return head + "\n\n" + table(("", "field", "CBOR", "JSON", "may be missing"), rows)
 
 
-def _missing(plan: Plan, index: int) -> str:
-    if not plan.fields[index].optional:
+def _missing(layout: Layout, index: int) -> str:
+    if not layout.fields[index].optional:
         return "no"
-    return "left out" if index >= plan.required and plan.variant is None else "null"
+    return "left out" if index >= layout.required and layout.variant is None else "null"
 
 
 def _docstring(cls: object) -> str:
@@ -242,7 +242,7 @@ def _rate(policy: Policy) -> str:
 def _parameters(cls: type[Any]) -> tuple[str, str]:
     """The fields of a command or a state, in both forms."""
     hints = get_type_hints(cls, include_extras=True)
-    forms = [(field, *_forms(field.name, hints[field.name])) for field in plan_of(cls).fields]
+    forms = [(field, *_forms(field.name, hints[field.name])) for field in layout_of(cls).fields]
     in_cbor = "<br>".join(f"`{f.name}`: {cbor}{', or left out' if f.optional else ''}" for f, cbor, _ in forms)
     in_json = "<br>".join(text for _, _, text in forms)
     return in_cbor or "none", in_json or "none"

@@ -18,7 +18,7 @@ import cbor2
 
 with atheris.instrument_imports(include=["mqttxt"]):
     from mqttxt.errors import PayloadError
-    from mqttxt.protocol.codec import decode, encode, plan_of
+    from mqttxt.protocol.codec import decode, encode, layout_of
     from mqttxt.protocol.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
     from mqttxt.protocol.identify import identify
     from mqttxt.protocol.state_payload import decode_state, encode_state, message_class
@@ -106,24 +106,24 @@ def message(cls: Any, most: bool, variant_code: int | None = None) -> Any:
 
     Where a class does not take that, one of the fields that may be missing is left out, or only the last one is there.
     """
-    plan = plan_of(cls)
-    fields = {field.name: None if field.optional and not most else value(field.mark, most) for field in plan.fields}
-    if plan.variant is not None:
-        name, variant = plan.variant
+    layout = layout_of(cls)
+    fields = {field.name: None if field.optional and not most else value(field.mark, most) for field in layout.fields}
+    if layout.variant is not None:
+        name, variant = layout.variant
         bodies = {code: body for code, _, body in variant.codes}
         fields[name] = message(bodies[variant_code or min(bodies)], most)
-    for left_out in (None, *(field.name for field in plan.fields if field.optional)):
+    for left_out in (None, *(field.name for field in layout.fields if field.optional)):
         try:
             return cls(**{name: None if name == left_out else value for name, value in fields.items()})
         except PayloadError:
             continue
-    return cls(**{**fields, **{field.name: value(field.mark, False) for field in plan.fields[-1:]}})
+    return cls(**{**fields, **{field.name: value(field.mark, False) for field in layout.fields[-1:]}})
 
 
 def ends(cls: Any) -> Iterator[bytes]:
     """Both ends of a message, with each of its variants, in both forms."""
-    plan = plan_of(cls)
-    codes = [code for code, _, _ in plan.variant[1].codes] if plan.variant is not None else [None]
+    layout = layout_of(cls)
+    codes = [code for code, _, _ in layout.variant[1].codes] if layout.variant is not None else [None]
     for code in codes:
         for most in (False, True):
             for encoding in Encoding:

@@ -9,7 +9,7 @@ import cbor2
 from hypothesis import strategies as st
 
 from mqttxt.core.effects import Inbound
-from mqttxt.protocol.codec import encode, plan_of
+from mqttxt.protocol.codec import encode, layout_of
 from mqttxt.protocol.commands import Offboard
 from mqttxt.protocol.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.protocol.state_payload import message_class
@@ -58,12 +58,12 @@ def values(mark: Any, known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
 @cache
 def messages(cls: type[Any], known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
     """Any message of a class."""
-    plan = plan_of(cls)
+    layout = layout_of(cls)
     fields = {
-        f.name: values(f.mark, known) if not f.optional else st.none() | values(f.mark, known) for f in plan.fields
+        f.name: values(f.mark, known) if not f.optional else st.none() | values(f.mark, known) for f in layout.fields
     }
-    if plan.variant is not None:
-        name, variant = plan.variant
+    if layout.variant is not None:
+        name, variant = layout.variant
         fields[name] = st.one_of([messages(body, known) for _, _, body in variant.codes])
     if cls is Offboard:
         kinds = [{"velocity": fields.pop("velocity")}, {"attitude": fields.pop("attitude")}]

@@ -13,7 +13,7 @@ from mqttxt.core.effects import Publish
 from mqttxt.core.settings import Settings
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.bundles import MAX_DRONES, DroneBundle, FogBundle, drone_bundle, fog_bundles, states_of
-from mqttxt.protocol.codec import MAX_PAYLOAD, decode, encode, plan_of
+from mqttxt.protocol.codec import MAX_PAYLOAD, decode, encode, layout_of
 from mqttxt.protocol.fields import Integer, Scaled
 from mqttxt.protocol.messages import Control
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, QodsMessage, Ranked
@@ -176,7 +176,7 @@ def test_four_states_of_three_drones_are_less_than_a_mavlink_message_each() -> N
 @pytest.mark.parametrize("encoding", Encoding)
 def test_a_full_bundle_and_the_rankings_of_a_full_fog_fit_into_a_payload(encoding: Encoding) -> None:
     """All states of as many drones as a bundle takes; 250 drones left out, each with its figures and a long reason."""
-    states = [cls(**{f.name: _widest(f.mark) for f in plan_of(cls).fields}) for cls in STATES.values()]
+    states = [cls(**{f.name: _widest(f.mark) for f in layout_of(cls).fields}) for cls in STATES.values()]
     pairs = [(200 + n, StampedState(state, 60_000, 60_000)) for n in range(MAX_DRONES) for state in states]
     (bundle,) = fog_bundles(pairs)
     figures = {"distance_m": 12_345.6, "arrival_s": 1234.5, "max_groundspeed_m_s": 12.34, "remaining_pct": 88}

@@ -10,7 +10,7 @@ import pytest
 
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.bundles import drone_bundle
-from mqttxt.protocol.codec import decode, encode, plan_of
+from mqttxt.protocol.codec import decode, encode, layout_of
 from mqttxt.protocol.commands import COMMANDS, Takeoff
 from mqttxt.protocol.messages import (
     BeaconMessage,
@@ -65,12 +65,12 @@ def test_rule_names_are_unique_within_a_role() -> None:
 @pytest.mark.parametrize("kind", sorted(shapes.MESSAGES))
 def test_the_kit_knows_every_field_in_its_place(kind: str) -> None:
     own = [name for name in shapes.MESSAGES[kind] if (kind, name) != ("command", "command")]
-    assert own == [field.name for field in plan_of(type(MESSAGES[kind])).fields]
+    assert own == [field.name for field in layout_of(type(MESSAGES[kind])).fields]
 
 
 def test_the_kit_knows_every_state_and_command() -> None:
     assert {name: [*fields] for name, fields in shapes.STATES.items()} == {
-        name: [field.name for field in plan_of(cls).fields] for name, cls in STATES.items()
+        name: [field.name for field in layout_of(cls).fields] for name, cls in STATES.items()
     }
     assert shapes.COMMANDS[1:] == tuple(COMMANDS)
     assert shapes.WORDS[1:] == tuple(word.label for word in Word)

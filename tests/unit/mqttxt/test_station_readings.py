@@ -12,25 +12,25 @@ from mqttxt.core.effects import Inbound, Log
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.readings import ReadingAck
 from mqttxt.station.outcomes import SensorReading
-from mqttxt.station.readings import MOST_RANGES, Readings, Seen
+from mqttxt.station.readings import MOST_RANGES, Readings, SeenNumbers
 
 
 @given(st.lists(st.integers(0, 60), max_size=200))
 def test_a_number_is_new_exactly_once(numbers: list[int]) -> None:
-    seen, known = Seen(), set()
+    seen, known = SeenNumbers(), set()
     for number in numbers:
         assert seen.add(number) == (number not in known)
         known.add(number)
 
 
 def test_numbers_in_their_order_take_no_room() -> None:
-    seen = Seen()
+    seen = SeenNumbers()
     assert all(seen.add(number) for number in range(10_000))
     assert seen._ranges == [[0, 9999]]
 
 
 def test_gaps_beyond_number_are_closed_from_the_oldest_on() -> None:
-    seen = Seen()
+    seen = SeenNumbers()
     assert all(seen.add(2 * number) for number in range(3 * MOST_RANGES))
     assert len(seen._ranges) == MOST_RANGES
     assert not seen.add(1)

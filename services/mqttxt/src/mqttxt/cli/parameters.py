@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..errors import ConfigurationError
-from ..protocol.codec import plan_of
+from ..protocol.codec import layout_of
 from ..protocol.commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
 from ..protocol.fields import Integer, Scaled, Text
 
@@ -38,7 +38,7 @@ def _offboard(parameters: list[str]) -> Offboard:
     kinds: dict[str, type[Any]] = {"velocity": Velocity, "attitude": Attitude}
     if len(parameters) < 2 or parameters[1] not in kinds:
         raise _unexpected("offboard", "SECONDS, then velocity or attitude", parameters)
-    seconds = _value("offboard", "duration_s", plan_of(Offboard).fields[0].mark, parameters[0])
+    seconds = _value("offboard", "duration_s", layout_of(Offboard).fields[0].mark, parameters[0])
     kind = parameters[1]
     return Offboard(seconds, **{kind: _fields(f"offboard {kind}", kinds[kind], parameters[2:])})
 
@@ -62,13 +62,13 @@ def _mavlink(parameters: list[str]) -> Mavlink:
 
 def _fields(name: str, cls: type[Any], parameters: list[str]) -> Any:
     """A dataclass of numbers and texts; what may be missing may be left out at the end."""
-    plans = plan_of(cls).fields
-    least = len([plan for plan in plans if not plan.optional])
-    if not least <= len(parameters) <= len(plans):
-        names = [f"[{plan.name.upper()}]" if plan.optional else plan.name.upper() for plan in plans]
+    fields = layout_of(cls).fields
+    least = len([field for field in fields if not field.optional])
+    if not least <= len(parameters) <= len(fields):
+        names = [f"[{field.name.upper()}]" if field.optional else field.name.upper() for field in fields]
         raise _unexpected(name, " ".join(names) or "no parameters", parameters)
-    given = zip(plans, parameters, strict=False)
-    return cls(**{plan.name: _value(name, plan.name, plan.mark, text) for plan, text in given})
+    given = zip(fields, parameters, strict=False)
+    return cls(**{field.name: _value(name, field.name, field.mark, text) for field, text in given})
 
 
 def _value(name: str, field: str, mark: Any, text: str) -> Any:

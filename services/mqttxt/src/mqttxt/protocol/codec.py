@@ -27,7 +27,7 @@ Message = TypeVar("Message")
 
 
 @dataclass(frozen=True)
-class FieldPlan:
+class FieldLayout:
     """One field of a message: its name, whether it may be missing, and its way in and out of both forms."""
 
     name: str
@@ -38,16 +38,16 @@ class FieldPlan:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Layout:
     """A message's fields in order, and its variant where it ends in one."""
 
     cls: type[Any]
-    fields: tuple[FieldPlan, ...]
+    fields: tuple[FieldLayout, ...]
     variant: tuple[str, Variant] | None
     required: int
 
 
-_PLANS: dict[type[Any], Plan] = {}
+_LAYOUTS: dict[type[Any], Layout] = {}
 
 
 def encode(message: object, encoding: Encoding = Encoding.CBOR) -> bytes:
@@ -77,16 +77,16 @@ def encoding_of(payload: bytes) -> Encoding:
     return Encoding.JSON if payload[:1] == b"{" else Encoding.CBOR
 
 
-def plan_of(cls: type[Any]) -> Plan:
+def layout_of(cls: type[Any]) -> Layout:
     """How `cls` is written; made once a class from its annotations."""
-    if cls not in _PLANS:
-        _PLANS[cls] = _make_plan(cls)
-    return _PLANS[cls]
+    if cls not in _LAYOUTS:
+        _LAYOUTS[cls] = _make_layout(cls)
+    return _LAYOUTS[cls]
 
 
-def _make_plan(cls: type[Any]) -> Plan:
+def _make_layout(cls: type[Any]) -> Layout:
     hints = get_type_hints(cls, include_extras=True)
-    planned: list[FieldPlan] = []
+    laid_out: list[FieldLayout] = []
     variant = None
     for field in fields(cls):
         mark = mark_of(hints[field.name])
@@ -100,9 +100,9 @@ def _make_plan(cls: type[Any]) -> Plan:
         own = mark_of(inner)
         if isinstance(own, Items):
             own = replace(own, of=mark_of(item_of(inner)))
-        planned.append(FieldPlan(field.name, optional, own, to_plain, from_plain))
-    required = max((i + 1 for i, plan in enumerate(planned) if not plan.optional), default=0)
-    return Plan(cls, tuple(planned), variant, required)
+        laid_out.append(FieldLayout(field.name, optional, own, to_plain, from_plain))
+    required = max((i + 1 for i, field in enumerate(laid_out) if not field.optional), default=0)
+    return Layout(cls, tuple(laid_out), variant, required)
 
 
 def _reject_constant(text: str) -> NoReturn:
@@ -136,31 +136,31 @@ def _parse(payload: bytes) -> tuple[Plain, Encoding]:
 
 
 def _to_array(message: object) -> list[Plain]:
-    plan = plan_of(type(message))
-    row = [_out(field, message, Encoding.CBOR) for field in plan.fields]
-    if plan.variant is None:
-        while len(row) > plan.required and row[-1] is None:
+    layout = layout_of(type(message))
+    row = [_out(field, message, Encoding.CBOR) for field in layout.fields]
+    if layout.variant is None:
+        while len(row) > layout.required and row[-1] is None:
             row.pop()
         return row
-    name, variant = plan.variant
+    name, variant = layout.variant
     body = getattr(message, name)
     code, _ = _tag(variant, body)
     return [*row, code, *_to_array(body)]
 
 
 def _to_object(message: object) -> dict[str, Plain]:
-    plan = plan_of(type(message))
-    written = [(field, _out(field, message, Encoding.JSON)) for field in plan.fields]
+    layout = layout_of(type(message))
+    written = [(field, _out(field, message, Encoding.JSON)) for field in layout.fields]
     found = {field.name: value for field, value in written if value is not None or not field.optional}
-    if plan.variant is not None:
-        name, variant = plan.variant
+    if layout.variant is not None:
+        name, variant = layout.variant
         body = getattr(message, name)
         found[name] = _tag(variant, body)[1]
         found.update(_to_object(body))
     return found
 
 
-def _out(field: FieldPlan, message: object, encoding: Encoding) -> Plain:
+def _out(field: FieldLayout, message: object, encoding: Encoding) -> Plain:
     value = getattr(message, field.name)
     if value is None and field.optional:
         return None
@@ -188,17 +188,17 @@ def _from_object(cls: type[Any], plain: Plain, path: str) -> object:
 def _values_of_array(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
     if not isinstance(plain, list):
         refuse(path, "an array", plain)
-    plan = plan_of(cls)
+    layout = layout_of(cls)
     values: dict[str, Any] = {}
-    for index, field in enumerate(plan.fields):
+    for index, field in enumerate(layout.fields):
         if index >= len(plain):
-            if index < plan.required:
+            if index < layout.required:
                 refuse(f"{path}{field.name}", "a value", "nothing")
             break
         values[field.name] = _in(field, plain[index], Encoding.CBOR, path)
-    count = len(plan.fields)
-    if plan.variant is not None:
-        name, variant = plan.variant
+    count = len(layout.fields)
+    if layout.variant is not None:
+        name, variant = layout.variant
         if len(plain) <= count:
             refuse(f"{path}{name}", "a value", "nothing")
         body = variant.by_code.get(plain[count]) if type(plain[count]) is int else None
@@ -213,16 +213,16 @@ def _values_of_array(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
 def _values_of_object(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
     if not isinstance(plain, dict):
         refuse(path, "an object", plain)
-    plan = plan_of(cls)
+    layout = layout_of(cls)
     left = dict(plain)
     values: dict[str, Any] = {}
-    for field in plan.fields:
+    for field in layout.fields:
         if field.name in left:
             values[field.name] = _in(field, left.pop(field.name), Encoding.JSON, path)
         elif not field.optional:
             refuse(f"{path}{field.name}", "a value", "nothing")
-    if plan.variant is not None:
-        name, variant = plan.variant
+    if layout.variant is not None:
+        name, variant = layout.variant
         label = left.pop(name, None)
         body = next((c for _, known, c in variant.codes if known == label), None)
         if body is None:
@@ -233,7 +233,7 @@ def _values_of_object(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]
     return values
 
 
-def _in(field: FieldPlan, plain: Plain, encoding: Encoding, path: str) -> Any:
+def _in(field: FieldLayout, plain: Plain, encoding: Encoding, path: str) -> Any:
     if plain is None and field.optional:
         return None
     return field.from_plain(plain, encoding, f"{path}{field.name}" if path else field.name)

@@ -93,7 +93,7 @@ class StationRunner(Runner):
         limit_s: float | None,
         answer: Callable[[Sequence[Outcome]], Answer],
     ) -> SentCommand[Answer, Outcome]:
-        """Send a command now and follow it; raises what `StationCommands.send` and `check` raise, nothing being sent."""
+        """Send a command now and follow it; what `StationCommands.send` and `check` raise keeps it from being sent."""
         ttl_ms = ttl_ms_of(ttl_s)
         self.check()
         commands, now_ms = self.station.commands, self.clock.now_ms()

@@ -13,7 +13,7 @@ MOST_RANGES = 1000
 """Gaps that are remembered of a sensor's numbers, far above what can be under way at once (a drone's window)."""
 
 
-class Seen:
+class SeenNumbers:
     """The numbers of one sensor's boot that have come, as ranges: few, because they mostly come in order."""
 
     def __init__(self) -> None:
@@ -57,13 +57,13 @@ class Readings:
     def __init__(self) -> None:
         self.latest: OrderedDict[tuple[int, int, str], SensorReading] = OrderedDict()
         """By (drone, sensor, kind)."""
-        self._seen: OrderedDict[tuple[int, int, int], Seen] = OrderedDict()
+        self._seen: OrderedDict[tuple[int, int, int], SeenNumbers] = OrderedDict()
 
     def on_reading(self, fog: int, drone: int, reading: Reading) -> list[SensorReading]:
         """The reading, unless it has come before."""
         message = reading.message
         source = (drone, reading.sensor, message.boot)
-        seen = self._seen.setdefault(source, Seen())
+        seen = self._seen.setdefault(source, SeenNumbers())
         self._seen.move_to_end(source)
         if len(self._seen) > MOST_SENSORS:
             self._seen.popitem(last=False)

@@ -23,7 +23,7 @@ WINDOW = 32
 
 
 @dataclass
-class Flight:
+class UnderWay:
     """A reading under way; `retry` from the broker's PUBACK on, before it the transport repeats."""
 
     reading: Reading
@@ -39,7 +39,7 @@ class Carrier:
         self._link = link
         self._settings = settings
         self._fog = fog_side
-        self._in_flight: dict[ReadingKey, Flight] = {}
+        self._under_way: dict[ReadingKey, UnderWay] = {}
         self._place = 0
         self._is_loading = False
         self._may_have_more = True
@@ -82,18 +82,18 @@ class Carrier:
     def on_fog_up(self, now_ms: int) -> list[Effect]:
         """This session's birth is published: what was under way on an earlier connection may be lost."""
         self._fog_is_up = True
-        for flight in self._in_flight.values():
-            flight.retry = None
-        return [*map(self._publish, self._in_flight.values()), *self._load()]
+        for sent in self._under_way.values():
+            sent.retry = None
+        return [*map(self._publish, self._under_way.values()), *self._load()]
 
     def on_fog_down(self) -> None:
         self._fog_is_up = False
 
     def on_new_activator(self, now_ms: int) -> None:
         """Another session of the activator: what the one before it took along may be lost."""
-        for flight in self._in_flight.values():
-            if flight.retry is not None:
-                flight.retry = Retry(now_ms)
+        for sent in self._under_way.values():
+            if sent.retry is not None:
+                sent.retry = Retry(now_ms)
 
     def on_loaded(self, rows: list[tuple[int, Reading]], most: int, now_ms: int) -> list[Effect]:
         """Stored readings, each with its place, in answer to a LoadReadings of `most`."""
@@ -102,42 +102,42 @@ class Carrier:
         out: list[Effect] = []
         for place, reading in rows:
             self._place = max(self._place, place)
-            flight = self._in_flight[reading.key] = Flight(reading)
+            sent = self._under_way[reading.key] = UnderWay(reading)
             if self._fog_is_up:
-                out.append(self._publish(flight))
+                out.append(self._publish(sent))
         return out + self._load()
 
     def on_published(self, key: ReadingKey, code: int, now_ms: int) -> list[Effect]:
         """The fog's broker has it. Nothing keeps it there, so the activator's word is waited for."""
-        flight = self._in_flight.get(key)
-        if flight is not None and flight.retry is None:
-            flight.retry = Retry.unanswered(now_ms)
+        sent = self._under_way.get(key)
+        if sent is not None and sent.retry is None:
+            sent.retry = Retry.unanswered(now_ms)
         return []
 
     def on_ack(self, payload: bytes, now_ms: int) -> list[Effect]:
         """`droneY/sensor_ack`; raises PayloadError."""
         keys = decode(ReadingAck, payload).readings
         for key in keys:
-            self._in_flight.pop(key, None)
+            self._under_way.pop(key, None)
         return [ForgetReadings(keys), *self._load()]
 
     def tick(self, now_ms: int) -> list[Effect]:
         """What the activator has not acknowledged in time is sent again; more is loaded when there is room."""
         out: list[Effect] = []
         if self._fog_is_up:
-            due = [f for f in self._in_flight.values() if f.retry is not None and f.retry.is_due(now_ms)]
-            out += [self._publish(flight) for flight in due]
+            due = [f for f in self._under_way.values() if f.retry is not None and f.retry.is_due(now_ms)]
+            out += [self._publish(sent) for sent in due]
         return out + self._load()
 
     def _load(self) -> list[Effect]:
-        room = WINDOW - len(self._in_flight)
+        room = WINDOW - len(self._under_way)
         if not self._fog_is_up or self._is_loading or not self._may_have_more or room == 0:
             return []
         self._is_loading = True
         return [LoadReadings(self._place, room)]
 
-    def _publish(self, flight: Flight) -> Publish:
-        reading = flight.reading
+    def _publish(self, sent: UnderWay) -> Publish:
+        reading = sent.reading
         topic = self._fog.sensor(self._drone, reading.sensor, reading.kind)
         payload = encode(reading.message, self._settings.encoding)
         return Publish(self._link, topic, payload, qos=1, ref=reading.key)
