@@ -57,10 +57,12 @@ class StationRunner(Runner):
         assert self._running is not None
         for task in self._choices:
             task.cancel()
-        if self._choices:
-            await asyncio.wait(self._choices)
-        self._running.cancel()
-        await asyncio.wait({self._running})
+        try:
+            if self._choices:
+                await asyncio.wait(self._choices)
+        finally:
+            self._running.cancel()
+            await asyncio.wait({self._running})
 
     def result(self) -> None:
         """Raises what broke the station, nothing where it was left."""

@@ -145,8 +145,12 @@ class Drone:
     def __init__(self, runner: StationRunner, view: FogView, number: int) -> None:
         self._runner = runner
         self._fog = view
-        self.number = number
+        self._number = number
+
+    @property
+    def number(self) -> int:
         """The drone's number: its MAVLink system id."""
+        return self._number
 
     @property
     def is_reachable(self) -> bool:
