@@ -32,7 +32,7 @@ def words(effects: list[Any], drone: int = 1) -> list[tuple[Word, str | None]]:
     return [(result.word, result.reason) for result in found]
 
 
-class Bench:
+class ActivatorBench:
     """An activator whose two brokers are this test."""
 
     def __init__(self, drones: tuple[int, ...] = (1,), born: bool = True, qos: int = 1) -> None:
@@ -122,9 +122,9 @@ class Bench:
         return self.fog(f"drone{drone}/commands_result/goto", result)
 
 
-def ready(controlled: bool = True, **how: Any) -> Bench:
+def ready(controlled: bool = True, **how: Any) -> ActivatorBench:
     """Drone 1 is reachable and, unless a test wants the gate closed, under the control of station alpha."""
-    bench = Bench(**how)
+    bench = ActivatorBench(**how)
     bench.appear()
     if controlled:
         bench.register()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from fogs import BORN_MS, UAV_AHEAD_MS, Bench, of, ready, words
+from fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
 from world import FOG_SESSION, GS_SESSION, UAV_SESSION
 
 from mqttxt.activator.role import MOST_STATIONS
@@ -16,7 +16,7 @@ from mqttxt.protocol.state_payload import decode_state
 
 
 def test_commands_are_subscribed_live_only_and_birth_waits_for_what_is_retained() -> None:
-    bench = Bench(born=False)
+    bench = ActivatorBench(born=False)
     assert [s.live_only for s in bench.subscribes] == [True, False, False]
     assert not bench.role.born
     assert len(of(bench.beacons, "fog1/clock")) == 1
@@ -32,7 +32,7 @@ def test_commands_are_subscribed_live_only_and_birth_waits_for_what_is_retained(
 
 
 def test_a_live_rival_makes_the_second_activator_stop() -> None:
-    bench = Bench(born=False)
+    bench = ActivatorBench(born=False)
     bench.cloud("reachable", FogPresence(session=99, up=True), retain=True)
     question = bench.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=BORN_MS))
     assert len(of(question, "fog1/init_connect")) == 1
@@ -41,7 +41,7 @@ def test_a_live_rival_makes_the_second_activator_stop() -> None:
 
 
 def test_a_rival_that_does_not_answer_is_replaced() -> None:
-    bench = Bench(born=False)
+    bench = ActivatorBench(born=False)
     bench.cloud("reachable", FogPresence(session=99, up=True), retain=True)
     bench.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=BORN_MS))
     assert of(bench.until(BORN_MS + 2900), "fog1/reachable") == []
@@ -49,7 +49,7 @@ def test_a_rival_that_does_not_answer_is_replaced() -> None:
 
 
 def test_before_its_birth_an_activator_answers_nobody() -> None:
-    bench = Bench(born=False)
+    bench = ActivatorBench(born=False)
     assert [type(e) for e in bench.command()] == [Log]
     assert [type(e) for e in bench.register()] == [Log]
     assert not bench.role.leases
@@ -57,14 +57,14 @@ def test_before_its_birth_an_activator_answers_nobody() -> None:
 
 @pytest.mark.parametrize("seen", [FogPresence(session=99, up=False), FogPresence(session=FOG_SESSION, up=False)])
 def test_a_late_will_is_answered_with_a_new_birth(seen: FogPresence) -> None:
-    bench = Bench()
+    bench = ActivatorBench()
     bench.cloud("reachable", seen, retain=True)
     (presence,) = of(bench.until(BORN_MS + 1100), "fog1/reachable")
     assert decode(FogPresence, presence.payload).session == FOG_SESSION
 
 
 def test_another_sessions_word_about_a_drone_is_put_right() -> None:
-    bench = Bench()
+    bench = ActivatorBench()
     (record,) = bench.cloud("drone1/reachable", DroneRecord(activator_session=99, up=True, drone_session=5), True)
     assert decode(DroneRecord, record.payload) == DroneRecord(activator_session=FOG_SESSION, up=False)
 
@@ -72,14 +72,14 @@ def test_another_sessions_word_about_a_drone_is_put_right() -> None:
 def test_a_clean_stop_says_so_for_the_fog_and_its_drones() -> None:
     effects = ready().role.goodbye(BORN_MS)
     assert [e.topic for e in effects if isinstance(e, Publish)] == ["fog1/drone1/reachable", "fog1/reachable"]
-    assert effects[-1] == Publish("cloud", "fog1/reachable", Bench().role.will().payload, 1, True)
+    assert effects[-1] == Publish("cloud", "fog1/reachable", ActivatorBench().role.will().payload, 1, True)
 
 
 # Presence and identity of drones
 
 
 def test_a_drone_is_reachable_after_its_echo_and_not_before() -> None:
-    bench = Bench()
+    bench = ActivatorBench()
     assert of(bench.fog("drone1/reachable", Presence(session=UAV_SESSION, up=True)), "fog1/drone1/reachable") == []
     (record,) = of(bench.appear(), "fog1/drone1/reachable")
     told = decode(DroneRecord, record.payload)
@@ -170,7 +170,7 @@ def test_leases_are_of_a_station_and_a_session() -> None:
 
 
 def test_a_registration_is_echoed_by_a_beacon() -> None:
-    (beacon,) = of(Bench().register(), "fog1/clock")
+    (beacon,) = of(ActivatorBench().register(), "fog1/clock")
     assert decode(BeaconMessage, beacon.payload) == BeaconMessage(
         session=FOG_SESSION, now_ms=BORN_MS, nonce=7, held_ms=0
     )
@@ -228,7 +228,7 @@ def test_more_stations_than_an_activator_remembers_are_not_registered() -> None:
 
 
 def test_a_forged_will_again_and_again_does_not_put_the_birth_off() -> None:
-    bench, births = Bench(), 0
+    bench, births = ActivatorBench(), 0
     for _ in range(12):
         bench.cloud("reachable", FogPresence(session=FOG_SESSION, up=False), retain=True)
         births += len(of(bench.until(bench.now_ms + 800), "fog1/reachable"))

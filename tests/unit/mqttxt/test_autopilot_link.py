@@ -29,7 +29,7 @@ def beat(seq: int) -> bytes:
     return bytes(heartbeat().pack(counting))
 
 
-class Bench:
+class LinkBench:
     """A link that listens, and the sockets of whoever writes to it."""
 
     def __init__(self) -> None:
@@ -66,8 +66,8 @@ def _has_something(one: socket.socket) -> bool:
 
 
 @pytest.fixture
-async def bench() -> AsyncIterator[Bench]:
-    made = Bench()
+async def bench() -> AsyncIterator[LinkBench]:
+    made = LinkBench()
     running = asyncio.create_task(made.link.run())
     await eventually(lambda: made.link._transport is not None, "it listens")
     yield made
@@ -77,7 +77,7 @@ async def bench() -> AsyncIterator[Bench]:
         one.close()
 
 
-async def test_two_bytes_of_noise_blind_nobody(bench: Bench) -> None:
+async def test_two_bytes_of_noise_blind_nobody(bench: LinkBench) -> None:
     noise, autopilot = bench.socket(), bench.socket()
     for seq in range(50):
         noise.send(b"\xfd\xff")
@@ -86,7 +86,7 @@ async def test_two_bytes_of_noise_blind_nobody(bench: Bench) -> None:
     assert bench.malformed
 
 
-async def test_a_datagram_that_is_no_heartbeat_of_the_own_autopilot_takes_no_link(bench: Bench) -> None:
+async def test_a_datagram_that_is_no_heartbeat_of_the_own_autopilot_takes_no_link(bench: LinkBench) -> None:
     other_system = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
     other_component = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
     stranger, autopilot = bench.socket(), bench.socket()
@@ -101,7 +101,7 @@ async def test_a_datagram_that_is_no_heartbeat_of_the_own_autopilot_takes_no_lin
     assert bench.write() == [False, True]
 
 
-async def test_a_live_peer_keeps_the_link_and_is_alone_heard(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_live_peer_keeps_the_link_and_is_alone_heard(bench: LinkBench, monkeypatch: pytest.MonkeyPatch) -> None:
     autopilot, forger = bench.socket(), bench.socket()
     autopilot.send(HEARTBEAT)
     await eventually(lambda: bench.heard == ["HEARTBEAT"], "heard")
@@ -177,7 +177,7 @@ def test_an_acknowledgement_that_the_link_doubled_is_heard_once() -> None:
     assert len(repeats._heard_s) == 1
 
 
-async def test_heartbeats_of_one_number_are_all_heard(bench: Bench) -> None:
+async def test_heartbeats_of_one_number_are_all_heard(bench: LinkBench) -> None:
     """PX4 sends 451 messages a second to a companion computer: its numbers come again within a second."""
     autopilot = bench.socket()
     for _ in range(3):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fogs import Bench, of, ready
+from fogs import ActivatorBench, of, ready
 from world import UAV_SESSION, heartbeat, position
 from world import ready as start
 
@@ -37,7 +37,7 @@ def topics(effects: list[Any]) -> list[str]:
     return [e.topic for e in effects if isinstance(e, Publish) and "/state/" in e.topic]
 
 
-def bundled(bench: Bench, *states: Any) -> list[Any]:
+def bundled(bench: ActivatorBench, *states: Any) -> list[Any]:
     own_ms = bench.now_ms + 90_000
     return bench.fog("drone1/states", drone_bundle(states, own_ms // 10 % 65536))
 

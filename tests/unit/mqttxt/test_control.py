@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from fogs import UAV_AHEAD_MS, Bench, of, ready, words
-from test_ground_station import FOG
-from test_ground_station import Bench as StationBench
+from fogs import UAV_AHEAD_MS, ActivatorBench, of, ready, words
+from test_ground_station import FOG, StationBench
 from test_uav_client import client, hear, published
 from world import GS_SESSION, UAV_SESSION, World, command_payload
 
@@ -76,7 +75,7 @@ def test_a_short_lease_is_handed_down_more_often() -> None:
 
 
 def test_a_new_activator_session_keeps_the_drone_for_its_station() -> None:
-    bench = Bench(born=False)
+    bench = ActivatorBench(born=False)
     before = DroneRecord(activator_session=99, up=True, drone_session=5, holder="alpha", holder_session=17, epoch=3)
     bench.cloud("drone1/reachable", before, retain=True)
     bench.cloud("clock", own_beacon(bench))
@@ -87,7 +86,7 @@ def test_a_new_activator_session_keeps_the_drone_for_its_station() -> None:
     assert words(bench.command(Arm(), gs_session=17, epoch=3)) == []
 
 
-def own_beacon(bench: Bench) -> Any:
+def own_beacon(bench: ActivatorBench) -> Any:
     (publish,) = bench.beacons
     return publish.payload
 

@@ -44,7 +44,7 @@ CODES = st.sampled_from([0, 0x10, 0x80, 0x97])
 
 
 @dataclass
-class Bench:
+class FuzzBench:
     """A role with nothing around it but these answers: every subscription is granted, every write happens."""
 
     role: Any
@@ -112,7 +112,7 @@ COMMANDS = messages(CommandMessage, (GS_SESSION, FOG_SESSION, UAV_SESSION, 1, 2)
 )
 def test_nothing_on_either_broker_makes_an_activator_raise(how: Settings, drone_ms: int, traffic: list[Any]) -> None:
     with patch("secrets.randbelow", lambda _: NONCE):
-        bench = Bench(Activator(1, FOG_SESSION, how, drones=(1,)), ("cloud", "fog"))
+        bench = FuzzBench(Activator(1, FOG_SESSION, how, drones=(1,)), ("cloud", "fog"))
         for link in bench.links:
             bench.carry_out(bench.role.on_connected(link, bench.now_ms))
         bench.hear("cloud", Inbound("fog1/clock", beacon(FOG_SESSION, bench.now_ms)))
@@ -176,7 +176,7 @@ def test_nothing_from_broker_or_autopilot_makes_a_uav_client_raise(
     how: Settings, left: list[Unfinished], healthy: bool, traffic: list[Any]
 ) -> None:
     client = UavClient(1, UAV_SESSION, how, unfinished=left)
-    bench = Bench(client, ())
+    bench = FuzzBench(client, ())
     if healthy:
         for message in (heartbeat(), home(), position(), landed(1)):
             client.on_mavlink(message, bench.now_ms)
@@ -205,7 +205,7 @@ def test_nothing_from_broker_or_autopilot_makes_a_uav_client_raise(
 SENSOR_TRAFFIC = inbound(SENSOR_SIDE, KNOWN)
 
 
-class CarrierBench(Bench):
+class CarrierBench(FuzzBench):
     """Beside the answers of a bench, a store that keeps what it is given, or has no room for it."""
 
     def __init__(self, client: UavClient, has_room: bool) -> None:
@@ -259,7 +259,7 @@ def test_nothing_on_the_cloud_broker_makes_a_ground_station_raise(
 ) -> None:
     with patch("secrets.randbelow", lambda _: NONCE):
         station = StationRole("g", GS_SESSION, how)
-        bench = Bench(station, ())
+        bench = FuzzBench(station, ())
         bench.carry_out(station.add_fogs([1]))
         bench.carry_out(station.on_connected("cloud", bench.now_ms))
         bench.hear("cloud", Inbound("fog1/reachable", encode(FogPresence(session=FOG_SESSION, up=True))))

@@ -33,7 +33,7 @@ ARM = 400
 FOG = 0x22
 
 
-class Bench:
+class StationBench:
     """A ground station whose fog is this test."""
 
     def __init__(self, qos: int = 1, registered: bool = True) -> None:
@@ -73,7 +73,7 @@ class Bench:
 
 
 def test_it_registers_after_the_suback_and_not_before() -> None:
-    bench = Bench(registered=False)
+    bench = StationBench(registered=False)
     own, fog = bench.subscribes
     assert of(bench.hear("reachable", FogPresence(session=FOG, up=True)), "fog1/init_connect") == []
     (publish,) = bench.role.on_subscribed(fog, bench.now_ms)
@@ -84,19 +84,19 @@ def test_it_registers_after_the_suback_and_not_before() -> None:
 
 
 def test_a_lease_is_renewed_at_a_third_and_at_each_activator_session() -> None:
-    bench = Bench()
+    bench = StationBench()
     assert len(of(bench.until(30_000), "fog1/init_connect")) == 2
     assert len(of(bench.hear("reachable", FogPresence(session=99, up=True)), "fog1/init_connect")) == 1
 
 
 def test_without_a_confirmed_registration_or_beacons_nothing_is_sent() -> None:
     with pytest.raises(FogUnreachable):
-        Bench(registered=False).send()
-    bench = Bench()
+        StationBench(registered=False).send()
+    bench = StationBench()
     bench.until(40_100)
     with pytest.raises(FogUnreachable):
         bench.send()
-    bench = Bench()
+    bench = StationBench()
     bench.hear("reachable", FogPresence(session=99, up=True))
     with pytest.raises(FogUnreachable):
         bench.send()
@@ -105,11 +105,11 @@ def test_without_a_confirmed_registration_or_beacons_nothing_is_sent() -> None:
 @pytest.mark.parametrize("how", [{"ttl_ms": 0}, {"ttl_ms": 60_001}, {"command": Goto(1.0, 2.0, 3.0), "drone": None}])
 def test_what_cannot_be_sent_is_a_users_mistake(how: dict[str, Any]) -> None:
     with pytest.raises(ConfigurationError):
-        Bench().send(**how)
+        StationBench().send(**how)
 
 
 def test_numbers_rise_by_one_over_all_topics_and_deadlines_are_of_the_fogs_clock() -> None:
-    bench = Bench()
+    bench = StationBench()
     one, two = bench.send(), bench.send(Hold(), None)
     assert (one.topic, two.topic) == ("fog1/drone1/commands", "fog1/commands")
     first, second = decode(CommandMessage, one.payload), decode(CommandMessage, two.payload)
@@ -120,7 +120,7 @@ def test_numbers_rise_by_one_over_all_topics_and_deadlines_are_of_the_fogs_clock
 
 
 def test_there_is_exactly_one_last_word() -> None:
-    bench = Bench()
+    bench = StationBench()
     bench.send()
     assert bench.result(Word.ACCEPTED) == [(Word.ACCEPTED, False)]
     assert bench.result(Word.ACCEPTED) == []
@@ -129,7 +129,7 @@ def test_there_is_exactly_one_last_word() -> None:
 
 
 def test_the_truth_after_an_unconfirmed_settles_it_once() -> None:
-    bench = Bench()
+    bench = StationBench()
     bench.send()
     assert bench.result(Word.UNCONFIRMED) == [(Word.UNCONFIRMED, False)]
     assert bench.result(Word.COMPLETED, settled=True) == [(Word.COMPLETED, True)]
@@ -137,7 +137,7 @@ def test_the_truth_after_an_unconfirmed_settles_it_once() -> None:
 
 
 def test_failing_everybody_else_the_station_closes_it_as_unconfirmed() -> None:
-    bench = Bench()
+    bench = StationBench()
     bench.send(limit_s=1.0)
     told = [o.word for o in bench.until(60_000) if isinstance(o, Outcome)]
     assert told == [Word.UNCONFIRMED]
@@ -145,13 +145,13 @@ def test_failing_everybody_else_the_station_closes_it_as_unconfirmed() -> None:
 
 
 def test_a_foreign_result_is_no_outcome() -> None:
-    bench = Bench()
+    bench = StationBench()
     bench.send()
     assert bench.result(Word.COMPLETED, seq=9) == []
 
 
 def test_after_a_reconnection_open_commands_are_asked_for_by_the_same_bytes() -> None:
-    bench = Bench()
+    bench = StationBench()
     sent = bench.send()
     bench.role.on_disconnected("cloud", bench.now_ms)
     for effect in bench.role.on_connected("cloud", bench.now_ms):
@@ -163,7 +163,7 @@ def test_after_a_reconnection_open_commands_are_asked_for_by_the_same_bytes() ->
 
 
 def test_a_broadcast_has_a_last_word_for_each_drone_of_its_roster() -> None:
-    bench = Bench()
+    bench = StationBench()
     bench.send(Hold(), None, limit_s=1.0)
     fields: dict[str, Any] = {"gs_session": GS_SESSION, "seq": 1, "session": FOG, "stamp": 1}
     roster = (RosterEntry(drone=1, session=5), RosterEntry(drone=2))
@@ -174,7 +174,7 @@ def test_a_broadcast_has_a_last_word_for_each_drone_of_its_roster() -> None:
 
 
 def test_a_fogs_denial_ends_a_broadcast() -> None:
-    bench = Bench()
+    bench = StationBench()
     bench.send(Hold(), None)
     denial = FogResultMessage(gs_session=GS_SESSION, seq=1, session=FOG, stamp=1, denied="ledger_full")
     (outcome,) = bench.hear("commands_result/hold", denial)
@@ -186,7 +186,7 @@ def test_a_fogs_denial_behind_a_drones_first_word_is_no_definite_no() -> None:
     """As of an activator that was started anew and knows of no drone: what was begun may go on."""
     denial = FogResultMessage(gs_session=GS_SESSION, seq=1, session=0x23, stamp=1, denied="expired")
     for select in (True, False):
-        bench, name = Bench(), "goto" if select else "arm"
+        bench, name = StationBench(), "goto" if select else "arm"
         if select:
             bench.role.commands.select(bench.role.fog(1), Goto(47.0, 8.0, 10.0), bench.now_ms, limit_s=1.0)
         else:
@@ -200,7 +200,7 @@ def test_a_fogs_denial_behind_a_drones_first_word_is_no_definite_no() -> None:
 
 
 def test_a_broadcast_whose_roster_was_lost_has_a_last_word_for_each_drone_that_was_heard() -> None:
-    bench = Bench()
+    bench = StationBench()
     bench.send(Arm(), None, limit_s=1.0)
     bench.result(Word.ACCEPTED)
     told = [(o.drone, o.word) for o in bench.until(60_000) if isinstance(o, Outcome)]
@@ -215,11 +215,11 @@ def test_a_broadcast_whose_roster_was_lost_has_a_last_word_for_each_drone_that_w
     ],
 )
 def test_reachable_needs_a_record_of_the_live_activators_session(record: DroneRecord) -> None:
-    assert Bench().hear("drone1/reachable", record) == [Reachability(1, 1, False)]
+    assert StationBench().hear("drone1/reachable", record) == [Reachability(1, 1, False)]
 
 
 def test_reachable_needs_beacons() -> None:
-    assert Reachability(1, 1, False) in Bench().until(40_100)
+    assert Reachability(1, 1, False) in StationBench().until(40_100)
 
 
 def test_a_late_will_is_answered_with_a_new_birth_also_below_a_prefix() -> None:
@@ -241,7 +241,7 @@ def test_a_forged_will_again_and_again_does_not_put_the_birth_off() -> None:
 
 
 def test_a_clean_stop_ends_the_lease() -> None:
-    end, down = Bench().role.goodbye(10_000)
+    end, down = StationBench().role.goodbye(10_000)
     assert decode(Registration, end.payload).lease_s == 0  # type: ignore[union-attr]
     assert not decode(Presence, down.payload).up  # type: ignore[union-attr]
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
-from fogs import Bench
+from fogs import ActivatorBench
 from hypothesis import given
 from hypothesis import strategies as st
 from world import GS_SESSION, World, ack, command_payload, heartbeat, ready
@@ -166,7 +166,7 @@ def test_a_refusal_needs_no_place_in_the_journal() -> None:
 @pytest.mark.parametrize("no", [Word.EXPIRED, Word.DENIED, Word.UNREACHABLE, Word.UNSUPPORTED, Word.OVERTAKEN])
 @pytest.mark.parametrize("first", [Word.ACCEPTED, Word.IN_PROGRESS])
 def test_an_activator_and_a_station_make_a_contradiction_unconfirmed(first: Word, no: Word) -> None:
-    bench = Bench()
+    bench = ActivatorBench()
     bench.appear()
     bench.register()
     bench.command()

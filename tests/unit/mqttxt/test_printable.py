@@ -9,7 +9,7 @@ import sys
 
 import cbor2
 import pytest
-from fogs import Bench, of
+from fogs import ActivatorBench, of
 from rich.console import Console
 from rich.table import Table
 from world import GS_SESSION, World
@@ -91,7 +91,7 @@ def test_names_that_no_topic_can_have_are_refused(name: str) -> None:
 
 
 def test_a_station_with_such_a_name_takes_no_drone_and_reaches_no_table() -> None:
-    bench = Bench()
+    bench = ActivatorBench()
     bench.appear()
     fields = cbor2.loads(encode(Registration(name="x", session=5, nonce=7, lease_s=30, control=Control.WANT)))
     effects = bench.cloud("init_connect", cbor2.dumps([fields[0], "[/nope]", *fields[2:]]))

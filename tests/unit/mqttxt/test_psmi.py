@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fogs import BORN_MS, Bench, of, words
+from fogs import BORN_MS, ActivatorBench, of, words
 from world import FOG_SESSION, UAV_SESSION
 
 from mqttxt.protocol.codec import decode
@@ -23,9 +23,9 @@ def place(km_south: float) -> Location:
     return Location(47.4 - km_south * ONE_KM, 8.5, 500, 20)
 
 
-def flock(*km_south: float, controlled: bool = True, **changed: Any) -> Bench:
+def flock(*km_south: float, controlled: bool = True, **changed: Any) -> ActivatorBench:
     """Drones 1, 2, … so far from the target, each with all that a ranking needs."""
-    bench = Bench(drones=tuple(range(1, len(km_south) + 1)))
+    bench = ActivatorBench(drones=tuple(range(1, len(km_south) + 1)))
     for drone, distance in enumerate(km_south, start=1):
         bench.appear(drone, UAV_SESSION + drone)
         states = {
@@ -300,9 +300,9 @@ def test_a_choice_of_an_earlier_session_is_asked_of_every_drone_because_any_may_
     assert words_of(bench.word(2, Word.COMPLETED), 2) == [Word.COMPLETED]
 
 
-def restarted() -> Bench:
+def restarted() -> ActivatorBench:
     """An activator that was started anew: the broker retains that drone 7 was there, which is not back yet."""
-    bench = Bench(drones=(1,), born=False)
+    bench = ActivatorBench(drones=(1,), born=False)
     bench.cloud("drone7/reachable", DroneRecord(activator_session=77, up=True, drone_session=5), retain=True)
     bench.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=bench.now_ms))
     bench.appear(1, UAV_SESSION + 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fogs import Bench, of
+from fogs import ActivatorBench, of
 from world import UAV_SESSION
 
 from mqttxt.activator.qods import decile
@@ -15,9 +15,9 @@ from mqttxt.protocol.rankings import QodsMessage
 from mqttxt.protocol.states import Battery, MaxGroundspeed
 
 
-def flock(*drones: tuple[int, float], registered: bool = True) -> Bench:
+def flock(*drones: tuple[int, float], registered: bool = True) -> ActivatorBench:
     """Drones 1, 2, … with a battery and a largest groundspeed each."""
-    bench = Bench(drones=tuple(range(1, len(drones) + 1)))
+    bench = ActivatorBench(drones=tuple(range(1, len(drones) + 1)))
     for number, (remaining, speed) in enumerate(drones, start=1):
         bench.appear(number, UAV_SESSION + number)
         bench.tell(Battery(remaining), MaxGroundspeed(speed), drone=number)

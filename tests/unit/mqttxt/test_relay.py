@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fogs import BORN_MS, UAV_AHEAD_MS, Bench, of, ready, words
+from fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
 from world import GS_SESSION, UAV_SESSION
 
 from mqttxt.core.effects import Publish
@@ -132,7 +132,7 @@ def test_a_broadcast_begins_with_its_roster_and_has_a_word_for_each_entry() -> N
 
 
 def test_an_empty_fog_has_an_empty_roster() -> None:
-    (publish,) = Bench(drones=()).command(to="commands")
+    (publish,) = ActivatorBench(drones=()).command(to="commands")
     assert decode(FogResultMessage, publish.payload).roster == ()
 
 

@@ -32,7 +32,7 @@ from mqttxt.station.ground_station import GroundStation
 NOWHERE = BrokerAddress.parse("mqtt://127.0.0.1:1")
 
 
-class Bench:
+class PortBench:
     """A port with a store and no broker; what it cannot do itself is noted."""
 
     def __init__(self, path: Path, limit: int = 100) -> None:
@@ -64,7 +64,7 @@ class Bench:
 
 
 @contextlib.asynccontextmanager
-async def working(bench: Bench) -> AsyncIterator[Bench]:
+async def working(bench: PortBench) -> AsyncIterator[PortBench]:
     task = asyncio.create_task(bench.port._work())
     try:
         yield bench
@@ -74,7 +74,7 @@ async def working(bench: Bench) -> AsyncIterator[Bench]:
 
 
 async def test_readings_are_stored_beside_the_loop_and_then_acknowledged_in_order(tmp_path: Path) -> None:
-    async with working(Bench(tmp_path / "store")) as bench:
+    async with working(PortBench(tmp_path / "store")) as bench:
         for seq in range(20):
             bench.receive(seq, (1, seq))
         bench.carry_out(bench.carrier.on_message(Inbound("sensor1/temperature", b"bad", 1, False, (1, 20)), 0))
@@ -85,7 +85,7 @@ async def test_readings_are_stored_beside_the_loop_and_then_acknowledged_in_orde
 
 
 async def test_a_full_store_takes_in_again_what_has_room_after_an_acknowledgement(tmp_path: Path) -> None:
-    async with working(Bench(tmp_path / "store", limit=1)) as bench:
+    async with working(PortBench(tmp_path / "store", limit=1)) as bench:
         bench.receive(0)
         bench.receive(1)
         await bench.until(lambda: any(isinstance(e, Log) for e in bench.out))
@@ -97,7 +97,7 @@ async def test_a_full_store_takes_in_again_what_has_room_after_an_acknowledgemen
 
 async def test_after_an_error_of_the_disk_it_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensors, "PAUSE_S", 0.0)
-    async with working(Bench(tmp_path / "store")) as bench:
+    async with working(PortBench(tmp_path / "store")) as bench:
         bench.receive(0)
         await bench.until(lambda: bench.safe() == [0])
         store = bench.port._store
@@ -130,7 +130,7 @@ class Broken:
 async def test_a_refused_connection_ends_the_sensors_side_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bench = Bench(tmp_path / "store")
+    bench = PortBench(tmp_path / "store")
 
     async def refused() -> None:
         raise BrokerRefused("sensors: mqtt://127.0.0.1:1: another client took over the id mqttxt-drone1-sensors")
@@ -156,7 +156,7 @@ def test_receipts_that_become_safe_out_of_order_wait_for_those_before_them() -> 
 
 def test_other_effects_are_not_the_ports(tmp_path: Path) -> None:
     async def check() -> bool:
-        return Bench(tmp_path / "store").port.take(Journal(None, "arm"))  # type: ignore[arg-type]
+        return PortBench(tmp_path / "store").port.take(Journal(None, "arm"))  # type: ignore[arg-type]
 
     assert asyncio.run(check()) is False
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from carrying import reading
-from fogs import BORN_MS, Bench, of
+from fogs import BORN_MS, ActivatorBench, of
 from hypothesis import given
 from hypothesis import strategies as st
 from world import World
@@ -63,7 +63,7 @@ def test_a_reading_at_the_station_is_an_event_with_its_unit() -> None:
 
 
 def test_an_activator_passes_readings_on_outside_of_the_gate_and_acknowledges_what_somebody_got() -> None:
-    bench = Bench()
+    bench = ActivatorBench()
     bench.appear()
     payload = encode(reading(2).message)
     (publish,) = of(bench.fog("drone1/sensor1/temperature", payload), "fog1/drone1/sensor1/temperature")
@@ -78,12 +78,12 @@ def test_an_activator_passes_readings_on_outside_of_the_gate_and_acknowledges_wh
 
 
 def test_an_activator_that_is_not_born_leaves_readings_on_the_drone() -> None:
-    bench = Bench(born=False)
+    bench = ActivatorBench(born=False)
     assert bench.fog("drone1/sensor1/temperature", encode(reading(2).message)) == []
 
 
 def test_a_malformed_reading_from_a_drone_is_counted() -> None:
-    bench = Bench()
+    bench = ActivatorBench()
     (log,) = bench.fog("drone1/sensor1/temperature", b"\x81\x01")
     assert isinstance(log, Log)
     (log,) = bench.fog("drone1/sensor0/temperature", encode(reading(2).message))

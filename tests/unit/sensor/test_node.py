@@ -17,7 +17,7 @@ from sensor.node import WINDOW, Dropped, Finished, Measured, SensorNode, SensorO
 BOOT, NOON_MS = 0xB007, 1_767_268_800_000
 
 
-class Bench:
+class SensorBench:
     """A node whose broker and drone are this test."""
 
     def __init__(self, connected: bool = True, **options: Any) -> None:
@@ -58,7 +58,7 @@ def sent(effects: Iterable[Any]) -> list[int]:
 
 
 def test_each_reading_has_its_topic_time_boot_and_number() -> None:
-    bench = Bench(kinds=("temperature", "light"), number=4)
+    bench = SensorBench(kinds=("temperature", "light"), number=4)
     published = [effect for effect in bench.tick() if isinstance(effect, Publish)]
     assert [(p.topic, p.qos, p.retain) for p in published] == [
         ("sensor4/temperature", 1, False),
@@ -72,7 +72,7 @@ def test_each_reading_has_its_topic_time_boot_and_number() -> None:
 
 
 def test_it_measures_at_its_rate_and_a_late_tick_makes_up_for_what_was_due() -> None:
-    bench = Bench(rate_hz=4)
+    bench = SensorBench(rate_hz=4)
     bench.tick()
     assert sent(bench.tick(249)) == []
     late = bench.tick(751)
@@ -82,13 +82,13 @@ def test_it_measures_at_its_rate_and_a_late_tick_makes_up_for_what_was_due() -> 
 
 
 def test_readings_that_were_made_without_a_broker_go_out_oldest_first_when_there_is_one() -> None:
-    bench = Bench(connected=False)
+    bench = SensorBench(connected=False)
     assert sent(bench.pass_time(3000)) == []
     assert sent(bench.connect()) == [0, 1, 2]
 
 
 def test_what_was_not_acknowledged_goes_out_again_after_a_reconnection() -> None:
-    bench = Bench(samples=3, rate_hz=100)
+    bench = SensorBench(samples=3, rate_hz=100)
     bench.pass_time(100)
     bench.taken(0, 1, 2)
     bench.acknowledge(1)
@@ -97,7 +97,7 @@ def test_what_was_not_acknowledged_goes_out_again_after_a_reconnection() -> None
 
 
 def test_what_the_broker_took_and_the_drone_did_not_store_is_sent_again_later_and_later() -> None:
-    bench = Bench(samples=1)
+    bench = SensorBench(samples=1)
     bench.tick()
     bench.taken(0)
     times = [bench.now_ms for _ in range(640) if sent(bench.tick(50))]
@@ -105,13 +105,13 @@ def test_what_the_broker_took_and_the_drone_did_not_store_is_sent_again_later_an
 
 
 def test_no_more_than_a_window_is_under_way_at_once() -> None:
-    bench = Bench(samples=3 * WINDOW, rate_hz=1000)
+    bench = SensorBench(samples=3 * WINDOW, rate_hz=1000)
     assert sent(bench.pass_time(1000)) == list(range(WINDOW))
     assert sent(bench.acknowledge(0, 1)) == [WINDOW, WINDOW + 1]
 
 
 def test_when_too_many_are_kept_the_oldest_goes_and_that_is_said() -> None:
-    bench = Bench(connected=False, keep=2, samples=4, rate_hz=100)
+    bench = SensorBench(connected=False, keep=2, samples=4, rate_hz=100)
     out = bench.pass_time(100)
     assert [effect.reading.message.seq for effect in out if isinstance(effect, Dropped)] == [0, 1]
     assert [effect.kind for effect in out if isinstance(effect, Log)] == ["dropped", "dropped"]
@@ -119,7 +119,7 @@ def test_when_too_many_are_kept_the_oldest_goes_and_that_is_said() -> None:
 
 
 def test_it_ends_once_everything_is_stored() -> None:
-    bench = Bench(samples=2, rate_hz=100)
+    bench = SensorBench(samples=2, rate_hz=100)
     assert Finished() not in bench.pass_time(1000)
     bench.acknowledge(0)
     assert Finished() not in bench.tick(50)
@@ -128,7 +128,7 @@ def test_it_ends_once_everything_is_stored() -> None:
 
 
 def test_other_sensors_acknowledgements_and_malformed_ones_change_nothing() -> None:
-    bench = Bench(samples=1)
+    bench = SensorBench(samples=1)
     bench.tick()
     other = ReadingKey(sensor=2, boot=BOOT, seq=0)
     bench.node.on_message("broker", Inbound("sensor_ack", encode(ReadingAck(readings=(other,))), 1), 0)
@@ -139,7 +139,7 @@ def test_other_sensors_acknowledgements_and_malformed_ones_change_nothing() -> N
 
 @given(st.lists(st.sampled_from(["tick", "cut", "connect", "take", "store"]), max_size=80), st.integers(1, 20))
 def test_every_reading_is_stored_or_given_up_whatever_the_link_does(steps: list[str], keep: int) -> None:
-    bench = Bench(rate_hz=20, keep=keep, samples=30)
+    bench = SensorBench(rate_hz=20, keep=keep, samples=30)
     measured: list[int] = []
     dropped: list[int] = []
     on_link: list[int] = []
@@ -180,7 +180,7 @@ def test_every_reading_is_stored_or_given_up_whatever_the_link_does(steps: list[
 
 
 def test_what_is_reached_later_is_measured_from_then_on() -> None:
-    bench = Bench(connected=False, when_reached=True, samples=2)
+    bench = SensorBench(connected=False, when_reached=True, samples=2)
     assert bench.pass_time(5000) == []
     bench.connect()
     first = [effect.reading.message for effect in bench.pass_time(3000) if isinstance(effect, Measured)]
@@ -188,7 +188,7 @@ def test_what_is_reached_later_is_measured_from_then_on() -> None:
 
 
 def test_it_goes_on_measuring_when_the_connection_is_lost_after_that() -> None:
-    bench = Bench(when_reached=True)
+    bench = SensorBench(when_reached=True)
     bench.tick()
     bench.node.on_disconnected("broker", bench.now_ms)
     assert any(isinstance(effect, Measured) for effect in bench.pass_time(1500))
@@ -196,14 +196,14 @@ def test_it_goes_on_measuring_when_the_connection_is_lost_after_that() -> None:
 
 def test_one_that_stays_does_not_end_with_its_last_reading() -> None:
     for stays in (True, False):
-        bench = Bench(samples=1, stays=stays)
+        bench = SensorBench(samples=1, stays=stays)
         bench.tick()
         bench.acknowledge(0)
         assert any(isinstance(effect, Finished) for effect in bench.tick(50)) is not stays
 
 
-def plain_bench(**options: Any) -> Bench:
-    bench = Bench(connected=False, plain=True, **options)
+def plain_bench(**options: Any) -> SensorBench:
+    bench = SensorBench(connected=False, plain=True, **options)
     bench.node.on_connected("broker", 0)
     return bench
 
@@ -216,7 +216,7 @@ def test_a_plain_brokers_puback_is_all_that_a_reading_waits_for() -> None:
 
 
 def test_nothing_is_subscribed_to_at_a_plain_broker() -> None:
-    bench = Bench(connected=False, plain=True)
+    bench = SensorBench(connected=False, plain=True)
     bench.tick()
     published = bench.node.on_connected("broker", 0)
     assert [effect.topic for effect in published if isinstance(effect, Publish)] == ["sensor1/temperature"]
