@@ -169,12 +169,13 @@ def _too_slow(speed: float) -> str | None:
 
 
 def _silent(log: ULog, path: Path) -> str | None:
-    """Whether the simulated barometer was silent for too long, from the first arming to the log's end."""
-    armed_us = next((us for name, us in _changes(log, path) if name == "armed"), None)
-    if armed_us is None:
+    """Whether the simulated barometer was silent for too long, from the first arming to the last disarming."""
+    arming = [(name, us) for name, us in _changes(log, path) if name in ("armed", "disarmed")]
+    if not arming:
         return None
-    end_us = int(_topic(log, "vehicle_status", path)["timestamp"][-1])
-    told_us = [us for us in _topic(log, "vehicle_air_data", path)["timestamp"].tolist() if us >= armed_us]
+    armed_us, (last, last_us) = arming[0][1], arming[-1]
+    end_us = last_us if last == "disarmed" else int(_topic(log, "vehicle_status", path)["timestamp"][-1])
+    told_us = [us for us in _topic(log, "vehicle_air_data", path)["timestamp"].tolist() if armed_us <= us <= end_us]
     silent_s = max(after - before for before, after in pairwise([armed_us, *told_us, end_us])) / 1e6
     if silent_s <= SILENT_S:
         return None

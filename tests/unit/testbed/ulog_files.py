@@ -19,7 +19,7 @@ TOPICS = {
 
 @dataclass
 class Flight:
-    """A flight by the autopilot's own clock, in seconds since its boot."""
+    """A flight by the autopilot's own clock, in seconds since its boot; the log ends `logged_s` after it."""
 
     armed_s: float = 10.0
     took_off_s: float = 12.0
@@ -28,6 +28,7 @@ class Flight:
     height_m: float = 10.0
     home_amsl_m: float = 488.0
     silent_s: tuple[float, float] = (0.0, 0.0)
+    logged_s: float = 2.0
     topics: Sequence[str] = field(default_factory=lambda: list(TOPICS))
 
     def height_at(self, at_s: float) -> float:
@@ -39,7 +40,7 @@ class Flight:
         """Time, topic, value."""
         found: list[tuple[float, str, float]] = [(1.0, "home_position", self.home_amsl_m)]
         at_s = 1.0
-        while at_s < self.disarmed_s + 2:
+        while at_s < self.disarmed_s + self.logged_s:
             armed = self.armed_s <= at_s < self.disarmed_s
             flying = self.took_off_s <= at_s < self.landed_s
             found.append((at_s, "vehicle_status", 2 if armed else 1))
