@@ -1,5 +1,5 @@
 """`python -m testbed` is the `testbed` command."""
 
-from .cli import main
+from .cli.commands import main
 
 main()

@@ -19,12 +19,12 @@ from typing import Any
 from scapy.layers.l2 import Ether
 from scapy.utils import RawPcapReader
 
-from testbed.dissect import mavlink, mqtt5
-from testbed.metrics.attempt import measure_attempt
-from testbed.packets.build import build
-from testbed.packets.table import load
-from testbed.results import Attempt, Series
-from testbed.topology import ROOT
+from testbed.fly.results import Attempt, Series
+from testbed.numbers.dissect import mavlink, mqtt5
+from testbed.numbers.metrics.attempt import measure_attempt
+from testbed.numbers.packets.build import build
+from testbed.numbers.packets.table import load
+from testbed.plan.topology import ROOT
 
 MADE_S = 10
 """Seconds of the attempt that is made where none was flown."""

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from docker.errors import DockerException
 
-from testbed.profiles.reading import read_profile
-from testbed.profiles.resolve import Plan, resolve
-from testbed.topology import read_topology
+from testbed.plan.profiles.reading import read_profile
+from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.topology import read_topology
 from tests.bench import fit_replay
 from tests.bench.fit_network import ShapedNetwork
 from tests.bench.fit_search import Fit, Point, Trial, fit, wan_for

@@ -10,8 +10,8 @@ import random
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from testbed.profiles.resolve import LinkPlan
-from testbed.topology import FLEET
+from testbed.plan.profiles.resolve import LinkPlan
+from testbed.plan.topology import FLEET
 from tests.bench.fit_simulation import DOWN, Crossed, Moving, Offered, cross
 from tests.bench.fit_streams import Frame, Streams
 

@@ -13,8 +13,8 @@ from typing import Any
 import docker
 from docker.types import IPAMConfig, IPAMPool
 
-from testbed.profiles.resolve import Plan
-from testbed.topology import Topology
+from testbed.plan.profiles.resolve import Plan
+from testbed.plan.topology import Topology
 from tests.bench.fit_streams import ROOT
 
 IMAGE = os.environ.get("NODE_IMAGE", "mqttxt-testbed/node:latest")

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from testbed.profiles.resolve import Plan
-from testbed.topology import FLEET, Topology
+from testbed.plan.profiles.resolve import Plan
+from testbed.plan.topology import FLEET, Topology
 from tests.bench.fit_network import PYTHON, REPOSITORY, ShapedNetwork
 from tests.bench.fit_search import SETTLED_NS, with_rates
 from tests.bench.fit_simulation import DOWN, Crossed, Losses, Offered, losses, run

@@ -8,9 +8,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from testbed.profiles.reading import read_profile
-from testbed.profiles.resolve import resolve
-from testbed.topology import FLEET, read_topology
+from testbed.plan.profiles.reading import read_profile
+from testbed.plan.profiles.resolve import resolve
+from testbed.plan.topology import FLEET, read_topology
 from tests.bench.fit_search import SETTLED_NS
 from tests.bench.fit_simulation import Offered, losses, run
 from tests.bench.fit_streams import exact, load_of

@@ -14,9 +14,9 @@ import polars as pl
 from pymavlink.dialects.v20 import development
 from scapy.utils import RawPcapReader
 
-from testbed.packets.mavlink import name_of
-from testbed.packets.table import load
-from testbed.results import Attempt
+from testbed.fly.results import Attempt
+from testbed.numbers.packets.mavlink import name_of
+from testbed.numbers.packets.table import load
 
 _FIELDS = ("frame.len", "eth.src", "ip.src", "ip.dst", "mqtt.msgtype")
 _CUT_SHORT = 2

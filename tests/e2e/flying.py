@@ -15,9 +15,9 @@ from typing import Any
 import docker
 
 from lateness import Void
-from testbed.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
-from testbed.results import Attempt, open_series
-from testbed.topology import ROOT
+from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
+from testbed.fly.results import Attempt, open_series
+from testbed.plan.topology import ROOT
 
 BUSY = ("did not keep up", "machine was too busy", "machine that is less busy", "captures dropped packets")
 """What the testbed says of an attempt that is void because of the machine."""

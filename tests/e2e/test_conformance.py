@@ -12,8 +12,8 @@ from typing import Any
 import docker
 import pytest
 
-from testbed.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
-from testbed.topology import ROOT
+from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
+from testbed.plan.topology import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import docker
 import pytest
 
-from testbed.containers import PROJECT_LABEL, SERVICE_LABEL, compose_command, is_healthy, services_of
-from testbed.topology import ROOT
+from testbed.fly.containers import PROJECT_LABEL, SERVICE_LABEL, compose_command, is_healthy, services_of
+from testbed.plan.topology import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 PROJECT = "mqttxt-plain"

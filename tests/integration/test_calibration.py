@@ -8,11 +8,11 @@ from dataclasses import asdict
 import pytest
 from shaped_link import DOWN, PYTHON, SUBNETS, UP, ShapedLink
 
-from testbed.calibration import Calibration, calibrate, check_losses
-from testbed.calibration.calibrate import run_schedule
-from testbed.calibration.schedule import make_load
-from testbed.profiles.resolve import LinkPlan, Plan
-from testbed.topology import Link, Node, Topology
+from testbed.fly.calibration import Calibration, calibrate, check_losses
+from testbed.fly.calibration.calibrate import run_schedule
+from testbed.fly.calibration.schedule import make_load
+from testbed.plan.profiles.resolve import LinkPlan, Plan
+from testbed.plan.topology import Link, Node, Topology
 
 pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(120)]
 TOPOLOGY = Topology(

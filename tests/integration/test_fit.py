@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from shaped_link import PYTHON, READY_TIMEOUT_S, SUBNETS, UP, Emulator, ShapedLink
 
-from testbed.profiles.reading import read_profile
-from testbed.profiles.resolve import resolve
-from testbed.topology import ROOT, read_topology
+from testbed.plan.profiles.reading import read_profile
+from testbed.plan.profiles.resolve import resolve
+from testbed.plan.topology import ROOT, read_topology
 from tests.bench.fit_simulation import cross
 from tests.bench.fit_streams import exact
 

@@ -11,11 +11,11 @@ import docker
 import pytest
 from scapy.utils import RawPcapReader
 
-from testbed.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL, Containers
-from testbed.links import write_plan
-from testbed.profiles.reading import read_profile
-from testbed.profiles.resolve import resolve
-from testbed.topology import read_topology
+from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL, Containers
+from testbed.fly.links import write_plan
+from testbed.plan.profiles.reading import read_profile
+from testbed.plan.profiles.resolve import resolve
+from testbed.plan.topology import read_topology
 
 pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(180)]
 OFFLOADS = ("tcp-segmentation-offload", "generic-segmentation-offload", "generic-receive-offload", "tx-checksumming")

@@ -11,9 +11,9 @@ import pytest
 import yaml
 from processes import ROOT
 
-from testbed.containers import compose_command
-from testbed.overrides import compose_files
-from testbed.topology import FLEET
+from testbed.fly.containers import compose_command
+from testbed.plan.overrides import compose_files
+from testbed.plan.topology import FLEET
 
 pytestmark = [pytest.mark.integration, pytest.mark.timed]
 DRONES = [drone for drones in FLEET.values() for drone in drones]

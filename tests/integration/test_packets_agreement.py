@@ -18,8 +18,8 @@ from paho.mqtt.properties import Properties
 from processes import NODE_IMAGE, ROOT, Process, wait_until
 from pymavlink.dialects.v20 import development as dialect
 
-from testbed.packets.table import load
-from testbed.results import Attempt, write_json
+from testbed.fly.results import Attempt, write_json
+from testbed.numbers.packets.table import load
 from tests.e2e.agreement import Nodes, assert_pymavlink_agrees, assert_tshark_agrees, count_by_tshark, kind_of
 
 pytestmark = pytest.mark.integration

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from testbed.profiles.kernel import commands_of
-from testbed.profiles.reading import read_profile
-from testbed.profiles.resolve import EventPlan, LinkPlan, Plan, resolve
-from testbed.topology import Topology, links_of, read_topology
+from testbed.plan.profiles.kernel import commands_of
+from testbed.plan.profiles.reading import read_profile
+from testbed.plan.profiles.resolve import EventPlan, LinkPlan, Plan, resolve
+from testbed.plan.topology import Topology, links_of, read_topology
 
 NODES = ("gs", "cloud", "fog1", "uav1", "uav2", "uav3")
 PROFILES = ("lte", "edge", "leo", "geo", "sik", "lossy", "thesis")

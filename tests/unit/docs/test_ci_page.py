@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
-from testbed.metrics import verdict
-from testbed.results import METRICS, REPORT
+from testbed.fly.results import METRICS, REPORT
+from testbed.numbers.metrics import verdict
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "ci.md").read_text()

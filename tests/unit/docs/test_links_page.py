@@ -6,9 +6,9 @@ import json
 import re
 from pathlib import Path
 
-from testbed.profiles.reading import SCHEMA_FILE, profile_names, read_profile
-from testbed.profiles.resolve import resolve
-from testbed.topology import read_topology
+from testbed.plan.profiles.reading import SCHEMA_FILE, profile_names, read_profile
+from testbed.plan.profiles.resolve import resolve
+from testbed.plan.topology import read_topology
 from tests.bench import thesis
 
 TOPOLOGY = read_topology()

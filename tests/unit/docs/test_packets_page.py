@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from testbed.cli import app
-from testbed.packets.rows import FRAME_SCHEMA, MESSAGE_SCHEMA
-from testbed.results import Series, point_latest
+from testbed.cli.commands import app
+from testbed.fly.results import Series, point_latest
+from testbed.numbers.packets.rows import FRAME_SCHEMA, MESSAGE_SCHEMA
 from tests.unit.testbed.attempts import make_attempt
 
 ROOT = Path(__file__).resolve().parents[3]

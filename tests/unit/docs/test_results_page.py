@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from what_was_said import Findings, said
 
-from testbed.experiments import EXPERIMENTS
-from testbed.summary.cells import Found, find_cells
-from testbed.summary.markdown import fill
+from testbed.plan.experiments import EXPERIMENTS
+from testbed.present.summary.cells import Found, find_cells
+from testbed.present.summary.markdown import fill
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE = DOCS / "results.md"

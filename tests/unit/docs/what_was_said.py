@@ -6,14 +6,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import median
 from typing import Any
 
-from testbed.report import words
-from testbed.report.comparison import completed
-from testbed.summary.cells import SIDES, Cell
-from testbed.summary.claims import claims
-from testbed.summary.kinds import HEADINGS, rows_of
-from testbed.summary.losses import Loss, loss
-from testbed.summary.numbers import Pair, numbers_of
-from testbed.summary.traffic import Bytes, bytes_of
+from testbed.numbers import words
+from testbed.plan import wording
+from testbed.present.report.comparison import completed
+from testbed.present.summary.cells import SIDES, Cell
+from testbed.present.summary.claims import claims
+from testbed.present.summary.kinds import HEADINGS, rows_of
+from testbed.present.summary.losses import Loss, loss
+from testbed.present.summary.numbers import Pair, numbers_of
+from testbed.present.summary.traffic import Bytes, bytes_of
 
 PX4 = "thesis"
 """The arm in which PX4 streams its onboard set and drones are asked one by one."""
@@ -116,7 +117,7 @@ def _missions(found: Findings) -> Iterator[str]:
         shorter = found.one(PX4, "thesis", "change", f"scenario-{number}")
         yield f"scenario {number} takes {ours} instead of {theirs}, {shorter} less"
     of_three = (_completed(found, PX4, f"scenario-{number}") for number in _timed(found))
-    yield f"of the missions that it completed, {words.listed([f'{done} of 3' for done in of_three])}"
+    yield f"of the missions that it completed, {wording.listed([f'{done} of 3' for done in of_three])}"
     for profile in ("lte", "lossy"):
         ours, theirs = found.both(PX4, profile, "mission")
         yield f"{ours} instead of {theirs} on `{profile}`"
@@ -197,7 +198,7 @@ def _message_set(found: Findings) -> Iterator[str]:
     yield f"A position takes {ours} over MQTT-XT and {theirs.removesuffix(' ms')} over MAVLink"
     calls = [sets["mavlink"][name] for name in commands]
     asked, received = (sum(kind[count] for kind in calls) for count in ("asked", "received"))
-    yield f"Of MAVLink's {asked} calls {words.in_words(asked - received)} were not acknowledged"
+    yield f"Of MAVLink's {asked} calls {wording.in_words(asked - received)} were not acknowledged"
     first, last = (sets["mavlink"][name] for name in ("flight_mode", "groundspeed"))
     speeds = Loss(last["lost"], last["sent"] - last["open"])
     yield f"{first['lost'] or 'none'} of its flight modes, first in each burst, and {speeds} of its ground speeds"
@@ -246,7 +247,7 @@ def _timed(found: Findings) -> list[int]:
 def _completed(found: Findings, arm: str, experiment: str = "scenario-1") -> str:
     """How many of MAVLink's missions on `thesis`, in a word."""
     done = len(completed(found.cell(arm, "thesis", experiment).metrics["protocols"]["mavlink"]))
-    return words.in_words(done) if done else "none"
+    return wording.in_words(done) if done else "none"
 
 
 def _ours_over_theirs(found: Findings, arm: str) -> str:

@@ -10,10 +10,10 @@ import pytest
 
 from net.emulator.plan import PlanError
 from net.shaping.run_plan import Gate, RunPlan, read_run_plan
-from testbed.profiles import run_plan as host
-from testbed.profiles.reading import read_profile
-from testbed.profiles.resolve import resolve
-from testbed.topology import ROOT, read_topology
+from testbed.plan.profiles import run_plan as host
+from testbed.plan.profiles.reading import read_profile
+from testbed.plan.profiles.resolve import resolve
+from testbed.plan.topology import ROOT, read_topology
 
 TOPOLOGY = read_topology()
 

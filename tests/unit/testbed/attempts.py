@@ -17,7 +17,7 @@ from mqttxt.protocol.messages import CommandMessage
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery
 from mqttxt.protocol.values import Encoding
-from testbed.results import Attempt, Series, new_attempt, write_json
+from testbed.fly.results import Attempt, Series, new_attempt, write_json
 
 NODES = {"gs": "198.18.0.3", "cloud": "198.18.1.3", "fog1": "198.18.11.3", "uav1": "198.18.21.3"}
 LINKS = [("wan:gs", "gs", "cloud"), ("backhaul:fog1", "fog1", "cloud"), ("air:uav1", "uav1", "fog1")]

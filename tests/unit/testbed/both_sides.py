@@ -9,7 +9,7 @@ from typing import Any
 
 from attempts import SECOND, T0, manifest
 
-from testbed.results import METRICS, Attempt, Series, new_attempt, write_json
+from testbed.fly.results import METRICS, Attempt, Series, new_attempt, write_json
 
 DRONES = (1, 2, 3, 4, 5, 6)
 FACTORS = {"streams": "px4-onboard", "commanding": "one-by-one", "qos": 0, "chain": "per-uav", "states": "on-change"}

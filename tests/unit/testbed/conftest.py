@@ -7,8 +7,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from testbed import runner
-from testbed.quiet import Waited
+from testbed.fly import runner
+from testbed.fly.quiet import Waited
 
 
 @pytest.fixture(autouse=True)

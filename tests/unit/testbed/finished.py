@@ -7,10 +7,10 @@ from typing import Any
 
 from both_sides import rich_entry
 
-from testbed.metrics.attempt import NOT_FLOWN
-from testbed.metrics.series import ratios, schema_error
-from testbed.metrics.statistics import loss_of, statistics
-from testbed.results import METRICS, REPORT, Series, write_json
+from testbed.fly.results import METRICS, REPORT, Series, write_json
+from testbed.numbers.metrics.attempt import NOT_FLOWN
+from testbed.numbers.metrics.series import ratios, schema_error
+from testbed.numbers.metrics.statistics import loss_of, statistics
 
 NAME = "20260101T000000Z"
 

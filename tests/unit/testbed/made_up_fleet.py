@@ -8,9 +8,9 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
-from testbed.calibration.calibrate import Calibration, Check
-from testbed.containers import Usage
-from testbed.topology import read_topology
+from testbed.fly.calibration.calibrate import Calibration, Check
+from testbed.fly.containers import Usage
+from testbed.plan.topology import read_topology
 
 SHAPER = {"shaper": "nfqueue", "why": "the kernel has no netem"}
 

@@ -13,7 +13,7 @@ from typing import Any
 from attempts import SECOND, T0, manifest
 from pymavlink.dialects.v20 import common
 
-from testbed.results import Attempt, Series, new_attempt, write_json
+from testbed.fly.results import Attempt, Series, new_attempt, write_json
 
 MS = SECOND // 1000
 HOP = MS

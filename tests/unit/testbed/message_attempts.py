@@ -16,7 +16,7 @@ from mqttxt.protocol.messages import CommandMessage
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery, FlightMode, FlightModeName, Groundspeed, Heading, Location, State
 from mqttxt.protocol.values import Encoding
-from testbed.results import Attempt, Series, new_attempt, write_json
+from testbed.fly.results import Attempt, Series, new_attempt, write_json
 
 COMMANDS = ("arm", "takeoff", "land", "offboard", "goto")
 STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")

@@ -11,7 +11,7 @@ from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 from scapy.packet import Raw
 
-from testbed.results import Attempt, Series, new_attempt, write_json
+from testbed.fly.results import Attempt, Series, new_attempt, write_json
 
 MS = SECOND // 1000
 NODES = {

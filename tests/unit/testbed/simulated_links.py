@@ -12,8 +12,8 @@ from typing import Any
 from net.emulator.link import CORRUPT, DROP, WAIT
 from net.emulator.network import Network
 from net.emulator.plan import parse_plan
-from testbed.profiles.resolve import LinkPlan, Plan
-from testbed.topology import Link, Node, Topology
+from testbed.plan.profiles.resolve import LinkPlan, Plan
+from testbed.plan.topology import Link, Node, Topology
 
 TWO = Topology((Node("gs", "198.18.0.3"), Node("cloud", "198.18.1.3")), (Link("wan:gs", "gs", "cloud"),))
 UP, DOWN = "wan:gs:up", "wan:gs:down"

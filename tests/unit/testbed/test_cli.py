@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from testbed import cli, reporting
+from testbed.cli import commands as cli
 from testbed.errors import DockerError
-from testbed.results import Series, new_attempt
+from testbed.fly.results import Series, new_attempt
+from testbed.present import reporting
 
 
 def _run(*words: str) -> tuple[int, str, str]:

@@ -1,0 +1,1 @@
+"""The `testbed` command: a module for each part of it."""

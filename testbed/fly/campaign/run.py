@@ -1,0 +1,138 @@
+"""Flies what a campaign lacks, series by series, and says how it goes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from ...errors import ResultsError, UserError
+from ...plan import wording
+from ...plan.experiments import Plan
+from ...plan.overrides import suffix
+from ..results import Series, new_series, series_folder
+from ..resume import begun_of, given_up, has_amount, is_measured, next_number, otherwise, settle, to_fly
+from ..runner import Begun, Ended
+from .estimate import Durations, in_words
+
+Fly = Callable[[Plan, Series, dict[int, Begun]], list[Ended]]
+"""Flies what is left of a plan's series."""
+Report = Callable[[Path], object]
+"""Measures a series and writes its report, from its folder alone."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A plan, the series that is to be gone on with (None: a new one), and what of it there is.
+
+    `why_new` says why a series that was broken off is left as it is.
+    """
+
+    plan: Plan
+    series: Series | None
+    begun: dict[int, Begun]
+    why_new: str | None = None
+
+    @property
+    def done(self) -> bool:
+        """Nothing of it is to be flown or measured."""
+        return self.series is not None and next_number(self.begun, self.plan) is None and is_measured(self.series)
+
+
+def job_of(plan: Plan, root: Path) -> Job:
+    """What there is of a plan in a results folder: a finished series, whatever its revision, else a broken-off one."""
+    folder = series_folder(root, plan.experiment, _label(plan), plan.profile.name)
+    found = [Series(path) for path in folder.glob("*") if path.is_dir()]
+    alike = [series for series in found if series.attempts() and has_amount(series, plan)]
+    newest = sorted(alike, key=lambda one: one.path.name, reverse=True)
+    jobs = [Job(plan, series, begun_of(series, plan)) for series in newest]
+    whole = next((job for job in jobs if next_number(job.begun, plan) is None), None)
+    if whole is not None or not jobs:
+        return whole or Job(plan, None, {})
+    why_new = otherwise(newest[0], plan)
+    return jobs[0] if why_new is None else Job(plan, None, {}, why_new)
+
+
+def fly_all(plans: Sequence[Plan], root: Path, console: Console, fly: Fly, report: Report) -> bool:
+    """Fly every plan that has no finished series; returns whether all numbers of all plans are counted.
+
+    A series that cannot be flown is said, and the rest goes on. Raises what ends everything: Interrupted, a Docker
+    that is gone, a disk that is full.
+    """
+    jobs = [job_of(plan, root) for plan in plans]
+    waiting = [job for job in jobs if not job.done]
+    done = len(jobs) - len(waiting)
+    console.print(_begin(jobs, done, root), soft_wrap=True, markup=False)
+    troubles = [said for job in jobs if job.done for said in _given_up(job.plan, job.begun)]
+    for place, job in enumerate(waiting):
+        left = in_words(_seconds(waiting[place:], root))
+        console.print(
+            f"\nseries {done + place + 1} of {len(jobs)}, {left} left: {_name(job.plan)}{_how(job)}", markup=False
+        )
+        try:
+            troubles += _fly_job(job, root, fly, report)
+        except (UserError, ResultsError) as error:
+            troubles.append(f"{_name(job.plan)}: {error}")
+            console.print(str(error), soft_wrap=True, markup=False)
+    for said in troubles:
+        console.print(f"not counted: {said}", soft_wrap=True, markup=False)
+    return not troubles
+
+
+def _fly_job(job: Job, root: Path, fly: Fly, report: Report) -> list[str]:
+    """Fly and measure until every number counts or was given up; returns what is to be said of those given up."""
+    plan, begun = job.plan, job.begun
+    series = job.series or new_series(root, plan.experiment, _label(plan), plan.profile.name)
+    while True:
+        settle(series, plan)
+        fly(plan, series, begun)
+        report(series.path)
+        begun = begun_of(series, plan)  # what was flown well may have been found void when it was measured
+        if next_number(begun, plan) is None:
+            return _given_up(plan, begun)
+
+
+def _begin(jobs: Sequence[Job], done: int, root: Path) -> str:
+    """What there is to fly, what of it is done, and about how long the rest takes."""
+    plans = [job.plan for job in jobs]
+    kinds = {
+        "experiment": {plan.experiment for plan in plans},
+        "arm": {plan.arm.name for plan in plans},
+        "profile": {plan.profile.name for plan in plans},
+    }
+    of = ", ".join(wording.plural(len(names), kind) for kind, names in kinds.items())
+    attempts = wording.plural(plans[0].attempts, "attempt")
+    left = f"; {in_words(_seconds(jobs, root))} to go" if done < len(jobs) else ""
+    return f"{len(jobs)} series ({of}), {attempts} over each protocol: {done} done{left}"
+
+
+def _seconds(jobs: Sequence[Job], root: Path) -> float:
+    durations = Durations(root)
+    lacking = [(job.plan, to_fly(job.begun, job.plan)) for job in jobs if not job.done]
+    return sum(count * durations.of(plan, protocol) for plan, counts in lacking for protocol, count in counts.items())
+
+
+def _how(job: Job) -> str:
+    """With which attempt it goes on, or why it is begun anew."""
+    if job.series is None:
+        return f", begun anew ({job.why_new})" if job.why_new else ""
+    number = next_number(job.begun, job.plan)
+    return ", flown and not measured yet" if number is None else f", goes on with attempt {number}"
+
+
+def _given_up(plan: Plan, begun: dict[int, Begun]) -> list[str]:
+    return [
+        f"{_name(plan)}, attempt {number}: void each time, at last: {wording.first_line(reason)}"
+        for number, reason in given_up(begun).items()
+    ]
+
+
+def _label(plan: Plan) -> str:
+    return plan.label + suffix(os.environ)
+
+
+def _name(plan: Plan) -> str:
+    return f"{wording.short_name(plan.experiment)}, arm {plan.label}, profile {plan.profile.name}"

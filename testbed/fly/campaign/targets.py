@@ -1,0 +1,71 @@
+"""What a campaign flies, in the order in which a run that is broken off is worth most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from ...errors import UserError
+from ...plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, Plan, make_plan
+from ...plan.order import FIRST_PROFILES, arms_in_order, experiments_in_order, profiles_in_order
+from ...plan.profiles.reading import profile_names
+from ...plan.profiles.run_plan import SHAPERS
+
+_ASKED_FIRST = FIRST_PROFILES[:2]
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a person typed: lists with commas, empty ones mean all."""
+
+    attempts: str = "1"
+    experiments: str = ""
+    arms: str = ""
+    profiles: str = ""
+    samples: str = str(DEFAULT_SAMPLES)
+    count: str = str(DEFAULT_COUNT)
+    shaper: str = SHAPERS[0]
+
+    def typed(self) -> str:
+        """What to type for it again."""
+        own = Wish()
+        changed = [name for name in vars(own) if getattr(self, name) != getattr(own, name)]
+        return " ".join(["make all", *(f"{name.upper()}={getattr(self, name)}" for name in changed)])
+
+
+def plans_of(wish: Wish) -> list[Plan]:
+    """A plan for each series: first what people ask for first, and breadth before depth.
+
+    That is arm `thesis` on `ideal` and `thesis`; then its other first profiles, and the other arms on those two; then
+    the rest. Raises UserError naming the option, the value and what was expected.
+    """
+    experiments = _listed("EXPERIMENTS", wish.experiments, EXPERIMENTS)
+    arms = _listed("ARMS", wish.arms, tuple(ARMS))
+    profiles = _listed("PROFILES", wish.profiles, tuple(profile_names()), paths=True)
+    found = []
+    for experiment in experiments_in_order(experiments):
+        for profile in profiles_in_order(profiles):
+            first = make_plan(
+                experiment, wish.attempts, arms[0], profile, "", None, wish.shaper, wish.samples, wish.count
+            )
+            named = [ARMS[arm] for arm in arms_in_order(arms)]
+            found += [replace(first, arm=arm, factors=arm.factors) for arm in named]
+    return sorted(found, key=_late)
+
+
+def _late(plan: Plan) -> int:
+    """How late a series comes; among those that come equally late the order of the names holds."""
+    profile, arm = plan.profile.name, plan.arm.name
+    far = 0 if profile in _ASKED_FIRST else 1 if profile in FIRST_PROFILES else 2
+    return far + (arm != next(iter(ARMS)))
+
+
+def _listed(option: str, typed: str, known: Sequence[str], paths: bool = False) -> list[str]:
+    """The names of a list with commas; with `paths` also files of one's own."""
+    if not typed.strip():
+        return list(known)
+    names = [name.strip() for name in typed.split(",")]
+    for name in names:
+        if name not in known and not (paths and name.endswith(".yaml")):
+            raise UserError(f"{option}={typed}: {name!r}: expected a list of {', '.join(known)}")
+    return names

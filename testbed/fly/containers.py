@@ -1,0 +1,319 @@
+"""The module that calls Docker: brings the fleet up, runs commands in it, watches it, takes it down."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, Queue
+from typing import Any
+
+import docker
+from docker.errors import APIError, DockerException
+from requests.exceptions import RequestException
+
+from ..errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError, TestbedError
+from ..plan.experiments import PROTOCOLS
+from ..plan.overrides import compose_files
+from ..plan.sensors import SENSOR_PROFILES
+from ..plan.topology import COMPOSE_FILE, ROOT, read_services
+from .images import autopilot_in_image
+
+PROJECT = "mqttxt-testbed"
+HEALTHY_TIMEOUT_S = 180.0
+"""Six real autopilots need 90 s on a busy machine of two cores, until GPS and estimator agree."""
+POLL_S = 0.5
+LOG_LINES = 12
+LOCK = Path(tempfile.gettempdir()) / "mqttxt-testbed.lock"
+SERVICE_LABEL = "com.docker.compose.service"
+PROJECT_LABEL = "com.docker.compose.project"
+NODE_USER = "1000:1000"
+REAL_TIME = Path("/sys/fs/cgroup/cpu/docker/cpu.rt_runtime_us")
+"""What a kernel with CONFIG_RT_GROUP_SCHED (cgroup v1) gives all of Docker's containers."""
+
+
+def real_time_us(given: Path = REAL_TIME) -> int:
+    """What of every second the link emulator may use in real time, in microseconds.
+
+    0 where the daemon's containers have none of their own, or need none: then CAP_SYS_NICE alone is enough.
+    """
+    return int(given.read_text()) if given.is_file() else 0
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What a service has used: CPU seconds, and bytes of memory at the time of asking (None: the daemon tells none)."""
+
+    cpu_s: float
+    memory_bytes: int | None
+
+
+class Containers:
+    """The containers of one compose profile, and of those that its settings name beside it, for one run."""
+
+    def __init__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> None:
+        self._profiles = (profile, *settings.get("SENSOR_PROFILES", "").split())
+        self._files = compose_files(settings)
+        try:
+            self._client = docker.from_env()
+            self._client.ping()
+        except DockerException as error:
+            raise DockerError(f"Docker does not answer: {error}; type: make doctor") from error
+        self._environment = {
+            **os.environ,
+            **settings,
+            **autopilot_in_image(self._client, settings),
+            "REAL_TIME_US": str(real_time_us()),
+            "RUN_DIR": str(run_dir),
+        }
+
+    def start(self, *services: str, timeout_s: float = HEALTHY_TIMEOUT_S) -> None:
+        """Start these services, or all that do not run yet, and wait until all are healthy.
+
+        Raises FleetError naming what is not, and why.
+        """
+        self._compose("up", "--detach", "--no-build", "--no-recreate", *services)
+        deadline = time.monotonic() + timeout_s
+        healthy: set[str] = set()
+        while waiting := self._unhealthy(healthy):
+            self.check_alive()
+            if time.monotonic() > deadline:
+                raise ContainerUnhealthy(self._describe(waiting[0], f"not healthy within {timeout_s:.0f} s"))
+            time.sleep(POLL_S)
+
+    @property
+    def count(self) -> int:
+        """How many containers the profile has."""
+        return len({name for path in self._files for name in services_of(self._profiles, path)})
+
+    def check_alive(self) -> None:
+        """Raises ContainerDied for a container that has ended."""
+        for container in self._all():
+            if container.status in ("exited", "dead"):
+                code = container.attrs["State"].get("ExitCode")
+                raise ContainerDied(self._describe(container, f"ended with exit code {code}"))
+
+    def execute(
+        self, service: str, command: list[str], *, limit_s: float, alive_every_s: float = 1.0
+    ) -> Generator[str, None, int]:
+        """Run a command in a service; yields its lines, returns its exit code.
+
+        Raises ContainerDied when any container of the fleet ends meanwhile, FleetError when the command does not end
+        within `limit_s`; it goes on then, until its container ends.
+        """
+        container = self._service(service)
+        api = self._client.api
+        run_id = api.exec_create(container.id, command, user=NODE_USER)["Id"]
+        lines: Queue[str | None] = Queue()
+        reader = threading.Thread(target=_read_lines, args=(api.exec_start(run_id, stream=True), lines), daemon=True)
+        reader.start()
+        looked_s = started_s = time.monotonic()
+        while True:
+            if time.monotonic() - started_s >= limit_s:
+                raise FleetError(f"{service}: {command[0]} did not end within {limit_s:g} s")
+            if time.monotonic() - looked_s >= alive_every_s:  # however often the command speaks
+                self.check_alive()
+                looked_s = time.monotonic()
+            try:
+                line = lines.get(timeout=alive_every_s)
+            except Empty:
+                continue
+            if line is None:
+                self.check_alive()
+                code = api.exec_inspect(run_id)["ExitCode"]
+                if code is None:
+                    raise DockerError(f"{service}: lost touch with {command[0]}, which still runs")
+                return int(code)
+            yield line
+
+    def output(self, service: str, command: list[str], user: str = NODE_USER) -> str:
+        """What a short command prints in a service."""
+        result = self._service(service).exec_run(command, user=user)
+        return str(result.output.decode(errors="replace"))
+
+    def name_of(self, service: str) -> str:
+        """The name of a service's container, as one types it."""
+        return str(self._service(service).name)
+
+    def save_logs(self, folder: Path) -> None:
+        """Every container's log into `folder`."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for container in self._all():
+            (folder / f"{container.labels[SERVICE_LABEL]}.log").write_bytes(container.logs(timestamps=True))
+
+    def last_words(self, service: str) -> str | None:
+        """The last line that a service logged before it ended; None while it runs, or when it said nothing."""
+        container = self._service(service)
+        if container.status not in ("exited", "dead"):
+            return None
+        lines: list[str] = container.logs(tail=1).decode(errors="replace").split("\n")
+        return lines[0].strip() or None
+
+    def stop(self, service: str, timeout_s: int = 20) -> None:
+        """Stop one service and wait until it has ended."""
+        for container in self._all():
+            if container.labels[SERVICE_LABEL] == service:
+                container.stop(timeout=timeout_s)
+
+    def down(self) -> None:
+        """End and remove everything of this project, whatever its profile."""
+        self._compose("down", "--timeout", "3", "--volumes", "--remove-orphans")
+
+    def images(self) -> dict[str, str]:
+        """Image ids by name."""
+        return {tag: container.image.id for container in self._all() for tag in container.image.tags}
+
+    def usage(self) -> dict[str, Usage]:
+        """What each service has used so far."""
+        running = [container for container in self._all() if container.status == "running"]
+        with ThreadPoolExecutor(len(running) or 1) as pool:  # the daemon takes a second for each
+            used = list(pool.map(lambda container: usage_of(container.stats(stream=False, one_shot=True)), running))
+        return {container.labels[SERVICE_LABEL]: each for container, each in zip(running, used, strict=True)}
+
+    def versions(self) -> dict[str, str]:
+        """Versions of what runs the containers."""
+        info = self._client.version()
+        asked = [*compose_command(), "version", "--short"]
+        compose = subprocess.run(asked, capture_output=True, text=True, check=False)
+        return {"docker": info["Version"], "compose": compose.stdout.strip(), "kernel": info["KernelVersion"]}
+
+    def _all(self) -> list[Any]:
+        try:
+            return list(self._client.containers.list(all=True, filters={"label": f"{PROJECT_LABEL}={PROJECT}"}))
+        except (APIError, RequestException) as error:
+            raise DockerError(f"Docker does not answer: {error}") from error
+
+    def _service(self, service: str) -> Any:
+        for container in self._all():
+            if container.labels[SERVICE_LABEL] == service:
+                return container
+        raise DockerError(f"no container of service {service} runs")
+
+    def _unhealthy(self, healthy: set[str]) -> list[Any]:
+        """Those that are not healthy yet, by the ids of those that are, to which it adds."""
+        found = self._all()
+        if not found:
+            raise DockerError("compose started no container")
+        asked = [container for container in found if container.id not in healthy]
+        with ThreadPoolExecutor(len(asked) or 1) as pool:
+            healthy |= {c.id for c, answer in zip(asked, pool.map(is_healthy, asked), strict=True) if answer}
+        return [container for container in asked if container.id not in healthy]
+
+    def _describe(self, container: Any, what: str) -> str:
+        tail = container.logs(tail=LOG_LINES).decode(errors="replace").strip()
+        said = "\n    ".join(tail.splitlines()) or "(it logged nothing)"
+        return f"{container.labels[SERVICE_LABEL]} {what}; its last log lines:\n    {said}"
+
+    def _compose(self, *words: str) -> None:
+        # Another profile's fleet may have been left.
+        profiles = (*PROTOCOLS, *SENSOR_PROFILES) if words[0] == "down" else self._profiles
+        options = ["--project-name", PROJECT]
+        options += [word for path in self._files for word in ("--file", str(path))]
+        options += [word for profile in profiles for word in ("--profile", profile)]
+        command = [*compose_command(), *options, *words]
+        done = subprocess.run(
+            command,
+            cwd=ROOT,
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            start_new_session=True,  # a second Ctrl-C does not reach what takes the fleet down
+        )
+        if done.returncode != 0:
+            if "verlap" in done.stderr:
+                raise DockerError(
+                    "a network within 198.18.0.0/15 is in use by another Docker network; `make down` ends a fleet that "
+                    "was left, `docker network ls` shows the others"
+                )
+            reasons = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()
+            failure = FleetError if words[0] == "up" else DockerError
+            raise failure(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
+
+
+def start_network(containers: Containers, nodes: Sequence[str]) -> None:
+    """Start the network and its nodes, and nothing on them.
+
+    Raises TestbedError where the links cannot be shaped: nothing could be flown then.
+    """
+    try:
+        containers.start("net", *nodes)
+    except ContainerDied as error:
+        said = containers.last_words("net")
+        if said is None:
+            raise
+        raise TestbedError(f"the links cannot be shaped: {said}") from error
+
+
+def services_of(profiles: tuple[str, ...], path: Path = COMPOSE_FILE) -> list[str]:
+    """The services that profiles start. Raises UserError for a file that is no compose file."""
+    services = read_services(path).items()
+    return [name for name, service in services if set(profiles) & set(service.get("profiles", profiles))]
+
+
+def only_run() -> None:
+    """Keep other runs out until this process ends: a fleet's addresses exist once. Raises DockerError naming them."""
+    handle = os.open(LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        pid = os.read(handle, 20).decode() or "unknown"
+        raise DockerError(f"another run is going on (process {pid}); only one fleet can fly at a time") from None
+    os.truncate(handle, 0)
+    os.write(handle, str(os.getpid()).encode())
+
+
+def compose_command() -> list[str]:
+    """`docker compose` where it is installed, else docker-compose; raises DockerError without either."""
+    probe = ["docker", "compose", "version"]
+    if shutil.which("docker") and subprocess.run(probe, capture_output=True, check=False).returncode == 0:
+        return ["docker", "compose"]
+    if shutil.which("docker-compose"):
+        return ["docker-compose"]
+    raise DockerError("neither `docker compose` nor docker-compose is installed; type: make doctor")
+
+
+def is_healthy(container: Any) -> bool:
+    """Whether a container is healthy, or has nothing that says so.
+
+    Docker first looks after a whole interval, which is seconds; until then its test is run here.
+    """
+    status = container.attrs["State"].get("Health", {}).get("Status")
+    if status != "starting" or container.status != "running":
+        return status in (None, "healthy")
+    kind, *words = container.attrs["Config"]["Healthcheck"]["Test"]
+    try:
+        return bool(container.exec_run(words if kind == "CMD" else ["sh", "-c", *words]).exit_code == 0)
+    except APIError:  # it has ended meanwhile
+        return False
+
+
+def usage_of(stats: dict[str, Any]) -> Usage:
+    """Out of the daemon's stats; memory is what `docker stats` shows: without file pages that can be had back."""
+    memory = stats.get("memory_stats", {})
+    reclaimable = memory.get("stats", {})
+    spare = reclaimable.get("total_inactive_file", reclaimable.get("inactive_file", 0))  # cgroup 1, 2
+    used = max(0, memory["usage"] - spare) if "usage" in memory else None
+    return Usage(round(stats["cpu_stats"]["cpu_usage"]["total_usage"] / 1e9, 2), used)
+
+
+def _read_lines(chunks: Iterator[bytes], lines: Queue[str | None]) -> None:
+    """Cut a stream into lines; None at its end, also when it breaks."""
+    rest = b""
+    try:
+        for chunk in chunks:
+            *whole, rest = (rest + chunk).split(b"\n")
+            for line in whole:
+                lines.put(line.decode(errors="replace"))
+        if rest:
+            lines.put(rest.decode(errors="replace"))
+    finally:
+        lines.put(None)

@@ -1,0 +1,102 @@
+"""The links of an attempt: what `net` is told of them before a run, and what it says of them afterwards.
+
+Everything is in the attempt's folder `links/`: plan.json and calibration.json (what probes found) are written here;
+shaper.json (what shapes), counters.json (what each link did) and events.jsonl (what changed, and when) are `net`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import ResultsError
+from ..plan.experiments import Plan
+from ..plan.profiles.resolve import Plan as LinkPlan
+from ..plan.profiles.resolve import resolve
+from ..plan.profiles.run_plan import Gate, run_plan
+from ..plan.topology import Topology
+from .calibration import Calibration, Loss, measure_losses
+from .results import (
+    LINKS_CALIBRATION,
+    LINKS_COUNTERS,
+    LINKS_EVENTS,
+    LINKS_PLAN,
+    LINKS_SHAPER,
+    LINKS_START,
+    read_json,
+    read_json_lines,
+    write_json,
+)
+
+
+def plan_links(plan: Plan, topology: Topology, number: int) -> LinkPlan:
+    """What every link does in an attempt: drawn from experiment and attempt, the same for every protocol."""
+    return resolve(plan.profile, topology, plan.experiment, number)
+
+
+def write_plan(
+    folder: Path,
+    links: LinkPlan,
+    topology: Topology,
+    shaper: str,
+    *,
+    always: bool = False,
+    gates: Sequence[Gate] = (),
+) -> None:
+    """Tell `net`; `always` lets it take every link in hand, also those that it has nothing to do with yet."""
+    write_json(folder / LINKS_PLAN, run_plan(links, topology, shaper=shaper, always=always, gates=gates))
+
+
+def start_clock(folder: Path) -> None:
+    """Let the time of the plan's events begin; in a run the mission does so itself."""
+    (folder / LINKS_START).touch()
+
+
+def read_shaper(folder: Path) -> dict[str, Any]:
+    """What shapes the links and why that, as `net` says once all are shaped. Raises ResultsError."""
+    return read_json(folder / LINKS_SHAPER)
+
+
+def write_calibration(folder: Path, calibration: Calibration) -> dict[str, Any]:
+    """Keep what the probes found; returns it as it is kept."""
+    found = calibration.to_data()
+    write_json(folder / LINKS_CALIBRATION, found)
+    return found
+
+
+def void_reason(folder: Path, links: LinkPlan) -> str | None:
+    """As `off_reason`, and where that cannot be told, why not."""
+    try:
+        return off_reason(folder, links)
+    except ResultsError as error:
+        return f"what the links did cannot be read: {error}"
+
+
+def off_reason(folder: Path, links: LinkPlan) -> str | None:
+    """Why the links of a flown attempt were not those of its plan; None when they were, or none was shaped.
+
+    The shaper kept up, and what it lost at random is what the plan says, as far as chance allows; it is kept beside
+    what the probes found. Raises ResultsError where a file that tells it is missing or damaged.
+    """
+    if read_shaper(folder)["shaper"] == "none":
+        return None
+    counters = read_counters(folder)
+    changes = read_json_lines(folder / LINKS_EVENTS, frozenset({"t_ns"}))
+    by_hand = {event["link"] for event in changes if event.get("cause") == "hand"}
+    losses = measure_losses(links, counters, by_hand)
+    _keep_losses(folder, losses)
+    void: str | None = counters["void"]
+    return void or "; ".join(loss.off for loss in losses if loss.off is not None) or None
+
+
+def _keep_losses(folder: Path, losses: Sequence[Loss]) -> None:
+    found = read_json(folder / LINKS_CALIBRATION)
+    for loss in losses:
+        found["links"].setdefault(loss.link, {})["loss"] = loss.to_data()
+    write_json(folder / LINKS_CALIBRATION, found)
+
+
+def read_counters(folder: Path) -> dict[str, Any]:
+    """What each link did, by the shaper's own count. Raises ResultsError."""
+    return read_json(folder / LINKS_COUNTERS)

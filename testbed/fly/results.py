@@ -1,0 +1,223 @@
+"""The results folder: where a series and its attempts are, what is in them, and how they are read back."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ..errors import ResultsError, UserError
+from ..plan.topology import Link, Node, Topology
+
+METRICS = "metrics.json"
+REPORT = "report.html"
+MANIFEST_VERSION = 1
+CUT_OFF, INTERRUPTED = "the run was cut off", "interrupted"
+LINKS = "links"
+FOLDERS = ("pcap", "sitl", "logs", LINKS)
+"""What an attempt's folder has, and the containers may write to."""
+LINKS_PLAN, LINKS_SHAPER, LINKS_CALIBRATION = "plan.json", "shaper.json", "calibration.json"
+LINKS_COUNTERS, LINKS_EVENTS, LINKS_START = "counters.json", "events.jsonl", "start"
+"""What is in the folder LINKS."""
+_ATTEMPT = re.compile(r"attempt-(?P<number>\d\d)(-repeat-(?P<repeat>\d))?")
+_MANIFEST_FIELDS: dict[str, type] = {
+    **dict.fromkeys(("experiment", "arm", "profile", "status", "shaper"), str),
+    **dict.fromkeys(("revision", "configuration", "host", "versions", "topology"), dict),
+}
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One attempt's folder; `repeat` counts how often it was flown again, because it had been void."""
+
+    path: Path
+    protocol: str
+    number: int
+    repeat: int = 0
+
+    def manifest(self) -> dict[str, Any]:
+        """Raises ResultsError when it is missing or not what a run writes."""
+        path = self.path / "manifest.json"
+        found = read_json(path)
+        if found.get("version") != MANIFEST_VERSION:
+            raise ResultsError(f"{path}: version is {found.get('version')}, expected {MANIFEST_VERSION}")
+        for name, kind in _MANIFEST_FIELDS.items():
+            if name not in found:
+                raise ResultsError(f"{path}: {name} is missing")
+            if not isinstance(found[name], kind):
+                raise ResultsError(f"{path}: {name}: expected {'text' if kind is str else 'an object'}")
+        if found["status"] == "running":  # nobody was left to say how it ended
+            found |= {"status": "failed", "reason": CUT_OFF}
+        if found["status"] not in ("completed", "failed", "void"):
+            raise ResultsError(f"{path}: status is {found['status']}, expected completed, failed or void")
+        return {"reason": None, **found}
+
+    def topology(self) -> Topology:
+        described = self.manifest()["topology"]
+        nodes = tuple(Node(node["name"], node["address"]) for node in described["nodes"])
+        links = tuple(Link(link["name"], link["lower"], link["upper"]) for link in described["links"])
+        return Topology(nodes, links)
+
+    @property
+    def was_flown(self) -> bool:
+        """Whether the mission began to write down what happened."""
+        return (self.path / "events.jsonl").exists()
+
+    def events(self) -> list[dict[str, Any]]:
+        return read_json_lines(self.path / "events.jsonl")
+
+    def autopilot_events(self) -> dict[str, list[dict[str, Any]]]:
+        """The autopilots' own events by node."""
+        return {path.stem: read_json_lines(path) for path in sorted((self.path / "sitl").glob("*.jsonl"))}
+
+    def captures(self) -> list[dict[str, Any]]:
+        """What each capture counted; empty when the network was not ended well."""
+        path = self.path / "pcap" / "captures.json"
+        if not path.exists():
+            return []
+        found = _read_json(path)
+        if not isinstance(found, list) or not all(isinstance(c, dict) and {"node", "dropped"} <= set(c) for c in found):
+            raise ResultsError(f"{path}: expected a list of captures, each with node and dropped")
+        return found
+
+
+@dataclass(frozen=True)
+class Series:
+    """One series: attempts of an experiment in an arm on a profile, begun at one time."""
+
+    path: Path
+
+    def attempts(self) -> list[Attempt]:
+        """Every attempt, by protocol and number, and then as often as it was repeated."""
+        found = [attempt_of(path) for path in self.path.glob("*/attempt-*")]
+        return sorted(
+            (attempt for attempt in found if attempt is not None),
+            key=lambda attempt: (attempt.protocol, attempt.number, attempt.repeat),
+        )
+
+
+def attempt_of(path: Path) -> Attempt | None:
+    """The attempt whose folder this is, `<protocol>/attempt-NN` or `…-repeat-N`; None for anything else."""
+    named = _ATTEMPT.fullmatch(path.name)
+    if named is None or not path.is_dir():
+        return None
+    return Attempt(path, path.parent.name, int(named["number"]), int(named["repeat"] or 0))
+
+
+def series_folder(root: Path, experiment: str, arm: str, profile: str) -> Path:
+    """Where the series of an experiment in an arm on a profile are; `arm` with what deviates from it."""
+    return root / experiment / f"{arm}-{profile}"
+
+
+def new_series(root: Path, experiment: str, arm: str, profile: str) -> Series:
+    """A folder of its own for a series, never one that is there; `arm` with what deviates from it."""
+    name = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    folder = series_folder(root, experiment, arm, profile)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for suffix in ("", *(f"-{n}" for n in range(2, 100))):
+            path = folder / f"{name}{suffix}"
+            if not path.exists():
+                path.mkdir()
+                return Series(path)
+    except OSError as error:
+        raise UserError(f"results folder {folder}: {error.strerror}") from error
+    raise UserError(f"results folder {folder}: 99 series began in the same second")
+
+
+def new_attempt(series: Series, protocol: str, number: int, repeat: int = 0) -> Attempt:
+    """A folder for an attempt, writable from inside the containers."""
+    path = series.path / protocol / (f"attempt-{number:02d}" + (f"-repeat-{repeat}" if repeat else ""))
+    _make_folders(path, exist_ok=False)
+    return Attempt(path, protocol, number, repeat)
+
+
+def live_attempt(path: Path, protocol: str) -> Attempt:
+    """A folder for what is no attempt of a series, as a fleet flown by hand.
+
+    Nothing is left in it of what was said of links before.
+    """
+    _make_folders(path)
+    for left in (path / LINKS).iterdir():
+        left.unlink()
+    return Attempt(path, protocol, 1)
+
+
+def _make_folders(path: Path, *, exist_ok: bool = True) -> None:
+    for folder in (path, *(path / name for name in FOLDERS)):
+        folder.mkdir(parents=True, exist_ok=exist_ok)
+        folder.chmod(0o777)
+
+
+def point_latest(series: Series) -> None:
+    """Make `results/<experiment>/latest` point to a series."""
+    point(series.path.parent.parent / "latest", series.path)
+
+
+def point(link: Path, target: Path) -> None:
+    """Make a link point to a folder, at no time to nothing."""
+    fresh = link.with_name(f".{link.name}.new")
+    fresh.unlink(missing_ok=True)
+    fresh.symlink_to(os.path.relpath(target, link.parent))
+    fresh.replace(link)
+
+
+def open_series(path: Path) -> Series:
+    """A series from its folder, `latest` included; raises ResultsError."""
+    if not path.is_dir():
+        raise ResultsError(f"{path}: expected a results folder")
+    series = Series(path.resolve())
+    if not series.attempts():
+        raise ResultsError(f"{path}: expected a series, with <protocol>/attempt-NN in it")
+    return series
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write a file whole or not at all; an OSError names it."""
+    fresh = path.with_name(f".{path.name}.new")
+    try:
+        fresh.write_text(json.dumps(document, indent=1, sort_keys=False) + "\n", encoding="utf-8")
+        fresh.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Raises ResultsError where there is no JSON object."""
+    found = _read_json(path)
+    if not isinstance(found, dict):
+        raise ResultsError(f"{path}: expected an object")
+    return found
+
+
+def read_json_lines(path: Path, needed: frozenset[str] = frozenset({"t_ns", "event"})) -> list[dict[str, Any]]:
+    """The events of a file, up to a last line that was cut off; empty when there is none.
+
+    Raises ResultsError naming a line in it that is no event, with all the fields `needed`.
+    """
+    if not path.exists():
+        return []
+    found = []
+    lines = path.read_bytes().split(b"\n")
+    for number, line in enumerate(lines[:-1], 1):  # after the last line's end there is nothing, or what was cut off
+        try:
+            event = json.loads(line)
+        except ValueError as error:
+            raise ResultsError(f"{path}, line {number}: not JSON: {error}") from error
+        if not isinstance(event, dict) or not needed <= set(event):
+            raise ResultsError(f"{path}, line {number}: expected an event with t_ns")
+        found.append(event)
+    return found
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_bytes())
+    except OSError as error:
+        raise ResultsError(f"{path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ResultsError(f"{path}: not JSON: {error}") from error

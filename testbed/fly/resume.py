@@ -1,0 +1,194 @@
+"""A series that was broken off: what of it counts, what was cut off, and whether it was flown as it would be now."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import groupby
+from typing import Any
+
+from ..errors import ResultsError
+from ..plan.experiments import Plan
+from ..plan.profiles.run_plan import run_plan
+from ..plan.sensors import read_gates
+from ..plan.topology import read_topology
+from .flights import settings_of
+from .links import plan_links
+from .manifest import configuration_of, revision
+from .results import CUT_OFF, INTERRUPTED, LINKS, LINKS_PLAN, METRICS, Attempt, Series, read_json, write_json
+from .runner import MOST_REPEATS, Begun, Ended, void_together
+
+_LAST_REPEAT = 9
+"""A repeat's folder has one digit."""
+
+
+def begun_of(series: Series, plan: Plan) -> dict[int, Begun]:
+    """What there is of each number that a plan asks for; a number of which there is nothing is left out.
+
+    An attempt that was cut off does not count, and is no repeat of those that a number may have: with it the other
+    side's attempt of the same repeat is flown again.
+    """
+    made_void = _made_void(series)
+    found = {}
+    for number in range(1, plan.attempts + 1):
+        left, at, flown = MOST_REPEATS + 1, 0, dict[Attempt, Ended]()
+        for repeat, attempts in _repeats(series, plan, number):
+            endings = {attempt: _ending(attempt, made_void) for attempt in attempts}
+            flown = {attempt: ended for attempt, ended in endings.items() if ended is not None}
+            at = repeat
+            if _was_cut(endings):
+                flown, at = {}, repeat + 1
+            elif any(ended.status == "void" for ended in flown.values()):
+                left -= 1
+                at = repeat + 1
+        left = min(left, _LAST_REPEAT + 1 - at)
+        if flown or at:
+            void = any(ended.status == "void" for ended in flown.values())
+            found[number] = Begun(at, flown if left == 0 or not void else {}, left)
+    return found
+
+
+def next_number(begun: dict[int, Begun], plan: Plan) -> int | None:
+    """The first number of a plan that has something left to fly; None when it is over."""
+    numbers = range(1, plan.attempts + 1)
+    return next((number for number in numbers if not _is_whole(begun.get(number, Begun()), plan)), None)
+
+
+def given_up(begun: dict[int, Begun]) -> dict[int, str]:
+    """The numbers that were void as often as they may be repeated, and why they were so at last."""
+    return {
+        number: next((str(ended.reason) for ended in one.flown.values() if ended.status == "void"), CUT_OFF)
+        for number, one in begun.items()
+        if one.left == 0
+    }
+
+
+def to_fly(begun: dict[int, Begun], plan: Plan) -> dict[str, int]:
+    """How many attempts there are left of each protocol, if none of them is void."""
+    counts = dict.fromkeys(plan.protocols, 0)
+    for number in range(1, plan.attempts + 1):
+        one = begun.get(number, Begun())
+        for protocol in plan.protocols if one.left else ():
+            counts[protocol] += all(attempt.protocol != protocol for attempt in one.flown)
+    return counts
+
+
+def amount_of(plan: Plan) -> str:
+    """COUNT or SAMPLES, which make another measurement of an experiment; nothing where it has neither."""
+    return str(plan.count) if plan.is_message_set else str(plan.samples) if plan.has_sensors else ""
+
+
+def amount_in(configuration: dict[str, Any]) -> str:
+    """The same, as a manifest has it."""
+    return str(configuration.get("count", configuration.get("SAMPLES", "")))
+
+
+def has_amount(series: Series, plan: Plan) -> bool:
+    """Whether a series measures as many messages or values as a plan; where no attempt can say so, it may."""
+    for attempt in series.attempts():
+        try:
+            return amount_in(attempt.manifest()["configuration"]) == amount_of(plan)
+        except ResultsError:  # cut off before it could say
+            continue
+    return True
+
+
+def otherwise(series: Series, plan: Plan) -> str | None:
+    """Why attempts flown now would not belong into a series; None when they would.
+
+    What is flown now is only known to be the same where it is a revision without changes.
+    """
+    now = revision()
+    if now["commit"] is None or now["dirty"]:
+        return "what is here now is in no revision"
+    configurations = {protocol: configuration_of(plan, settings_of(plan, protocol)) for protocol in plan.protocols}
+    for attempt in series.attempts():
+        try:
+            manifest = attempt.manifest()
+        except ResultsError:  # it was cut off before it could say how it was to be flown
+            continue
+        if manifest["revision"] != now:
+            return "it was flown at another revision"
+        if manifest["configuration"] != configurations.get(attempt.protocol, manifest["configuration"]):
+            return "it was configured otherwise"
+        if not _same_links(attempt, plan):
+            return "its links were planned otherwise"
+    return None
+
+
+def settle(series: Series, plan: Plan) -> None:
+    """Say in their manifests that attempts which were cut off are void, and so are the others of a void one's repeat.
+
+    Without this a number that is flown again would count twice.
+    """
+    made_void = _made_void(series)
+    for number in range(1, plan.attempts + 1):
+        for _, attempts in _repeats(series, plan, number):
+            endings = {attempt: _ending(attempt, made_void) for attempt in attempts}
+            for attempt, ended in endings.items():
+                path = attempt.path / "manifest.json"
+                if ended is None and path.exists():
+                    write_json(path, read_json(path) | {"status": "void", "reason": CUT_OFF})
+            void_together({attempt: ended or Ended("void", CUT_OFF) for attempt, ended in endings.items()})
+
+
+def is_measured(series: Series) -> bool:
+    """Whether `metrics.json` knows of every attempt."""
+    try:
+        sides = read_json(series.path / METRICS)["protocols"]
+    except (ResultsError, KeyError):
+        return False
+    told = {
+        (protocol, one["attempt"], one.get("repeat", 0))
+        for protocol, side in sides.items()
+        for one in (*side["attempts"], *side["void"])
+    }
+    return told == {(attempt.protocol, attempt.number, attempt.repeat) for attempt in series.attempts()}
+
+
+def _is_whole(one: Begun, plan: Plan) -> bool:
+    return one.left == 0 or {attempt.protocol for attempt in one.flown} >= set(plan.protocols)
+
+
+def _repeats(series: Series, plan: Plan, number: int) -> Iterator[tuple[int, list[Attempt]]]:
+    own = [one for one in series.attempts() if one.number == number and one.protocol in plan.protocols]
+    for repeat, attempts in groupby(sorted(own, key=lambda one: one.repeat), key=lambda one: one.repeat):
+        yield repeat, list(attempts)
+
+
+def _ending(attempt: Attempt, made_void: dict[tuple[str, int, int], str]) -> Ended | None:
+    """How an attempt ended; None for one that was cut off, or that does not say."""
+    try:
+        manifest = attempt.manifest()
+    except ResultsError:
+        return None
+    if manifest["status"] == "failed" and manifest["reason"] in (CUT_OFF, INTERRUPTED):
+        return None
+    void = made_void.get((attempt.protocol, attempt.number, attempt.repeat))
+    return Ended("void", void) if void is not None else Ended(manifest["status"], manifest["reason"])
+
+
+def _was_cut(endings: dict[Attempt, Ended | None]) -> bool:
+    return any(ended is None or (ended.status == "void" and ended.reason == CUT_OFF) for ended in endings.values())
+
+
+def _made_void(series: Series) -> dict[tuple[str, int, int], str]:
+    """What was flown well, by its manifest, and was found void when it was measured."""
+    try:
+        sides: dict[str, Any] = read_json(series.path / METRICS)["protocols"]
+    except (ResultsError, KeyError):
+        return {}
+    return {
+        (protocol, void["attempt"], void.get("repeat", 0)): void["reason"]
+        for protocol, side in sides.items()
+        for void in side["void"]
+    }
+
+
+def _same_links(attempt: Attempt, plan: Plan) -> bool:
+    """Whether `net` would be told the same of the links."""
+    topology = read_topology(sensors=plan.has_sensors)
+    gates = read_gates() if plan.has_sensors else ()
+    now = run_plan(plan_links(plan, topology, attempt.number), topology, shaper=plan.shaper, gates=gates)
+    path = attempt.path / LINKS / LINKS_PLAN
+    return path.exists() and read_json(path) == json.loads(json.dumps(now))

@@ -1,0 +1,327 @@
+"""Flies the attempts of a series: up, mission, down, and what there is to say of each."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from ..errors import DockerError, FleetError, ProbesLate, ResultsError, TestbedError, UserError
+from ..plan.experiments import Plan
+from ..plan.profiles.resolve import Plan as LinkPlan
+from ..plan.profiles.run_plan import Gate
+from ..plan.sensors import closed_links, read_gates
+from ..plan.topology import read_topology
+from . import flight_logs
+from . import links as link_files
+from .calibration import calibrate
+from .containers import Containers, Usage, start_network
+from .flights import limit_s_of, mission_command, profile_of, remove_sockets, settings_of
+from .manifest import describe, mosquitto_version
+from .quiet import LEAST_IDLE, LIMIT_S, Waited, wait_for_quiet
+from .results import INTERRUPTED, Attempt, Series, new_attempt, point_latest, read_json, write_json
+from .validity import void_reason, with_failure
+
+MISSION_OVER = {0: "completed", 1: "failed"}
+BAD_INPUT = 2
+MOST_REPEATS = 2
+"""How often the attempts of a number are flown again, because one of them was void."""
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+class Progress(Protocol):
+    """Who is told how a run goes."""
+
+    def attempt(self, protocol: str, number: int, of: int, repeat: int) -> None: ...
+    def phase(self, text: str) -> contextlib.AbstractContextManager[None]: ...
+    def step(self, name: str, drones: dict[str, str]) -> None: ...
+    def ended(self, status: str, reason: str | None) -> None: ...
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How an attempt ended."""
+
+    status: str
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What there is of a number's attempts: with which repeat to go on, what of it was flown and how it ended.
+
+    `left` is how many repeats there may be from there on, that one included.
+    """
+
+    repeat: int = 0
+    flown: Mapping[Attempt, Ended] = field(default_factory=dict)
+    left: int = MOST_REPEATS + 1
+
+
+class Interrupted(TestbedError):
+    """Ctrl-C or SIGTERM: everything was ended, what was captured is kept."""
+
+    exit_code = 130
+
+
+class LinksOff(TestbedError):
+    """The links are not what their profile says: an attempt on them would prove nothing."""
+
+
+def run_series(
+    plan: Plan,
+    series: Series,
+    progress: Progress,
+    make_containers: Callable[..., Containers] = Containers,
+    begun: Mapping[int, Begun] | None = None,
+) -> list[Ended]:
+    """Fly every attempt of a plan, over one protocol after the other; who is first alternates.
+
+    Both attempts of a number met the same links, or neither counts: with one of them the other is void, and both are
+    flown again, twice at most, each time after waiting for a quieter moment of the machine. A failed attempt does not
+    end the series; a lost Docker does, with DockerError.
+    `begun` is what there is of a series that was broken off, by number. Returns how each number's attempts ended at
+    last, in the order in which they were flown.
+    """
+    endings: list[Ended] = []
+    with signals_interrupt(f"what was captured is kept in {series.path}"):
+        for number in range(1, plan.attempts + 1):
+            there = (begun or {}).get(number, Begun())
+            flown = dict(there.flown)
+            for repeat in range(there.repeat, there.repeat + there.left):
+                flown, waited = ({}, _wait(progress)) if repeat > there.repeat else (flown, None)
+                for protocol in plan.order(number):
+                    if any(attempt.protocol == protocol for attempt in flown):
+                        continue
+                    progress.attempt(protocol, number, plan.attempts, repeat)
+                    attempt = new_attempt(series, protocol, number, repeat)
+                    with _disk_errors_named(attempt):
+                        flown[attempt] = _fly(plan, attempt, progress, make_containers, waited)
+                    progress.ended(flown[attempt].status, flown[attempt].reason)
+                    point_latest(series)
+                    if flown[attempt].status == "void":
+                        break
+                void_together(flown)
+                if all(ended.status != "void" for ended in flown.values()):
+                    break
+            endings += flown.values()
+    return endings
+
+
+def _wait(progress: Progress) -> Waited:
+    """Wait until the machine has room, and say so; not for ever."""
+    with progress.phase(f"waiting until {LEAST_IDLE:.0%} of the processors are idle, {LIMIT_S:.0f} s at most"):
+        return wait_for_quiet()
+
+
+@contextlib.contextmanager
+def _disk_errors_named(attempt: Attempt) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise TestbedError(
+            f"{attempt.path}: {error.strerror or error}; the containers are ended, what was written is kept"
+        ) from error
+
+
+def void_together(flown: dict[Attempt, Ended]) -> None:
+    """Where one attempt of a number is void, the others are, in their manifests too."""
+    void = next((attempt for attempt, ended in flown.items() if ended.status == "void"), None)
+    if void is None:
+        return
+    for attempt, ended in flown.items():
+        if ended.status != "void":
+            reason = with_failure(f"{void.protocol} was void in the same attempt", ended.status, ended.reason)
+            flown[attempt] = Ended("void", reason)
+            path = attempt.path / "manifest.json"
+            write_json(path, read_json(path) | {"status": "void", "reason": flown[attempt].reason})
+
+
+def _fly(
+    plan: Plan,
+    attempt: Attempt,
+    progress: Progress,
+    make_containers: Callable[..., Containers],
+    waited: Waited | None,
+) -> Ended:
+    settings = settings_of(plan, attempt.protocol)
+    if plan.mission is not None:
+        shutil.copyfile(plan.mission, attempt.path / plan.mission.name)
+    topology = read_topology(sensors=plan.has_sensors)
+    gates = read_gates() if plan.has_sensors else ()
+    links = link_files.plan_links(plan, topology, attempt.number)
+    folder = attempt.path / "links"
+    link_files.write_plan(folder, links, topology, plan.shaper, gates=gates)
+    manifest = describe(plan, attempt, topology, settings, links)
+    if waited is not None:
+        manifest["host"] |= {"waited_s": waited.seconds, "idle": waited.idle}
+    write_json(attempt.path / "manifest.json", manifest)
+    ended, begun_s = Ended("failed", INTERRUPTED), time.monotonic()
+    try:
+        containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings)
+        with _fleet_up(containers, attempt, manifest, links, gates, progress):
+            command = mission_command(plan, attempt.protocol)
+            ended = _mission(command, limit_s_of(plan), containers, attempt, progress)
+        if ended.status == "failed":
+            ended = _held_to_its_conditions(ended, attempt, links)
+    except Interrupted:
+        raise
+    except (LinksOff, ProbesLate) as error:
+        ended = Ended("void", str(error))
+    except (TestbedError, OSError) as error:
+        ended = Ended("failed", str(error))
+        fleets_own = isinstance(error, FleetError)
+        if not (fleets_own or (isinstance(error, DockerError) and attempt.was_flown)):
+            raise
+    finally:
+        manifest["captures"] = attempt.captures()
+        nodes = [node["name"] for node in manifest["topology"]["nodes"]]
+        if ended.status == "completed":
+            reason = void_reason(manifest["captures"], nodes) or link_files.void_reason(folder, links)
+            reason = reason or flight_logs.void_reason(attempt)
+            ended = Ended("void", reason) if reason is not None else ended
+        manifest |= {"status": ended.status, "reason": ended.reason, "took_s": round(time.monotonic() - begun_s, 1)}
+        manifest["host"]["load_after"] = os.getloadavg()[0]
+        write_json(attempt.path / "manifest.json", manifest)
+    return ended
+
+
+def _held_to_its_conditions(failed: Ended, attempt: Attempt, links: LinkPlan) -> Ended:
+    """A mission that failed on other links than planned, or with autopilots that were slowed down, is void.
+
+    The failure may be theirs; its own words stay.
+    """
+    try:
+        reason = link_files.off_reason(attempt.path / "links", links) or flight_logs.simulation_reason(attempt)
+    except ResultsError:
+        return failed
+    return failed if reason is None else Ended("void", with_failure(reason, failed.status, failed.reason))
+
+
+@contextlib.contextmanager
+def _fleet_up(
+    containers: Containers,
+    attempt: Attempt,
+    manifest: dict[str, Any],
+    links: LinkPlan,
+    gates: Sequence[Gate],
+    progress: Progress,
+) -> Iterator[None]:
+    """The fleet for as long as this lasts: the network first, and all others only once its links are as planned.
+
+    It is taken down whatever happens. Raises LinksOff where they are not.
+    """
+    try:
+        topology, folder = attempt.topology(), attempt.path / "links"
+        nodes = [node.name for node in topology.nodes]
+        with progress.phase(f"starting the network and its {len(nodes)} nodes"):
+            containers.down()
+            start_network(containers, nodes)
+        shaper = link_files.read_shaper(folder)
+        manifest |= {"shaper": shaper["shaper"], "shaping": shaper}
+        with progress.phase("calibrating the links"):
+            calibration = calibrate(links, topology, containers.output, closed_links(gates))
+        manifest["calibration"] = link_files.write_calibration(folder, calibration)
+        if calibration.off:
+            raise LinksOff("; ".join(calibration.off))
+        with progress.phase(f"starting {containers.count - len(nodes) - 1} containers on them"):
+            containers.start()
+        manifest["images"] = containers.images()
+        manifest["versions"] |= containers.versions()
+        if attempt.protocol == "mqttxt":
+            manifest["versions"]["mosquitto"] = mosquitto_version(containers.output("broker", ["mosquitto", "-h"]))
+        manifest["versions"]["tc"] = containers.output("net", ["tc", "-V"]).strip()
+        yield
+    finally:
+        with _signals_wait(), progress.phase("ending the containers"):
+            used = _take_down(containers, attempt)
+            manifest["cpu_s"] = {service: each.cpu_s for service, each in used.items()}
+            memory = {service: each.memory_bytes for service, each in used.items()}
+            manifest["memory_bytes"] = {service: count for service, count in memory.items() if count is not None}
+
+
+def _mission(command: list[str], limit_s: float, containers: Containers, attempt: Attempt, progress: Progress) -> Ended:
+    """Fly it; what it prints beside its progress is in logs/mission.log."""
+    lines = containers.execute("gs", command, limit_s=limit_s)
+    said = last = ""
+    with (attempt.path / "logs" / "mission.log").open("w", encoding="utf-8") as log:
+        while True:
+            try:
+                line = next(lines)
+            except StopIteration as stop:
+                code = stop.value
+                break
+            shown = _progress_line(line)
+            if shown is not None:
+                progress.step(shown["step"], shown["drones"])
+                continue
+            log.write(f"{line}\n")
+            last = line.strip() or last
+            if line.startswith("mission: "):
+                said = line.removeprefix("mission: ")
+    if code == BAD_INPUT:
+        raise UserError(f"the mission could not be flown: {said or last}")
+    if code in MISSION_OVER and (said or code == 0):
+        return Ended(MISSION_OVER[code], said or None)
+    return Ended("failed", f"the mission's process ended with exit code {code}" + (f": {said or last}" if last else ""))
+
+
+def _progress_line(line: str) -> dict[str, Any] | None:
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) and {"step", "drones"} <= set(found) else None
+
+
+def _take_down(containers: Containers, attempt: Attempt) -> dict[str, Usage]:
+    """End the network first, so that its captures are whole; then save the logs, then everything else.
+
+    Each is done although another failed (a full disk, a container that is gone). Returns what each service
+    used.
+    """
+    with contextlib.ExitStack() as last_first:
+        last_first.callback(remove_sockets, attempt.path)
+        last_first.callback(containers.down)
+        last_first.callback(containers.save_logs, attempt.path / "logs")
+        last_first.callback(containers.stop, "net")
+        return containers.usage()
+
+
+@contextlib.contextmanager
+def _signals_wait() -> Iterator[None]:
+    """A signal within takes effect at the end: taking the containers down is short, and must be whole."""
+    heard: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: heard.append(number)) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if heard:
+            signal.raise_signal(signal.Signals(heard[0]))
+
+
+@contextlib.contextmanager
+def signals_interrupt(kept: str) -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does, with Interrupted; `kept` says what there is of it."""
+
+    def interrupt(*_: object) -> None:
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)  # once is enough
+        raise Interrupted(f"interrupted; the containers are ended, {kept}")
+
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number in before:
+        signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,1 @@
+"""From captures to numbers: the table of packets, dissection, metrics, statistics."""

@@ -1,0 +1,152 @@
+"""One attempt's entry in `metrics.json`: everything that its folder says, in numbers."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from typing import Any
+
+import polars as pl
+
+from ...fly import flight_logs
+from ...fly.results import Attempt
+from ...fly.validity import unsound_reason
+from ..packets import Packets, load
+from . import delays, mavlink, mqttxt, readings, timeline
+from .causes import losses
+from .exchange import count_messages
+from .message_set import measure_kinds
+from .notes import clock_step, notes, unsent_note
+from .shaping import Shaping, read_shaping
+from .sizes import message_sizes
+from .traffic import count_before, count_foreign, count_links, count_mqtt
+from .ways import Ways
+from .window import Window, arm_asked_ns, mission_window
+
+
+def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any]:
+    """One attempt's entry. Raises ResultsError for a file that cannot be read."""
+    events = attempt.events()
+    shaping = read_shaping(attempt)
+    packets = load(attempt) if arm_asked_ns(events) is not None else None
+    window = mission_window(attempt, events, packets)
+    status, reason = manifest["status"], manifest["reason"]
+    flights = flight_logs.compare_flights(attempt) if status == "completed" else {}
+    unsound = unsound_reason(attempt, manifest, events) if status == "completed" else None
+    if status == "completed" and unsound is None:
+        logs = {"events.jsonl": events, **{f"sitl/{n}.jsonl": log for n, log in attempt.autopilot_events().items()}}
+        unsound = (
+            shaping.void
+            or flight_logs.disagreement(flights)
+            or (clock_step(packets, logs) if packets is not None else None)
+        )
+    if unsound is not None:
+        status, reason = "void", unsound
+    return {
+        "attempt": attempt.number,
+        "repeat": attempt.repeat,
+        "status": status,
+        "reason": reason,
+        "mission_s": round(window.seconds, 3) if window is not None and status == "completed" else None,
+        **(
+            NOT_FLOWN | {"notes": list(shaping.notes)}
+            if packets is None or window is None
+            else _measured(attempt, manifest, packets, window, events, shaping)
+        ),
+        **readings.measure(attempt, manifest, packets, window, shaping),
+        "outcomes": outcomes(events),
+        "links_measured": shaping.measured,
+        "flight_logs": {node: found.to_data() for node, found in flights.items()},
+        "cpu_s": manifest.get("cpu_s", {}),
+        "memory_bytes": manifest.get("memory_bytes", {}),
+    }
+
+
+def _measured(
+    attempt: Attempt,
+    manifest: dict[str, Any],
+    packets: Packets,
+    window: Window,
+    events: list[dict[str, Any]],
+    shaping: Shaping,
+) -> dict[str, Any]:
+    """What the packets of a mission's window say."""
+    ways = Ways(attempt.topology())
+    is_mavlink = attempt.protocol == "mavlink"
+    side = mavlink if is_mavlink else mqttxt
+    shared = manifest["configuration"].get("chain") == "shared"
+    exchange = side.measure(packets, ways, window, events)
+    commands = count_messages(exchange.commands, {d: packets.until_ns[node] for d, node in ways.drones.items()})
+    states = count_messages(exchange.states, exchange.states_until_ns(packets, ways))
+    links = count_links(packets, window)
+    entered = sum(link.packets for link in links.values())
+    lost = sum(link.lost for link in links.values())
+    by_cause = losses(packets, shaping.counters, shaping.start_ns)
+    foreign = count_foreign(packets, window)
+    named = pl.concat([side.name_messages(packets.messages, ways.drones), readings.name_readings(packets.messages)])
+    described = mavlink.describe(packets, ways, window, shared) if is_mavlink else None
+    said = notes(packets, shaping, by_cause, window, foreign)
+    said += unsent_note(described["unsent"]) if described is not None else []
+    return {
+        "window": {"start_ns": window.start_ns, "seconds": round(window.seconds, 6)},
+        "size_bytes": sum(link.bytes for link in links.values()),
+        "packets": entered,
+        "message_loss": {"commands": _share(commands), "states": _share(states)},
+        "commands_sent": sum(kind["sent"] for kind in commands.values()),
+        "states_sent": sum(kind["sent"] for kind in states.values()),
+        "messages": {"commands": commands, "states": states},
+        "wire_loss": lost / entered if entered else None,
+        "losses": by_cause,
+        "delay_ms": delays.by_capture_ms(exchange.commands),
+        "delay_app_ms": delays.calls_ms(events, window),
+        "delay_received_ms": delays.received_ms(events, attempt.autopilot_events(), ways.by_fog, window),
+        "state_delay_ms": delays.states_ms(exchange.states, events, window),
+        "frames_per_call": exchange.frames_per_call,
+        "message_sizes": message_sizes(packets, named, window),
+        "size_histogram": timeline.sizes(packets, window),
+        "layers": dict(sorted(sum((link.layers for link in links.values()), Counter[str]()).items())),
+        "purposes": timeline.purposes(packets, window),
+        "retransmissions": timeline.retransmissions(packets, window),
+        "load": timeline.load(packets, ways, window),
+        "traffic": timeline.over_time(packets, window),
+        "mqtt": count_mqtt(packets, window),
+        "mavlink": described,
+        "links": {
+            name: {"packets": link.packets, "bytes": link.bytes, "lost": link.lost, "layers": dict(link.layers)}
+            for name, link in sorted(links.items())
+        },
+        "links_events": shaping.events_since(window),
+        "before_mission": count_before(packets, window),
+        "foreign": foreign,
+        "truncated": list(packets.truncated),
+        "message_set": measure_kinds(packets, ways, window, events, exchange, is_mavlink),
+        "notes": said,
+    }
+
+
+def _share(kinds: dict[str, dict[str, Any]]) -> float | None:
+    known = sum(kind["sent"] - kind["open"] for kind in kinds.values())
+    return sum(kind["lost"] for kind in kinds.values()) / known if known else None
+
+
+NOT_FLOWN: dict[str, Any] = {
+    **{"window": None, "size_bytes": 0, "packets": 0, "message_loss": {"commands": None, "states": None}},
+    **{"commands_sent": 0, "states_sent": 0, "messages": {"commands": {}, "states": {}}, "wire_loss": None},
+    **{"losses": None, "delay_ms": {}, "delay_app_ms": {}, "delay_received_ms": {}, "state_delay_ms": {}},
+    **{"frames_per_call": {}, "message_sizes": {}, "size_histogram": {}, "layers": {}, "purposes": {}},
+    **{"retransmissions": {"packets": 0, "bytes": 0, "needless": 0, "links": {}}, "load": {}, "traffic": {}},
+    **{"mqtt": {}, "mavlink": None, "links": {}, "links_events": []},
+    **{"before_mission": {"packets": 0, "bytes": 0, "other": 0}, "foreign": {}, "truncated": [], "message_set": None},
+}
+"""What there is to say of an attempt whose mission never began."""
+
+
+def outcomes(events: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Each drone's last words in their order, with the milliseconds from the call to each."""
+    calls = {event["call"]: event["t_ns"] for event in events if event["event"] == "command"}
+    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for event in events:
+        if event["event"] == "outcome" and event["final"] and event["drone"] is not None:
+            after_ms = round((event["t_ns"] - calls[event["call"]]) / 1e6, 1)
+            entry = {name: event[name] for name in ("command", "word", "reason")}
+            found[str(event["drone"])].append({**entry, "after_ms": after_ms})
+    return dict(sorted(found.items()))

@@ -1,0 +1,66 @@
+"""Under which conditions a series was flown, and where its attempts differ: refused where it matters, else said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ...errors import ResultsError
+from ...fly.results import Attempt
+from .shaping import Shaping
+
+SAME = ("experiment", "arm", "profile", "shaper")
+"""What no two attempts of a series may differ in."""
+
+Flown = tuple[Attempt, dict[str, Any]]
+"""An attempt and its manifest."""
+
+
+def check_same(flown: Sequence[Flown], shapings: Sequence[Shaping]) -> None:
+    """Raises ResultsError for a series that mixes experiments, arms, profiles or shapers, by name or by content."""
+    _, first = flown[0]
+    plans = [shaping.conditions for shaping in shapings if shaping.conditions is not None]
+    for (attempt, manifest), shaping in zip(flown, shapings, strict=True):
+        for name in SAME:
+            if manifest[name] != first[name]:
+                raise ResultsError(f"{attempt.path}: {name} is {manifest[name]}, in the first attempt {first[name]}")
+        if shaping.conditions not in (None, *plans[:1]):
+            raise ResultsError(f"{attempt.path}: its links were planned otherwise than in the first attempt")
+
+
+def differences(flown: Sequence[Flown]) -> list[str]:
+    """One line for each thing that is not the same in all attempts, though it should be."""
+    said = []
+    commits = _told(flown, lambda manifest: manifest["revision"].get("commit"))
+    if len(commits) > 1:
+        said.append(f"flown at several revisions: {_listed(commits)}")
+    dirty = [attempt for attempt, manifest in flown if manifest["revision"].get("dirty")]
+    if dirty:
+        said.append(f"flown with changes that are in no revision: {', '.join(map(_name, dirty))}")
+    for field in ("kernel", "machine"):
+        values = _told(flown, lambda manifest, field=field: manifest["host"].get(field))
+        if len(values) > 1:
+            said.append(f"flown on several hosts: {field} {_listed(values)}")
+    for protocol in sorted({attempt.protocol for attempt, _ in flown}):
+        side = [one for one in flown if one[0].protocol == protocol]
+        for key in sorted({key for _, manifest in side for key in manifest["configuration"]}):
+            values = _told(side, lambda manifest, key=key: manifest["configuration"].get(key))
+            if len(values) > 1:
+                said.append(f"configured otherwise: {key} {_listed(values)}")
+    return said
+
+
+def _told(flown: Sequence[Flown], value: Any) -> dict[str, list[Attempt]]:
+    """The attempts by what their manifests say."""
+    found: dict[str, list[Attempt]] = {}
+    for attempt, manifest in flown:
+        found.setdefault(str(value(manifest)), []).append(attempt)
+    return found
+
+
+def _listed(values: dict[str, list[Attempt]]) -> str:
+    return "; ".join(f"{value} in {', '.join(map(_name, attempts))}" for value, attempts in sorted(values.items()))
+
+
+def _name(attempt: Attempt) -> str:
+    return f"{attempt.protocol} {attempt.number}"

@@ -1,0 +1,69 @@
+"""What is shown of one attempt beside its metrics: each link's bytes per second and frames, and the readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from ...fly.results import Attempt, read_json, read_json_lines
+from ...plan.topology import place_of_link
+from ..packets import Packets, load
+from .readings import Measured, readings_of
+
+SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class PerLink:
+    """By directed link: `rates`, the bytes that entered it in each second of the mission; `entered`, its frames from
+    when losses were counted on, which is the links' start (`since_start`) or the first capture.
+    """
+
+    rates: dict[str, tuple[int, ...]]
+    entered: dict[str, int]
+    since_start: bool
+
+
+@dataclass(frozen=True)
+class Detail:
+    """An attempt's links, and the values of its sensors; None where it has none."""
+
+    per_link: PerLink
+    measured: tuple[Measured, ...] | None
+
+
+def detail_of(attempt: Attempt, start_ns: int, seconds: float) -> Detail:
+    """Of a mission that began at `start_ns` and took `seconds`; its packets table is made if it is not there."""
+    packets = load(attempt)
+    readings = readings_of(attempt, packets)
+    links = per_link(packets, start_ns, seconds, _losses_counted_from_ns(attempt))
+    return Detail(links, readings.measured if readings is not None else None)
+
+
+def per_link(packets: Packets, start_ns: int, seconds: float, counted_from_ns: int = 0) -> PerLink:
+    """The last second of the mission may be a part of one."""
+    count = max(1, int(np.ceil(seconds)))
+    frames = packets.frames.select(
+        pl.col("link").cast(pl.String), "size", ((pl.col("t_ns") - start_ns) // SECOND_NS).alias("second"), "t_ns"
+    )
+    counted = frames.filter(pl.col("t_ns") >= counted_from_ns)
+    entered = dict(counted.group_by("link").len().sort("link").iter_rows())
+    within = frames.filter(pl.col("t_ns").is_between(start_ns, start_ns + int(seconds * SECOND_NS)))
+    rates = {}
+    for name in sorted(frames["link"].unique().to_list(), key=place_of_link):
+        own = within.filter(pl.col("link") == name)
+        at = np.minimum(own["second"].to_numpy(), count - 1)
+        sums = np.bincount(at, weights=own["size"].to_numpy(), minlength=count)
+        rates[name] = tuple(int(value) for value in sums)
+    return PerLink(rates, entered, counted_from_ns > 0)
+
+
+def _losses_counted_from_ns(attempt: Attempt) -> int:
+    """When the links' clock began, if the shaper says what it had counted until then (probes, mostly); else 0."""
+    counters = attempt.path / "links" / "counters.json"
+    if not counters.exists() or not read_json(counters).get("at_start"):
+        return 0
+    events = read_json_lines(attempt.path / "links" / "events.jsonl", frozenset({"t_ns"}))
+    return next((int(event["t_ns"]) for event in events if event.get("event") == "start"), 0)

@@ -1,0 +1,158 @@
+"""Metrics of a series: every attempt's numbers and what they say together, written to `metrics.json`."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import jsonschema
+
+from ...errors import ResultsError
+from ...fly.results import METRICS, Attempt, Series, read_json, write_json
+from ...fly.validity import common_revision, with_failure
+from .attempt import NOT_FLOWN, measure_attempt
+from .conditions import Flown, check_same, differences
+from .shaping import read_shaping
+from .statistics import statistics
+
+METRICS_VERSION = 1
+"""Rises when a field goes or its meaning changes; fields that are added leave it as it is."""
+SCHEMA = Path(__file__).parents[1] / "schemas" / "metrics.schema.json"
+RATIOS = {"packets": "packets", "size": "size_bytes", "mission": "mission_s"}
+
+
+def measure_series(series: Series) -> dict[str, Any]:
+    """Metrics of every attempt; written to `metrics.json`.
+
+    An attempt that cannot be read is void, for that reason. Raises ResultsError for a series that mixes conditions,
+    and for one of which no attempt can be read.
+    """
+    flown, unreadable = _manifests(series)
+    shapings = [read_shaping(attempt) for attempt, _ in flown]
+    check_same(flown, shapings)
+    _, first = flown[0]
+    document: dict[str, Any] = {
+        "version": METRICS_VERSION,
+        **{name: first[name] for name in ("experiment", "arm", "profile")},
+        "revision": common_revision([manifest for _, manifest in flown]),
+        "shaper": first["shaper"],
+        "protocols": {},
+        "ratios": {},
+        "statistics": {},
+        "notes": differences(flown),
+    }
+    measured = _measure(series, flown, unreadable)
+    loads = {attempt: manifest["host"]["load_after"] for attempt, manifest in flown if "load_after" in manifest["host"]}
+    links_void = {  # by folder: a repeated attempt makes a pair with the other side's repeated one
+        attempt.path.name: shaping.void
+        for (attempt, _), shaping in zip(flown, shapings, strict=True)
+        if shaping.void is not None
+    }
+    for attempt in series.attempts():
+        side = document["protocols"].setdefault(attempt.protocol, {"attempts": [], "void": []})
+        entry = measured[attempt]
+        if entry["status"] != "void" and attempt.path.name in links_void:
+            reason = f"in its pair of attempts {links_void[attempt.path.name]}"
+            entry |= {"status": "void", "reason": with_failure(reason, entry["status"], entry["reason"])}
+        if entry["status"] == "void":
+            repeat = {"repeat": attempt.repeat} if attempt.repeat else {}
+            load = {"load": loads[attempt]} if attempt in loads else {}
+            side["void"].append({"attempt": attempt.number, **repeat, "reason": entry["reason"], **load})
+        else:
+            side["attempts"].append(entry)
+    document["ratios"] = ratios(document["protocols"])
+    document["statistics"] = statistics(document["protocols"])
+    error = schema_error(document)
+    if error is not None:
+        raise ResultsError(f"{series.path}: its metrics break their schema: {error}")
+    write_json(series.path / METRICS, document)
+    return document
+
+
+def read_metrics(series: Series) -> dict[str, Any]:
+    """What `metrics.json` says, measured now where there is none. Raises ResultsError for one of another version."""
+    path = series.path / METRICS
+    if not path.exists():
+        return measure_series(series)
+    document = read_json(path)
+    error = schema_error(document)
+    if error is not None:
+        raise ResultsError(f"{path}: made by another version ({error}); type: testbed report {series.path}")
+    return document
+
+
+def schema_error(document: dict[str, Any]) -> str | None:
+    """Where and how a document breaks the schema of `metrics.json`; None if it does not."""
+    error = jsonschema.exceptions.best_match(_validator().iter_errors(document))
+    return None if error is None else f"{error.json_path}: {error.message[:200]}"
+
+
+@cache
+def _validator() -> jsonschema.Draft202012Validator:
+    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+def _manifests(series: Series) -> tuple[list[Flown], dict[Attempt, str]]:
+    """Every attempt whose manifest can be read, and why the others' cannot."""
+    flown: list[Flown] = []
+    errors: dict[Attempt, ResultsError] = {}
+    for attempt in series.attempts():
+        try:
+            flown.append((attempt, attempt.manifest()))
+        except ResultsError as error:
+            errors[attempt] = error
+    if not flown:
+        raise next(iter(errors.values()))
+    return flown, {attempt: _relative(series, error) for attempt, error in errors.items()}
+
+
+def _measure(series: Series, flown: list[Flown], unreadable: dict[Attempt, str]) -> dict[Attempt, dict[str, Any]]:
+    """Every attempt's entry. One whose files cannot be read is void, but a failed one stays failed."""
+    found: dict[Attempt, dict[str, Any]] = {}
+    broken: list[ResultsError] = []
+    for attempt, manifest in flown:
+        try:
+            found[attempt] = measure_attempt(attempt, manifest)
+        except ResultsError as error:
+            broken.append(error)
+            found[attempt] = _unread(attempt, manifest, _relative(series, error))
+    if len(broken) == len(flown):
+        raise broken[0]
+    return found | {attempt: {"status": "void", "reason": reason} for attempt, reason in unreadable.items()}
+
+
+def _unread(attempt: Attempt, manifest: dict[str, Any], reason: str) -> dict[str, Any]:
+    if manifest["status"] != "failed":
+        return {"status": "void", "reason": reason}
+    told = {name: manifest.get(name, {}) for name in ("cpu_s", "memory_bytes")}
+    head = {"attempt": attempt.number, "repeat": attempt.repeat, "status": "failed", "reason": manifest["reason"]}
+    head |= {"mission_s": None}
+    return {**head, **NOT_FLOWN, "notes": [reason], "outcomes": {}, "links_measured": {}, **told}
+
+
+def _relative(series: Series, error: ResultsError) -> str:
+    """The error with paths as they are below the series, so that it is the same wherever that lies."""
+    return str(error).replace(f"{series.path}/", "")
+
+
+def ratios(protocols: dict[str, Any]) -> dict[str, float]:
+    """MAVLink's medians over MQTT-XT's, of completed attempts; empty where one side has none."""
+    completed = {
+        name: [
+            attempt for attempt in protocols.get(name, {"attempts": []})["attempts"] if attempt["status"] == "completed"
+        ]
+        for name in ("mavlink", "mqttxt")
+    }
+    if not all(completed.values()):
+        return {}
+    found = {}
+    for ratio, field in RATIOS.items():
+        above, below = (median(attempt[field] for attempt in completed[name]) for name in ("mavlink", "mqttxt"))
+        if below:
+            found[ratio] = round(above / below, 4)
+    return found

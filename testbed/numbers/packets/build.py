@@ -1,0 +1,269 @@
+"""Captures to the packets table: all files' frames put on their links, matched at both ends, their messages read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+
+from ...errors import ResultsError
+from ...fly.results import Attempt
+from . import purposes
+from .headers import MAVLINK, MQTT, MQTT_PORT, UDP, Headers, read_headers
+from .links import NOWHERE, Tree, match
+from .mavlink import Messages, find_messages
+from .mqtt import SYN, VERSION_5, Direction, Segment, read_direction
+from .pcap import Capture, Flags, Ints, Words, empty_capture, read_capture
+from .rows import MESSAGE_SCHEMA, Columns, frame_rows, mavlink_rows, mqtt_rows, stray_rows
+from .tcp import retransmissions
+
+_FROM_HEADERS = ("protocol", "source_port", "destination_port", "ethernet", "ip", "transport", "sequence", "flags")
+_OPENS_OR_ENDS = 0x07
+"""TCP's FIN, SYN and RST."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """`rows` are the frames on links in the order of time, and behind them those on none; see `table`."""
+
+    rows: pl.DataFrame
+    messages: pl.DataFrame
+    truncated: tuple[str, ...]
+    unmatched: int
+    duplicates: int
+    until_ns: dict[str, int]
+    steps_back_ns: dict[str, int]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What one capture gives: frames that entered a link there, with what is in them; frames that left one; strays.
+
+    `mavlink.datagram` and the keys of `bodies` (what TCP to or from a broker carries) are places among the entered.
+    """
+
+    entered: Columns
+    mavlink: Messages
+    bodies: dict[int, bytes]
+    left: Columns
+    strays: Columns
+
+
+def build(attempt: Attempt) -> Built:
+    """The table out of the captures; raises ResultsError for a file that is no capture."""
+    tree = Tree(attempt.topology())
+    macs = _macs(attempt)
+    parts: list[_Part] = []
+    nodes: list[str] = []
+    truncated: list[str] = []
+    until_ns: dict[str, int] = {}
+    steps_back_ns: dict[str, int] = {}
+    for path in sorted((attempt.path / "pcap").glob("*.pcap")):
+        capture = read_capture(path)
+        parts.append(_read_part(tree, path.stem, len(nodes), capture, macs.get(path.stem)))
+        nodes.append(path.stem)
+        steps_back_ns[path.name] = int(-np.diff(capture.t_ns).min(initial=0))
+        if capture.truncated:
+            until_ns[path.stem] = int(capture.t_ns.max(initial=0))
+        truncated += [path.name] if capture.truncated else []
+    parts = parts or [_read_part(tree, "", 0, empty_capture(), None)]
+
+    counts = [len(part.entered["t_ns"]) for part in parts]
+    entered, order = _in_order(_joined([part.entered for part in parts]))
+    left, _ = _in_order(_joined([part.left for part in parts]))
+    place = match(entered["key"], entered["t_ns"], left["key"], left["t_ns"])
+    entered["left_ns"] = np.append(left["t_ns"], NOWHERE)[place]
+
+    last_event_ns = max((int(event["t_ns"]) for event in attempt.events()), default=0)  # the network ends after it
+    ended_ns = int(max(entered["t_ns"].max(initial=0), left["t_ns"].max(initial=0), last_event_ns))
+    until_ns |= {node: ended_ns if node in nodes else 0 for node in tree.nodes if node not in until_ns}
+    entered["lost"] = _lost(tree, entered, until_ns)
+
+    row_of = np.empty_like(order)
+    row_of[order] = np.arange(len(order))
+    firsts = np.cumsum([0, *counts])
+    bodies = {
+        int(row_of[first + local]): body
+        for first, part in zip(firsts, parts, strict=False)
+        for local, body in part.bodies.items()
+    }
+    strays = stray_rows(nodes, _joined([part.strays for part in parts]))
+    found = [part.mavlink for part in parts]
+    del parts  # from here on memory is what the table itself takes, and each step gives back what it has used
+    rows = np.concatenate([row_of[first + each.datagram] for first, each in zip(firsts, found, strict=False)])
+    segments = _mqtt_segments(entered, bodies)
+    directions = _mqtt_directions(segments)
+    payload_bytes = np.zeros(len(order), dtype=np.int64)
+    np.add.at(payload_bytes, rows, np.concatenate([each.payload_size for each in found]))
+    messages = pl.concat([mavlink_rows(found, rows, entered["left_ns"]), mqtt_rows(directions)])
+    del found, rows, order, row_of
+    messages = messages.sort("frame", maintain_order=True)
+    messages = messages.with_columns(purposes.of_messages(messages, tree.drones))
+    for direction in directions:
+        payload_bytes[list(direction.payload_bytes)] = list(direction.payload_bytes.values())
+    duplicates = _copies(entered["key"], left["key"])
+    unmatched = len(left["t_ns"]) - int((place != NOWHERE).sum())
+    del left, place
+    frames = frame_rows(tree, nodes, entered, messages, payload_bytes)
+    frames = frames.with_columns(
+        _frame_purposes(frames["purpose"], entered, directions),
+        _repeats(len(frames), segments.values()),
+        _begins(frames["messages"], directions),
+    )
+    del entered
+    told = frames.select(pl.col("t_ns", "link").gather(messages["frame"]))
+    return Built(
+        pl.concat([frames, strays]),
+        messages.with_columns(told).select(MESSAGE_SCHEMA.names()),
+        tuple(truncated),
+        unmatched,
+        duplicates,
+        until_ns,
+        steps_back_ns,
+    )
+
+
+def _copies(entered: Words, left: Words) -> int:
+    """How many frames left links as further copies of ones that entered once."""
+    keys, came = np.unique(entered, return_counts=True)
+    left_keys, went = np.unique(left, return_counts=True)
+    place = np.minimum(np.searchsorted(keys, left_keys), max(0, len(keys) - 1))
+    known = keys[place] == left_keys if len(keys) else np.zeros(len(left_keys), dtype=np.bool_)
+    return int(np.maximum(0, went[known] - came[place[known]]).sum())
+
+
+def _lost(tree: Tree, entered: Columns, until_ns: dict[str, int]) -> Flags:
+    """Of each frame whether its link lost it: it never left, though the capture at the end went on long enough.
+
+    Long enough is the longest that any frame was on that link.
+    """
+    links, stayed = entered["link"], entered["left_ns"] == NOWHERE
+    longest = np.zeros(len(tree.links), dtype=np.int64)
+    np.maximum.at(longest, links[~stayed], (entered["left_ns"] - entered["t_ns"])[~stayed])
+    until = np.array([until_ns[tree.receiver(name)] for name in tree.links], dtype=np.int64)
+    late = entered["t_ns"] + longest[links] > until[links]
+    lost: Flags = np.logical_and(stayed, ~late)
+    return lost
+
+
+def _macs(attempt: Attempt) -> dict[str, int]:
+    """`net`'s own address on each port, where `captures.json` tells it."""
+    told = {str(capture["node"]): str(capture["mac"]) for capture in attempt.captures() if capture.get("mac")}
+    for node, mac in told.items():
+        if re.fullmatch(r"(?:[0-9a-fA-F]{2}:){5}[0-9a-fA-F]{2}", mac) is None:
+            raise ResultsError(f"{attempt.path / 'pcap' / 'captures.json'}: mac of {node} is {mac}, expected six bytes")
+    return {node: int(mac.replace(":", ""), 16) for node, mac in told.items()}
+
+
+def _read_part(tree: Tree, node: str, number: int, capture: Capture, mac: int | None) -> _Part:
+    headers = read_headers(capture)
+    link, departs = tree.place(node, headers, mac)
+    went_in, came_out = np.flatnonzero((link != NOWHERE) & departs), np.flatnonzero((link != NOWHERE) & ~departs)
+    off = np.flatnonzero(link == NOWHERE)
+    key = headers.key ^ link.astype(np.uint64) << np.uint64(56)
+    udp = np.flatnonzero(headers.protocol[went_in] == UDP)
+    mavlink = find_messages(capture.data, headers.body[went_in[udp]], headers.body_end[went_in[udp]])
+    mavlink = replace(mavlink, datagram=udp[mavlink.datagram])
+    protocol = headers.protocol[went_in]
+    protocol[mavlink.datagram] = MAVLINK
+    entered = {name: getattr(headers, name)[went_in] for name in _FROM_HEADERS} | {
+        **{"protocol": protocol, "body": (headers.body_end - headers.body)[went_in]},
+        **{"t_ns": capture.t_ns[went_in], "size": capture.sizes[went_in], "offset": capture.starts[went_in]},
+        **{"link": link[went_in], "key": key[went_in], "node": np.full(len(went_in), number)},
+        "source": tree.node_of(headers.source[went_in]),
+        "destination": tree.node_of(headers.destination[went_in]),
+    }
+    stray = {"t_ns": capture.t_ns[off], "protocol": headers.protocol[off], "size": capture.sizes[off]}
+    return _Part(
+        entered,
+        mavlink,
+        _mqtt_bodies(capture, headers, went_in),
+        {"t_ns": capture.t_ns[came_out], "key": key[came_out]},
+        stray | {"node": np.full(len(off), number)},
+    )
+
+
+def _mqtt_bodies(capture: Capture, headers: Headers, chosen: Ints) -> dict[int, bytes]:
+    carried = (headers.protocol[chosen] == MQTT) & (headers.body_end > headers.body)[chosen]
+    return {
+        int(place): capture.data[headers.body[at] : headers.body_end[at]].tobytes()
+        for place, at in zip(np.flatnonzero(carried), chosen[carried], strict=True)
+    }
+
+
+def _mqtt_segments(entered: Columns, bodies: dict[int, bytes]) -> dict[tuple[int, ...], list[Segment]]:
+    """The segments of each direction between two ports: (link, source, its port, destination, its port)."""
+    segments: dict[tuple[int, ...], list[Segment]] = {}
+    names = ("link", "source", "source_port", "destination", "destination_port", "sequence", "flags", "left_ns")
+    rows = np.flatnonzero(entered["protocol"] == MQTT)
+    for row, *place, sequence, flags, left_ns in zip(rows, *(entered[name][rows] for name in names), strict=True):
+        segment = Segment(
+            int(row),
+            int(left_ns) if left_ns != NOWHERE else None,
+            int(sequence),
+            bool(flags & SYN),
+            bodies.get(row, b""),
+        )
+        segments.setdefault(tuple(int(number) for number in place), []).append(segment)
+    return segments
+
+
+def _mqtt_directions(segments: dict[tuple[int, ...], list[Segment]]) -> list[Direction]:
+    """Each direction of each connection; what a client asked for in its CONNECT tells how its broker's is read."""
+    found = []
+    versions: dict[tuple[int, ...], int] = {}
+    for flow in sorted(segments, key=lambda flow: flow[4] != MQTT_PORT):  # those towards a broker first
+        _, source, source_port, destination, destination_port = flow
+        back = (destination, destination_port, source, source_port)
+        direction = read_direction(segments[flow], versions.get(back, VERSION_5))
+        if direction.version is not None:
+            versions[(source, source_port, destination, destination_port)] = direction.version
+        found.append(direction)
+    return found
+
+
+def _frame_purposes(of_first: pl.Series, entered: Columns, directions: list[Direction]) -> pl.Series:
+    """The purpose of each frame: that of its first message, else of what it goes on with, or of TCP itself."""
+    is_mqtt, flags = entered["protocol"] == MQTT, entered["flags"]
+    rows = np.flatnonzero(of_first.is_null().to_numpy())
+    goes_on = {row: packet for direction in directions for row, packet in direction.carried.items()}
+    found = []
+    for row in rows.tolist():
+        if row in goes_on:
+            found.append(purposes.of_packet(goes_on[row].kind, goes_on[row].topic))
+        elif not is_mqtt[row]:
+            found.append("other")
+        elif flags[row] & _OPENS_OR_ENDS:
+            found.append("upkeep")
+        else:
+            found.append("acknowledgement" if entered["body"][row] == 0 else "other")
+    return of_first.scatter(rows, pl.Series(found, dtype=pl.Categorical())).alias("purpose")
+
+
+def _repeats(count: int, segments: Iterable[list[Segment]]) -> pl.Series:
+    """Of each frame whether TCP sent its bytes before, and whether it had to."""
+    found = {row: kind for direction in segments for row, kind in retransmissions(direction).items()}
+    kinds = pl.Series(list(found.values()), dtype=pl.Categorical())
+    nothing = pl.Series("repeats", [None], dtype=pl.Categorical()).new_from_index(0, count)
+    return nothing.scatter(list(found), kinds) if found else nothing
+
+
+def _begins(messages: pl.Series, directions: list[Direction]) -> pl.Series:
+    """Of each frame the row of the one in which the message begins that its own first byte belongs to."""
+    own = pl.Series("begins", np.arange(len(messages)), dtype=pl.Int64()).set(messages == 0, None)
+    found = {row: packet.row for direction in directions for row, packet in direction.carried.items()}
+    return own.scatter(list(found), list(found.values())) if found else own
+
+
+def _in_order(columns: Columns) -> tuple[Columns, Ints]:
+    """The columns in the order of time, and which places that order has; what is given is used up."""
+    order = np.argsort(columns["t_ns"], kind="stable")
+    return {name: columns.pop(name)[order] for name in list(columns)}, order
+
+
+def _joined(parts: list[Columns]) -> Columns:
+    """The same columns of all parts, one behind the other."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

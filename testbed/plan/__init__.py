@@ -1,0 +1,1 @@
+"""What is to be flown: experiments, factors, link profiles, topology, missions of one's own."""

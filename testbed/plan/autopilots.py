@@ -1,0 +1,90 @@
+"""Real autopilots in the stand-ins' place: which there are, where each is found, and whether it can run here."""
+
+from __future__ import annotations
+
+import os
+import platform
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import UserError
+
+DIR, IMAGE = "AUTOPILOT_DIR", "AUTOPILOT_IMAGE"
+"""What compose files and containers are told: a folder of this machine, or the image out of which it is to be had."""
+_MACHINES = {"x86_64": 62, "aarch64": 183}
+"""ELF's e_machine (System V ABI) by what the kernel calls it."""
+_ELF = struct.Struct("<4s14xH")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of autopilot: a folder that `folder_variable` names, or `folder_in_image` of what `image_variable` does.
+
+    `image` is the one that is taken where none is named; None: there is none. `program` and `files` are what has to be
+    in the folder, by their paths.
+    """
+
+    folder_variable: str
+    image_variable: str
+    image: str | None
+    folder_in_image: str
+    program: str
+    files: tuple[str, ...]
+
+    def settings(self, environment: Mapping[str, str]) -> dict[str, str]:
+        """Where it is. Raises UserError for a folder that is not one of this kind."""
+        named = environment.get(self.folder_variable)
+        if not named:
+            image = environment.get(self.image_variable) or self.image
+            if image is None:
+                needed = f"a folder with {', '.join((self.program, *self.files))}"
+                raise UserError(f"{self.folder_variable}: not set; expected {needed} (or {self.image_variable})")
+            return {IMAGE: image}
+        folder = Path(named).expanduser().absolute()
+        self.check(folder, f"{self.folder_variable}={named}")
+        return {DIR: str(folder)}
+
+    def check(self, folder: Path, said: str) -> None:
+        """Raises UserError, which begins with how the folder was named, for one that cannot be run here."""
+        if not folder.is_dir():
+            raise UserError(f"{said}: expected a folder, with {self.program} in it")
+        for name in (self.program, *self.files):
+            if not (folder / name).is_file():
+                raise UserError(f"{said}: no {name}; expected {self.program} and what belongs to it")
+        program = folder / self.program
+        if not os.access(program, os.X_OK):
+            raise UserError(f"{said}: {self.program} is not executable; type: chmod +x {program}")
+        _check_machine(program, f"{said}: {self.program}")
+
+
+def _check_machine(program: Path, said: str) -> None:
+    """Raises UserError for a program of another machine than this one."""
+    with program.open("rb") as file:
+        head = file.read(_ELF.size)
+    magic, machine = _ELF.unpack(head) if len(head) == _ELF.size else (b"", 0)
+    here = platform.machine()
+    if magic != b"\x7fELF" or machine != _MACHINES.get(here, machine):
+        built = next((name for name, number in _MACHINES.items() if number == machine), "something else")
+        raise UserError(f"{said} is built for {built}; expected a Linux program for {here}")
+
+
+KINDS = {
+    "px4": Kind(
+        folder_variable="PX4_DIR",
+        image_variable="PX4_IMAGE",
+        image="px4io/px4-sitl:v1.17.0",
+        folder_in_image="/opt/px4",
+        program="bin/px4",
+        files=("bin/px4-alias.sh", "etc/init.d-posix/rcS", "etc/extras/parameters.json.xz"),
+    ),
+    "ardupilot": Kind(
+        folder_variable="ARDUPILOT_DIR",
+        image_variable="ARDUPILOT_IMAGE",
+        image=None,
+        folder_in_image="/opt/ardupilot",
+        program="arducopter",
+        files=("copter.parm",),
+    ),
+}

@@ -1,0 +1,189 @@
+"""What can be flown: experiments, factors, arms, profiles, protocols, and the check of what a person typed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from ..errors import UserError
+from .own_missions import check_mission
+from .profiles.reading import Profile, read_profile
+from .profiles.resolve import resolve
+from .profiles.run_plan import SHAPERS
+from .topology import read_topology
+
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,59}")
+MESSAGES = "messages"
+EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3", "scenario-4", MESSAGES)
+WITH_SENSORS = ("scenario-4",)
+DEFAULT_SAMPLES, MOST_SAMPLES = 30, 600
+"""Values of each series that a sensor measures, one a second."""
+DEFAULT_COUNT, MOST_COUNT = 10, 1000
+"""Messages of each kind in the message set."""
+PROTOCOLS = ("mqttxt", "mavlink")
+MOST_ATTEMPTS = 99
+
+FACTORS: dict[str, tuple[str, ...]] = {
+    "streams": ("px4-onboard", "px4-gcs", "five-states"),
+    "commanding": ("one-by-one", "concurrent"),
+    "qos": ("0", "1"),
+    "chain": ("per-uav", "shared", "direct"),
+    "states": ("on-change", "fixed", "bundle"),
+}
+"""Every factor with its values; in capitals it is the variable that sets it."""
+
+
+@dataclass(frozen=True)
+class Factors:
+    """How a fleet talks.
+
+    streams     what an autopilot sends by itself: a set of PX4's, or a heartbeat and, on request, five states at 1 Hz
+    commanding  MAVLink: the next call when the last one has returned, or all vehicles at once
+    qos         MQTT-XT: that of commands and results, 0 or 1
+    chain       MAVLink: a chain of routers for each UAV, one that all share, or none
+    states      MQTT-XT: published on change, at a fixed 1 Hz, or that in bundles
+    """
+
+    streams: str
+    commanding: str
+    qos: int
+    chain: str
+    states: str
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A named preset of all factors."""
+
+    name: str
+    factors: Factors
+
+
+_THESIS = Factors("px4-onboard", "one-by-one", 0, "per-uav", "on-change")
+_FIVE_STATES = Factors("five-states", "concurrent", 1, "shared", "fixed")
+
+ARMS = {
+    arm.name: arm
+    for arm in (
+        Arm("thesis", _THESIS),
+        Arm("thesis-concurrent", replace(_THESIS, commanding="concurrent")),
+        Arm("five-states", _FIVE_STATES),
+        Arm("five-states-bundled", replace(_FIVE_STATES, states="bundle")),
+        Arm("direct", Factors("px4-onboard", "concurrent", 1, "direct", "on-change")),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a person asked for, checked; `factors` are the arm's, but for those that were set by themselves.
+
+    `mission` is the file of a mission of one's own; the experiment is called after it then.
+    """
+
+    experiment: str
+    attempts: int
+    arm: Arm
+    factors: Factors
+    profile: Profile
+    protocols: tuple[str, ...]
+    shaper: str = SHAPERS[0]
+    samples: int = DEFAULT_SAMPLES
+    mission: Path | None = None
+    count: int = DEFAULT_COUNT
+
+    @property
+    def is_message_set(self) -> bool:
+        """Whether one UAV flies, message by message."""
+        return self.experiment == MESSAGES
+
+    @property
+    def has_sensors(self) -> bool:
+        """Whether the sensors' nodes are there, and what they measure is collected."""
+        return self.experiment in WITH_SENSORS
+
+    @property
+    def label(self) -> str:
+        """The arm with every factor in which the plan deviates from it, as the results' path has it."""
+        own, flown = asdict(self.arm.factors), asdict(self.factors)
+        return "+".join([self.arm.name, *(f"{name}-{flown[name]}" for name in FACTORS if flown[name] != own[name])])
+
+    def order(self, attempt: int) -> tuple[str, ...]:
+        """Who flies first: as listed in odd attempts, the other way round in even ones."""
+        return self.protocols if attempt % 2 else self.protocols[::-1]
+
+
+def make_plan(
+    experiment: str,
+    attempts: str = "1",
+    arm: str = "thesis",
+    profile: str = "ideal",
+    protocols: str = "",
+    overrides: Mapping[str, str] | None = None,
+    shaper: str = SHAPERS[0],
+    samples: str = str(DEFAULT_SAMPLES),
+    count: str = str(DEFAULT_COUNT),
+) -> Plan:
+    """A plan from what a person typed.
+
+    `experiment` is a name, or the path of a mission's .py file; `profile` a name, or the path of a file; `protocols` a
+    list with commas, all of them when empty; `overrides` are factors by their names, the arm's where they are empty.
+    Raises UserError naming the option, or the profile's file and field, the value and what was expected.
+    """
+    mission = Path(experiment).absolute() if experiment.endswith(".py") else None
+    if mission is None:
+        _one_of("experiment", experiment, EXPERIMENTS)
+    else:
+        experiment = _name_of(mission)
+    _one_of("ARM", arm, tuple(ARMS))
+    _one_of("SHAPER", shaper, SHAPERS)
+    chosen = tuple(part.strip() for part in protocols.split(",")) if protocols.strip() else PROTOCOLS
+    for protocol in chosen:
+        _one_of("PROTOCOLS", protocol, PROTOCOLS)
+    how_often = _whole("ATTEMPTS", attempts, MOST_ATTEMPTS)
+    values_each, messages_each = _whole("SAMPLES", samples, MOST_SAMPLES), _whole("COUNT", count, MOST_COUNT)
+    factors = _factors(ARMS[arm], overrides or {})
+    links = read_profile(profile)
+    resolve(
+        links, read_topology(sensors=experiment in WITH_SENSORS), experiment, 1
+    )  # a link that does not exist is said now
+    flown = tuple(dict.fromkeys(chosen))
+    values = (ARMS[arm], factors, links, flown, shaper, values_each, mission, messages_each)
+    return Plan(experiment, how_often, *values)
+
+
+def one_protocol(text: str) -> str:
+    """The protocol of a fleet that is only looked at. Raises UserError for another, or for a list."""
+    if text not in PROTOCOLS:
+        raise UserError(f"PROTOCOLS={text}: expected {' or '.join(PROTOCOLS)}, one of them")
+    return text
+
+
+def _name_of(mission: Path) -> str:
+    """What results of a mission of one's own are called. Raises UserError where it cannot be read or is no name."""
+    if not _NAME.fullmatch(mission.stem) or mission.stem in EXPERIMENTS:
+        raise UserError(f"{mission}: expected a name of lower-case letters, digits, - and _ that no scenario has")
+    check_mission(mission)
+    return mission.stem
+
+
+def _factors(arm: Arm, overrides: Mapping[str, str]) -> Factors:
+    changed = {name: value for name, value in overrides.items() if value}
+    for name, value in changed.items():
+        _one_of(name.upper(), value, FACTORS[name])
+    values = {name: str(value) for name, value in asdict(arm.factors).items()} | changed
+    return Factors(values["streams"], values["commanding"], int(values["qos"]), values["chain"], values["states"])
+
+
+def _whole(what: str, text: str, most: int) -> int:
+    """A number from 1 to `most`, in ASCII digits; of leading zeros there may be few."""
+    if not re.fullmatch(r"[0-9]{1,9}", text) or not 1 <= int(text) <= most:
+        raise UserError(f"{what}={text[:40]}: expected a whole number from 1 to {most}")
+    return int(text)
+
+
+def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise UserError(f"{what}={value}: expected {'one of ' if len(known) > 1 else ''}{', '.join(known)}")

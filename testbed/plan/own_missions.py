@@ -1,0 +1,28 @@
+"""A mission of one's own before anything is started for it: whether its file can be a mission at all."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+from ..errors import UserError
+
+EXPECTED = "expected a Python file with `async def mission(fleet, steps)`"
+_NAME, _PARAMETERS = "mission", 2
+
+
+def check_mission(path: Path) -> None:
+    """Read the file without running it. Raises UserError naming it, and the line of a mistake in it."""
+    try:
+        tree = ast.parse(path.read_bytes(), str(path))
+    except OSError as error:
+        raise UserError(f"{path}: {EXPECTED}: {error.strerror}") from error
+    except SyntaxError as error:
+        raise UserError(f"{path}, line {error.lineno}: {error.msg}") from error
+    except ValueError as error:
+        raise UserError(f"{path}: {EXPECTED}: {error}") from error
+    found = [one for one in tree.body if isinstance(one, ast.AsyncFunctionDef) and one.name == _NAME]
+    if not found:
+        raise UserError(f"{path}: {EXPECTED}")
+    if len(found[-1].args.posonlyargs) + len(found[-1].args.args) != _PARAMETERS:
+        raise UserError(f"{path}, line {found[-1].lineno}: {EXPECTED}")

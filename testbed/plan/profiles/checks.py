@@ -1,0 +1,45 @@
+"""What the schema cannot say: figures of one link that do not fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ...errors import UserError
+from .reading import PARSERS, Figure, Rule
+
+
+def check_link(link: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
+    """Raises UserError naming the figure that does not fit the others; `link` has the plan's fields."""
+    problem = unfitting(link)
+    if problem is not None:
+        name, expected = problem
+        figure = figures[name]
+        raise UserError(f"{figure.where}: {figure.text!r}: expected {expected}")
+
+
+def check_event(link: Mapping[str, Any], rule: Rule, change: Mapping[str, Any]) -> None:
+    """The same for the figures that stand while an event lasts."""
+    if "rate_bps" in change and link["shared_with"] is not None and rule.link.endswith((":up", ":down")):
+        text = rule.change["rate_bps"].text
+        raise UserError(f"{rule.where}.change.rate: {text!r}: expected the whole link, its directions share a rate")
+    problem = unfitting({**link, **change})
+    if problem is not None:
+        name, expected = problem
+        figure = rule.change.get(name)
+        written = next((text for text, (field, _) in PARSERS.items() if field == name), name)
+        text = "not changed" if figure is None else repr(figure.text)
+        raise UserError(f"{rule.where}.change.{written}: {text}: expected {expected}")
+
+
+def unfitting(link: Mapping[str, Any]) -> tuple[str, str] | None:
+    """The first figure of a link, in the plan's fields, that does not fit the others, and what it had to be."""
+    if link["rate_bps"] is not None and link["queue_packets"] is None:
+        return "rate_bps", "a queue beside it, as queue: 100 packets"
+    if link["rate_bps"] is None and link["queue_packets"] is not None:
+        return "queue_packets", "a rate beside it that it waits for"
+    if link["jitter_us"] > link["delay_us"]:
+        return "jitter_us", "at most the delay"
+    if link["reorder"] and not link["delay_us"]:
+        return "reorder", "a delay that a reordered frame does not wait for"
+    return None

@@ -1,0 +1,301 @@
+"""A profile's file and what it inherits: YAML, checked against the schema, every figure with its source."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import yaml
+
+from ...errors import UserError
+from ..topology import ROOT
+from . import units
+
+FOLDER = ROOT / "tc_profiles"
+SCHEMA_FILE = FOLDER / "profile.schema.json"
+DIRECTIONS = ("up", "down")
+
+PARSERS: dict[str, tuple[str, Callable[[str], Any]]] = {
+    "rate": ("rate_bps", units.parse_rate_bps),
+    "queue": ("queue_packets", units.parse_packets),
+    "delay": ("delay_us", units.parse_delay_us),
+    "jitter": ("jitter_us", units.parse_delay_us),
+    "loss": ("loss", units.parse_share),
+    "duplicate": ("duplicate", units.parse_share),
+    "corrupt": ("corrupt", units.parse_share),
+    "reorder": ("reorder", units.parse_share),
+}
+"""Fields with a unit: their name in a plan, and what reads them; all others are the same in both."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure, in the unit of the plan's field; `where` is file and field, as an error names them."""
+
+    value: Any
+    source: str
+    where: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What a file says of a class or of a link: figures by (direction, plan's field), and whether both share a rate."""
+
+    figures: Mapping[tuple[str, str], Figure]
+    shared: Figure | None
+
+
+@dataclass(frozen=True)
+class Rule:
+    """An event of the file. Exactly one of `at_us`, `every_us` and `share` (of time, in bursts) is there.
+
+    `for_us` is None for bursts, which last from `shortest_us` to `longest_us`, and where an event stays until the end.
+    """
+
+    link: str
+    where: str
+    change: Mapping[str, Figure]
+    source: str
+    at_us: int | None = None
+    every_us: int | None = None
+    for_us: int | None = None
+    share: float | None = None
+    shortest_us: int = 0
+    longest_us: int = 0
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One file: classes, single links, and events (None where it has no such section)."""
+
+    file: str
+    classes: Mapping[str, Entry]
+    overrides: Mapping[str, Entry]
+    events: tuple[Rule, ...] | None
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A profile with all that it inherits; the first layer is the most distant one."""
+
+    name: str
+    description: str
+    layers: tuple[Layer, ...]
+
+    @property
+    def rules(self) -> tuple[Rule, ...]:
+        """The events: those of the nearest file that has the section."""
+        return next((layer.events for layer in reversed(self.layers) if layer.events is not None), ())
+
+
+def profile_names(folder: Path = FOLDER) -> list[str]:
+    """The profiles there are, `ideal` first, then by their names."""
+    return sorted((path.stem for path in folder.glob("*.yaml")), key=lambda name: (name != "ideal", name))
+
+
+def read_profile(name: str, folder: Path = FOLDER) -> Profile:
+    """The profile of that name in the folder, or of a file that is named by its path, `my/own.yaml`.
+
+    Raises UserError naming file, field, value and what was expected.
+    """
+    path = Path(name) if name.endswith(".yaml") else folder / f"{name}.yaml"
+    if not path.is_file():
+        known = ", ".join(profile_names(folder))
+        raise UserError(f"PROFILE={name}: expected one of {known}, or the path of a .yaml file")
+    own = folder / path.name
+    if own.is_file() and not own.samefile(path):
+        raise UserError(f"PROFILE={name}: {path.stem} is another profile; expected a file with a name of its own")
+    layers: list[Layer] = []
+    seen: list[Path] = []
+    description = ""
+    while True:
+        seen.append(path.resolve())
+        document = _load(path)
+        description = description or document["description"]
+        layers.insert(0, _layer(document, shown(path)))
+        parent = document.get("inherits")
+        if parent is None:
+            return Profile(Path(name).stem, description, tuple(layers))
+        here = f"{shown(path)}: inherits: {parent!r}"
+        beside = path.parent / f"{parent}.yaml"
+        path = beside if beside.is_file() else folder / f"{parent}.yaml"
+        if not path.is_file():
+            raise UserError(f"{here}: expected one of {', '.join(profile_names(folder))}")
+        if path.resolve() in seen:
+            circle = " > ".join([*(step.stem for step in seen), parent])
+            raise UserError(f"{here}: expected a profile that does not come back to this one ({circle})")
+
+
+def shown(path: Path) -> str:
+    """A path as people type it: from the repository where it is inside."""
+    full = path.resolve()
+    return str(full.relative_to(ROOT)) if full.is_relative_to(ROOT) else str(path)
+
+
+@cache
+def _schema() -> dict[str, Any]:
+    schema: dict[str, Any] = json.loads(SCHEMA_FILE.read_text(encoding="utf-8"))
+    return schema
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which a key that is there twice is a mistake, not the second one's victory."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        twice = next((key for number, key in enumerate(keys) if key in keys[:number]), None)
+        if twice is not None:
+            raise yaml.constructor.ConstructorError(None, None, f"{twice!r} is there twice", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        document = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        line = f" line {error.problem_mark.line + 1}:" if error.problem_mark else ""
+        raise UserError(f"{shown(path)}:{line} {error.problem}: expected YAML, each key once") from error
+    except (OSError, ValueError, TypeError, yaml.YAMLError) as error:
+        raise UserError(f"{shown(path)}: {' '.join(str(error).split())}: expected a readable YAML file") from error
+    first = min(
+        jsonschema.Draft202012Validator(_schema()).iter_errors(document),
+        key=lambda error: (len(error.path), str(error.path)),
+        default=None,
+    )
+    if first is not None:
+        raise UserError(f"{shown(path)}: {_said(first)}")
+    found: dict[str, Any] = document
+    return found
+
+
+def _said(error: jsonschema.ValidationError) -> str:
+    """Field, value, and what was expected; the schema's own descriptions say the latter."""
+    place = field_name(error.absolute_path)
+    schema = error.schema if isinstance(error.schema, dict) else {}
+    if error.validator == "additionalProperties" and isinstance(error.instance, dict):
+        known = schema["properties"]
+        unknown = next(key for key in error.instance if key not in known)
+        inner = field_name([*error.absolute_path, unknown])
+        return f"{inner}: {error.instance[unknown]!r}: unknown field: expected one of {', '.join(known)}"
+    if error.validator == "required" and isinstance(error.instance, dict):
+        missing = next(key for key in schema["required"] if key not in error.instance)
+        return f"{field_name([*error.absolute_path, missing])}: missing: expected {_expected(schema, missing)}"
+    return f"{place or 'the file'}: {_value(error.instance)}: expected {schema.get('description', error.message)}"
+
+
+def _expected(schema: dict[str, Any], field: str) -> str:
+    inner = schema["properties"][field]
+    if "$ref" in inner:
+        inner = _schema()["$defs"][inner["$ref"].rsplit("/", 1)[1]]
+    return str(inner.get("description", "it"))
+
+
+def _value(instance: Any) -> str:
+    text = repr(instance)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def field_name(path: Any) -> str:
+    """`links.air.up.rate`, `events[0].at`."""
+    name = ""
+    for part in path:
+        text = part if not isinstance(part, str) or part.isprintable() else repr(part)
+        name += f"[{part}]" if isinstance(part, int) else f"{'.' if name else ''}{text}"
+    return name
+
+
+def _layer(document: dict[str, Any], file: str) -> Layer:
+    sections = [document.get("links", {}), document.get("overrides", {})]
+    classes, overrides = (
+        {name: _entry(entry, file, f"{section}.{name}") for name, entry in content.items()}
+        for section, content in zip(("links", "overrides"), sections, strict=True)
+    )
+    events = None
+    if "events" in document:
+        events = tuple(_rule(rule, f"{file}: events[{number}]") for number, rule in enumerate(document["events"]))
+    return Layer(file, classes, overrides, events)
+
+
+def _entry(entry: dict[str, Any], file: str, field: str) -> Entry:
+    """`both` counts for each direction, and what a direction says itself stands above it."""
+    figures: dict[tuple[str, str], Figure] = {}
+    for key in ("both", *DIRECTIONS):
+        if key in entry:
+            for name, figure in _figures(entry[key], f"{file}: {field}.{key}"):
+                figures |= {(direction, name): figure for direction in (DIRECTIONS if key == "both" else (key,))}
+    shared = None
+    if "shared" in entry:
+        shared = Figure(entry["shared"], "", f"{file}: {field}.shared", str(entry["shared"]).lower())
+    return Entry(figures, shared)
+
+
+def _figures(block: dict[str, Any], where: str) -> Iterator[tuple[str, Figure]]:
+    sources = block["source"]
+    for name, text in block.items():
+        if name == "source":
+            continue
+        source = sources if isinstance(sources, str) else sources.get(name)
+        if source is None:
+            raise UserError(f"{where}.source.{name}: missing: expected text that says where {text!r} comes from")
+        yield read_figure(name, text, source, f"{where}.{name}")
+
+
+def read_figure(name: str, text: Any, source: str, where: str) -> tuple[str, Figure]:
+    """The plan's field and the figure. Raises UserError where it cannot be read."""
+    field, parse = PARSERS.get(name, (name, None))
+    value = text if parse is None else _parsed(parse, text, where)
+    return field, Figure(value, source, where, str(text))
+
+
+def _parsed(parse: Callable[[str], Any], text: str, where: str) -> Any:
+    try:
+        return parse(text)
+    except ValueError as error:
+        raise UserError(f"{where}: {text!r}: expected {error}") from error
+
+
+def _rule(rule: dict[str, Any], where: str) -> Rule:
+    kinds = [kind for kind in ("at", "every", "bursts") if kind in rule]
+    if len(kinds) != 1:
+        raise UserError(f"{where}: {' and '.join(kinds) or 'no time'}: expected one of at, every, bursts")
+    kind = kinds[0]
+    if kind == "every" and "for" not in rule:
+        raise UserError(f"{where}.for: missing: expected how long it lasts, as 500ms")
+    if kind == "bursts" and "for" in rule:
+        raise UserError(f"{where}.for: {rule['for']!r}: expected none beside bursts, which have shortest and longest")
+    change = dict(
+        read_figure(name, text, rule["source"], f"{where}.change.{name}") for name, text in rule["change"].items()
+    )
+    times = {
+        name: _parsed(units.parse_time_us, rule[name], f"{where}.{name}")
+        for name in ("at", "every", "for")
+        if name in rule
+    }
+    for name, limit in (("every", None), ("for", times.get("every"))):
+        if name in times and (times[name] == 0 or (limit is not None and times[name] >= limit)):
+            expected = f"shorter than every, {rule['every']}" if limit is not None and times[name] else "more than 0"
+            raise UserError(f"{where}.{name}: {rule[name]!r}: expected {expected}")
+    if kind != "bursts":
+        return Rule(rule["link"], where, change, rule["source"], times.get("at"), times.get("every"), times.get("for"))
+    return _bursts(rule, where, change)
+
+
+def _bursts(rule: dict[str, Any], where: str, change: Mapping[str, Figure]) -> Rule:
+    bursts = rule["bursts"]
+    share = _parsed(units.parse_share, bursts["share"], f"{where}.bursts.share")
+    shortest, longest = (
+        _parsed(units.parse_delay_us, bursts[name], f"{where}.bursts.{name}") for name in ("shortest", "longest")
+    )
+    if not 0 < share <= 0.9:
+        raise UserError(f"{where}.bursts.share: {bursts['share']!r}: expected a share of time above 0%, at most 90%")
+    if shortest < 1_000:
+        raise UserError(f"{where}.bursts.shortest: {bursts['shortest']!r}: expected at least 1ms")
+    if longest < shortest:
+        raise UserError(f"{where}.bursts.longest: {bursts['longest']!r}: expected at least {bursts['shortest']}")
+    return Rule(rule["link"], where, change, rule["source"], None, None, None, share, shortest, longest)

@@ -1,0 +1,1 @@
+"""Shows numbers: report, comparison, summary, terminal, and the captures' frames."""

@@ -1,0 +1,185 @@
+"""Two results beside each other: in what they differ, and by how much their numbers do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from ...fly.results import Series
+from ...numbers import words
+from ...plan import wording
+from ...plan.experiments import FACTORS
+from . import comparison, factors, message_set
+
+OVERRIDES = ("AUTOPILOT", "ROUTER")
+_SAME = 0.005
+
+
+@dataclass(frozen=True)
+class Result:
+    """A series with its metrics and the manifests of its attempts; `name` is A or B."""
+
+    name: str
+    series: Series
+    metrics: dict[str, Any]
+    manifests: tuple[dict[str, Any], ...]
+
+
+def result_of(name: str, series: Series, metrics: dict[str, Any]) -> Result:
+    """Reads the manifests; raises ResultsError where one cannot be read."""
+    return Result(name, series, metrics, tuple(attempt.manifest() for attempt in series.attempts()))
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Something that both results have: what it is, and its value in each."""
+
+    name: str
+    first: str
+    second: str
+    shapes: bool
+    """Whether it shapes the numbers by intention; a kernel or a version only may."""
+
+    @property
+    def differs(self) -> bool:
+        return self.first != self.second
+
+
+@dataclass(frozen=True)
+class Row:
+    """A metric of one protocol in both results; `change` is the second over the first, None where there is none."""
+
+    name: str
+    protocol: str
+    first: comparison.Cell
+    second: comparison.Cell
+
+    @property
+    def change(self) -> float | None:
+        return comparison.quotient(self.second.middle, self.first.middle)
+
+
+def conditions(first: Result, second: Result) -> list[Condition]:
+    """What was flown in both and how; those that shape the numbers first."""
+    both = (first, second)
+
+    def told(name: str, value: Callable[[Result], str], shapes: bool = True) -> Condition:
+        return Condition(name, value(first), value(second), shapes)
+
+    def configured(name: str) -> Callable[[Result], str]:
+        return lambda one: _each(str(manifest["configuration"].get(name, "")) for manifest in one.manifests)
+
+    versions = sorted({name for one in both for manifest in one.manifests for name in manifest["versions"]})
+    return [
+        *(told(name, _of_series(name)) for name in _SERIES),
+        *(told(name, configured(name)) for name in (*FACTORS, *OVERRIDES)),
+        *([told("count", configured("count"))] if message_set.is_message_set(first.metrics) else []),
+        told("revision", _revision),
+        told("attempts", _attempts, shapes=False),
+        told("host", _host, shapes=False),
+        *(told(name, _version(name), shapes=False) for name in versions),
+    ]
+
+
+_SERIES = ("experiment", "arm", "profile", "shaper")
+
+
+def rows(first: Result, second: Result) -> list[Row]:
+    """Every metric of the comparison, protocol by protocol; a protocol that only one result has is left out."""
+    tables = [{row.name: row for row in _table(one.metrics)} for one in (first, second)]
+    protocols = [p for p, _ in words.sides(first.metrics) if p in second.metrics["protocols"]]
+    return [
+        Row(name, protocol, row.cells[protocol], tables[1][name].cells[protocol])
+        for protocol in protocols
+        for name, row in tables[0].items()
+        if name in tables[1] and protocol in row.cells and protocol in tables[1][name].cells
+    ]
+
+
+def _table(metrics: dict[str, Any]) -> list[comparison.Row]:
+    return message_set.to_compare(metrics) if message_set.is_message_set(metrics) else comparison.rows(metrics)
+
+
+def sentences(first: Result, second: Result) -> list[str]:
+    """In what they differ, by how much, and whether that can be told apart."""
+    differing = [c for c in conditions(first, second) if c.differs and c.shapes]
+    if not differing:
+        said = ["Both were flown in the same way: what differs is chance, or the machine."]
+    else:
+        said = [f"They differ in {wording.listed([c.name for c in differing])}."]
+    by_protocol: dict[str, list[str]] = {}
+    for row in rows(first, second):
+        if row.name in _TOLD and row.change is not None:
+            by_protocol.setdefault(row.protocol, []).append(f"{row.name} {change(row.change)}")
+    said += [f"From A to B over {wording.name_of(p)}: {wording.listed(parts)}." for p, parts in by_protocol.items()]
+    only = [p for one, other in ((first, second), (second, first)) for p in _missing(one, other)]
+    if only:
+        said.append(f"Only one of them flew {wording.listed([wording.name_of(p) for p in only])}.")
+    if any(c.name == "experiment" for c in differing):
+        said.append("These are different experiments, so their totals do not compare.")
+    causes = {c.name for c in differing} - {"arm"}
+    if len(causes) > 1:
+        said.append("More than one thing differs, so what made the numbers differ cannot be told from these two alone.")
+    return said
+
+
+_TOLD = (
+    *("packets", "bytes", "mission time", "delay of commands"),
+    *(f"mean {form}: {what}" for form in ("command", "state") for what in ("packets", "delay")),
+)
+
+
+def change(ratio: float) -> str:
+    """'the same', '+12 %', '−34 %', '×3.4'."""
+    if abs(ratio - 1) < _SAME:
+        return "the same"
+    if ratio >= 2:
+        return f"×{words.ratio(ratio)}"
+    percent = abs(100 * (ratio - 1))
+    digits = 0 if 1 <= percent < 99 else 1
+    return f"{'+' if ratio > 1 else '−'}{percent:.{digits}f} %"
+
+
+def title(one: Result) -> str:
+    """What a result is in a few words: 'scenario 1, arm thesis, profile ideal'."""
+    metrics = one.metrics
+    changed = [
+        f"{name} {value}" for name, value in factors.deviations(one.manifests[0]["configuration"], metrics["arm"])
+    ]
+    arm = f"arm {metrics['arm']}{f' with {wording.listed(changed)}' if changed else ''}"
+    return f"{wording.short_name(metrics['experiment'])}, {arm}, profile {metrics['profile']}"
+
+
+def _missing(one: Result, other: Result) -> list[str]:
+    return [protocol for protocol in one.metrics["protocols"] if protocol not in other.metrics["protocols"]]
+
+
+def _of_series(name: str) -> Callable[[Result], str]:
+    return lambda one: str(one.metrics[name])
+
+
+def _revision(one: Result) -> str:
+    said = []
+    for manifest in one.manifests:
+        commit = str(manifest["revision"].get("commit") or "not in a repository")[:12]
+        said.append(f"{commit}{' with changes' if manifest['revision'].get('dirty') else ''}")
+    return _each(said)
+
+
+def _attempts(one: Result) -> str:
+    done = comparison.completion(one.metrics)
+    return ", ".join(f"{c.completed} of {c.flown} over {wording.name_of(p)}" for p, c in done.items())
+
+
+def _host(one: Result) -> str:
+    return _each(f"{m['host'].get('cores')} cores, Linux {m['host'].get('kernel', '?')}" for m in one.manifests)
+
+
+def _version(name: str) -> Callable[[Result], str]:
+    return lambda one: _each(str(found) for manifest in one.manifests if (found := manifest["versions"].get(name)))
+
+
+def _each(values: Iterable[str]) -> str:
+    """Every value once: more than one is a mix, and is said as one."""
+    return wording.listed(sorted(set(values)))

@@ -1,0 +1,91 @@
+"""Two results beside each other, on the terminal and as a page."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from ...fly.results import REPORT
+from ...numbers import words
+from ...plan import wording
+from . import compare
+from .compare import Result
+from .figures.compared import compared
+from .figures.draw import WIDE
+from .figures.pdf import pdf
+from .html import environment
+from .message_set import is_message_set
+
+
+def print_comparison(first: Result, second: Result, console: Console) -> None:
+    """What both are, in what they differ, and every metric of both."""
+    console.print()
+    for one in (first, second):
+        console.print(f"{one.name}: {compare.title(one)}", soft_wrap=True, markup=False)
+    for said in compare.sentences(first, second):
+        console.print(said, soft_wrap=True, markup=False)
+    differing = [c for c in compare.conditions(first, second) if c.differs]
+    if differing:
+        table = _table("differs", "", "A", "B")
+        for condition in differing:
+            table.add_row(condition.name, condition.first or words.NOTHING, condition.second or words.NOTHING)
+        console.print(table)
+    rows = compare.rows(first, second)
+    for protocol in dict.fromkeys(row.protocol for row in rows):
+        table = _table(wording.name_of(protocol), "", "A", "B", "change")
+        for column in table.columns[1:]:
+            column.justify = "right"
+        for row in rows:
+            if row.protocol == protocol:
+                said = compare.change(row.change) if row.change is not None else words.NOTHING
+                table.add_row(row.name, row.first.text, row.second.text, said)
+        console.print(table)
+
+
+def write_comparison(first: Result, second: Result, target: Path) -> None:
+    """A self-contained page, with its figure's data (`.csv`) and the figure for papers (`.pdf`) beside it.
+
+    Links to the two reports are relative to the page.
+    """
+    rows = compare.rows(first, second)
+    figure = compared(rows)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    page = (
+        environment()
+        .get_template("compare.html")
+        .render(
+            results=[
+                {"name": one.name, "title": compare.title(one), "report": _relative(one, target)}
+                for one in (first, second)
+            ],
+            sentences=compare.sentences(first, second),
+            conditions=compare.conditions(first, second),
+            names=list(dict.fromkeys(row.name for row in rows)),
+            rows={(row.name, row.protocol): row for row in rows},
+            protocols=list(dict.fromkeys(row.protocol for row in rows)),
+            change=compare.change,
+            for_one_message=is_message_set(first.metrics),
+            figure=figure,
+            beside=target.stem,
+        )
+    )
+    target.write_text(page, encoding="utf-8")
+    if figure is not None:
+        target.with_suffix(".csv").write_text(figure.csv(), encoding="utf-8")
+        target.with_suffix(".pdf").write_bytes(pdf(figure.draw(WIDE), figure.title))
+
+
+def _relative(one: Result, target: Path) -> str | None:
+    """Where a result's own report is, seen from the page; None where it has none."""
+    report = one.series.path / REPORT
+    return Path(os.path.relpath(report, target.parent.resolve())).as_posix() if report.exists() else None
+
+
+def _table(title: str, *columns: str) -> Table:
+    return Table(
+        *columns, title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
+    )

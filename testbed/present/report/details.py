@@ -1,0 +1,224 @@
+"""What one attempt of each protocol shows in detail: links, layers, message mix, routers, CPU seconds, outcomes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+from ...plan.topology import place_of_link
+from . import thesis
+
+Shown = dict[str, dict[str, Any]]
+"""The attempt of each protocol that is shown, as `metrics.json` has it."""
+
+LAYERS = (
+    ("payload", ("payload",)),
+    ("MQTT or MAVLink framing", ("mqtt", "mavlink", "protocol")),
+    ("TCP or UDP", ("tcp", "udp", "transport")),
+    ("IP", ("ip",)),
+    ("Ethernet", ("ethernet",)),
+)
+_NO_COUNT = {"packets": 0, "bytes": 0, "lost": 0}
+_NODES = ("gs", "cloud", "fog", "uav", "sensor")
+_IDLE = "nodes that only hold an address"
+_ROLES = (
+    ("ground station", ("gs",)),
+    ("broker", ("broker",)),
+    ("activators", ("activator",)),
+    ("UAV clients", ("client",)),
+    ("routers", ("router-",)),
+    ("plain brokers beside it", ("bridge-",)),
+    ("autopilots", ("sitl",)),
+    ("sensors", ("meter",)),
+    ("network and captures", ("net",)),
+    (_IDLE, ("cloud", "fog", "uav", "sensor")),
+)
+_NODES_WERE_ROLES = (("broker", ("cloud",)), ("activators", ("fog",)), ("UAV clients", ("uav",)))
+_NOT_THE_PROTOCOLS = ("autopilots", "sensors", "network and captures")
+
+
+@dataclass(frozen=True)
+class Role:
+    """The CPU seconds of containers of one role: their sum and each one's own, by protocol."""
+
+    name: str
+    sums: dict[str, float]
+    containers: dict[str, list[tuple[str, float]]]
+
+    @property
+    def idle(self) -> bool:
+        return self.name == _IDLE
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command on one side: its calls, one-way delays in milliseconds, frames for a call."""
+
+    calls: int
+    copies: int
+    least_ms: float | None
+    median_ms: float | None
+    most_ms: float | None
+    frames: float | None
+
+
+def links_of(shown: Shown) -> list[tuple[str, dict[str, tuple[dict[str, Any], dict[str, Any]]]]]:
+    """Each link with its directions up and down by protocol; wan first, then backhaul, then air; all links last."""
+    names = sorted(
+        {name.rsplit(":", 1)[0] for attempt in shown.values() for name in attempt["links"]},
+        key=place_of_link,
+    )
+    table = [
+        (name, {p: (_count(a, f"{name}:up"), _count(a, f"{name}:down")) for p, a in shown.items()}) for name in names
+    ]
+    if len(table) > 1:
+        sums = {
+            p: tuple({f: sum(row[p][way][f] for _, row in table) for f in _NO_COUNT} for way in (0, 1)) for p in shown
+        }
+        table.append(("all links", {p: (up, down) for p, (up, down) in sums.items()}))
+    return table
+
+
+def by_layer(layers: dict[str, int]) -> dict[str, int]:
+    """Bytes by the layers that both sides have, and what is in none of them."""
+    counted = {name: sum(layers.get(part, 0) for part in inner) for name, inner in LAYERS}
+    return {**counted, "other": sum(layers.values()) - sum(counted.values())}
+
+
+def mix_of(attempt: dict[str, Any]) -> dict[str, Any] | None:
+    """The MAVLink side's streams, largest first, each with its share; commands; sums. None where there is no mix."""
+    mavlink = attempt.get("mavlink")
+    if not mavlink:
+        return None
+    streams = sorted(mavlink.get("streams", []), key=lambda stream: (-stream["bytes"], stream["name"]))
+    total = sum(stream["bytes"] for stream in streams)
+    most = max((stream["bytes"] for stream in streams), default=0)
+    return {
+        "streams": [
+            {**stream, "percent": 100 * stream["bytes"] / total, "width": 100 * stream["bytes"] / most}
+            for stream in streams
+            if total
+        ],
+        "count": sum(stream["count"] for stream in streams),
+        "rate_hz": sum(stream["rate_hz"] for stream in streams),
+        "bytes": total,
+        "commands": sorted(mavlink.get("commands", []), key=lambda sent: (-sent["count"], sent["name"])),
+        "own_heartbeats": mavlink.get("own_heartbeats"),
+    }
+
+
+def routers_of(attempt: dict[str, Any]) -> list[tuple[str, dict[str, dict[str, Any]]]]:
+    """For each node what its routers were given, let through and dropped, by way; ground station first."""
+    entries = (attempt.get("mavlink") or {}).get("routers", [])
+    nodes = sorted({entry["node"] for entry in entries}, key=lambda node: (_place(node, _NODES), node))
+    return [(node, {entry["way"]: entry for entry in entries if entry["node"] == node}) for node in nodes]
+
+
+def roles_of(cpu: dict[str, dict[str, float]]) -> list[Role]:
+    """CPU seconds by role, from those by protocol and container."""
+    by_protocol = {protocol: _by_role(seconds) for protocol, seconds in cpu.items()}
+    names = [name for name, _ in _ROLES] + ["other"]
+    return [
+        Role(
+            name,
+            {p: sum(seconds for _, seconds in found[name]) for p, found in by_protocol.items() if name in found},
+            {p: found[name] for p, found in by_protocol.items() if name in found},
+        )
+        for name in names
+        if any(name in found for found in by_protocol.values())
+    ]
+
+
+def protocols_own(roles: list[Role]) -> dict[str, float]:
+    """CPU seconds without what both sides need alike: autopilots, network, captures."""
+    sums: dict[str, float] = {}
+    for role in roles:
+        if role.name not in _NOT_THE_PROTOCOLS:
+            for protocol, seconds in role.sums.items():
+                sums[protocol] = sums.get(protocol, 0.0) + seconds
+    return sums
+
+
+def command_of(attempt: dict[str, Any], events: list[dict[str, Any]], name: str) -> Command:
+    """What there is to say of a command on one side."""
+    delays = sorted(attempt["delay_ms"].get(name, []))
+    calls = sum(event["event"] == "command" and event["command"] == name for event in events)
+    frames = attempt.get("frames_per_call", {}).get(name)
+    if not delays:
+        return Command(calls, 0, None, None, None, frames)
+    return Command(calls, len(delays), delays[0], median(delays), delays[-1], frames)
+
+
+def outcomes_of(attempt: dict[str, Any], commands: list[str]) -> dict[str, list[dict[str, Any] | None]]:
+    """For each drone its outcome of every command, in the order in which they were sent."""
+    found = {}
+    for drone, entries in attempt["outcomes"].items():
+        by_command = {entry["command"]: entry for entry in entries}
+        found[drone] = [by_command.get(command) for command in commands]
+    return found
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A figure of a directed link as it was configured and measured, and why it was not; None: unlimited, unknown."""
+
+    configured: float | None
+    measured: float | None
+    note: str | None
+
+
+FIGURES = ("delay_ms", "jitter_ms", "rate_bps", "loss")
+
+
+def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, Measured]]]]:
+    """Each directed link with its figures by protocol and name; empty where nothing was measured."""
+    names = {name for attempt in shown.values() for name in attempt.get("links_measured", {})}
+    table = []
+    for name in sorted(names, key=place_of_link):
+        by = {}
+        for protocol, attempt in shown.items():
+            figures = attempt.get("links_measured", {}).get(name, {})
+            by[protocol] = {
+                figure: Measured(one.get("configured"), one.get("measured"), one.get("note"))
+                for figure in FIGURES
+                if isinstance(one := figures.get(figure), dict)
+            }
+        table.append((name, by))
+    return table
+
+
+def sizes_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]], dict[str, int]]]:
+    """Each kind of message with its frames' sizes by protocol, and the sizes that the thesis printed."""
+    printed = thesis.packet_sizes()
+    kinds = {p: attempt.get("message_sizes", {}) for p, attempt in shown.items()}
+    names = {name for by in kinds.values() for name in by}
+    known = [name for name in printed if name in names]
+    order = known + sorted(names - set(known))
+    return [(name, {p: by[name] for p, by in kinds.items() if name in by}, printed.get(name, {})) for name in order]
+
+
+def states_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]]]]:
+    """Each state with its delays by protocol, summed up."""
+    kinds = {p: attempt.get("state_delay_ms", {}) for p, attempt in shown.items()}
+    names = sorted({name for by in kinds.values() for name in by})
+    return [(name, {p: by[name] for p, by in kinds.items() if name in by}) for name in names]
+
+
+def _by_role(seconds: dict[str, float]) -> dict[str, list[tuple[str, float]]]:
+    apart = any(name.startswith(("broker", "activator", "client", "router-")) for name in seconds)
+    roles = _ROLES if apart else _ROLES + _NODES_WERE_ROLES
+    found: dict[str, list[tuple[str, float]]] = {}
+    for service in sorted(seconds, key=lambda name: (_place(name.removeprefix("router-"), _NODES), name)):
+        matching = [role for role, starts in roles if service.startswith(starts)]
+        found.setdefault(matching[-1] if matching else "other", []).append((service, seconds[service]))
+    return found
+
+
+def _count(attempt: dict[str, Any], name: str) -> dict[str, Any]:
+    found: dict[str, Any] = attempt["links"].get(name, _NO_COUNT)
+    return found
+
+
+def _place(name: str, order: tuple[str, ...]) -> int:
+    return next((place for place, start in enumerate(order) if name.startswith(start)), len(order))

@@ -1,0 +1,157 @@
+"""How each side was flown, in words, and what that means for setting them side by side."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ...plan import wording
+from ...plan.experiments import ARMS, FACTORS
+
+_SAID = {
+    "mqttxt": {
+        "states": {
+            "on-change": "a drone tells a state when it changes",
+            "fixed": "a drone tells each state once a second, each in a message of its own",
+            "bundle": "a drone tells its states once a second, all in one message",
+        },
+        "qos": {
+            "0": "commands, results and states go at QoS 0, without MQTT's acknowledgements",
+            "1": "commands, results and states go at QoS 1: each is acknowledged on every hop",
+        },
+    },
+    "mavlink": {
+        "streams": {
+            "px4-onboard": "every drone streams PX4's onboard set, all of it to the ground station",
+            "px4-gcs": "every drone streams PX4's ground-station set",
+            "px4-normal": "every drone streams PX4's normal set",
+            "five-states": "every drone streams the five states that were asked for, at 1 Hz",
+        },
+        "commanding": {
+            "one-by-one": "one call at a time: the next begins when the last has returned",
+            "concurrent": "all drones are called at once",
+        },
+        "chain": {
+            "per-uav": "each drone has routers of its own on every node of its way",
+            "shared": "one router a node, for all drones together",
+            "direct": "no routers: datagrams are forwarded by IP over the same links",
+        },
+    },
+}
+_OLD_STREAMS = {name: f"px4-{name}" for name in ("onboard", "gcs", "normal")}
+_BROADCAST = "a command for all drones is one broadcast a fog"
+
+
+_STREAMS_BESIDE = (
+    "Beside each kind MAVLink goes on streaming PX4's whole set. The state asked about comes at its rate, of which "
+    "the program takes the newest value once a second; MQTT-XT's drone tells it once a second. So all frames together "
+    "compare two ways of working, and a kind's own frames compare what each sends for it."
+)
+_MESSAGES_BESIDE = (
+    "Both sides tell the state asked about once a second and are kept from telling the others, so what goes beside a "
+    "kind is what each protocol cannot do without."
+)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factor of one side: its name, its value, and what it is in words."""
+
+    name: str
+    value: str
+    words: str
+
+
+def factors_of(configuration: dict[str, Any], protocol: str, one_drone: bool = False) -> list[Factor]:
+    """The factors that shape a side, as far as the manifest has them; unknown values stay as they are.
+
+    With `one_drone` it is not said how several are commanded.
+    """
+    said = []
+    for name, values in _SAID.get(protocol, {}).items():
+        if name not in configuration or (one_drone and name == "commanding"):
+            continue
+        value = _value(configuration, name)
+        said.append(Factor(name, value, values.get(value, value)))
+    if protocol == "mqttxt" and said and not one_drone:
+        said.append(Factor("commanding", "broadcast", _BROADCAST))
+    return said
+
+
+def fairness(configuration: dict[str, Any], one_drone: bool = False) -> list[str]:
+    """What the factors mean for a comparison; nothing is said of a factor that the manifest does not have.
+
+    With `one_drone` the experiment is the message set.
+    """
+    said = []
+    streams, states = _value(configuration, "streams"), _value(configuration, "states")
+    if one_drone and streams and states:
+        said.append(_MESSAGES_BESIDE if streams == "five-states" else _STREAMS_BESIDE)
+    elif streams == "five-states" and states in ("fixed", "bundle"):
+        said.append("Both sides carry the same five states once a second: packets and bytes compare the same content.")
+    elif streams and states:
+        said.append(
+            "The sides do not carry the same content: MAVLink brings whole streams at set rates, MQTT-XT what its "
+            "drones tell. Packets and bytes compare two ways of working; the arm five-states compares the same content."
+        )
+    commanding = _value(configuration, "commanding") if not one_drone else ""
+    if commanding == "one-by-one":
+        said.append(
+            "MAVLink's drones are commanded one after the other, MQTT-XT's together: what asking one by one takes is "
+            "in the mission time, and is not the protocol's. COMMANDING=concurrent takes it away."
+        )
+    elif commanding == "concurrent":
+        said.append("Both sides command all drones at once, so their mission times compare directly.")
+    chain = _value(configuration, "chain")
+    if chain == "direct":
+        said.append("Nothing forwards, adds or drops messages on the way: beside a chain it shows what routers cost.")
+    elif chain == "shared":
+        said.append(
+            "A shared router sends telemetry down to every other drone as well; that, and the routers' own heartbeats, "
+            "are among MAVLink's packets and bytes."
+        )
+    elif chain:
+        said.append(
+            "The routers' own heartbeats are among MAVLink's packets and bytes, as MQTT's upkeep is among the other's."
+        )
+    if _value(configuration, "qos") == "0":
+        said.append("QoS 0 spares MQTT-XT the acknowledgements of MQTT; those of TCP are counted.")
+    for name, instead in (("AUTOPILOT", "the stand-in's place"), ("ROUTER", "the place of mavp2p as it is built here")):
+        if configuration.get(name):
+            said.append(f"Flown with {name}={configuration[name]} in {instead}.")
+    return said
+
+
+def deviations(configuration: dict[str, Any], arm: str) -> list[tuple[str, str]]:
+    """Factors that were changed from the arm's own, as (qos, 1); none of an arm that is not known any more."""
+    if arm not in ARMS:
+        return []
+    own = {name: str(value) for name, value in asdict(ARMS[arm].factors).items()}
+    flown = {name: _value(configuration, name) for name in own if name in configuration}
+    return [(name, value) for name, value in flown.items() if value != own[name]]
+
+
+def mixed(manifests: list[dict[str, Any]]) -> list[str]:
+    """In what the attempts of one series differ although they should not, a sentence each."""
+    said = []
+    revisions = {str(manifest["revision"].get("commit")) for manifest in manifests}
+    if len(revisions) > 1:
+        said.append(
+            f"The attempts were flown at {len(revisions)} different revisions; each one's is among its conditions."
+        )
+    for name in FACTORS:
+        values = {
+            _value(manifest["configuration"], name) for manifest in manifests if name in manifest["configuration"]
+        }
+        if len(values) > 1:
+            said.append(f"The attempts were not all flown alike: {name} was {wording.listed(sorted(values))}.")
+    for name in ("profile", "arm", "shaper"):
+        values = {str(manifest.get(name)) for manifest in manifests}
+        if len(values) > 1:
+            said.append(f"The attempts were not all flown alike: {name} was {wording.listed(sorted(values))}.")
+    return said
+
+
+def _value(configuration: dict[str, Any], name: str) -> str:
+    value = str(configuration.get(name, ""))
+    return _OLD_STREAMS.get(value, value) if name == "streams" else value

@@ -1,0 +1,201 @@
+"""Delays of commands: each message by its number, and how they are distributed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from ....numbers import words
+from ....plan import wording
+from .axes import Scale, bottom, decades, legend, log_bounds, quantile, side, steps
+from .draw import Drawing
+from .figure import Figure
+
+_LEAST_MS = 0.01
+
+
+@dataclass(frozen=True)
+class Delays:
+    """One command's one-way delays on one side, in their order, with the attempt of each; milliseconds."""
+
+    values: tuple[float, ...]
+    attempts: tuple[int, ...]
+    by_application: tuple[float, ...]
+    """Call to callback, as the applications themselves saw it."""
+
+
+Kinds = dict[str, dict[str, Delays]]
+"""By command and protocol."""
+
+
+class Numbered(Protocol):
+    """Values in their order, milliseconds or None, with the attempt of each."""
+
+    @property
+    def values(self) -> tuple[float | None, ...]: ...
+
+    @property
+    def attempts(self) -> tuple[int, ...]: ...
+
+
+def rows_by_number(
+    kinds: Mapping[str, Mapping[str, Numbered]],
+) -> tuple[tuple[str, str, int, int, float | None], ...]:
+    """A figure's data: kind, protocol, attempt, the value's number over all attempts, and the value."""
+    return tuple(
+        (name, protocol, attempt, number, value)
+        for name, by in kinds.items()
+        for protocol, one in by.items()
+        for number, (value, attempt) in enumerate(zip(one.values, one.attempts, strict=True), 1)
+    )
+
+
+def delays_of(completed: dict[str, list[dict[str, Any]]], order: list[str]) -> Kinds:
+    """From the completed attempts of each side; commands in the given order, others after them."""
+    said = {name for attempts in completed.values() for one in attempts for name in one["delay_ms"]}
+    names = [*(name for name in order if name in said), *sorted(said - set(order))]
+    found: Kinds = {}
+    for name in names:
+        for protocol, attempts in completed.items():
+            told = [(ms, one["attempt"]) for one in attempts for ms in one["delay_ms"].get(name, ())]
+            own = [ms for one in attempts for ms in one.get("delay_app_ms", {}).get(name, ())]
+            if told:
+                values, numbers = zip(*told, strict=True)
+                found.setdefault(name, {})[protocol] = Delays(values, numbers, tuple(own))
+    return found
+
+
+def by_number(kinds: Kinds) -> Figure | None:
+    """Each delay as a point; None where there are none."""
+    if not kinds:
+        return None
+    return Figure(
+        name="delay-by-number",
+        title="Delay of each command",
+        shows=f"One-way delay of every command message by its number. {_said(kinds)}",
+        note=(
+            "One way, by capture: the first frame leaving the ground station to the first copy reaching the drone, "
+            "message after message, on a logarithmic scale. The bar at the right of each panel spans the middle half, "
+            "its stroke is the median. A dashed line parts attempts."
+        ),
+        draw=lambda width: _panels(kinds, width, _draw_numbers, 150),
+        header=("command", "protocol", "attempt", "number", "delay_ms"),
+        rows=rows_by_number(kinds),
+        sources=("pcap", "events.jsonl"),
+    )
+
+
+def distribution(kinds: Kinds) -> Figure | None:
+    """The share of messages that arrived within a time; None where there are no delays."""
+    if not kinds:
+        return None
+    own = any(one.by_application for by in kinds.values() for one in by.values())
+    return Figure(
+        name="delay-distribution",
+        title="How delays are distributed",
+        shows=f"Share of command messages that arrived within a time. {_said(kinds)}",
+        note=(
+            "Read up from a time: that share of the messages had arrived by then."
+            + (" Thin and dashed: the applications' own, from the call to the callback." if own else "")
+        ),
+        draw=lambda width: _panels(kinds, width, _draw_shares, 130),
+        header=("command", "protocol", "measured", "delay_ms", "share_within"),
+        rows=tuple(
+            (name, protocol, by, value, round((place + 1) / len(values), 6))
+            for name, sides in kinds.items()
+            for protocol, one in sides.items()
+            for by, values in (("capture", one.values), ("application", one.by_application))
+            for place, value in enumerate(sorted(values))
+        ),
+        sources=("pcap", "events.jsonl"),
+    )
+
+
+def draw_shares(kinds: Kinds, width: float) -> Drawing:
+    """A panel for each of `kinds`, with the share of its messages that arrived within a time."""
+    return _panels(kinds, width, _draw_shares, 130)
+
+
+def _said(kinds: Kinds) -> str:
+    parts = []
+    for name, by in kinds.items():
+        medians = [f"{words.milliseconds(_median(one))} over {wording.name_of(p)}" for p, one in by.items()]
+        parts.append(f"{name}: median {' and '.join(medians)}")
+    return f"{'; '.join(parts)}."
+
+
+def _median(one: Delays) -> float:
+    return quantile(sorted(one.values), 0.5)
+
+
+def _panels(
+    kinds: Kinds, width: float, draw: Callable[[Drawing, dict[str, Delays], Scale, Scale], None], high: float
+) -> Drawing:
+    """A panel a command, all to one scale of delays: side by side, or below each other where it is narrow."""
+    narrow = width < 600
+    columns = 1 if narrow else min(len(kinds), 3)
+    rows = -(-len(kinds) // columns)
+    left, gap, top, tall = 52.0, 32.0, 44.0, high + 52
+    drawing = Drawing(width, top + rows * tall - 14)
+    protocols = dict.fromkeys(protocol for by in kinds.values() for protocol in by)
+    legend(drawing, [p for p in wording.PROTOCOL_NAMES if p in protocols], 0, 13)
+    values = [ms for by in kinds.values() for one in by.values() for ms in (*one.values, *one.by_application)]
+    low, most = log_bounds(values, _LEAST_MS)
+    wide = (width - left - (columns - 1) * gap - 4) / columns
+    for place, (name, by) in enumerate(kinds.items()):
+        x = left + (place % columns) * (wide + gap)
+        y = top + (place // columns) * tall
+        drawing.text(x, y - 8, name, "ink", bold=True)
+        first = place % columns == 0
+        if draw is _draw_numbers:
+            vertical = Scale(low, most, y + high, y + 2, logarithmic=True)
+            side(drawing, vertical, decades(low, most, words.delay), x, x + wide, first)
+            count = max(len(one.values) for one in by.values())
+            horizontal = Scale(0, count + 1, x, x + wide - 34)
+            ticks = [(at, label) for at, label in steps(count, lambda v: f"{v:.0f}", 4) if at.is_integer()]
+            bottom(drawing, horizontal, [*((1.0, "1") for _ in range(count > 1)), *ticks[1:]] or ticks, y + high)
+        else:
+            horizontal = Scale(low, most, x, x + wide, logarithmic=True)
+            ticks = decades(low, most, words.delay, 5 if narrow else 3)
+            vertical = Scale(0, 1, y + high, y + 2)
+            side(drawing, vertical, [(0, "0"), (0.5, "50 %"), (1, "100 %")], x, x + wide, first)
+            bottom(drawing, horizontal, ticks, y + high, y + 2)
+        draw(drawing, by, horizontal, vertical)
+    return drawing
+
+
+def _draw_numbers(drawing: Drawing, by: dict[str, Delays], across: Scale, up: Scale) -> None:
+    for order, (protocol, one) in enumerate(by.items()):
+        for number, (value, attempt) in enumerate(zip(one.values, one.attempts, strict=True), 1):
+            tip = f"{wording.name_of(protocol)}, message {number} (attempt {attempt}): {words.milliseconds(value)}"
+            drawing.dot((across(number), up(value)), protocol, 2.6 if len(one.values) > 40 else 3.2, tip=tip)
+            if order == 0 and number > 1 and attempt != one.attempts[number - 2]:
+                x = across(number - 0.5)
+                drawing.line((x, up(up.least)), (x, up(up.most)), "faint", 0.8, dashed=True)
+        ordered = sorted(one.values)
+        x = across.end + 12 + 14 * order
+        ends = [up(quantile(ordered, part)) for part in (0.25, 0.75)]
+        median = quantile(ordered, 0.5)
+        tip = f"{wording.name_of(protocol)}: median {words.milliseconds(median)} of {len(ordered)}"
+        drawing.rect(x - 3, min(ends), 6, max(abs(ends[0] - ends[1]), 1.5), protocol, 0.45, tip)
+        drawing.line((x - 5, up(median)), (x + 5, up(median)), protocol, 2.4)
+
+
+def _draw_shares(drawing: Drawing, by: dict[str, Delays], across: Scale, up: Scale) -> None:
+    for protocol, one in by.items():
+        _stairs(drawing, one.by_application, protocol, across, up, thin=True)
+        _stairs(drawing, one.values, protocol, across, up)
+
+
+def _stairs(
+    drawing: Drawing, values: tuple[float, ...], protocol: str, across: Scale, up: Scale, thin: bool = False
+) -> None:
+    points, share = [(across.start, up(0))], 0.0
+    for place, value in enumerate(sorted(values), 1):
+        points.append((across(value), up(share)))
+        share = place / len(values)
+        points.append((across(value), up(share)))
+    points.append((across.end, up(share)))
+    if values:
+        drawing.path(points, protocol, 1.1 if thin else 2.0, dashed=thin)

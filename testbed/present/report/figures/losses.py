@@ -1,0 +1,144 @@
+"""Frames lost on each link, by cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ....numbers import words
+from ....plan import wording
+from .axes import Scale, bottom, legend, steps
+from .draw import TEXT, Drawing, width_of
+from .figure import Figure
+
+CAUSES = {
+    "random": "drawn at random",
+    "queue": "no room in the queue",
+    "closed": "link closed",
+    "overload": "shaper overloaded",
+    "corrupted": "a bit was turned",
+    "unknown": "cause unknown",
+}
+_SHADES = {"random": "l1", "queue": "l2", "closed": "l0", "overload": "bad", "corrupted": "l3", "unknown": "l5"}
+
+
+@dataclass(frozen=True)
+class Lost:
+    """Of one directed link: frames that entered it, and those of them that were lost, by cause."""
+
+    entered: int
+    by_cause: dict[str, int]
+
+    @property
+    def frames(self) -> int:
+        return sum(self.by_cause.values())
+
+    @property
+    def share(self) -> float:
+        return self.frames / self.entered if self.entered else 0.0
+
+
+Links = dict[str, dict[str, Lost]]
+"""By protocol and directed link."""
+
+
+def losses(sides: Links, since_start: bool) -> Figure | None:
+    """None where nothing was lost: then a sentence says so.
+
+    `since_start`: counted from the links' start on, else in the whole run.
+    """
+    names = [name for name in _names(sides) if any(links[name].frames for links in sides.values() if name in links)]
+    if not names:
+        return None
+    causes = [c for c in CAUSES if any(one.by_cause.get(c) for links in sides.values() for one in links.values())]
+    return Figure(
+        name="loss",
+        title="Loss by cause",
+        shows=f"Share of the frames that entered each link and did not leave it. {said(sides)}",
+        note=(
+            "Of the frames that entered a link, those that never left it, "
+            + (
+                "from the links' start to the end of the captures"
+                if since_start
+                else "in the whole run, probes included"
+            )
+            + "; the number behind a bar is how many of how many. Links on which nothing was lost are left out. Up is "
+            "towards the cloud."
+        ),
+        draw=lambda width: _draw(sides, names, causes, width),
+        header=("protocol", "link", "entered", *CAUSES),
+        rows=tuple(
+            (protocol, name, links[name].entered, *(links[name].by_cause.get(cause, 0) for cause in CAUSES))
+            for protocol, links in sides.items()
+            for name in _names(sides)
+            if name in links
+        ),
+        sources=("pcap", "links"),
+    )
+
+
+def said(sides: Links) -> str:
+    """'MQTT-XT lost 12 of 1,742 frames (8 in the queue, 4 at random).'"""
+    parts = []
+    for protocol, links in sides.items():
+        entered = sum(one.entered for one in links.values())
+        sums = {cause: sum(one.by_cause.get(cause, 0) for one in links.values()) for cause in CAUSES}
+        each = wording.listed([f"{count:,} {CAUSES[cause]}" for cause, count in sums.items() if count])
+        detail = f" ({each})" if each else ""
+        parts.append(f"over {wording.name_of(protocol)} {sum(sums.values()):,} of {entered:,} frames{detail}")
+    return f"Lost were {wording.listed(parts)}."
+
+
+def _names(sides: Links) -> list[str]:
+    return list(dict.fromkeys(name for links in sides.values() for name in links))
+
+
+def _draw(sides: Links, names: list[str], causes: list[str], width: float) -> Drawing:
+    bar, left = 13.0, 128.0
+    row = len(sides) * (bar + 2) + 10
+    lines = _legend_lines(causes, width)
+    top = 30.0 + 20 * len(lines)
+    drawing = Drawing(width, top + row * len(names) + 22)
+    legend(drawing, list(sides), 0, 13)
+    for number, line in enumerate(lines, 1):
+        for cause, x in line:
+            drawing.rect(x, 4 + 20 * number, 11, 11, _SHADES[cause])
+            drawing.text(x + 17, 14 + 20 * number, CAUSES[cause])
+    most = max(links[name].share for links in sides.values() for name in names if name in links)
+    room = width_of("100 % (10,000 of 100,000)" if width > 600 else "0 of 10,000", TEXT - 1)
+    share = Scale(0, most, left, width - room)
+    ticks = steps(100 * most, lambda v: f"{v:g} %", 5 if width > 600 else 3)
+    bottom(drawing, share, [(value / 100, name) for value, name in ticks], top + row * len(names) - 4, top - 4)
+    for number, name in enumerate(names):
+        y = top + number * row
+        drawing.text(left - 22, y + row / 2 - 1, name, "soft", "end", TEXT - 0.5)
+        for order, (protocol, links) in enumerate(sides.items()):
+            at = y + order * (bar + 2)
+            drawing.dot((left - 12, at + bar / 2), protocol, 3.2)
+            one = links.get(name, Lost(0, {}))
+            x = left
+            for cause in causes:
+                count = one.by_cause.get(cause, 0)
+                if count:
+                    end = share((sum(one.by_cause.get(c, 0) for c in causes[: causes.index(cause) + 1])) / one.entered)
+                    tip = f"{wording.name_of(protocol)}, {name}: {count:,} of {one.entered:,}, {CAUSES[cause]}"
+                    drawing.rect(x, at, max(end - x, 0.8), bar, _SHADES[cause], tip=tip)
+                    x = end
+            told = f"{words.percent(100 * one.share)}" if one.frames else f"0 of {one.entered:,}"
+            told += f" ({one.frames:,} of {one.entered:,})" if one.frames and width > 600 else ""
+            drawing.text(x + 6, at + bar - 2.5, told, "soft", size=TEXT - 1)
+        drawing.line((left, y - 3), (left, y + row - 7), "faint")
+    return drawing
+
+
+def _legend_lines(causes: list[str], width: float) -> list[list[tuple[str, float]]]:
+    """Which cause goes where: as many on a line as fit."""
+    lines: list[list[tuple[str, float]]] = [[]]
+    x = 0.0
+    for cause in causes:
+        needed = 17 + width_of(CAUSES[cause]) + 18
+        if x + needed > width and lines[-1]:
+            lines.append([])
+            x = 0.0
+        lines[-1].append((cause, x))
+        x += needed
+    return lines

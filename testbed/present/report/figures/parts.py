@@ -1,0 +1,82 @@
+"""What the bytes are made of: a bar a side, by layer or by purpose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ....numbers import words
+from ....plan import wording
+from .axes import Scale
+from .draw import TEXT, Drawing, width_of
+from .figure import Figure
+
+Parts = dict[str, dict[str, int]]
+"""By protocol the bytes of each part."""
+
+
+def parts(name: str, title: str, note: str, order: Sequence[str], sides: Parts) -> Figure | None:
+    """None where there are no bytes. `order` names the parts from left to right; at most six."""
+    totals = {p: sum(by.values()) for p, by in sides.items() if sum(by.values())}
+    if not totals:
+        return None
+    used = [part for part in order if any(sides[p].get(part) for p in totals)]
+    said = [
+        f"{wording.name_of(p)} {words.size(total)}, most of it {max(used, key=lambda part: sides[p].get(part, 0))}"
+        for p, total in totals.items()
+    ]
+    return Figure(
+        name=name,
+        title=title,
+        shows=f"{title}: {'; '.join(said)}.",
+        note=note,
+        draw=lambda width: _draw(sides, totals, list(order), used, width),
+        header=("protocol", "part", "bytes", "share"),
+        rows=tuple(
+            (p, part, sides[p].get(part, 0), round(sides[p].get(part, 0) / total, 6))
+            for p, total in totals.items()
+            for part in used
+        ),
+        sources=("pcap",),
+    )
+
+
+def _draw(sides: Parts, totals: dict[str, int], order: list[str], used: list[str], width: float) -> Drawing:
+    bar, gap = 30.0, 30.0
+    most = max(totals.values())
+    rows = _legend(used, width)
+    top = 10.0 + 20 * (rows[-1][2] + 1)
+    drawing = Drawing(width, top + len(totals) * (bar + gap + 14) - 12)
+    for part, x, line in rows:
+        drawing.rect(x, 4 + 20 * line, 11, 11, f"l{order.index(part)}")
+        drawing.text(x + 17, 14 + 20 * line, part)
+    for number, (protocol, total) in enumerate(totals.items()):
+        y = top + number * (bar + gap + 14) + 18
+        drawing.text(0, y - 6, wording.name_of(protocol), protocol, bold=True)
+        drawing.text(width, y - 6, words.size(total), "ink", "end")
+        share = Scale(0, total, 0, width)
+        done = 0
+        for part in used:
+            count = sides[protocol].get(part, 0)
+            if not count:
+                continue
+            x, end = share(done), share(done + count)
+            tip = f"{wording.name_of(protocol)}, {part}: {words.size(count)}, {words.percent(100 * count / total)}"
+            drawing.rect(x, y, max(end - x - 1, 0.5), bar, f"l{order.index(part)}", tip=tip)
+            label = words.percent(100 * count / total)
+            if end - x > width_of(label) + 10:
+                drawing.text(x + 6, y + bar / 2 + 4.5, label, "paper" if order.index(part) < 2 else "ink")
+            done += count
+        drawing.rect(0, y + bar + 4, max(width * total / most, 1.5), 3, protocol)
+    return drawing
+
+
+def _legend(used: list[str], width: float) -> list[tuple[str, float, int]]:
+    """Where each part's name goes: its x and its line."""
+    found, x, line = [], 0.0, 0
+    for part in used:
+        needed = 17 + width_of(part, TEXT) + 18
+        if x + needed > width and x:
+            x, line = 0.0, line + 1
+        found.append((part, x, line))
+        x += needed
+    return found

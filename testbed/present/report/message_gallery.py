@@ -1,0 +1,45 @@
+"""The figures of a message set's report, in the page's order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...numbers import words
+from . import details, message_set
+from .comparison import completed
+from .figures.figure import Figure
+from .figures.kind_delays import kind_delays, series_of
+from .figures.kind_ratios import PANELS, Ratio, kind_ratios
+from .figures.kind_sizes import counts_of, kind_sizes
+from .gallery import Seen, of_links, of_traffic
+
+
+def figures_of(
+    metrics: dict[str, Any], shown: details.Shown, seen: dict[str, Seen], links: list[tuple[str, str, str]]
+) -> dict[str, Figure]:
+    """By name; what cannot be drawn of these results is left out."""
+    done = {p: attempts for p, side in words.sides(metrics) if (attempts := completed(side))}
+    order = (*message_set.COMMANDS, *message_set.STATES)
+    made = [
+        of_links(metrics, shown, links),
+        kind_ratios(_ratios(metrics)),
+        kind_delays(series_of(done, order)),
+        kind_sizes(counts_of(done, order)),
+        *of_traffic(shown, seen),
+    ]
+    return {figure.name: figure for figure in made if figure is not None}
+
+
+def _ratios(metrics: dict[str, Any]) -> dict[str, dict[str, Ratio]]:
+    return {row.name: {what: _ratio(row, what) for what in PANELS} for row in message_set.rows(metrics)}
+
+
+def _ratio(row: message_set.Row, what: str) -> Ratio:
+    amounts = {how: row.amounts(how, what) for how in ("with_states", "alone")}
+    return Ratio(
+        with_states=row.ratio("with_states", what),
+        alone=row.ratio("alone", what),
+        thesis=row.printed_ratio(what),
+        contradicted=row.computed and what == "bytes",
+        amounts=amounts | {"thesis": row.printed.get(what, {})},
+    )

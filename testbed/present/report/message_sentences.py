@@ -1,0 +1,113 @@
+"""What a message set says, in plain sentences that are computed from its numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...numbers import words
+from ...plan import wording
+from .comparison import completed
+from .message_set import Row, Side, is_message_set, rows, totals
+
+_FORMS = {"command": "a command", "state": "a state"}
+
+
+def finding(metrics: dict[str, Any]) -> str | None:
+    """How many times MQTT-XT's frames and bytes MAVLink's are; None without a completed attempt on each side."""
+    both = _both(metrics)
+    if not both:
+        return None
+    counted = [f"{_FORMS[row.form]} {_times(row, 'with_states')}" for row in both]
+    alone = [f"{_FORMS[row.form]} {_times(row, 'alone')}" for row in both]
+    return (
+        f"Over MAVLink, with all that went over the links meanwhile: {'; '.join(counted)} of MQTT-XT. "
+        f"Of its own frames alone: {'; '.join(alone)}."
+    )
+
+
+def basis(metrics: dict[str, Any]) -> str | None:
+    """What the finding stands on: the amounts, the delays, what was lost, the thesis's ratios, how many attempts."""
+    both = _both(metrics)
+    if not both:
+        return None
+    said = [_amounts(row) for row in both]
+    said += [_delays(row) for row in both if all(side.delay_ms is not None for side in row.sides.values())]
+    lost = [_lost(row) for row in both if any(side.lost for side in row.sides.values())]
+    said += lost or ["No message was lost on either side."]
+    said.append(_thesis(rows(metrics)))
+    said.append(_how(metrics, both))
+    return " ".join(said)
+
+
+def shortfalls(metrics: dict[str, Any]) -> list[str]:
+    """Which kinds did not all do what they should, a line each: 'MAVLink, takeoff: 3 of 100 not as asked: …'."""
+    said = []
+    for row in rows(metrics):
+        for protocol, side in row.sides.items():
+            if side.received < side.asked:
+                what = "calls were not acknowledged" if row.form == "command" else "values were not there in time"
+                why = ", ".join(f"{count} {reason}" for reason, count in side.failed.items())
+                missing = side.asked - side.received
+                said.append(
+                    f"{wording.name_of(protocol)}, {row.name}: {missing:,} of {side.asked:,} {what}"
+                    + (f" ({why})" if why else "")
+                )
+    return said
+
+
+def _both(metrics: dict[str, Any]) -> list[Row]:
+    """One command and one state, as far as both sides have them; none for another experiment."""
+    if not is_message_set(metrics):
+        return []
+    return [row for row in totals(rows(metrics)) if {"mavlink", "mqttxt"} <= set(row.sides)]
+
+
+def _times(row: Row, how: str) -> str:
+    """'25 times the packets and 20 times the bytes'."""
+    named = (("packets", "the packets"), ("bytes", "the bytes"))
+    parts = [words.times(ratio, what) for name, what in named if (ratio := row.ratio(how, name)) is not None]
+    return wording.listed(parts)
+
+
+def _amounts(row: Row) -> str:
+    each = [f"{_amount(row.sides[p])} over {wording.name_of(p)}" for p in ("mqttxt", "mavlink")]
+    return f"For {_FORMS[row.form]} that is {' and '.join(each)}."
+
+
+def _amount(side: Side) -> str:
+    return f"{words.digits(side.with_states.packets)} frames with {words.size(side.with_states.bytes)}"
+
+
+def _delays(row: Row) -> str:
+    where = "its drone" if row.form == "command" else "the ground station"
+    each = [f"{words.milliseconds(row.sides[p].delay_ms)} over {wording.name_of(p)}" for p in ("mqttxt", "mavlink")]
+    return f"{_FORMS[row.form].capitalize()} reached {where} in {', in '.join(each)} (means)."
+
+
+def _lost(row: Row) -> str:
+    each = [f"{row.sides[p].loss} over {wording.name_of(p)}" for p in ("mqttxt", "mavlink")]
+    return f"{row.form.capitalize()}s lost: {', '.join(each)}."
+
+
+def _thesis(table: list[Row]) -> str:
+    """Its packet ratios, of the kinds that were flown."""
+    parts = []
+    for form, label in (("command", "commands"), ("state", "states")):
+        ratios = [ratio for row in table if row.form == form and (ratio := row.printed_ratio("packets")) is not None]
+        if ratios:
+            parts.append(f"{words.ratio(min(ratios))} to {words.ratio(max(ratios))} times the packets for {label}")
+    return f"The thesis has {wording.listed(parts)}."
+
+
+def _how(metrics: dict[str, Any], both: list[Row]) -> str:
+    counts = {p: len(completed(side)) for p, side in words.sides(metrics)}
+    attempts = set(counts.values())
+    if attempts == {1}:
+        how = "one attempt each"
+    elif len(attempts) == 1:
+        how = f"means of {attempts.pop()} attempts each"
+    else:
+        how = f"means of {wording.listed([f'{n} attempts over {wording.name_of(p)}' for p, n in counts.items()])}"
+    asked = completed(metrics["protocols"]["mqttxt"])[0]["message_set"]
+    each = next(iter(asked.values()))["asked"]
+    return f"{each:,} of each kind, one drone, on links of profile {metrics['profile']}; {how}."

@@ -1,0 +1,111 @@
+"""The page's section on sensors: each series of the shown attempts, what all attempts brought, what carrying took."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ...numbers import words
+from ...plan import wording
+from .details import Shown
+
+LINKS = ("sense", "air", "backhaul", "wan")
+PURPOSES = (("sensor", "frames"), ("acknowledgement", "ACKs"), ("upkeep", "upkeep"))
+_NOTHING = {"packets": 0, "bytes": 0}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A series, as `metrics.json` has it of each side's shown attempt."""
+
+    drone: int
+    kind: str
+    unit: str
+    by: dict[str, dict[str, Any]]
+
+
+def rows_of(shown: Shown) -> list[Row]:
+    """By drone and kind; empty without sensors."""
+    found: dict[tuple[int, str], Row] = {}
+    for protocol, attempt in shown.items():
+        for one in attempt.get("series", ()):
+            key = one["drone"], one["kind"]
+            found.setdefault(key, Row(*key, unit_of(one["unit"]), {})).by[protocol] = one
+    return [found[key] for key in sorted(found, key=lambda key: key[0])]
+
+
+def unit_of(unit: str) -> str:
+    """A unit as people write it, which travels as letters."""
+    return "°C" if unit == "degC" else unit
+
+
+def said(metrics: dict[str, Any]) -> list[str]:
+    """For each side in how many attempts every series arrived whole, and what is missing of the others."""
+    sentences = []
+    for protocol, side in words.sides(metrics):
+        flown = [attempt for attempt in side["attempts"] if attempt.get("series")]
+        if not flown:
+            continue
+        name, count = wording.name_of(protocol), len(flown[0]["series"])
+        whole = sum(not missing(attempt) for attempt in flown)
+        which = "the attempt" if len(flown) == 1 else f"{whole} of {len(flown)} attempts"
+        if whole == len(flown):
+            how = "" if len(flown) == 1 else f" in each of {len(flown)} attempts"
+            sentences.append(f"{name}: all {count} series arrived whole, as they were measured{how}.")
+            continue
+        sentences.append(f"{name}: not every series arrived whole" + (f", in {which} they did." if whole else "."))
+        for attempt in flown:
+            if gone := missing(attempt):
+                sentences.append(f"{name}, attempt {attempt['attempt']}: {'; '.join(gone)}.")
+    return sentences
+
+
+def missing(attempt: dict[str, Any]) -> list[str]:
+    """What of an attempt's series is not as it should be, drone by drone."""
+    by_drone: dict[int, list[dict[str, Any]]] = {}
+    for one in attempt.get("series", ()):
+        if not one["whole"]:
+            by_drone.setdefault(one["drone"], []).append(one)
+    found = []
+    for drone, broken in by_drone.items():
+        if all(one["measured"] == 0 for one in broken):
+            found.append(f"drone {drone}: its sensor {broken[0]['sensor']} was never reached and measured nothing")
+        else:
+            found.append(f"drone {drone}: {', '.join(_of(one) for one in broken)}")
+    return found
+
+
+def _of(one: dict[str, Any]) -> str:
+    wrong = f", {one['wrong']} wrong" if one["wrong"] else ""
+    return f"{one['kind']} {one['delivered']} of {one['samples']}{wrong}"
+
+
+def traffic_of(shown: Shown) -> list[tuple[str, dict[str, list[dict[str, int]]]]]:
+    """For each kind of link, and all of them, packets and bytes by PURPOSES; empty where nothing was counted."""
+    counted = {p: attempt.get("reading_traffic") or {} for p, attempt in shown.items()}
+    if not any(counted.values()):
+        return []
+    table = [
+        (link, {p: [by.get(link, {}).get(purpose, _NOTHING) for purpose, _ in PURPOSES] for p, by in counted.items()})
+        for link in LINKS
+    ]
+    sums = {
+        p: [{f: sum(row[p][at][f] for _, row in table) for f in _NOTHING} for at in range(len(PURPOSES))]
+        for p in counted
+    }
+    return [*table, ("all links", sums)]
+
+
+def cost(shown: Shown) -> str | None:
+    """Bytes of the frames that carried readings, for each value that arrived; None where none did."""
+    parts = []
+    for protocol, attempt in shown.items():
+        arrived = sum(one["delivered"] for one in attempt.get("series", ()))
+        traffic = attempt.get("reading_traffic") or {}
+        carried = sum(by.get("sensor", _NOTHING)["bytes"] for by in traffic.values())
+        if arrived and carried:
+            parts.append(f"{carried / arrived:,.0f} bytes over {_CARRIER.get(protocol, wording.name_of(protocol))}")
+    return f"A value that arrived took {wording.listed(parts)}, on all four links together." if parts else None
+
+
+_CARRIER = {"mavlink": "the plain brokers beside MAVLink"}

@@ -1,0 +1,162 @@
+"""What a series says, in plain sentences that are computed from its numbers."""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import Any
+
+from ...numbers import words
+from ...plan import wording
+from . import message_sentences
+from .comparison import completed, rows
+from .figures.losses import Lost
+from .message_set import is_message_set
+
+_OF_RATIO = (("packets", "the packets"), ("bytes", "the bytes"), ("mission time", "the mission time"))
+_SAME_TIME = 0.02
+_LOSSES = ("commands lost", "states lost", "frames lost")
+
+
+def finding(metrics: dict[str, Any]) -> str:
+    """Which, by how much: one sentence. Without a completed attempt on each side it says so and makes no ratio."""
+    sides = words.sides(metrics)
+    if (of_kinds := message_sentences.finding(metrics)) is not None:
+        return of_kinds
+    if [protocol for protocol, side in sides if completed(side)] == ["mqttxt", "mavlink"]:
+        return _compared(metrics)
+    failed_first = sorted(sides, key=lambda one: bool(completed(one[1])))
+    parts = [_one_side(metrics, protocol) for protocol, _ in failed_first]
+    said = [f"{part[0].upper()}{part[1:]}." for part in parts]
+    return " ".join([*said, "There is no ratio to make."] if len(sides) > 1 else said)
+
+
+def basis(metrics: dict[str, Any]) -> str | None:
+    """What the finding stands on: the other side's numbers, the fleet, the links, how many attempts."""
+    if (of_kinds := message_sentences.basis(metrics)) is not None:
+        return of_kinds
+    sides = dict(words.sides(metrics))
+    if not all(completed(sides.get(protocol, {"attempts": []})) for protocol in ("mqttxt", "mavlink")):
+        return None
+    mission, packets, bytes_ = _middles(metrics, "mqttxt")
+    flown = {protocol: (len(completed(side)), len(side["attempts"])) for protocol, side in sides.items()}
+    if set(flown.values()) == {(1, 1)}:
+        how = "one attempt each"
+    elif len(set(flown.values())) == 1 and all(done == of for done, of in flown.values()):
+        how = f"medians of {flown['mqttxt'][0]} attempts each"
+    else:
+        parts = [f"{done} of {of} over {wording.name_of(protocol)}" for protocol, (done, of) in flown.items()]
+        how = f"medians of the completed attempts, {wording.listed(parts)}"
+    fleet = _fleet(completed(sides["mqttxt"])[0]).capitalize()
+    return (
+        f"MQTT-XT took {mission}, {packets} packets and {bytes_}.{_delays(metrics)}{_losses(metrics)} "
+        f"{fleet} flew {_experiment(metrics)} on links of profile {metrics['profile']}; {how}."
+    )
+
+
+def notes(metrics: dict[str, Any]) -> list[str]:
+    """What one must know before believing the numbers: why attempts failed or are void, and what was cut off."""
+    said = []
+    for protocol, side in words.sides(metrics):
+        name = wording.name_of(protocol)
+        for attempt in side["attempts"]:
+            which = f"{name}, attempt {attempt['attempt']}"
+            if attempt["status"] != "completed":
+                said.append(f"{which} {attempt['status']}: {attempt['reason']}")
+            if attempt.get("truncated"):
+                files = ", ".join(attempt["truncated"])
+                said.append(f"{which}: cut off, and counted up to the cut: {files}; its counts are too low")
+        said += [
+            f"{name}, attempt {void['attempt']} is void, not counted: {void['reason']}"
+            + (f" (the machine's load was {void['load']:.1f} at its end)" if "load" in void else "")
+            for void in side["void"]
+        ]
+    return said
+
+
+def not_completed(outcomes: dict[str, list[dict[str, Any]]], reason: str) -> list[str]:
+    """The last words other than `completed` that a reason leaves out: 'drone 3: takeoff denied (not healthy)'."""
+    return [
+        f"drone {drone}: {entry['command']} {entry['word']}" + (f" ({entry['reason']})" if entry["reason"] else "")
+        for drone, entries in outcomes.items()
+        for entry in entries
+        if entry["word"] != "completed" and f"drone {drone}: {entry['word']}" not in reason
+    ]
+
+
+def none_lost(sides: dict[str, dict[str, Lost]]) -> str | None:
+    """A sentence in place of a figure where no link lost a frame; None where one did, or where nothing was counted."""
+    if not sides or any(one.frames for links in sides.values() for one in links.values()):
+        return None
+    counts = [
+        f"{sum(one.entered for one in links.values()):,} frames over {wording.name_of(p)}" for p, links in sides.items()
+    ]
+    return f"No link lost a frame: of {wording.listed(counts)} every one that entered a link left it."
+
+
+def _compared(metrics: dict[str, Any]) -> str:
+    ratios = {row.name: row.ratio for row in rows(metrics)}
+    mission = ratios["mission time"]
+    as_long = mission is not None and abs(mission - 1) <= _SAME_TIME
+    names = [(name, what) for name, what in _OF_RATIO if not (as_long and name == "mission time")]
+    parts = [words.times(ratio, what) for name, what in names if (ratio := ratios[name]) is not None]
+    by = f": {wording.listed(parts)} of MQTT-XT" if parts else ""
+    in_time = ", in about the same mission time" if as_long and parts else ""
+    took, packets, bytes_ = _middles(metrics, "mavlink")
+    return f"Over MAVLink the same mission took {took}, {packets} packets and {bytes_}{by}{in_time}."
+
+
+def _delays(metrics: dict[str, Any]) -> str:
+    """How long commands took to reach a drone on each side, where both are known."""
+    row = next(row for row in rows(metrics) if row.name == "delay of commands")
+    if row.ratio is None:
+        return ""
+    mavlink, mqttxt = (row.cells[protocol].text for protocol in ("mavlink", "mqttxt"))
+    return f" A command reached its drone in {mavlink} over MAVLink, in {mqttxt} over MQTT-XT (medians)."
+
+
+def _losses(metrics: dict[str, Any]) -> str:
+    """What was lost, where anything was."""
+    said = []
+    for row in rows(metrics):
+        some = any(cell.text[0] not in f"0{words.NOTHING}" for cell in row.cells.values())
+        if row.name in _LOSSES and some:
+            each = [f"{row.cells[p].text} over {wording.name_of(p)}" for p in ("mavlink", "mqttxt")]
+            said.append(f" {row.name.capitalize()}: {', '.join(each)}.")
+    return "".join(said)
+
+
+def _middles(metrics: dict[str, Any], protocol: str) -> tuple[str, str, str]:
+    """Mission time, packets and bytes of one side, as text."""
+    texts = {row.name: row.cells[protocol].text for row in rows(metrics)}
+    return texts["mission time"], texts["packets"], texts["bytes"]
+
+
+def _one_side(metrics: dict[str, Any], protocol: str) -> str:
+    side, name = metrics["protocols"][protocol], wording.name_of(protocol)
+    flown, done = side["attempts"], completed(side)
+    if not flown:
+        return f"over {name} no attempt counts ({wording.first_line(side['void'][0]['reason'])})"
+    if not done:
+        which = "the only attempt failed" if len(flown) == 1 else f"none of {len(flown)} attempts was completed"
+        return f"over {name} {which} ({wording.first_line(flown[0]['reason'])})"
+    mission = median(attempt["mission_s"] for attempt in done)
+    packets = median(attempt["packets"] for attempt in done)
+    bytes_ = median(attempt["size_bytes"] for attempt in done)
+    much = "" if len(done) == 1 else " (medians)"
+    how = "" if len(done) == len(flown) else f", in {len(done)} of {len(flown)} attempts"
+    return (
+        f"over {name} {_fleet(done[0])} flew {_experiment(metrics)} in {mission:.1f} s, "
+        f"with {packets:,.0f} packets and {words.size(bytes_)} on all links{much}{how}"
+    )
+
+
+def _experiment(metrics: dict[str, Any]) -> str:
+    name: str = metrics["experiment"]
+    return "the message set" if is_message_set(metrics) else wording.EXPERIMENT_NAMES.get(name, name).lower()
+
+
+def _fleet(attempt: dict[str, Any]) -> str:
+    """'6 drones on two fogs', by what was measured."""
+    fogs = len({link.split(":")[1] for link in attempt["links"] if link.startswith("backhaul:")})
+    drones = wording.plural(wording.in_words(len(attempt["outcomes"])), "drone")
+    return f"{drones} on {wording.plural(wording.in_words(fogs), 'fog')}"

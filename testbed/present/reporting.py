@@ -1,0 +1,57 @@
+"""What follows a flight: its series is measured, its report written, and its summary shown."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from ..errors import DockerError
+from ..fly.results import Series, open_series
+from ..numbers.metrics import measure_series
+from ..plan.topology import ROOT
+from .report.html import write_report
+from .report.terminal import print_summary
+
+RESULTS = ROOT / "results"
+
+
+def make_console() -> Console:
+    """The terminal; a file or a pipe is given room for the tables."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=120)
+
+
+@contextlib.contextmanager
+def reported_without_docker(series: Series, console: Console) -> Iterator[None]:
+    """A Docker that is lost ends a series: what was flown of it is reported, and the DockerError goes on."""
+    try:
+        yield
+    except DockerError:
+        if any(attempt.was_flown for attempt in series.attempts()):
+            report_series(series.path, console)
+        raise
+
+
+def report_series(path: Path, console: Console) -> dict[str, Any]:
+    """Metrics, page and figures of a series from its folder alone, and its summary on the terminal.
+
+    Returns the metrics. Raises ResultsError.
+    """
+    series = open_series(path)
+    metrics = measure_series(series)
+    target = write_report(series, metrics, papers=True)
+    print_summary(series, metrics, console)
+    console.print(f"report: {shown_path(target)}", soft_wrap=True, markup=False)
+    return metrics
+
+
+def shown_path(target: Path) -> str:
+    """The path of a report as people type it, by `latest` where that is this series."""
+    latest = target.parent.parent.parent / "latest"
+    if latest.exists() and latest.resolve() == target.parent:
+        target = latest / target.name
+    return str(target.relative_to(Path.cwd()) if target.is_relative_to(Path.cwd()) else target)

@@ -1,0 +1,153 @@
+"""The summary's tables in a Markdown document, between `<!-- summary:NAME -->` and `<!-- /summary -->`.
+
+NAME is KIND:EXPERIMENT or KIND:EXPERIMENT:PROFILE, as numbers:scenario-1 or bytes:scenario-1:ideal.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import UserError
+from ...plan import wording
+from ...plan.experiments import EXPERIMENTS
+from ...plan.profiles.reading import profile_names
+from . import claims, kinds, numbers, traffic
+from .cells import Cell
+from .overview import Overview, overviews
+
+_MARKED = re.compile(r"(?P<begin><!-- summary:(?P<name>[^>]*?) -->\n)(?P<old>.*?)(?P<end><!-- /summary -->)", re.DOTALL)
+_BEGIN = re.compile(r"<!-- summary:")
+NOT_FLOWN = "Not flown."
+
+
+def fill(document: Path, cells: Iterable[Cell]) -> list[str]:
+    """Write each table anew between its markers; returns their names.
+
+    Raises UserError for a document without markers, for one that is not closed, and for a name that is none.
+    """
+    try:
+        text = document.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{document}: {getattr(error, 'strerror', None) or 'not UTF-8'}") from error
+    known = overviews(cells, EXPERIMENTS)
+    names: list[str] = []
+
+    def replace(found: re.Match[str]) -> str:
+        name = found["name"]
+        if _BEGIN.search(found["old"]):
+            raise UserError(f"{document}: summary:{name}: expected <!-- /summary --> before the next table")
+        kind, overview = _named(document, name, known)
+        reads = [] if any(before.startswith(f"{kind}:") for before in names) else [KINDS[kind].reading]
+        names.append(name)
+        written = "\n\n".join(part.strip() for part in (*KINDS[kind].write(overview), *reads) if part)
+        return f"{found['begin']}\n{written}\n\n{found['end']}"
+
+    filled = _MARKED.sub(replace, text)
+    if len(names) != len(_BEGIN.findall(text)):
+        raise UserError(f"{document}: expected <!-- /summary --> on a line after every <!-- summary:NAME -->")
+    if not names:
+        example = f"<!-- summary:numbers:{EXPERIMENTS[0]} --> and <!-- /summary -->"
+        raise UserError(f"{document}: expected tables' markers in it, as {example}; tables: {', '.join(KINDS)}")
+    if filled != text:
+        document.write_text(filled, encoding="utf-8")
+    return names
+
+
+def _named(document: Path, name: str, known: Sequence[Overview]) -> tuple[str, Overview]:
+    """The kind of table that a marker names, and what it is of. Raises UserError for a name that says nothing."""
+    kind, _, of = name.partition(":")
+    experiment, _, profile = of.partition(":")
+    profiles = [*profile_names(), *(block.profile for one in known for block in one.blocks)]
+    for value, expected in (
+        (kind, list(KINDS)),
+        (experiment, [one.experiment for one in known]),
+        (profile or profiles[0], profiles),
+    ):
+        if value not in expected:
+            names = ", ".join(dict.fromkeys(expected))
+            raise UserError(f"{document}: summary:{name}: {value!r}: expected one of {names}")
+    overview = next(one for one in known if one.experiment == experiment)
+    return kind, overview.on(profile) if profile else overview
+
+
+def numbers_of(overview: Overview) -> Iterator[str]:
+    """A table by profile, what went wrong below it, and on which profiles it was not flown."""
+    for block in overview.blocks:
+        yield f"**Profile `{block.profile}`**"
+        rows = [[f"`{row.arm}`", *(str(row.texts[name]) for name in numbers.COLUMNS)] for row in block.rows]
+        yield _table(["arm", *numbers.COLUMNS.values()], rows)
+        yield from (f"{_plain(f'`{arm}`, {said}')}." for arm, said in block.troubles)
+    if overview.missing:
+        yield f"Not flown on {wording.listed([f'`{name}`' for name in overview.missing])}."
+
+
+def claims_of(overview: Overview) -> Iterator[str]:
+    """Each claim of the thesis in each cell that was flown."""
+    rows = [
+        [f"`{block.profile}`", f"`{cell.arm}`", str(numbers.completed_of(cell)), *map(str, judged)]
+        for block in overview.blocks
+        for cell, judged in block.judged
+    ]
+    headings = [claim.heading for claim in claims.claims()]
+    yield _table(["profile", "arm", "completed", *headings], rows) if rows else NOT_FLOWN
+
+
+def bytes_of(overview: Overview) -> Iterator[str]:
+    """Where the bytes of both sides are, in a table by profile."""
+    for block in overview.blocks:
+        yield f"**Profile `{block.profile}`**"
+        headings, rows = traffic.table([one for cell, _ in block.judged for one in traffic.bytes_of(cell)])
+        yield _table(headings, [[f"`{arm}`", *rest] for arm, *rest in rows])
+    if not overview.blocks:
+        yield NOT_FLOWN
+
+
+def kinds_of(overview: Overview) -> Iterator[str]:
+    """The message set kind by kind, in a table by profile."""
+    for block in overview.blocks:
+        rows = [row for cell, _ in block.judged for row in kinds.rows_of(cell)]
+        if rows:
+            yield f"**Profile `{block.profile}`**"
+            yield _table(kinds.HEADINGS, [[f"`{name}`", f"`{arm}`", *map(str, rest)] for name, arm, *rest in rows])
+    if not overview.blocks:
+        yield NOT_FLOWN
+
+
+def series_of(overview: Overview) -> Iterator[str]:
+    """From which series the numbers are, of which revision, and what is to know of it."""
+    rows = []
+    for cell in overview.cells:
+        told = [(cell.metrics["revision"] or "several")[:12], cell.metrics["shaper"], str(numbers.completed_of(cell))]
+        rows.append([f"`{cell.name}`", *told, "; ".join(map(_plain, cell.metrics["notes"]))])
+    yield _table(["series", "revision", "shaper", "completed", ""], rows) if rows else NOT_FLOWN
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of table: its parts, and how to read it, which is said below the first of it in a document."""
+
+    write: Callable[[Overview], Iterator[str]]
+    reading: str = ""
+
+
+KINDS = {
+    "numbers": Kind(numbers_of, numbers.READING),
+    "claims": Kind(claims_of, claims.READING),
+    "bytes": Kind(bytes_of, traffic.READING),
+    "kinds": Kind(kinds_of, kinds.READING),
+    "series": Kind(series_of),
+}
+"""By the first word of a marker's name; an experiment follows, and a profile if it is to be one alone."""
+
+
+def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown takes for nothing else, but for code."""
+    return re.sub(r"([*_<|])", r"\\\1", " ".join(text.split()))

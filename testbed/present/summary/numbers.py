@@ -1,0 +1,143 @@
+"""A cell's numbers: what its series says in one row, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+from ...numbers import words
+from ...plan import wording
+from ..report import comparison
+from ..report.compare import change
+from . import losses
+from .cells import SIDES, Cell
+
+NOT_FLOWN = "not flown"
+COLUMNS = {
+    "completed": "completed",
+    "packets": "packets",
+    "bytes": "bytes",
+    "rate": "bytes a second",
+    "rates": "×",
+    "mission": "mission time",
+    "change": "change",
+    "commands lost": "commands lost",
+    "states lost": "states lost",
+    "frames lost": "frames lost",
+    "delay": "command delay",
+    "delay ratio": "its ratio",
+}
+"""What a row of a cell has, with its heading; where both sides are in a column, MQTT-XT is the first."""
+READING = (
+    "In each column MQTT-XT comes first, then MAVLink. Packets and bytes: how many times those of MQTT-XT MAVLink "
+    "needed for the mission, made only where both sides completed an attempt, as is the change of the mission time "
+    "(MQTT-XT's against MAVLink's). Bytes a second are over every attempt that counts, so that a failed one, which "
+    "ends early, can be compared too; × is MAVLink's over MQTT-XT's. Medians of the attempts; losses are of all "
+    f"completed attempts together, with {losses.FAILED} of failed ones until they gave up, and where nothing was lost "
+    "the 95 % bound is beside it. Command delay: from the ground station to the drone, by capture; its ratio is "
+    "MQTT-XT's over MAVLink's."
+)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """What both sides have in a column, as text."""
+
+    mqttxt: str
+    mavlink: str
+
+    def __str__(self) -> str:
+        return f"{self.mqttxt} / {self.mavlink}"
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A row: its arm, what stands in each column, and the cell, None where it was not flown.
+
+    `packets`, `bytes`, `rate` (bytes a second) and `mission` are MAVLink's over MQTT-XT's, None where there is no ratio
+    to make.
+    """
+
+    arm: str
+    texts: dict[str, str | Pair]
+    cell: Cell | None = None
+    packets: float | None = None
+    bytes: float | None = None
+    rate: float | None = None
+    mission: float | None = None
+
+
+def not_flown(arm: str) -> Numbers:
+    """The row of a cell that has no finished series."""
+    return Numbers(arm, {name: NOT_FLOWN if name == "completed" else "" for name in COLUMNS})
+
+
+def numbers_of(cell: Cell) -> Numbers:
+    """The row of a cell."""
+    rows = {row.name: row for row in comparison.rows(cell.metrics)}
+    ratios = cell.metrics["ratios"]
+    packets, size, mission = (ratios.get(name) for name in ("packets", "size", "mission"))
+    delay = rows["delay of commands"].ratio
+    rates = {protocol: rate_of(cell, protocol, lambda one: float(one["size_bytes"])) for protocol in SIDES}
+    rate = comparison.quotient(rates["mavlink"], rates["mqttxt"])
+    texts: dict[str, str | Pair] = {
+        "completed": completed_of(cell),
+        "packets": _times(packets),
+        "bytes": _times(size),
+        "rate": Pair(*(words.size(rates[protocol]) for protocol in SIDES)),
+        "rates": _times(rate),
+        "mission": _both(rows["mission time"]),
+        "change": change(1 / mission) if mission else words.NOTHING,
+        **{f"{kind} lost": Pair(*losses.both_sides(cell, kind)) for kind in losses.KINDS},
+        "delay": _both(rows["delay of commands"]),
+        "delay ratio": words.digits(1 / delay) if delay else words.NOTHING,
+    }
+    return Numbers(cell.arm, texts, cell, packets, size, rate, mission)
+
+
+def attempts_of(cell: Cell, protocol: str) -> str:
+    """How many attempts of a side were completed, of how many; with those that are void: '2 of 3 (1 void)'."""
+    row = comparison.rows(cell.metrics)[0]
+    return row.cells[protocol].text if protocol in row.cells else NOT_FLOWN
+
+
+def completed_of(cell: Cell) -> Pair:
+    """The same of both sides."""
+    return Pair(*(attempts_of(cell, protocol) for protocol in SIDES))
+
+
+def troubles(cell: Cell) -> list[str]:
+    """A line for each reason for which attempts failed, and one for what is void and was not made good."""
+    said = []
+    for protocol, done in comparison.completion(cell.metrics).items():
+        name = wording.name_of(protocol)
+        for reason, attempts in done.failed:
+            said.append(f"{name}, {_numbered(attempts)} failed: {reason}")
+        counted = {attempt["attempt"] for attempt in cell.metrics["protocols"][protocol]["attempts"]}
+        for reason, attempts in done.void:
+            left = tuple(number for number in dict.fromkeys(attempts) if number not in counted)
+            if left:
+                said.append(f"{name}, {_numbered(left)} void: {reason}")
+    return said
+
+
+def rate_of(cell: Cell, protocol: str, amount: Callable[[dict[str, Any]], float]) -> float | None:
+    """The median of an amount a second over the windows of all attempts that count, failed ones too."""
+    attempts = cell.metrics["protocols"].get(protocol, {"attempts": []})["attempts"]
+    found = [amount(one) / one["window"]["seconds"] for one in attempts if one["window"] and one["window"]["seconds"]]
+    return median(found) if found else None
+
+
+def _both(row: comparison.Row) -> Pair:
+    return Pair(*(row.cells[protocol].text if protocol in row.cells else words.NOTHING for protocol in SIDES))
+
+
+def _times(ratio: float | None) -> str:
+    return words.NOTHING if ratio is None else f"{words.ratio(ratio)}×"
+
+
+def _numbered(attempts: tuple[int, ...]) -> str:
+    plural = "attempt" if len(attempts) == 1 else "attempts"
+    return f"{plural} {wording.listed([str(number) for number in attempts])}"

@@ -1,0 +1,92 @@
+"""The summary as a page: a section for each experiment, with its figure, its numbers and the thesis's claims."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...fly.results import REPORT
+from ...numbers import words
+from ...plan import wording
+from ...plan.experiments import MESSAGES
+from ..report.comparison import completion
+from ..report.figures.draw import WIDE
+from ..report.figures.pdf import pdf
+from ..report.html import environment
+from . import claims, kinds, numbers, traffic
+from .cells import Cell, Found
+from .figure import ratios
+from .overview import overviews
+
+PAGE = "summary.html"
+
+
+def write_summary(found: Found, target: Path, experiments: Sequence[str] = ()) -> None:
+    """A self-contained page, with each figure's data (`.csv`) and the figure for papers (`.pdf`) beside it.
+
+    Every cell links to its series' own report, relative to the page. `experiments` are shown though nothing of them
+    was flown.
+    """
+    shown = overviews(found.cells, experiments)
+    figures = {one.experiment: figure for one in shown if (figure := ratios(one)) is not None}
+    tables = {
+        (one.experiment, block.profile): traffic.table([b for cell, _ in block.judged for b in traffic.bytes_of(cell)])
+        for one in shown
+        for block in one.blocks
+    }
+    page = (
+        environment()
+        .get_template("summary.html")
+        .render(
+            finding=finding(found.cells),
+            overviews=shown,
+            figures=figures,
+            bytes=tables,
+            names={one.experiment: wording.EXPERIMENT_NAMES.get(one.experiment, one.experiment) for one in shown},
+            what=wording.EXPERIMENT_WHAT,
+            columns=numbers.COLUMNS,
+            kinds=kinds,
+            claims=[claim.heading for claim in claims.claims()],
+            readings={"numbers": numbers.READING, "claims": claims.READING, "bytes": traffic.READING},
+            completed=numbers.completed_of,
+            report=lambda cell: _report(cell, target),
+            beside=target.stem,
+            unread=found.unread,
+        )
+    )
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(page, encoding="utf-8")
+    for figure in figures.values():
+        base = target.with_name(f"{target.stem}-{figure.name}")
+        base.with_suffix(".csv").write_text(figure.csv(), encoding="utf-8")
+        base.with_suffix(".pdf").write_bytes(pdf(figure.draw(WIDE), figure.title))
+
+
+def finding(cells: Sequence[Cell]) -> str:
+    """How many attempts were completed over each protocol, and between what the ratios of bytes and times lie."""
+    done = dict.fromkeys(wording.PROTOCOL_NAMES, (0, 0))
+    for cell in cells:
+        for protocol, one in completion(cell.metrics).items():
+            whole, of = done[protocol]
+            done[protocol] = whole + one.completed, of + one.flown
+    parts = [f"{wording.name_of(p)} completed {whole:,} of {of:,} attempts" for p, (whole, of) in done.items() if of]
+    said = f"In {len(cells)} series {wording.listed(parts)}"
+    missions = [cell.metrics["ratios"] for cell in cells if cell.experiment != MESSAGES]
+    compared = [ratios for ratios in missions if {"size", "mission"} <= set(ratios)]
+    if not compared:
+        return f"{said}; in none of them did both complete a mission."
+    size, mission = (_span([one[name] for one in compared]) for name in ("size", "mission"))
+    return (
+        f"{said}; where both completed a mission, MAVLink needed {size} times the bytes and {mission} times the time."
+    )
+
+
+def _span(ratios: list[float]) -> str:
+    least, most = words.ratio(min(ratios)), words.ratio(max(ratios))
+    return least if least == most else f"{least} to {most}"
+
+
+def _report(cell: Cell, target: Path) -> str | None:
+    report = cell.series.path / REPORT
+    return Path(os.path.relpath(report, target.parent.resolve())).as_posix() if report.exists() else None

@@ -1,0 +1,80 @@
+"""Where a cell's bytes are: a second, by purpose and by layer, for each side."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ...numbers import words
+from ...numbers.packets.purposes import PURPOSES
+from ...plan import wording
+from .cells import SIDES, Cell
+from .numbers import attempts_of, rate_of
+
+LAYERS = {
+    "payload": ("payload",),
+    "MQTT or MAVLink": ("mqtt", "mavlink"),
+    "TCP or UDP": ("tcp", "udp"),
+    "IP": ("ip",),
+    "Ethernet": ("ethernet",),
+}
+"""Headings, and what metrics.json calls the layer on either side."""
+READING = (
+    "Bytes a second: the median of all attempts that count, failed ones too, over all links. Shares are of all their "
+    "bytes together, by purpose and then by layer; a frame with several messages is shared out among them by length."
+)
+
+
+@dataclass(frozen=True)
+class Bytes:
+    """One side of a cell; shares of its bytes add up to 1, for purposes and for layers each."""
+
+    arm: str
+    protocol: str
+    attempts: str
+    a_second: float
+    purposes: dict[str, float]
+    layers: dict[str, float]
+
+
+def bytes_of(cell: Cell) -> list[Bytes]:
+    """A side whose attempts counted no byte is left out."""
+    found = []
+    for protocol in SIDES:
+        a_second = rate_of(cell, protocol, lambda one: float(one["size_bytes"]))
+        if not a_second:
+            continue
+        purposes, layers = Counter[str](), Counter[str]()
+        for attempt in cell.metrics["protocols"][protocol]["attempts"]:
+            purposes.update({name: count["bytes"] for name, count in attempt["purposes"].items()})
+            layers.update(attempt["layers"])
+        by_layer = {name: sum(layers[one] for one in ones) for name, ones in LAYERS.items()}
+        found.append(
+            Bytes(cell.arm, protocol, attempts_of(cell, protocol), a_second, _shares(purposes), _shares(by_layer))
+        )
+    return found
+
+
+def table(found: list[Bytes]) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows; a purpose for which no side has a byte has no column."""
+    used = [name for name in PURPOSES if any(one.purposes.get(name) for one in found)]
+    headings = ["arm", "", "completed", "bytes a second", *used, *LAYERS]
+    rows = [
+        [
+            *(one.arm, wording.name_of(one.protocol), one.attempts, words.size(one.a_second)),
+            *(_share(one.purposes.get(name)) for name in used),
+            *(_share(one.layers[name]) for name in LAYERS),
+        ]
+        for one in found
+    ]
+    return headings, rows
+
+
+def _shares(counts: Mapping[str, int]) -> dict[str, float]:
+    total = sum(counts.values())
+    return {name: count / total if total else 0.0 for name, count in counts.items()}
+
+
+def _share(value: float | None) -> str:
+    return words.share(value) if value else words.NOTHING

@@ -1,0 +1,67 @@
+"""The results folder: never overwritten, `latest` always points to something, broken ones are named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from testbed.errors import ResultsError, UserError
+from testbed.fly.results import new_attempt, new_series, open_series, point_latest, read_json_lines, write_json
+
+
+def test_two_series_of_one_second_do_not_share_a_folder(tmp_path: Path) -> None:
+    made = [new_series(tmp_path, "scenario-1", "thesis", "ideal").path for _ in range(3)]
+    assert len(set(made)) == 3
+    assert all(path.parent == tmp_path / "scenario-1" / "thesis-ideal" for path in made)
+
+
+def test_latest_moves_on(tmp_path: Path) -> None:
+    for _ in range(2):
+        series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+        new_attempt(series, "mqttxt", 1)
+        point_latest(series)
+        latest = tmp_path / "scenario-1" / "latest"
+        assert latest.is_symlink()
+        assert open_series(latest).path == series.path.resolve()
+
+
+def test_what_is_no_series_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ResultsError, match="nothing: expected a results folder"):
+        open_series(tmp_path / "nothing")
+    with pytest.raises(ResultsError, match="expected a series, with <protocol>/attempt-NN in it"):
+        open_series(tmp_path)
+
+
+def test_a_results_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(UserError, match=r"results folder .*file"):
+        new_series(tmp_path / "file", "scenario-1", "thesis", "ideal")
+
+
+def test_events_are_read_up_to_a_line_that_was_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_text('{"t_ns": 1, "event": "a"}\n{"t_ns": 2, "event": "b"}\n{"t_ns"')
+    assert [event["t_ns"] for event in read_json_lines(path)] == [1, 2]
+    assert read_json_lines(tmp_path / "none") == []
+
+
+@pytest.mark.parametrize(("line", "said"), [("{garbage", "not JSON"), ("[1]", "expected an event with t_ns")])
+def test_a_line_that_is_no_event_is_named(tmp_path: Path, line: str, said: str) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_text('{"t_ns": 1, "event": "a"}\n' + line + "\n")
+    with pytest.raises(ResultsError, match=rf"events\.jsonl, line 2: {said}"):
+        read_json_lines(path)
+
+
+def test_what_is_no_attempt_is_passed_over(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    new_attempt(series, "mqttxt", 1)
+    (series.path / "mqttxt" / "attempt-x").mkdir()
+    (series.path / "mqttxt" / "attempt-02").touch()
+    assert [attempt.number for attempt in series.attempts()] == [1]
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"gone/a\.json"):
+        write_json(tmp_path / "gone" / "a.json", {})

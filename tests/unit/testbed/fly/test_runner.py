@@ -1,0 +1,455 @@
+"""The order of a run, and how it ends when something goes wrong, with a fleet that is made up."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_up_fleet import CALIBRATED, OFF, Fleet, Quiet
+
+from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, ProbesLate, TestbedError, UserError
+from testbed.fly import runner
+from testbed.fly.calibration.calibrate import Calibration
+from testbed.fly.quiet import Waited
+from testbed.fly.results import Series, new_series, read_json
+from testbed.fly.runner import Ended, Interrupted, run_series
+from testbed.plan.experiments import make_plan
+
+
+@pytest.fixture(autouse=True)
+def calibrations(monkeypatch: pytest.MonkeyPatch) -> list[Calibration]:
+    """What the probes find from now on, the last of them again and again."""
+    found = [CALIBRATED]
+    monkeypatch.setattr(runner, "calibrate", lambda *_: found.pop(0) if len(found) > 1 else found[0])
+    return found
+
+
+TAKEOFF = json.dumps({"step": "takeoff", "drones": {"1": "armed, 3.0 m"}})
+
+
+def _fly(
+    root: Path, fleet: Fleet, attempts: str = "1", protocols: str = "mqttxt", **factors: str
+) -> tuple[Path, list[Ended], Quiet]:
+    progress = Quiet()
+    plan = make_plan("scenario-1", attempts, "thesis", "ideal", protocols, factors)
+    series = new_series(root, plan.experiment, plan.label, plan.profile.name)
+    endings = run_series(plan, series, progress, fleet)
+    return series.path, endings, progress
+
+
+def _manifest(root: Path, protocol: str = "mqttxt", number: int = 1) -> dict[str, Any]:
+    (path,) = root.glob(f"scenario-1/*-ideal/*/{protocol}/attempt-{number:02d}/manifest.json")
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def test_a_run_goes_up_flies_and_ends_the_captures_before_the_rest(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF, "something else"])
+    path, endings, progress = _fly(tmp_path, fleet)
+    assert fleet.did == ["down", "network", "fleet", "mission in gs", "stop net", "logs", "down"]
+    assert endings == [Ended("completed")]
+    assert ("takeoff", {"1": "armed, 3.0 m"}) in progress.said
+    manifest = _manifest(tmp_path)
+    assert manifest["status"] == "completed"
+    assert manifest["versions"]["mosquitto"] == "2.0.21"
+    assert (manifest["cpu_s"], manifest["memory_bytes"]) == ({"gs": 1.0, "net": 2.0}, {"gs": 4096})
+    assert (tmp_path / "scenario-1" / "latest").resolve() == path.resolve()
+
+
+def test_a_mission_of_ones_own_is_copied_to_where_its_node_sees_it(tmp_path: Path) -> None:
+    mission = tmp_path / "search.py"
+    mission.write_text("async def mission(fleet, steps): ...\n")
+    plan, fleet = make_plan(str(mission), protocols="mqttxt"), Fleet([])
+    series = new_series(tmp_path, plan.experiment, plan.label, plan.profile.name)
+    assert run_series(plan, series, Quiet(), fleet) == [Ended("completed")]
+    (copy,) = tmp_path.glob("search/*/*/mqttxt/attempt-01/search.py")
+    assert copy.read_text() == mission.read_text()
+    assert fleet.commands[0][2] == "/run-dir/search.py"
+
+
+def test_with_sensors_their_nodes_run_their_links_are_gated_and_not_probed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unprobed: list[Any] = []
+    monkeypatch.setattr(runner, "calibrate", lambda *told: unprobed.append(told[3]) or CALIBRATED)
+    plan, fleet = make_plan("scenario-4", protocols="mqttxt"), Fleet([])
+    series = new_series(tmp_path, plan.experiment, plan.label, plan.profile.name)
+    run_series(plan, series, Quiet(), fleet)
+    (path,) = tmp_path.glob("scenario-4/*/*/mqttxt/attempt-01/links/plan.json")
+    gated = {gate["link"] for gate in json.loads(path.read_text())["gates"]}
+    assert gated == set(unprobed[0]) == {f"sense:uav{drone}" for drone in range(1, 7)}
+    (path,) = tmp_path.glob("scenario-4/*/*/mqttxt/attempt-01/manifest.json")
+    assert len(json.loads(path.read_text())["topology"]["nodes"]) == 16
+
+
+def test_a_failed_mission_keeps_its_reason_and_the_series_goes_on(tmp_path: Path) -> None:
+    _, endings, _ = _fly(tmp_path, Fleet(["mission: scenario-1 failed: arm: drone 3: denied"], code=1), attempts="2")
+    assert endings == [Ended("failed", "scenario-1 failed: arm: drone 3: denied")] * 2
+
+
+def test_a_container_that_dies_fails_the_attempt_by_its_name(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF], raises=ContainerDied("uav3 ended with exit code 137; its last log lines:\n    bye"))
+    _, endings, _ = _fly(tmp_path, fleet)
+    assert endings[0].status == "failed"
+    assert str(endings[0].reason).startswith("uav3 ended with exit code 137")
+    assert fleet.did[-3:] == ["stop net", "logs", "down"]
+
+
+def test_a_capture_that_dropped_makes_the_attempt_void_and_it_is_repeated_twice(tmp_path: Path) -> None:
+    path, endings, progress = _fly(tmp_path, Fleet([TAKEOFF], dropped=2))
+    assert endings == [Ended("void", "captures dropped packets: gs 2")]
+    folders = ["attempt-01", "attempt-01-repeat-1", "attempt-01-repeat-2"]
+    assert sorted(folder.name for folder in (path / "mqttxt").iterdir()) == folders
+    assert [entry for entry in progress.said if entry[0] == "mqttxt"] == [("mqttxt", 1, 1, n) for n in range(3)]
+
+
+def test_before_each_repeat_it_is_waited_for_a_quieter_machine_and_the_manifest_says_so(
+    tmp_path: Path, waits: list[Waited]
+) -> None:
+    path, _, progress = _fly(tmp_path, Fleet([TAKEOFF], dropped=2))
+    assert len(waits) == 2
+    hosts = [
+        json.loads((folder / "manifest.json").read_text())["host"] for folder in sorted((path / "mqttxt").iterdir())
+    ]
+    assert [(host.get("waited_s"), host.get("idle")) for host in hosts] == [(None, None), (2.0, 0.9), (2.0, 0.9)]
+    assert "waiting until 60% of the processors are idle, 300 s at most" in str(progress.said)
+
+
+def test_a_flight_whose_log_says_otherwise_is_void(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner.flight_logs, "void_reason", lambda _: "uav3: events and flight log disagree: landed")
+    _, endings, _ = _fly(tmp_path, Fleet([TAKEOFF]))
+    assert endings == [Ended("void", "uav3: events and flight log disagree: landed")]
+
+
+def test_a_mission_that_failed_with_autopilots_that_were_slowed_down_is_void(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runner.flight_logs, "simulation_reason", lambda _: "uav1: the autopilot's clock ran at 0.70")
+    _, endings, _ = _fly(tmp_path, Fleet(["mission: scenario-1 failed: takeoff: denied"], code=1))
+    assert endings[0].status == "void"
+    assert str(endings[0].reason).startswith("uav1: the autopilot's clock ran at 0.70; this one had failed: ")
+
+
+def test_where_one_protocol_is_void_its_pair_is_and_both_are_flown_again(tmp_path: Path) -> None:
+    class Late(Fleet):
+        def count_links(self, void: str | None = None) -> None:
+            second = self.profiles == ["mqttxt", "mavlink"]
+            super().count_links("the emulator did not keep up" if second else None)
+
+    path, endings, _ = _fly(tmp_path, Late([TAKEOFF]), protocols="mqttxt,mavlink")
+    assert endings == [Ended("completed")] * 2
+    told = {
+        str(attempt.path.relative_to(path)): (attempt.manifest()["status"], attempt.manifest()["reason"])
+        for attempt in Series(path).attempts()
+    }
+    assert told == {
+        "mavlink/attempt-01": ("void", "the emulator did not keep up"),
+        "mavlink/attempt-01-repeat-1": ("completed", None),
+        "mqttxt/attempt-01": ("void", "mavlink was void in the same attempt"),
+        "mqttxt/attempt-01-repeat-1": ("completed", None),
+    }
+
+
+def test_nothing_is_flown_on_links_that_are_not_what_the_profile_says(
+    tmp_path: Path, calibrations: list[Calibration]
+) -> None:
+    calibrations[:] = [OFF, CALIBRATED]
+    fleet = Fleet([TAKEOFF])
+    path, endings, _ = _fly(tmp_path, fleet)
+    assert fleet.did[:5] == ["down", "network", "stop net", "logs", "down"]
+    assert endings == [Ended("completed")]
+    void, flown = (attempt.manifest() for attempt in Series(path).attempts())
+    assert void["status"] == "void"
+    assert void["reason"].startswith("wan:gs:up delay: configured 0 ms, measured 9 ms (10 of 10 probes arrived)")
+    assert flown["calibration"]["off"] == []
+
+
+def test_a_machine_too_busy_to_measure_its_links_fails_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[Calibration | ProbesLate] = [ProbesLate("gs: the probe began 25 ms late"), CALIBRATED]
+
+    def calibrated(*_: Any) -> Calibration:
+        first = found.pop(0)
+        if isinstance(first, ProbesLate):
+            raise first
+        return first
+
+    monkeypatch.setattr(runner, "calibrate", calibrated)
+    path, endings, _ = _fly(tmp_path, Fleet([TAKEOFF]))
+    assert endings == [Ended("completed")]
+    void, _ = (attempt.manifest() for attempt in Series(path).attempts())
+    assert (void["status"], void["reason"]) == ("void", "gs: the probe began 25 ms late")
+
+
+def test_random_loss_that_chance_does_not_explain_makes_an_attempt_void(tmp_path: Path) -> None:
+    class Lossy(Fleet):
+        def count_links(self, void: str | None = None) -> None:
+            super().count_links()
+            path = self._run_dir / "links" / "counters.json"
+            link = {"random": 40, "left": 1000}
+            path.write_text(json.dumps(json.loads(path.read_text()) | {"links": {"air:uav1:up": link}}))
+
+    path, endings, _ = _fly(tmp_path, Lossy([TAKEOFF]))
+    assert endings[0].status == "void"
+    assert "air:uav1:up" in str(endings[0].reason)
+    kept = read_json(Series(path).attempts()[0].path / "links" / "calibration.json")
+    loss = kept["links"]["air:uav1:up"]["loss"]
+    assert (loss["configured"], loss["measured"], loss["lost"]) == (0.0, 40 / 1040, 40)
+
+
+class FailsFirst(Fleet):
+    """The first flight's mission fails; the shaper is late in the last of the flights `late`."""
+
+    late = ("mqttxt",)
+
+    def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+        yield from super().execute(service, command, limit_s=limit_s)
+        if self.profiles == ["mqttxt"]:
+            yield "mission: scenario-1 failed: arm: drone 3: denied"
+            return 1
+        return 0
+
+    def count_links(self, void: str | None = None) -> None:
+        super().count_links("the emulator did not keep up" if tuple(self.profiles) == self.late else None)
+
+
+def test_a_failure_beside_a_void_attempt_is_void_and_says_so(tmp_path: Path) -> None:
+    class LateAfterwards(FailsFirst):
+        late = ("mqttxt", "mavlink")
+
+    path, endings, _ = _fly(tmp_path, LateAfterwards([TAKEOFF]), protocols="mqttxt,mavlink")
+    assert endings == [Ended("completed")] * 2
+    first = Series(path).attempts()[2].manifest()
+    assert first["status"] == "void"
+    assert first["reason"] == (
+        "mavlink was void in the same attempt; this one had failed: scenario-1 failed: arm: drone 3: denied"
+    )
+
+
+def test_a_mission_that_failed_on_other_links_than_planned_is_void_says_so_and_is_repeated(tmp_path: Path) -> None:
+    path, endings, _ = _fly(tmp_path, FailsFirst([TAKEOFF]), protocols="mqttxt,mavlink")
+    assert endings == [Ended("completed")] * 2
+    told = Series(path).attempts()
+    reasons = {str(attempt.path.relative_to(path)): attempt.manifest()["reason"] for attempt in told}
+    assert reasons == {
+        "mqttxt/attempt-01": (
+            "the emulator did not keep up; this one had failed: scenario-1 failed: arm: drone 3: denied"
+        ),
+        "mqttxt/attempt-01-repeat-1": None,
+        "mavlink/attempt-01-repeat-1": None,
+    }
+
+
+def test_a_failed_mission_whose_links_left_no_record_stays_failed(tmp_path: Path) -> None:
+    class Silent(FailsFirst):
+        def count_links(self, void: str | None = None) -> None:
+            super().count_links(void)
+            (self._run_dir / "links" / "counters.json").unlink()
+
+    _, (ended,), _ = _fly(tmp_path, Silent([TAKEOFF]))
+    assert ended == Ended("failed", "scenario-1 failed: arm: drone 3: denied")
+
+
+def test_a_void_attempt_is_repeated_before_its_other_protocol_is_flown_for_nothing(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF], dropped=1)
+    _fly(tmp_path, fleet, protocols="mqttxt,mavlink")
+    assert fleet.profiles == ["mqttxt"] * 3
+
+
+def test_links_that_cannot_be_shaped_end_the_run_with_what_net_says(tmp_path: Path) -> None:
+    class Unshaped(Fleet):
+        def start(self, *services: str) -> None:
+            raise ContainerDied("net ended with exit code 1; its last log lines:\n    …")
+
+        def last_words(self, service: str) -> str | None:
+            return "net: neither netem nor NFQUEUE"
+
+    fleet = Unshaped([TAKEOFF])
+    with pytest.raises(TestbedError, match=r"^the links cannot be shaped: net: neither netem nor NFQUEUE$"):
+        _fly(tmp_path, fleet)
+    assert fleet.did[-1] == "down"
+    assert _manifest(tmp_path)["status"] == "failed"
+
+
+def test_what_shapes_the_links_and_their_seed_are_in_the_manifest(tmp_path: Path) -> None:
+    _fly(tmp_path, Fleet([TAKEOFF]))
+    manifest = _manifest(tmp_path)
+    assert (manifest["shaper"], manifest["shaping"]["why"]) == ("nfqueue", "the kernel has no netem")
+    (plan,) = tmp_path.glob("scenario-1/*/*/mqttxt/attempt-01/links/plan.json")
+    assert json.loads(plan.read_text())["plan"]["seed"] == manifest["seeds"]["links"]
+
+
+@pytest.mark.parametrize("broken", ["usage", "stop", "save_logs"])
+def test_the_containers_end_although_the_disk_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Fleet, broken, fail)
+    fleet = Fleet([TAKEOFF])
+    with pytest.raises(TestbedError, match="No space left"):
+        _fly(tmp_path, fleet)
+    assert fleet.did[-1] == "down"
+    assert _manifest(tmp_path)["status"] == "failed"
+
+
+def test_a_signal_while_the_containers_end_waits_for_them(tmp_path: Path) -> None:
+    class Late(Fleet):
+        def stop(self, service: str) -> None:
+            super().stop(service)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    fleet = Late([TAKEOFF])
+    with pytest.raises(Interrupted):
+        _fly(tmp_path, fleet)
+    assert fleet.did == ["down", "network", "fleet", "mission in gs", "stop net", "logs", "down"]
+    assert _manifest(tmp_path)["status"] == "completed"  # the mission was, before the signal came
+
+
+def test_a_completed_mission_without_captures_is_void(tmp_path: Path) -> None:
+    class Uncaptured(Fleet):
+        def stop(self, service: str) -> None:
+            self.did.append(f"stop {service}")
+
+    _, endings, _ = _fly(tmp_path, Uncaptured([TAKEOFF]))
+    assert endings[0].status == "void"
+    assert str(endings[0].reason).startswith("no capture at cloud, fog1")
+
+
+def test_a_mission_that_is_killed_fails_its_attempt_only(tmp_path: Path) -> None:
+    _, endings, _ = _fly(tmp_path, Fleet([TAKEOFF], code=137), attempts="2")
+    assert endings == [Ended("failed", "the mission's process ended with exit code 137")] * 2
+
+
+def test_a_mission_that_breaks_says_with_what(tmp_path: Path) -> None:
+    path, endings, _ = _fly(tmp_path, Fleet(["Traceback (most recent call last):", "KeyError: 7", ""], code=1))
+    assert endings == [Ended("failed", "the mission's process ended with exit code 1: KeyError: 7")]
+    log = path / "mqttxt" / "attempt-01" / "logs" / "mission.log"
+    assert log.read_text().splitlines()[:2] == ["Traceback (most recent call last):", "KeyError: 7"]
+
+
+def test_a_mission_that_does_not_take_its_input_ends_the_run(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="the mission could not be flown: fleet=1:0: expected drones"):
+        _fly(tmp_path, Fleet(["mission: fleet=1:0: expected drones"], code=2))
+    assert _manifest(tmp_path)["reason"].startswith("the mission could not be flown")
+
+
+def test_a_daemon_that_does_not_answer_is_in_the_manifest(tmp_path: Path) -> None:
+    class Silent(Fleet):
+        def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
+            raise DockerError("Docker does not answer")
+
+    with pytest.raises(DockerError):
+        _fly(tmp_path, Silent([]))
+    assert (_manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]) == ("failed", "Docker does not answer")
+
+
+def test_a_fleet_that_never_comes_up_fails_its_attempt_and_the_run_goes_on(tmp_path: Path) -> None:
+    class Broken(Fleet):
+        def start(self, *services: str) -> None:
+            super().start(*services)
+            if self.profiles[-1] == "mavlink" and not services:
+                raise ContainerUnhealthy("router-uav3 not healthy within 90 s")
+
+    fleet = Broken([TAKEOFF])
+    _, endings, _ = _fly(tmp_path, fleet, protocols="mavlink,mqttxt")
+    assert endings == [Ended("failed", "router-uav3 not healthy within 90 s"), Ended("completed")]
+    ends = ["stop net", "logs", "down"]
+    assert fleet.did == ["down", "network", "fleet", *ends, "down", "network", "fleet", "mission in gs", *ends]
+    assert _manifest(tmp_path, "mavlink")["reason"] == "router-uav3 not healthy within 90 s"
+
+
+def test_a_router_that_dies_fails_its_attempt_by_its_name(tmp_path: Path) -> None:
+    class Dying(Fleet):
+        def start(self, *services: str) -> None:
+            super().start(*services)
+            self._raises = ContainerDied("router-fog1 ended with exit code 1") if "mavlink" in self.profiles else None
+
+    _, endings, _ = _fly(tmp_path, Dying([TAKEOFF]), protocols="mqttxt,mavlink")
+    assert endings == [Ended("completed"), Ended("failed", "router-fog1 ended with exit code 1")]
+
+
+def test_a_lost_docker_ends_the_run_and_what_was_flown_is_kept(tmp_path: Path) -> None:
+    class Lost(Fleet):
+        def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
+            if profile == "mavlink":
+                raise DockerError("Docker does not answer")
+            return super().__call__(profile, run_dir, settings)
+
+    with pytest.raises(DockerError, match="Docker does not answer"):
+        _fly(tmp_path, Lost([TAKEOFF]), "2", "mqttxt,mavlink")
+    assert _manifest(tmp_path)["status"] == "completed"
+    assert _manifest(tmp_path, "mavlink")["reason"] == "Docker does not answer"
+    assert not list(tmp_path.glob("scenario-1/thesis-ideal/*/*/attempt-02"))
+    assert (tmp_path / "scenario-1" / "latest" / "mqttxt" / "attempt-01").exists()
+
+
+def test_both_protocols_fly_in_each_attempt_and_who_is_first_alternates(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF])
+    _, endings, progress = _fly(tmp_path, fleet, "2", "mqttxt,mavlink")
+    assert fleet.profiles == ["mqttxt", "mavlink", "mavlink", "mqttxt"]
+    assert endings == [Ended("completed")] * 4
+    assert [entry for entry in progress.said if entry[1:] == (2, 2, 0)] == [("mavlink", 2, 2, 0), ("mqttxt", 2, 2, 0)]
+    assert _manifest(tmp_path, "mqttxt", 1)["order"] == ["mqttxt", "mavlink"]
+    assert _manifest(tmp_path, "mqttxt", 2)["order"] == ["mavlink", "mqttxt"]
+
+
+def test_a_factor_reaches_containers_mission_manifest_and_path(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF])
+    path, _, progress = _fly(tmp_path, fleet, protocols="mavlink", streams="px4-gcs", chain="shared", qos="1")
+    assert path.parent.name == "thesis+streams-px4-gcs+qos-1+chain-shared-ideal"
+    assert (fleet.settings["STREAMS"], fleet.settings["CHAIN"], fleet.settings["QOS"]) == ("px4-gcs", "shared", "1")
+    assert fleet.commands[0][-4:] == ["--streams", "px4-gcs", "--commanding", "one-by-one"]
+    assert "starting the network and its 10 nodes" in progress.said
+    assert "starting 12 containers on them" in progress.said
+    configuration = _manifest(tmp_path, "mavlink")["configuration"]
+    assert configuration == {
+        **{"streams": "px4-gcs", "commanding": "one-by-one", "qos": 1, "chain": "shared", "states": "on-change"},
+        **fleet.settings,
+    }
+
+
+def test_the_manifest_has_the_versions_of_what_carried_the_protocol(tmp_path: Path) -> None:
+    _fly(tmp_path, Fleet([TAKEOFF]), protocols="mqttxt,mavlink")
+    mqttxt, mavlink = (_manifest(tmp_path, protocol)["versions"] for protocol in ("mqttxt", "mavlink"))
+    assert mqttxt["mosquitto"] == "2.0.21"
+    assert mqttxt.keys() & {"mavsdk", "mavp2p"} == set()
+    assert mavlink["mavsdk"] == "4.1.0"
+    assert "mavp2p" in mavlink
+    assert mavlink.keys() & {"mosquitto", "paho-mqtt"} == set()
+
+
+def test_a_full_disk_leaves_no_container_behind(tmp_path: Path) -> None:
+    class Full(Fleet):
+        def save_logs(self, folder: Path) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    fleet = Full([TAKEOFF])
+    with pytest.raises(TestbedError, match=r"attempt-01: No space left on device; the containers are ended") as full:
+        _fly(tmp_path, fleet)
+    assert full.value.exit_code == 1
+    assert fleet.did[-2:] == ["stop net", "down"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_everything_and_keeps_what_there_is(tmp_path: Path, number: int) -> None:
+    class Interrupting(Fleet):
+        def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+            yield from super().execute(service, command, limit_s=limit_s)
+            os.kill(os.getpid(), number)
+            return 0
+
+    before = signal.getsignal(number)
+    fleet = Interrupting([TAKEOFF])
+    with pytest.raises(Interrupted) as interrupted:
+        _fly(tmp_path, fleet)
+    assert interrupted.value.exit_code == 130
+    assert fleet.did[-3:] == ["stop net", "logs", "down"]
+    assert (_manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]) == ("failed", "interrupted")
+    assert signal.getsignal(number) is before

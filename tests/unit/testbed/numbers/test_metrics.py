@@ -1,0 +1,213 @@
+"""Metrics of a series whose answers were counted by hand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from attempts import SECOND, T0, arm_command, frame, make_attempt, manifest, publish, write_pcap
+
+from mqttxt.protocol.bundles import drone_bundle, fog_bundles
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.state_payload import StampedState
+from mqttxt.protocol.states import Battery, Groundspeed, Heading
+from testbed.errors import ResultsError
+from testbed.fly.results import new_series
+from testbed.numbers.metrics import measure_series
+
+
+def test_every_number_of_a_tiny_attempt(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series)
+    metrics = measure_series(series)
+    (measured,) = metrics["protocols"]["mqttxt"]["attempts"]
+
+    assert measured["status"] == "completed"
+    assert measured["mission_s"] == 9.0  # the command left at 0, the drone disarmed at 4 + 5
+    assert measured["packets"] == 7
+    # headers 54, MQTT 5 beside its topic, payload 12; the topic has 13 characters on wan and backhaul, 15 on air
+    command = 54 + 5 + 12
+    state_up, state_down = 54 + 5 + 20 + 6, 54 + 5 + 25 + 7
+    expected = {
+        "wan:gs:up": (1, command + 13),
+        "backhaul:fog1:down": (1, command + 13),
+        "air:uav1:down": (1, command + 15),
+        "air:uav1:up": (2, state_up + 54),
+        "backhaul:fog1:up": (1, state_down),
+        "wan:gs:down": (1, state_down),
+    }
+    assert {name: (link["packets"], link["bytes"]) for name, link in measured["links"].items()} == expected
+    assert measured["size_bytes"] == sum(size for _, size in expected.values())
+    assert {name: link["lost"] for name, link in measured["links"].items() if link["lost"]} == {"air:uav1:up": 1}
+    assert measured["wire_loss"] == pytest.approx(1 / 7)
+    assert measured["message_loss"] == {"commands": 0.0, "states": 0.0}
+    assert (measured["commands_sent"], measured["states_sent"]) == (1, 1)
+    assert measured["delay_ms"] == {"arm": [2.5]}  # by the capture at uav1: 2 ms and half a millisecond of air
+    assert measured["outcomes"] == {"1": [{"command": "arm", "word": "completed", "reason": None, "after_ms": 10.0}]}
+    assert measured["mqtt"] == {"publish": 6}
+    assert measured["before_mission"] == {"packets": 1, "bytes": 54, "other": 0}
+    assert measured["foreign"] == {"arp": 1}
+    assert measured["truncated"] == []
+    assert measured["frames_per_call"] == {"arm": 1.0}
+    assert (measured["mavlink"], measured["cpu_s"]) == (None, {})
+    assert json.loads((series.path / "metrics.json").read_text()) == metrics
+
+
+def test_a_capture_that_dropped_packets_makes_the_attempt_void(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series)
+    make_attempt(series, number=2, dropped=3)
+    side = measure_series(series)["protocols"]["mqttxt"]
+    assert [attempt["attempt"] for attempt in side["attempts"]] == [1]
+    assert side["void"] == [{"attempt": 2, "reason": "captures dropped packets: gs 3, cloud 3, fog1 3, uav1 3"}]
+
+
+def test_a_failed_attempt_stays_with_its_reason_and_without_a_mission_time(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series, status="failed", reason="takeoff: drone 1: denied")
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["status"], measured["reason"]) == ("failed", "takeoff: drone 1: denied")
+    assert measured["mission_s"] is None
+    assert measured["packets"] == 7
+
+
+def test_an_attempt_that_never_flew_has_no_traffic(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series, status="failed", reason="connect: fog 1")
+    (attempt.path / "events.jsonl").unlink()
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["packets"], measured["mission_s"], measured["wire_loss"]) == (0, None, None)
+
+
+def test_a_failed_attempt_is_never_void(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series, dropped=3, status="failed", reason="takeoff: drone 1: denied")
+    second = make_attempt(series, number=2, status="failed", reason="net ended with exit code 137")
+    (second.path / "pcap" / "captures.json").unlink()
+    side = measure_series(series)["protocols"]["mqttxt"]
+    assert [attempt["status"] for attempt in side["attempts"]] == ["failed", "failed"]
+    assert side["void"] == []
+
+
+def test_a_run_that_was_cut_off_has_failed(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series, status="running")
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["status"], measured["reason"]) == ("failed", "the run was cut off")
+
+
+@pytest.mark.parametrize(
+    ("lost", "reason"),
+    [
+        ("pcap/captures.json", "no capture at cloud, fog1, gs, uav1"),
+        ("pcap/uav1.pcap", "no capture at uav1"),
+        ("events.jsonl", "events.jsonl does not have the mission's end"),
+        ("sitl/uav1.jsonl", "no autopilot's own word of disarming: uav1"),
+    ],
+)
+def test_nothing_is_guessed_where_a_file_is_lost(tmp_path: Path, lost: str, reason: str) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    (attempt.path / lost).unlink()
+    side = measure_series(series)["protocols"]["mqttxt"]
+    assert side == {"attempts": [], "void": [{"attempt": 1, "reason": reason}]}
+
+
+def test_a_capture_that_was_cut_off_is_counted_up_to_the_cut(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    (attempt.path / "pcap" / "uav1.pcap").write_bytes(b"")
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["packets"], measured["truncated"]) == (5, ["uav1.pcap"])
+
+
+def test_a_command_sent_again_by_whichever_layer_is_one_command_in_several_frames(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    body = publish("fog1/commands", arm_command())
+    first, again = frame("gs", "cloud", body, 1), frame("gs", "cloud", body, 9, sequence=len(body))
+    by_tcp = frame("gs", "cloud", body, 10)
+    sent = [(T0, first), (T0 + SECOND, by_tcp), (T0 + 2 * SECOND, again)]
+    write_pcap(attempt.path / "pcap" / "gs.pcap", sent)
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["commands_sent"], measured["frames_per_call"]) == (1, {"arm": 3.0})
+    assert measured["mqtt"]["publish"] == 5 + 2  # those of the other hops, and the station's two
+
+
+def test_a_command_for_whoever_arrives_first_is_in_frames_but_in_no_count_of_what_was_sent(tmp_path: Path) -> None:
+    """What its fogs are asked, and what is chosen: three frames of one call."""
+    series = new_series(tmp_path, "search", "thesis", "ideal")
+    attempt = make_attempt(series)
+    call = {"t_ns": T0 + SECOND // 2, "event": "command", "call": 2, "command": "goto", "fog": None, "drone": None}
+    events = sorted([*attempt.events(), call], key=lambda event: int(str(event["t_ns"])))
+    (attempt.path / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    arm = publish("fog1/commands", arm_command())
+    asked = [publish(f"fog{fog}/commands/goto", b"asked") for fog in (1, 2, 1)]
+    bodies, place = [arm, *asked], 0
+    frames = []
+    for number, body in enumerate(bodies):
+        frames.append((T0 + number * SECOND, frame("gs", "cloud", body, 1 + 20 * number, sequence=place)))
+        place += len(body)
+    write_pcap(attempt.path / "pcap" / "gs.pcap", frames)
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert measured["frames_per_call"] == {"arm": 1.0, "goto": 3.0}
+    assert set(measured["messages"]["commands"]) == {"arm"}
+
+
+def test_states_in_bundles_are_found_one_by_one(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    states = [Battery(90), Groundspeed(1.5), Heading(90.0)]
+    carried = fog_bundles((1, StampedState(state, 77, relay_stamp=5)) for state in states[:2])
+    up = frame("uav1", "fog1", publish("drone1/states", encode(drone_bundle(states, 77))), 20)
+    down = frame("cloud", "gs", publish("fog1/states", encode(carried[0])), 21, (1883, 7))
+    write_pcap(attempt.path / "pcap" / "uav1.pcap", [(T0 + SECOND, up)])
+    write_pcap(attempt.path / "pcap" / "cloud.pcap", [(T0 + 2 * SECOND, down)])
+    write_pcap(attempt.path / "pcap" / "gs.pcap", [(T0 + 2 * SECOND + 1, down)])
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert (measured["states_sent"], measured["message_loss"]["states"]) == (3, pytest.approx(1 / 3))
+
+
+def test_attempts_of_several_revisions_have_no_common_one(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series)
+    make_attempt(series, number=2, revision={"commit": "c0ffee", "dirty": True})
+    assert measure_series(series)["revision"] == "c0ffee"
+    make_attempt(series, number=3, revision={"commit": "decade", "dirty": False})
+    assert measure_series(series)["revision"] is None
+
+
+def test_a_malformed_captures_file_is_named(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    (attempt.path / "pcap" / "captures.json").write_text('[{"node": "gs"}]')
+    with pytest.raises(ResultsError, match=r"captures\.json: expected a list of captures"):
+        measure_series(series)
+
+
+def test_a_series_never_mixes_conditions(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    make_attempt(series)
+    make_attempt(series, number=2, profile="lte")
+    with pytest.raises(ResultsError, match=r"attempt-02: profile is lte, in the first attempt ideal"):
+        measure_series(series)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "not JSON"),
+        ("[]", "expected an object"),
+        ("{}", "version is None, expected 1"),
+        ('{"version": 1}', "experiment is missing"),
+        ('{"version": 1, "experiment": []}', "experiment: expected text"),
+        (json.dumps(manifest(status="great")), "status is great, expected completed, failed or void"),
+    ],
+)
+def test_a_manifest_that_is_off_is_named(tmp_path: Path, text: str, said: str) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    (attempt.path / "manifest.json").write_text(text)
+    with pytest.raises(ResultsError, match=rf"manifest\.json: {said}"):
+        measure_series(series)

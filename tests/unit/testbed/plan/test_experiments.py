@@ -1,0 +1,253 @@
+"""What a person typed, checked: one line that names the option, its value and what was expected."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from testbed.errors import UserError
+from testbed.fly.flights import by_hand, limit_s_of, mission_command, profile_of, remove_sockets, settings_of
+from testbed.plan.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
+from testbed.plan.profiles.reading import profile_names
+from testbed.plan.topology import COMPOSE_FILE, ROOT
+
+PROFILES = ", ".join(profile_names())
+GOOD = {"experiment": "scenario-1", "attempts": "2", "arm": "thesis", "profile": "ideal", "protocols": "mqttxt"}
+
+
+def _plan(arm: str = "thesis", **factors: str) -> Plan:
+    return make_plan("scenario-1", arm=arm, overrides=factors)
+
+
+def test_a_good_plan() -> None:
+    plan = make_plan(**GOOD)
+    assert (plan.attempts, plan.factors.qos, plan.protocols) == (2, 0, ("mqttxt",))
+
+
+def test_without_a_word_both_protocols_fly_the_thesis_once() -> None:
+    plan = make_plan("scenario-1")
+    assert (plan.attempts, plan.protocols, plan.label) == (1, ("mqttxt", "mavlink"), "thesis")
+    assert plan.factors == Factors("px4-onboard", "one-by-one", 0, "per-uav", "on-change")
+
+
+@pytest.mark.parametrize(
+    ("arm", "factors"),
+    [
+        ("thesis-concurrent", Factors("px4-onboard", "concurrent", 0, "per-uav", "on-change")),
+        ("five-states", Factors("five-states", "concurrent", 1, "shared", "fixed")),
+        ("five-states-bundled", Factors("five-states", "concurrent", 1, "shared", "bundle")),
+        ("direct", Factors("px4-onboard", "concurrent", 1, "direct", "on-change")),
+    ],
+)
+def test_an_arm_sets_every_factor(arm: str, factors: Factors) -> None:
+    assert _plan(arm).factors == factors
+
+
+def test_every_arm_uses_values_that_one_could_type() -> None:
+    for arm in ARMS.values():
+        assert all(str(getattr(arm.factors, name)) in values for name, values in FACTORS.items())
+
+
+@pytest.mark.parametrize(
+    ("arm", "factors", "label"),
+    [
+        ("thesis", {"streams": "px4-gcs"}, "thesis+streams-px4-gcs"),
+        ("thesis", {"qos": "1", "states": "", "chain": "shared"}, "thesis+qos-1+chain-shared"),
+        ("thesis", {"qos": "0", "streams": "px4-onboard"}, "thesis"),
+        ("direct", {"qos": "0"}, "direct+qos-0"),
+    ],
+)
+def test_a_factor_by_itself_is_named_where_it_deviates_from_the_arm(
+    arm: str, factors: dict[str, str], label: str
+) -> None:
+    assert _plan(arm, **factors).label == label
+
+
+def test_a_factor_by_itself_leaves_the_others_as_the_arm_has_them() -> None:
+    assert _plan("five-states", chain="direct").factors == Factors("five-states", "concurrent", 1, "direct", "fixed")
+
+
+def test_the_page_about_experiments_has_every_arm_as_it_is() -> None:
+    rows = [line for line in (ROOT / "docs" / "experiments.md").read_text().splitlines() if line.startswith("| `")]
+    cells = [[cell.strip(" `") for cell in row.split("|")[1:-1]] for row in rows]
+    told = {row[0]: row[1:6] for row in cells if row[0] in ARMS}
+    assert told == {arm.name: [str(getattr(arm.factors, name)) for name in FACTORS] for arm in ARMS.values()}
+
+
+def test_who_flies_first_alternates() -> None:
+    plan = make_plan("scenario-1", "3")
+    assert [plan.order(number)[0] for number in (1, 2, 3)] == ["mqttxt", "mavlink", "mqttxt"]
+
+
+def test_compose_gets_every_factor_that_a_container_needs() -> None:
+    assert settings_of(_plan(), "mqttxt") == {
+        **{"QOS": "0", "STREAMS": "px4-onboard", "CHAIN": "per-uav", "ENCODING_FLAG": "", "BUNDLES_FLAG": ""},
+    }
+    assert settings_of(_plan(), "mqttxt", "json")["ENCODING_FLAG"] == "--json"
+    assert settings_of(_plan("five-states-bundled"), "mqttxt")["BUNDLES_FLAG"] == "--bundles"
+
+
+def test_autopilots_talk_to_the_ground_station_themselves_where_no_router_runs() -> None:
+    direct = settings_of(_plan("direct"), "mavlink")
+    assert (direct["AUTOPILOT_ON"], direct["AUTOPILOT_TO"]) == ("0.0.0.0", "198.18.0.3")
+    assert "AUTOPILOT_TO" not in settings_of(_plan("direct"), "mqttxt")
+    assert "AUTOPILOT_TO" not in settings_of(_plan("thesis"), "mavlink")
+
+
+def test_compose_takes_every_setting() -> None:
+    text = COMPOSE_FILE.read_text()
+    assert [name for name in settings_of(_plan("direct"), "mavlink") if f"${{{name}:-" not in text] == []
+
+
+def test_the_mission_is_told_how_mqttxt_talks() -> None:
+    assert " ".join(mission_command(_plan("five-states"), "mqttxt")) == (
+        "mission fly scenario-1 --protocol mqttxt --fleet 1:1,2,3;2:4,5,6 --events /run-dir/events.jsonl "
+        "--links-start /run-dir/links/start --cloud mqtt://198.18.1.3:1883 --qos 1 --states fixed"
+    )
+
+
+def test_the_mission_is_told_how_mavlink_talks() -> None:
+    assert " ".join(mission_command(_plan("five-states"), "mavlink")) == (
+        "mission fly scenario-1 --protocol mavlink --fleet 1:1,2,3;2:4,5,6 --events /run-dir/events.jsonl "
+        "--links-start /run-dir/links/start --mavlink udpin://127.0.0.1:14540 "
+        "--streams five-states --commanding concurrent"
+    )
+
+
+@pytest.mark.parametrize(("chain", "host"), [("per-uav", "127.0.0.1"), ("direct", "0.0.0.0")])
+def test_mavsdk_listens_on_a_port_for_each_drone_unless_they_share_a_chain(chain: str, host: str) -> None:
+    command = mission_command(_plan(chain=chain), "mavlink")
+    urls = command[command.index("--mavlink") + 1].split(",")
+    assert urls == [f"udpin://{host}:{port}" for port in range(14541, 14547)]
+
+
+def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
+    name_of = "testbed_{}_1".format
+    assert "docker exec -it testbed_gs_1 mqttxt gs watch --fog 1 --fog 2" in by_hand(_plan(), "mqttxt", name_of)
+    mavlink = by_hand(_plan(chain="shared"), "mavlink", name_of)
+    assert "--fleet '1:1,2,3;2:4,5,6' --events /tmp/events.jsonl --mavlink udpin://127.0.0.1:14540" in mavlink
+    assert "mqttxt" not in mavlink
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"samples": "0"}, "SAMPLES=0: expected a whole number from 1 to 600"),
+        ({"samples": "many"}, "SAMPLES=many: expected a whole number from 1 to 600"),
+        (
+            {"experiment": "scenario-9"},
+            "experiment=scenario-9: expected one of scenario-1, scenario-2, scenario-3, scenario-4, messages",
+        ),
+        *(
+            ({"experiment": "messages", "count": text}, f"COUNT={text}: expected a whole number from 1 to 1000")
+            for text in ("0", "1001", "-1", "1.5", "ten", "٣", "")
+        ),
+        ({"attempts": "0"}, "ATTEMPTS=0: expected a whole number from 1 to 99"),
+        ({"attempts": "x"}, "ATTEMPTS=x: expected a whole number from 1 to 99"),
+        ({"attempts": "٣"}, "ATTEMPTS=٣: expected a whole number from 1 to 99"),
+        ({"attempts": "9" * 5000}, f"ATTEMPTS={'9' * 40}: expected a whole number from 1 to 99"),
+        ({"samples": "601"}, "SAMPLES=601: expected a whole number from 1 to 600"),
+        ({"attempts": ""}, "ATTEMPTS=: expected a whole number from 1 to 99"),
+        (
+            {"arm": "fast"},
+            "ARM=fast: expected one of thesis, thesis-concurrent, five-states, five-states-bundled, direct",
+        ),
+        ({"profile": "wifi"}, f"PROFILE=wifi: expected one of {PROFILES}, or the path of a .yaml file"),
+        ({"protocols": "mqttxt,carrier-pigeon"}, "PROTOCOLS=carrier-pigeon: expected one of mqttxt, mavlink"),
+        ({"protocols": "mavlink,"}, "PROTOCOLS=: expected one of mqttxt, mavlink"),
+        ({"overrides": {"streams": "all"}}, "STREAMS=all: expected one of px4-onboard, px4-gcs, five-states"),
+        ({"overrides": {"commanding": "both"}}, "COMMANDING=both: expected one of one-by-one, concurrent"),
+        ({"overrides": {"qos": "2"}}, "QOS=2: expected one of 0, 1"),
+        ({"overrides": {"qos": "٠"}}, "QOS=٠: expected one of 0, 1"),
+        ({"overrides": {"chain": "long"}}, "CHAIN=long: expected one of per-uav, shared, direct"),
+        ({"overrides": {"states": "often"}}, "STATES=often: expected one of on-change, fixed, bundle"),
+    ],
+)
+def test_a_mistake_is_named(changed: dict[str, Any], said: str) -> None:
+    with pytest.raises(UserError) as mistake:
+        make_plan(**{**GOOD, **changed})
+    assert str(mistake.value) == said
+    assert mistake.value.exit_code == 2
+
+
+def test_one_fleet_can_be_up_at_a_time() -> None:
+    assert one_protocol("mavlink") == "mavlink"
+    with pytest.raises(UserError, match=r"PROTOCOLS=mqttxt,mavlink: expected mqttxt or mavlink, one of them"):
+        one_protocol("mqttxt,mavlink")
+
+
+def test_an_unknown_encoding_is_named() -> None:
+    with pytest.raises(UserError, match="ENCODING=xml: expected one of cbor, json"):
+        settings_of(make_plan(**GOOD), "mqttxt", "xml")
+
+
+@pytest.mark.parametrize("protocol", ["mqttxt", "mavlink"])
+def test_sensors_are_told_of_only_where_they_are_flown_to(protocol: str) -> None:
+    without, flown = make_plan("scenario-2", samples="7"), make_plan("scenario-4", samples="7")
+    assert "SAMPLES" not in settings_of(without, protocol)
+    assert settings_of(flown, protocol)["SAMPLES"] == "7"
+    assert "--samples" not in mission_command(without, protocol)
+    words = mission_command(flown, protocol)
+    assert words[words.index("--samples") + 1] == "7"
+
+
+def test_the_message_set_is_flown_by_one_drone_whose_autopilot_can_be_put_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = make_plan("messages", count="7")
+    assert profile_of(plan, "mavlink") == "mavlink-one"
+    settings = settings_of(plan, "mavlink")
+    assert (settings["ONLY_FLAG"], settings["CONTROL_DIR"]) == ("--only 1", "/run-dir/sitl")
+    for protocol in ("mqttxt", "mavlink"):
+        words = mission_command(plan, protocol)
+        named = {word: after for word, after in pairwise(words) if word.startswith("--")}
+        assert named["--fleet"] == "1:1"
+        assert named["--count"] == "7"
+        assert named["--control"] == "/run-dir/sitl/uav1.sock"
+    assert named["--mavlink"] == "udpin://127.0.0.1:14541"
+    monkeypatch.setenv("AUTOPILOT", "px4")
+    with pytest.raises(UserError, match="AUTOPILOT=px4: expected none: only the stand-in can be put back each time"):
+        settings_of(plan, "mavlink")
+
+
+def test_a_scenario_knows_nothing_of_the_message_set() -> None:
+    plan = make_plan("scenario-1", count="7")
+    assert profile_of(plan, "mavlink") == "mavlink"
+    assert not {"ONLY_FLAG", "CONTROL_DIR"} & set(settings_of(plan, "mavlink"))
+    assert "--count" not in mission_command(plan, "mqttxt")
+    assert limit_s_of(plan) < limit_s_of(make_plan("messages", count="1"))
+
+
+def test_control_sockets_that_were_left_are_removed_and_nothing_else(tmp_path: Path) -> None:
+    folder = tmp_path / "sitl"
+    folder.mkdir()
+    for name in ("uav1.sock", "uav1.jsonl"):
+        (folder / name).touch()
+    remove_sockets(tmp_path)
+    assert [path.name for path in folder.iterdir()] == ["uav1.jsonl"]
+
+
+def test_a_mission_of_ones_own_is_called_after_its_file(tmp_path: Path) -> None:
+    mission = tmp_path / "search-2.py"
+    mission.write_text("async def mission(fleet, steps): ...\n")
+    plan = make_plan(str(mission))
+    assert (plan.experiment, plan.mission, plan.has_sensors) == ("search-2", mission, False)
+    assert mission_command(plan, "mqttxt")[2] == "/run-dir/search-2.py"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("none.py", "none.py: expected a Python file with `async def mission(fleet, steps)`"),
+        ("My mission.py", "expected a name of lower-case letters, digits, - and _ that no scenario has"),
+        ("scenario-1.py", "expected a name of lower-case letters, digits, - and _ that no scenario has"),
+    ],
+)
+def test_a_mission_that_is_none_is_named(tmp_path: Path, name: str, said: str) -> None:
+    if name != "none.py":
+        (tmp_path / name).touch()
+    with pytest.raises(UserError) as error:
+        make_plan(str(tmp_path / name))
+    assert str(error.value).startswith(str(tmp_path / name))
+    assert said in str(error.value)

@@ -1,0 +1,111 @@
+"""Two results beside each other: in what they differ, by how much, and what cannot be told."""
+
+from __future__ import annotations
+
+import json
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from both_sides import entry, failed, make_series
+from rich.console import Console
+
+from testbed.fly.results import Series, new_series
+from testbed.present.report import compare
+from testbed.present.report.compare_page import print_comparison, write_comparison
+
+
+def result(name: str, folder: Path, *entries: tuple[str, dict[str, Any]], **changed: Any) -> compare.Result:
+    """A series whose manifests have what is `changed`; so has `configuration`."""
+    series = new_series(folder / name, "scenario-1", "thesis", "ideal")
+    conditions = {key: value for key, value in changed.items() if key in ("arm", "profile", "shaper", "experiment")}
+    metrics = make_series(series, *entries, **conditions)
+    for attempt in series.attempts():
+        path = attempt.path / "manifest.json"
+        told = json.loads(path.read_text())
+        told["configuration"] |= changed.get("configuration", {})
+        told |= {key: value for key, value in changed.items() if key != "configuration"}
+        path.write_text(json.dumps(told))
+    return compare.result_of(name, series, metrics)
+
+
+@pytest.fixture
+def first(tmp_path: Path) -> compare.Result:
+    return result("A", tmp_path, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")))
+
+
+def test_the_same_way_of_flying_is_said(tmp_path: Path, first: compare.Result) -> None:
+    again = result("B", tmp_path, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink", packets=901_000)))
+    said = compare.sentences(first, again)
+    assert said[0] == "Both were flown in the same way: what differs is chance, or the machine."
+    assert said[1].startswith("From A to B over MQTT-XT: packets the same, bytes the same")
+    assert said[2].startswith("From A to B over MAVLink: packets ×2.0, bytes the same")
+
+
+def test_one_factor_is_named_and_several_cannot_be_told_apart(tmp_path: Path, first: compare.Result) -> None:
+    entries = ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink"))
+    one = result("B", tmp_path, *entries, configuration={"commanding": "concurrent"})
+    assert compare.sentences(first, one)[0] == "They differ in commanding."
+    assert not any("cannot be told" in said for said in compare.sentences(first, one))
+    several = result("C", tmp_path, *entries, profile="lte", shaper="netem", configuration={"qos": 1})
+    said = compare.sentences(first, several)
+    assert said[0] == "They differ in profile, shaper and qos."
+    assert "cannot be told" in said[-1]
+
+
+def test_revisions_are_never_mixed_unsaid(tmp_path: Path, first: compare.Result) -> None:
+    revision = {"commit": "decaf", "dirty": True}
+    other = result("B", tmp_path, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")), revision=revision)
+    assert compare.sentences(first, other)[0] == "They differ in revision."
+    found = next(c for c in compare.conditions(first, other) if c.name == "revision")
+    assert (found.first, found.second) == ("c0ffee", "decaf with changes")
+
+
+def test_another_experiment_does_not_compare(tmp_path: Path, first: compare.Result) -> None:
+    entries = ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink"))
+    other = result("B", tmp_path, *entries, experiment="scenario-3")
+    assert "These are different experiments, so their totals do not compare." in compare.sentences(first, other)
+
+
+def test_a_side_that_only_one_has_is_said_and_makes_no_row(tmp_path: Path, first: compare.Result) -> None:
+    other = result("B", tmp_path, ("mqttxt", failed("mqttxt", "denied")))
+    assert "Only one of them flew MAVLink." in compare.sentences(first, other)
+    rows = compare.rows(first, other)
+    assert {row.protocol for row in rows} == {"mqttxt"}
+    assert all(row.change is None for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "said"),
+    [(1.004, "the same"), (1.12, "+12 %"), (0.66, "−34 %"), (3.4, "×3.4"), (0.002, "−99.8 %"), (1.006, "+0.6 %")],
+)
+def test_a_change_has_the_digits_that_it_deserves(ratio: float, said: str) -> None:
+    assert compare.change(ratio) == said
+
+
+def test_the_terminal_and_the_page_say_the_same_and_the_page_twice_so(tmp_path: Path, first: compare.Result) -> None:
+    other = result("B", tmp_path, ("mavlink", entry("mavlink", packets=4505)), configuration={"streams": "five-states"})
+    console = Console(file=StringIO(), width=100)
+    print_comparison(first, other, console)
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "They differ in streams." in shown
+    assert "−99.0 %" in shown
+    page = tmp_path / "page" / "compare.html"
+    write_comparison(first, other, page)
+    text = page.read_text()
+    assert "They differ in streams." in text
+    assert "−99.0 %" in text
+    before = {path: path.read_bytes() for path in page.parent.iterdir()}
+    assert {path.name for path in before} == {"compare.html", "compare.csv", "compare.pdf"}
+    write_comparison(first, other, page)
+    assert {path: path.read_bytes() for path in page.parent.iterdir()} == before
+
+
+def test_each_result_links_to_its_own_report(tmp_path: Path, first: compare.Result) -> None:
+    (first.series.path / "report.html").write_text("")
+    page = tmp_path / "compare.html"
+    write_comparison(first, compare.Result("B", Series(tmp_path), first.metrics, first.manifests), page)
+    link = f'href="{first.series.path.relative_to(tmp_path)}/report.html"'
+    assert link in page.read_text()
+    assert page.read_text().count("report.html") == 1
