@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..plan import wording
+from .observed import in_order
 
 NOTHING = "–"
 
 
 def sides(metrics: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """The protocols of a series with what was measured of each; always MQTT-XT first."""
-    known = list(wording.PROTOCOL_NAMES)
-    order = sorted(metrics["protocols"], key=lambda name: (known.index(name) if name in known else len(known), name))
-    return [(name, metrics["protocols"][name]) for name in order]
+    return [(name, metrics["protocols"][name]) for name in in_order(metrics["protocols"])]
 
 
 def thousands(value: float | None) -> str:
@@ -83,9 +81,9 @@ def bit_rate(value: float) -> str:
     return f"{value / size_:.3g} {unit}"
 
 
-def share(value: float) -> str:
+def share(value: float | None) -> str:
     """A share as percent: 0.16 %, 5 %."""
-    return percent(100 * value)
+    return NOTHING if value is None else percent(100 * value)
 
 
 def tick_size(value: float) -> str:
@@ -106,11 +104,6 @@ def times(value: float, what: str) -> str:
     if value >= 0.995:
         return f"{ratio(value)} times {what}"
     return f"{min(100 * value, 99):.{0 if value >= 0.1 else 1}f} % of {what}"
-
-
-def short_loss(share: float | None, of: int) -> str:
-    """A loss where there is little room: how many of how many."""
-    return NOTHING if share is None or of == 0 else f"{round(share * of):,} of {of:,}"
 
 
 def loss(share: float | None, of: int) -> str:

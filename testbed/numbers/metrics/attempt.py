@@ -10,6 +10,7 @@ import polars as pl
 from ...fly import flight_logs
 from ...fly.results import Attempt
 from ...fly.validity import unsound_reason
+from ..observed import observe_attempt
 from ..packets import Packets, load
 from . import delays, mavlink, mqttxt, readings, timeline
 from .causes import losses
@@ -41,7 +42,7 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
         )
     if unsound is not None:
         status, reason = "void", unsound
-    return {
+    entry = {
         "attempt": attempt.number,
         "repeat": attempt.repeat,
         "status": status,
@@ -59,6 +60,7 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any
         "cpu_s": manifest.get("cpu_s", {}),
         "memory_bytes": manifest.get("memory_bytes", {}),
     }
+    return entry | {"wire_loss": observe_attempt(entry).frames.share}
 
 
 def _measured(
@@ -78,8 +80,6 @@ def _measured(
     commands = count_messages(exchange.commands, {d: packets.until_ns[node] for d, node in ways.drones.items()})
     states = count_messages(exchange.states, exchange.states_until_ns(packets, ways))
     links = count_links(packets, window)
-    entered = sum(link.packets for link in links.values())
-    lost = sum(link.lost for link in links.values())
     by_cause = losses(packets, shaping.counters, shaping.start_ns)
     foreign = count_foreign(packets, window)
     named = pl.concat([side.name_messages(packets.messages, ways.drones), readings.name_readings(packets.messages)])
@@ -89,12 +89,11 @@ def _measured(
     return {
         "window": {"start_ns": window.start_ns, "seconds": round(window.seconds, 6)},
         "size_bytes": sum(link.bytes for link in links.values()),
-        "packets": entered,
+        "packets": sum(link.packets for link in links.values()),
         "message_loss": {"commands": _share(commands), "states": _share(states)},
         "commands_sent": sum(kind["sent"] for kind in commands.values()),
         "states_sent": sum(kind["sent"] for kind in states.values()),
         "messages": {"commands": commands, "states": states},
-        "wire_loss": lost / entered if entered else None,
         "losses": by_cause,
         "delay_ms": delays.by_capture_ms(exchange.commands),
         "delay_app_ms": delays.calls_ms(events, window),
@@ -136,6 +135,7 @@ NOT_FLOWN: dict[str, Any] = {
     **{"retransmissions": {"packets": 0, "bytes": 0, "needless": 0, "links": {}}, "load": {}, "traffic": {}},
     **{"mqtt": {}, "mavlink": None, "links": {}, "links_events": []},
     **{"before_mission": {"packets": 0, "bytes": 0, "other": 0}, "foreign": {}, "truncated": [], "message_set": None},
+    **{"series": [], "reading_delay_ms": None, "reading_traffic": {}, "out_of_range": 0, "flight_logs": {}},
 }
 """What there is to say of an attempt whose mission never began."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from ..packets import Packets
-from .statistics import loss_of
+from ..statistics import loss_of
 from .ways import STATION, Ways
 from .window import Window
 

@@ -9,11 +9,11 @@ import polars as pl
 
 from ..packets import Packets
 from ..packets.pcap import Ints
+from ..statistics import loss_of
 from .exchange import Exchange, count_messages
 from .message_kinds import own_mavlink, own_mqttxt, setpoints
 from .message_spans import Kind, kinds_of
 from .sizes import acknowledgements, message_sizes
-from .statistics import loss_of
 from .timeline import histogram
 from .ways import Ways
 from .window import Window, is_message_set

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import jsonschema
@@ -13,15 +12,15 @@ import jsonschema
 from ...errors import ResultsError
 from ...fly.results import METRICS, Attempt, Series, read_json, write_json
 from ...fly.validity import common_revision, with_failure
+from ..observed import observe
+from ..quantities import ratios, statistics
 from .attempt import NOT_FLOWN, measure_attempt
 from .conditions import Flown, check_same, differences
 from .shaping import read_shaping
-from .statistics import statistics
 
-METRICS_VERSION = 1
+METRICS_VERSION = 2
 """Rises when a field goes or its meaning changes; fields that are added leave it as it is."""
 SCHEMA = Path(__file__).parents[1] / "schemas" / "metrics.schema.json"
-RATIOS = {"packets": "packets", "size": "size_bytes", "mission": "mission_s"}
 
 
 def measure_series(series: Series) -> dict[str, Any]:
@@ -63,8 +62,8 @@ def measure_series(series: Series) -> dict[str, Any]:
             side["void"].append({"attempt": attempt.number, **repeat, "reason": entry["reason"], **load})
         else:
             side["attempts"].append(entry)
-    document["ratios"] = ratios(document["protocols"])
-    document["statistics"] = statistics(document["protocols"])
+    sides = observe(document["protocols"])
+    document |= {"ratios": ratios(sides), "statistics": statistics(sides)}
     error = schema_error(document)
     if error is not None:
         raise ResultsError(f"{series.path}: its metrics break their schema: {error}")
@@ -138,21 +137,3 @@ def _unread(attempt: Attempt, manifest: dict[str, Any], reason: str) -> dict[str
 def _relative(series: Series, error: ResultsError) -> str:
     """The error with paths as they are below the series, so that it is the same wherever that lies."""
     return str(error).replace(f"{series.path}/", "")
-
-
-def ratios(protocols: dict[str, Any]) -> dict[str, float]:
-    """MAVLink's medians over MQTT-XT's, of completed attempts; empty where one side has none."""
-    completed = {
-        name: [
-            attempt for attempt in protocols.get(name, {"attempts": []})["attempts"] if attempt["status"] == "completed"
-        ]
-        for name in ("mavlink", "mqttxt")
-    }
-    if not all(completed.values()):
-        return {}
-    found = {}
-    for ratio, field in RATIOS.items():
-        above, below = (median(attempt[field] for attempt in completed[name]) for name in ("mavlink", "mqttxt"))
-        if below:
-            found[ratio] = round(above / below, 4)
-    return found

@@ -7,7 +7,7 @@ from typing import Any
 import polars as pl
 
 from ..packets import Packets
-from .statistics import significant
+from ..statistics import significant
 from .window import Window
 
 

@@ -11,7 +11,7 @@ from statistics import mean, median
 from typing import Any
 
 from ...errors import UserError
-from .series import RATIOS
+from ..quantities import RATIOS
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     **{">=": operator.ge, "<=": operator.le, "==": operator.eq, "!=": operator.ne},

@@ -9,6 +9,8 @@ from typing import Any
 from ...fly.results import Attempt, Series, read_json
 from ...numbers.metrics import mission_window
 from ...numbers.metrics.detail import detail_of
+from ...numbers.observed import observe_attempt
+from ...numbers.quantities import of_attempt
 from ...plan import wording
 from . import sentences
 from .figures.flights import Flights, flights, flights_of
@@ -46,6 +48,7 @@ def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any], repeat: i
         "label": f"{attempt.number}{f', repeat {repeat}' if repeat else ''}",
         "manifest": manifest,
         "measured": measured,
+        "row": of_attempt(observe_attempt(measured)) if measured is not None else {},
         "trouble": _trouble(measured, void, events),
         "folder": attempt.path.relative_to(series.path).as_posix(),
         "files": [path.relative_to(series.path).as_posix() for path in _files(attempt)],

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from statistics import mean
 from typing import Any
 
 from ...numbers import words
-from . import frames, thesis
-from .comparison import completed, quotient
+from ...numbers.observed import observe
+from ...numbers.quantities import FRAMES_LOST, MISSION, PACKETS, SIZE, Figure, quotient
+from . import thesis
 from .gallery import SLIPS
 
 
@@ -30,11 +29,7 @@ class Row:
     ratio: Pair | None
 
 
-_METRICS: tuple[tuple[str, str, Callable[[float | None], str]], ...] = (
-    ("packets", "packets", words.thousands),
-    ("bytes", "size_bytes", words.size),
-    ("mission time", "mission_s", words.seconds),
-)
+_QUANTITIES = (PACKETS, SIZE, MISSION)
 
 
 def rows(metrics: dict[str, Any]) -> list[Row]:
@@ -43,26 +38,26 @@ def rows(metrics: dict[str, Any]) -> list[Row]:
     A ratio to a printed size that is a slip is none of the thesis's.
     """
     printed = thesis.of_scenario(metrics["experiment"])
-    sides = {p: completed(side) for p, side in words.sides(metrics) if completed(side)}
+    sides = {p: side for p, side in observe(metrics["protocols"]).items() if side.completed}
     if not printed or not sides:
         return []
     table = []
-    for name, field, text in _METRICS:
-        here = {p: mean(attempt[field] for attempt in attempts) for p, attempts in sides.items()}
-        cells = {p: Pair(text(here[p]), text(printed[field].get(p))) for p in sides}
-        is_slip = field == "size_bytes" and any((metrics["experiment"], p) in SLIPS for p in printed[field])
-        table.append(Row(name, cells, _ratio(here, {} if is_slip else printed[field])))
-    loss = {p: Pair(_loss(attempts), words.share(printed["wire_loss"][p])) for p, attempts in sides.items()}
+    for quantity in _QUANTITIES:
+        here = {p: quantity.figure(side).mean for p, side in sides.items()}
+        theirs = printed[quantity.key]
+        cells = {p: Pair(quantity.write(here[p]), quantity.write(theirs.get(p))) for p in sides}
+        is_slip = quantity is SIZE and any((metrics["experiment"], p) in SLIPS for p in theirs)
+        table.append(Row(quantity.name, cells, _ratio(here, {} if is_slip else theirs)))
+    lost = {p: FRAMES_LOST.figure(side) for p, side in sides.items()}
+    loss = {p: Pair(_share(lost[p]), words.share(printed[FRAMES_LOST.key][p])) for p in sides}
     return [*table, Row("packets lost", loss, None)]
 
 
-def _loss(attempts: list[dict[str, Any]]) -> str:
-    sent = sum(frames.entered(attempt) for attempt in attempts if attempt["wire_loss"] is not None)
-    lost = sum(frames.lost(attempt) for attempt in attempts)
-    return words.percent(100 * lost / sent) if lost else "0" if sent else words.NOTHING
+def _share(lost: Figure) -> str:
+    return "0" if lost.value == 0 else words.share(lost.value)
 
 
-def _ratio(here: dict[str, float], printed: dict[str, float]) -> Pair | None:
+def _ratio(here: dict[str, float | None], printed: dict[str, float]) -> Pair | None:
     made = quotient(printed.get("mavlink"), printed.get("mqttxt"))
     if "mavlink" not in here or "mqttxt" not in here:
         return None

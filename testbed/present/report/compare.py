@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...fly.results import Series
-from ...numbers import words
+from ...numbers import kinds, quantities, words
+from ...numbers.observed import observe
+from ...numbers.quantities import DELAY, MISSION, PACKETS, SIZE, Figure, quotient
 from ...plan import wording
 from ...plan.experiments import FACTORS
 from . import comparison, factors, message_set
@@ -52,12 +54,13 @@ class Row:
 
     name: str
     protocol: str
-    first: comparison.Cell
-    second: comparison.Cell
+    first: Figure
+    second: Figure
 
     @property
     def change(self) -> float | None:
-        return comparison.quotient(self.second.middle, self.first.middle)
+        scaled = self.first.points and self.first.loss is None
+        return quotient(self.second.value, self.first.value) if scaled else None
 
 
 def conditions(first: Result, second: Result) -> list[Condition]:
@@ -97,8 +100,10 @@ def rows(first: Result, second: Result) -> list[Row]:
     ]
 
 
-def _table(metrics: dict[str, Any]) -> list[comparison.Row]:
-    return message_set.to_compare(metrics) if message_set.is_message_set(metrics) else comparison.rows(metrics)
+def _table(metrics: dict[str, Any]) -> list[quantities.Row]:
+    if message_set.is_message_set(metrics):
+        return kinds.compared(observe(metrics["protocols"]))
+    return list(comparison.rows(metrics).values())
 
 
 def sentences(first: Result, second: Result) -> list[str]:
@@ -125,7 +130,7 @@ def sentences(first: Result, second: Result) -> list[str]:
 
 
 _TOLD = (
-    *("packets", "bytes", "mission time", "delay of commands"),
+    *(quantity.name for quantity in (PACKETS, SIZE, MISSION, DELAY)),
     *(f"mean {form}: {what}" for form in ("command", "state") for what in ("packets", "delay")),
 )
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ...numbers import words
+from ...numbers import quantities, words
 from ...numbers.metrics.detail import PerLink
+from ...numbers.observed import observe
+from ...numbers.quantities import MISSION
 from ...plan.topology import place_of_link
 from . import details, thesis
 from .comparison import completed
@@ -165,17 +167,16 @@ def _purposes(shown: details.Shown) -> dict[str, dict[str, int]]:
 
 def _missions(
     metrics: dict[str, Any],
-) -> tuple[dict[str, list[Mission]], dict[str, tuple[float, float] | None], dict[str, float]]:
-    spread = metrics.get("statistics", {}).get("metrics", {}).get("mission_s", {})
-    sides, intervals = {}, {}
+) -> tuple[dict[str, list[Mission]], dict[str, quantities.Figure], dict[str, float]]:
+    observed = observe(metrics["protocols"])
+    sides = {}
     for protocol, side in words.sides(metrics):
         flown = [Mission(a["attempt"], a["mission_s"], a["status"], a["reason"]) for a in side["attempts"]]
         flown += [Mission(void["attempt"], None, "void", void["reason"]) for void in side["void"]]
         sides[protocol] = sorted(flown, key=lambda one: one.attempt)
-        bounds = (spread.get(protocol) or {}).get("interval")
-        intervals[protocol] = (bounds[0], bounds[1]) if bounds else None
     printed = thesis.of_scenario(metrics["experiment"]).get("mission_s", {})
-    return sides, intervals, {p: value for p, value in printed.items() if p in sides}
+    figures = {protocol: MISSION.figure(side) for protocol, side in observed.items()}
+    return sides, figures, {p: value for p, value in printed.items() if p in sides}
 
 
 def _scenarios(metrics: dict[str, Any], done: dict[str, list[dict[str, Any]]]) -> Figure | None:

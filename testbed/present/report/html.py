@@ -10,6 +10,7 @@ import jinja2
 
 from ...fly.results import REPORT, Series
 from ...numbers import words
+from ...numbers.quantities import OF_ATTEMPT
 from ...plan import wording
 from . import (
     attempt_page,
@@ -70,11 +71,12 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
             **_conditions(metrics, attempts),
             protocols=[protocol for protocol, _ in words.sides(metrics)],
             completion=comparison.completion(metrics),
-            rows=(rows := comparison.rows(metrics)),
+            rows=(rows := list(comparison.rows(metrics).values())),
             tested=any(row.test for row in rows),
             beside=beside.rows(metrics),
             caveats=thesis.caveats(metrics["experiment"]),
             attempts=attempts,
+            of_attempt=OF_ATTEMPT,
             figures=figures,
             papers=papers,
             lost_none=sentences.none_lost(gallery.losses_of(shown, seen)),
@@ -100,7 +102,7 @@ def environment() -> jinja2.Environment:
     made.filters["tied"] = lambda text: text.replace("(< ", "(<\xa0").replace(" %", "\xa0%")
     made.filters["at"] = lambda percent: f"{percent:.2f}%"
     made.tests["in_folder"] = lambda path, folder: path.startswith(f"{folder}/")
-    made.globals |= {"lost": words.short_loss, "most_rows": MOST_ROWS, "folder": FOLDER}
+    made.globals |= {"most_rows": MOST_ROWS, "folder": FOLDER}
     return made
 
 
@@ -141,7 +143,7 @@ def _kinds(metrics: dict[str, Any], attempts: list[dict[str, Any]]) -> dict[str,
     return {
         "message_set": True,
         "kinds": table,
-        "kind_totals": message_set.totals(table),
+        "kind_totals": message_set.totals(metrics),
         "shortfalls": message_sentences.shortfalls(metrics),
         "bundled": "bundle" in states,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...numbers import words
+from ...numbers.kinds import COMMANDS, STATES
 from . import details, message_set
 from .comparison import completed
 from .figures.figure import Figure
@@ -19,7 +20,7 @@ def figures_of(
 ) -> dict[str, Figure]:
     """By name; what cannot be drawn of these results is left out."""
     done = {p: attempts for p, side in words.sides(metrics) if (attempts := completed(side))}
-    order = (*message_set.COMMANDS, *message_set.STATES)
+    order = (*COMMANDS, *STATES)
     made = [
         of_links(metrics, shown, links),
         kind_ratios(_ratios(metrics)),

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from ...numbers import words
+from ...numbers.kinds import Side
 from ...plan import wording
 from .comparison import completed
-from .message_set import Row, Side, is_message_set, rows, totals
+from .message_set import Row, is_message_set, rows, totals
 
 _FORMS = {"command": "a command", "state": "a state"}
 
@@ -32,7 +33,7 @@ def basis(metrics: dict[str, Any]) -> str | None:
         return None
     said = [_amounts(row) for row in both]
     said += [_delays(row) for row in both if all(side.delay_ms is not None for side in row.sides.values())]
-    lost = [_lost(row) for row in both if any(side.lost for side in row.sides.values())]
+    lost = [_lost(row) for row in both if any(side.loss.lost for side in row.sides.values())]
     said += lost or ["No message was lost on either side."]
     said.append(_thesis(rows(metrics)))
     said.append(_how(metrics, both))
@@ -59,7 +60,7 @@ def _both(metrics: dict[str, Any]) -> list[Row]:
     """One command and one state, as far as both sides have them; none for another experiment."""
     if not is_message_set(metrics):
         return []
-    return [row for row in totals(rows(metrics)) if {"mavlink", "mqttxt"} <= set(row.sides)]
+    return [row for row in totals(metrics) if {"mavlink", "mqttxt"} <= set(row.sides)]
 
 
 def _times(row: Row, how: str) -> str:
@@ -85,7 +86,7 @@ def _delays(row: Row) -> str:
 
 
 def _lost(row: Row) -> str:
-    each = [f"{row.sides[p].loss} over {wording.name_of(p)}" for p in ("mqttxt", "mavlink")]
+    each = [f"{row.sides[p].lost.text} over {wording.name_of(p)}" for p in ("mqttxt", "mavlink")]
     return f"{row.form.capitalize()}s lost: {', '.join(each)}."
 
 

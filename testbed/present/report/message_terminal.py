@@ -19,7 +19,7 @@ def print_kinds(metrics: dict[str, Any], console: Console) -> None:
     table = rows(metrics)
     if not table:
         return
-    console.print(traffic_table(metrics, [*table, *totals(table)]))
+    console.print(traffic_table(metrics, [*table, *totals(metrics)]))
     console.print(delay_table(metrics, table))
     for said in message_sentences.shortfalls(metrics):
         console.print(said, soft_wrap=True, markup=False)
@@ -61,7 +61,7 @@ def delay_table(metrics: dict[str, Any], table: list[Row]) -> Table:
         cells = []
         for protocol in protocols:
             side = row.sides.get(protocol)
-            lost = f"{side.lost:,}/{side.known:,}" if side else words.NOTHING
+            lost = f"{side.loss.lost:,}/{side.loss.known:,}" if side else words.NOTHING
             cells += [words.milliseconds(side.delay_ms if side else None)]
             cells += [words.milliseconds(row.printed["delay_ms"][protocol]), lost]
             cells += [words.share(row.printed["loss"][protocol])]

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from statistics import median
 from typing import Any
 
 from ...numbers import words
+from ...numbers.quantities import COMMANDS_LOST, DELAY, FRAMES_LOST, MISSION, PACKETS, SIZE, STATES_LOST
 from ...plan import wording
 from . import message_sentences
 from .comparison import completed, rows
 from .figures.losses import Lost
 from .message_set import is_message_set
 
-_OF_RATIO = (("packets", "the packets"), ("bytes", "the bytes"), ("mission time", "the mission time"))
+_OF_RATIO = tuple((one.name, f"the {one.name}") for one in (PACKETS, SIZE, MISSION))
 _SAME_TIME = 0.02
-_LOSSES = ("commands lost", "states lost", "frames lost")
+_LOSSES = (COMMANDS_LOST, STATES_LOST, FRAMES_LOST)
 
 
 def finding(metrics: dict[str, Any]) -> str:
@@ -94,10 +94,10 @@ def none_lost(sides: dict[str, dict[str, Lost]]) -> str | None:
 
 
 def _compared(metrics: dict[str, Any]) -> str:
-    ratios = {row.name: row.ratio for row in rows(metrics)}
-    mission = ratios["mission time"]
+    ratios = {row.name: row.ratio for row in rows(metrics).values()}
+    mission = ratios[MISSION.name]
     as_long = mission is not None and abs(mission - 1) <= _SAME_TIME
-    names = [(name, what) for name, what in _OF_RATIO if not (as_long and name == "mission time")]
+    names = [(name, what) for name, what in _OF_RATIO if not (as_long and name == MISSION.name)]
     parts = [words.times(ratio, what) for name, what in names if (ratio := ratios[name]) is not None]
     by = f": {wording.listed(parts)} of MQTT-XT" if parts else ""
     in_time = ", in about the same mission time" if as_long and parts else ""
@@ -107,7 +107,7 @@ def _compared(metrics: dict[str, Any]) -> str:
 
 def _delays(metrics: dict[str, Any]) -> str:
     """How long commands took to reach a drone on each side, where both are known."""
-    row = next(row for row in rows(metrics) if row.name == "delay of commands")
+    row = rows(metrics)[DELAY.key]
     if row.ratio is None:
         return ""
     mavlink, mqttxt = (row.cells[protocol].text for protocol in ("mavlink", "mqttxt"))
@@ -117,9 +117,9 @@ def _delays(metrics: dict[str, Any]) -> str:
 def _losses(metrics: dict[str, Any]) -> str:
     """What was lost, where anything was."""
     said = []
-    for row in rows(metrics):
-        some = any(cell.text[0] not in f"0{words.NOTHING}" for cell in row.cells.values())
-        if row.name in _LOSSES and some:
+    table = rows(metrics)
+    for row in (table[quantity.key] for quantity in _LOSSES):
+        if any(cell.value for cell in row.cells.values()):
             each = [f"{row.cells[p].text} over {wording.name_of(p)}" for p in ("mavlink", "mqttxt")]
             said.append(f" {row.name.capitalize()}: {', '.join(each)}.")
     return "".join(said)
@@ -127,8 +127,9 @@ def _losses(metrics: dict[str, Any]) -> str:
 
 def _middles(metrics: dict[str, Any], protocol: str) -> tuple[str, str, str]:
     """Mission time, packets and bytes of one side, as text."""
-    texts = {row.name: row.cells[protocol].text for row in rows(metrics)}
-    return texts["mission time"], texts["packets"], texts["bytes"]
+    table = rows(metrics)
+    mission, packets, size = (table[quantity.key].cells[protocol].text for quantity in (MISSION, PACKETS, SIZE))
+    return mission, packets, size
 
 
 def _one_side(metrics: dict[str, Any], protocol: str) -> str:
@@ -139,14 +140,12 @@ def _one_side(metrics: dict[str, Any], protocol: str) -> str:
     if not done:
         which = "the only attempt failed" if len(flown) == 1 else f"none of {len(flown)} attempts was completed"
         return f"over {name} {which} ({wording.first_line(flown[0]['reason'])})"
-    mission = median(attempt["mission_s"] for attempt in done)
-    packets = median(attempt["packets"] for attempt in done)
-    bytes_ = median(attempt["size_bytes"] for attempt in done)
+    mission, packets, size = _middles(metrics, protocol)
     much = "" if len(done) == 1 else " (medians)"
     how = "" if len(done) == len(flown) else f", in {len(done)} of {len(flown)} attempts"
     return (
-        f"over {name} {_fleet(done[0])} flew {_experiment(metrics)} in {mission:.1f} s, "
-        f"with {packets:,.0f} packets and {words.size(bytes_)} on all links{much}{how}"
+        f"over {name} {_fleet(done[0])} flew {_experiment(metrics)} in {mission}, "
+        f"with {packets} packets and {size} on all links{much}{how}"
     )
 
 

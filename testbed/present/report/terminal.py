@@ -12,6 +12,8 @@ from rich.text import Text
 
 from ...fly.results import Attempt, Series
 from ...numbers import words
+from ...numbers.observed import observe_attempt
+from ...numbers.quantities import OF_ATTEMPT, of_attempt
 from ...plan import wording
 from . import beside, comparison, details, factors, message_set, readings, sentences
 from .attempt_page import with_losses
@@ -65,7 +67,7 @@ def comparison_table(metrics: dict[str, Any]) -> Table:
         table.add_column(wording.name_of(protocol), justify="right")
     if len(sides) > 1:
         table.add_column("ratio", justify="right")
-    for row in comparison.rows(metrics):
+    for row in comparison.rows(metrics).values():
         cells = [row.cells[protocol].text for protocol in sides]
         ratio = f"{words.ratio(row.ratio)}×" if row.ratio is not None else words.NOTHING
         table.add_row(row.name, *cells, *([ratio] if len(sides) > 1 else []))
@@ -130,22 +132,13 @@ def attempts_table(metrics: dict[str, Any]) -> Table:
     table = _table("attempts")
     for heading in ("protocol", "attempt", "status"):
         table.add_column(heading)
-    for heading in ("mission", "packets", "bytes", "commands lost", "states lost", "frames lost"):
-        table.add_column(heading, justify="right")
+    for quantity in OF_ATTEMPT:
+        table.add_column(quantity.name, justify="right")
     for protocol, side in words.sides(metrics):
         name = wording.name_of(protocol)
         for attempt in side["attempts"]:
-            table.add_row(
-                name,
-                str(attempt["attempt"]),
-                attempt["status"],
-                words.seconds(attempt["mission_s"]),
-                words.thousands(attempt["packets"]),
-                words.size(attempt["size_bytes"]),
-                words.short_loss(attempt["message_loss"]["commands"], attempt.get("commands_sent", 0)),
-                words.short_loss(attempt["message_loss"]["states"], attempt.get("states_sent", 0)),
-                words.short_loss(attempt["wire_loss"], attempt["packets"]),
-            )
+            cells = of_attempt(observe_attempt(attempt)).values()
+            table.add_row(name, str(attempt["attempt"]), attempt["status"], *cells)
         for void in side["void"]:
             table.add_row(name, str(void["attempt"]), "void", *[words.NOTHING] * 6)
     return table

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from ...errors import ResultsError, UserError
 from ...fly.results import METRICS, Series
 from ...numbers.metrics import read_metrics
+from ...numbers.observed import NO_SIDE, Sides, observe
 
 SIDES = ("mqttxt", "mavlink")
 
@@ -27,6 +29,12 @@ class Cell:
     profile: str
     series: Series
     metrics: dict[str, Any]
+
+    @cached_property
+    def sides(self) -> Sides:
+        """Its attempts, typed; both protocols, though one was not flown."""
+        observed = observe(self.metrics["protocols"])
+        return {protocol: observed.get(protocol, NO_SIDE) for protocol in SIDES}
 
     @property
     def name(self) -> str:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from statistics import median
-from typing import Any
 
 from ...numbers import words
+from ...numbers.quantities import (
+    COMPLETED,
+    COUNTED_BYTES_PER_S,
+    DELAY,
+    MISSION,
+    PACKETS,
+    SIZE,
+    Quantity,
+    row,
+)
 from ...plan import wording
 from ..report import comparison
 from ..report.compare import change
@@ -23,9 +30,7 @@ COLUMNS = {
     "rates": "×",
     "mission": "mission time",
     "change": "change",
-    "commands lost": "commands lost",
-    "states lost": "states lost",
-    "frames lost": "frames lost",
+    **{quantity.name: quantity.name for quantity in losses.QUANTITIES},
     "delay": "command delay",
     "delay ratio": "its ratio",
 }
@@ -76,22 +81,19 @@ def not_flown(arm: str) -> Numbers:
 
 def numbers_of(cell: Cell) -> Numbers:
     """The row of a cell."""
-    rows = {row.name: row for row in comparison.rows(cell.metrics)}
-    ratios = cell.metrics["ratios"]
-    packets, size, mission = (ratios.get(name) for name in ("packets", "size", "mission"))
-    delay = rows["delay of commands"].ratio
-    rates = {protocol: rate_of(cell, protocol, lambda one: float(one["size_bytes"])) for protocol in SIDES}
-    rate = comparison.quotient(rates["mavlink"], rates["mqttxt"])
+    packets, size, mission, delay, rate = (
+        row(quantity, cell.sides).ratio for quantity in (PACKETS, SIZE, MISSION, DELAY, COUNTED_BYTES_PER_S)
+    )
     texts: dict[str, str | Pair] = {
         "completed": completed_of(cell),
         "packets": _times(packets),
         "bytes": _times(size),
-        "rate": Pair(*(words.size(rates[protocol]) for protocol in SIDES)),
+        "rate": _both(cell, COUNTED_BYTES_PER_S),
         "rates": _times(rate),
-        "mission": _both(rows["mission time"]),
+        "mission": _both(cell, MISSION),
         "change": change(1 / mission) if mission else words.NOTHING,
-        **{f"{kind} lost": Pair(*losses.both_sides(cell, kind)) for kind in losses.KINDS},
-        "delay": _both(rows["delay of commands"]),
+        **{quantity.name: Pair(*losses.both_sides(cell, quantity)) for quantity in losses.QUANTITIES},
+        "delay": _both(cell, DELAY),
         "delay ratio": words.digits(1 / delay) if delay else words.NOTHING,
     }
     return Numbers(cell.arm, texts, cell, packets, size, rate, mission)
@@ -99,8 +101,7 @@ def numbers_of(cell: Cell) -> Numbers:
 
 def attempts_of(cell: Cell, protocol: str) -> str:
     """How many attempts of a side were completed, of how many; with those that are void: '2 of 3 (1 void)'."""
-    row = comparison.rows(cell.metrics)[0]
-    return row.cells[protocol].text if protocol in row.cells else NOT_FLOWN
+    return COMPLETED.figure(cell.sides[protocol]).text if protocol in cell.metrics["protocols"] else NOT_FLOWN
 
 
 def completed_of(cell: Cell) -> Pair:
@@ -123,15 +124,8 @@ def troubles(cell: Cell) -> list[str]:
     return said
 
 
-def rate_of(cell: Cell, protocol: str, amount: Callable[[dict[str, Any]], float]) -> float | None:
-    """The median of an amount a second over the windows of all attempts that count, failed ones too."""
-    attempts = cell.metrics["protocols"].get(protocol, {"attempts": []})["attempts"]
-    found = [amount(one) / one["window"]["seconds"] for one in attempts if one["window"] and one["window"]["seconds"]]
-    return median(found) if found else None
-
-
-def _both(row: comparison.Row) -> Pair:
-    return Pair(*(row.cells[protocol].text if protocol in row.cells else words.NOTHING for protocol in SIDES))
+def _both(cell: Cell, quantity: Quantity) -> Pair:
+    return Pair(*(quantity.figure(cell.sides[protocol]).text for protocol in SIDES))
 
 
 def _times(ratio: float | None) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...fly.results import REPORT
 from ...numbers import words
+from ...numbers.quantities import ratios as ratios_of
 from ...plan import wording
 from ...plan.experiments import MESSAGES
 from ..report.comparison import completion
@@ -72,8 +73,8 @@ def finding(cells: Sequence[Cell]) -> str:
             done[protocol] = whole + one.completed, of + one.flown
     parts = [f"{wording.name_of(p)} completed {whole:,} of {of:,} attempts" for p, (whole, of) in done.items() if of]
     said = f"In {len(cells)} series {wording.listed(parts)}"
-    missions = [cell.metrics["ratios"] for cell in cells if cell.experiment != MESSAGES]
-    compared = [ratios for ratios in missions if {"size", "mission"} <= set(ratios)]
+    missions = [ratios_of(cell.sides) for cell in cells if cell.experiment != MESSAGES]
+    compared = [one for one in missions if {"size", "mission"} <= set(one)]
     if not compared:
         return f"{said}; in none of them did both complete a mission."
     size, mission = (_span([one[name] for one in compared]) for name in ("size", "mission"))

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 from ...numbers import words
 from ...numbers.packets.purposes import PURPOSES
+from ...numbers.quantities import COUNTED_BYTES_PER_S
 from ...plan import wording
 from .cells import SIDES, Cell
-from .numbers import attempts_of, rate_of
+from .numbers import attempts_of
 
 LAYERS = {
     "payload": ("payload",),
@@ -33,7 +34,7 @@ class Bytes:
     arm: str
     protocol: str
     attempts: str
-    a_second: float
+    a_second: str
     purposes: dict[str, float]
     layers: dict[str, float]
 
@@ -42,16 +43,16 @@ def bytes_of(cell: Cell) -> list[Bytes]:
     """A side whose attempts counted no byte is left out."""
     found = []
     for protocol in SIDES:
-        a_second = rate_of(cell, protocol, lambda one: float(one["size_bytes"]))
-        if not a_second:
+        a_second = COUNTED_BYTES_PER_S.figure(cell.sides[protocol])
+        if not a_second.value:
             continue
         purposes, layers = Counter[str](), Counter[str]()
-        for attempt in cell.metrics["protocols"][protocol]["attempts"]:
-            purposes.update({name: count["bytes"] for name, count in attempt["purposes"].items()})
-            layers.update(attempt["layers"])
+        for attempt in cell.sides[protocol].attempts:
+            purposes.update(attempt.purposes)
+            layers.update(attempt.layers)
         by_layer = {name: sum(layers[one] for one in ones) for name, ones in LAYERS.items()}
         found.append(
-            Bytes(cell.arm, protocol, attempts_of(cell, protocol), a_second, _shares(purposes), _shares(by_layer))
+            Bytes(cell.arm, protocol, attempts_of(cell, protocol), a_second.text, _shares(purposes), _shares(by_layer))
         )
     return found
 
@@ -62,7 +63,7 @@ def table(found: list[Bytes]) -> tuple[list[str], list[list[str]]]:
     headings = ["arm", "", "completed", "bytes a second", *used, *LAYERS]
     rows = [
         [
-            *(one.arm, wording.name_of(one.protocol), one.attempts, words.size(one.a_second)),
+            *(one.arm, wording.name_of(one.protocol), one.attempts, one.a_second),
             *(_share(one.purposes.get(name)) for name in used),
             *(_share(one.layers[name]) for name in LAYERS),
         ]

@@ -7,12 +7,13 @@ from statistics import median
 from typing import Any
 
 from testbed.numbers import words
+from testbed.numbers.observed import Loss, observe_attempt
+from testbed.numbers.quantities import COMMANDS_LOST, STATES_LOST, Figure, Share
 from testbed.plan import wording
 from testbed.present.report.comparison import completed
 from testbed.present.summary.cells import SIDES, Cell
 from testbed.present.summary.claims import claims
 from testbed.present.summary.kinds import HEADINGS, rows_of
-from testbed.present.summary.losses import Loss, loss
 from testbed.present.summary.numbers import Pair, numbers_of
 from testbed.present.summary.traffic import Bytes, bytes_of
 
@@ -67,6 +68,19 @@ class Findings:
         """The median of a purpose's packets or bytes over completed attempts, without what acknowledges them."""
         side = self.cell(arm, profile).metrics["protocols"][protocol]
         return median(one["purposes"][name][unit] for one in completed(side))
+
+
+def lost_of(quantity: Share, attempts: Iterable[dict[str, Any]]) -> Figure:
+    """What these attempts lost together, failed ones too."""
+    return quantity.together([observe_attempt(one) for one in attempts])
+
+
+def _none(lost: Figure) -> int | str:
+    return (lost.loss.lost if lost.loss else 0) or "none"
+
+
+def _known(lost: Figure) -> str:
+    return f"{lost.loss.known:,}" if lost.loss else ""
 
 
 def said(found: Findings) -> Iterator[str]:
@@ -128,16 +142,16 @@ def _missions(found: Findings) -> Iterator[str]:
 
 def _losses(found: Findings) -> Iterator[str]:
     flown = [found.attempts("mavlink", arm, "thesis", experiment) for experiment, arm in STREAMED]
-    shares = [loss(attempts, "states") for attempts in flown]
-    least, *_, most = sorted((str(share) for share in shares), key=lambda text: float(text.split()[0]))
+    shares = [lost_of(STATES_LOST, attempts) for attempts in flown]
+    least, *_, most = sorted((share.brief for share in shares), key=lambda text: float(text.split()[0]))
     yield f"{least.removesuffix(' %')} to {most} of MAVLink's states are lost"
     statuses = [one["status"] for attempts in flown for one in attempts]
     failed = statuses.count("failed")
     yield f"so that {failed} of {len(statuses)} missions end with a call that nobody answered in time"
-    of_five = loss(found.attempts("mavlink", FIVE, "thesis"), "states")
-    yield f"there MAVLink loses {of_five}, and completes every mission"
-    ours, theirs = (loss(found.attempts(side, FIVE, "lossy"), "states") for side in SIDES)
-    yield f"in `{FIVE}`, MAVLink loses {theirs} of its states and MQTT-XT {ours.lost or 'none'} of {ours.known:,}"
+    of_five = lost_of(STATES_LOST, found.attempts("mavlink", FIVE, "thesis"))
+    yield f"there MAVLink loses {of_five.brief}, and completes every mission"
+    ours, theirs = (lost_of(STATES_LOST, found.attempts(side, FIVE, "lossy")) for side in SIDES)
+    yield f"in `{FIVE}`, MAVLink loses {theirs.brief} of its states and MQTT-XT {_none(ours)} of {_known(ours)}"
     longest = {
         side: max(
             delay["captures"]["max"] or 0.0
@@ -167,7 +181,7 @@ def _layers(found: Findings) -> Iterator[str]:
     yield f"and {words.share(ours.purposes['acknowledgement'])} of all are acknowledgements"
     alone, bundled = (found.bytes_of("mqttxt", arm) for arm in (FIVE, BUNDLED))
     payloads = [words.share(one.layers["payload"]) for one in (bundled, alone)]
-    rates = [words.size(one.a_second) for one in (bundled, alone)]
+    rates = [one.a_second for one in (bundled, alone)]
     yield f"{' instead of '.join(payloads)} payload, and {' instead of '.join(rates)} a second"
 
 
@@ -200,7 +214,7 @@ def _message_set(found: Findings) -> Iterator[str]:
     asked, received = (sum(kind[count] for kind in calls) for count in ("asked", "received"))
     yield f"Of MAVLink's {asked} calls {wording.in_words(asked - received)} were not acknowledged"
     first, last = (sets["mavlink"][name] for name in ("flight_mode", "groundspeed"))
-    speeds = Loss(last["lost"], last["sent"] - last["open"])
+    speeds = Figure.of_loss(Loss(last["lost"], last["sent"] - last["open"])).brief
     yield f"{first['lost'] or 'none'} of its flight modes, first in each burst, and {speeds} of its ground speeds"
     all_ = sum((Loss(kind["lost"], kind["sent"] - kind["open"]) for kind in sets["mqttxt"].values()), Loss(0, 0))
     yield f"Of MQTT-XT's {all_.known:,} messages {all_.lost or 'none'} was lost"
@@ -227,12 +241,10 @@ def _targets(found: Findings) -> Iterator[str]:
     yield f"| {', '.join(f'−{share} in scenario {number}' for number, share in shorter.items())} |"
     concurrent = ("thesis-concurrent", FIVE, BUNDLED)
     yield "| " + ", ".join(f"{_ours_over_theirs(found, arm)} in `{arm}`" for arm in concurrent) + " |"
-    commands = loss(found.attempts("mqttxt", PX4, "thesis"), "commands")
-    states = (loss(found.attempts("mqttxt", arm, "thesis"), "states") for arm in (FIVE, BUNDLED))
-    told = ", ".join(
-        f"{one.lost} of {one.known:,} in `{arm}`" for arm, one in zip((FIVE, BUNDLED), states, strict=True)
-    )
-    yield f"| {commands.lost} of {commands.known}; {told} |"
+    commands = lost_of(COMMANDS_LOST, found.attempts("mqttxt", PX4, "thesis"))
+    states = (lost_of(STATES_LOST, found.attempts("mqttxt", arm, "thesis")) for arm in (FIVE, BUNDLED))
+    told = ", ".join(f"{one.counts} in `{arm}`" for arm, one in zip((FIVE, BUNDLED), states, strict=True))
+    yield f"| {commands.counts}; {told} |"
     delays = ", ".join(f"{found.one(arm, 'lte', 'delay ratio')} in `{arm}`" for arm in (PX4, FIVE, BUNDLED))
     yield f"| {delays} |"
     alone, _ = found.both(PX4, "ideal", "mission")

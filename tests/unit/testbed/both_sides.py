@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
-from statistics import median
 from typing import Any
 
 from attempts import SECOND, T0, manifest
 
 from testbed.fly.results import METRICS, Attempt, Series, new_attempt, write_json
+from testbed.numbers.metrics.attempt import NOT_FLOWN
+from testbed.numbers.metrics.series import METRICS_VERSION, schema_error
+from testbed.numbers.observed import observe
+from testbed.numbers.packets import load
+from testbed.numbers.quantities import ratios, statistics
+from testbed.numbers.statistics import loss_of
 
 DRONES = (1, 2, 3, 4, 5, 6)
 FACTORS = {"streams": "px4-onboard", "commanding": "one-by-one", "qos": 0, "chain": "per-uav", "states": "on-change"}
@@ -31,16 +36,21 @@ def entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]:
     names = ["wan:gs", "backhaul:fog1", "backhaul:fog2", *(f"air:uav{drone}" for drone in DRONES)]
     share = {"packets": PACKETS[protocol] // 18, "bytes": SIZES[protocol] // 18, "lost": 0}
     words = [{"command": c, "word": "completed", "reason": None, "after_ms": ms} for c, ms in _AFTER_MS.items()]
+    commands, states = (6, 225) if protocol == "mqttxt" else (18, 65_000)
     return {
+        **NOT_FLOWN,
         "attempt": number,
+        "repeat": 0,
         "status": "completed",
         "reason": None,
+        "window": {"start_ns": T0, "seconds": MISSION_S[protocol]},
         "mission_s": MISSION_S[protocol],
         "size_bytes": SIZES[protocol],
         "packets": PACKETS[protocol],
         "message_loss": {"commands": 0.0, "states": 0.0},
-        "commands_sent": 6 if protocol == "mqttxt" else 18,
-        "states_sent": 225 if protocol == "mqttxt" else 65_000,
+        "commands_sent": commands,
+        "states_sent": states,
+        "messages": messages(commands, states),
         "wire_loss": 0.0,
         "delay_ms": {"arm": [1.0, 2.0, 3.0], "takeoff": [2.0, 3.0, 4.0], "land": [3.0, 4.0, 50.0]},
         "outcomes": {str(drone): words for drone in DRONES},
@@ -52,8 +62,20 @@ def entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]:
         "truncated": [],
         "frames_per_call": {"arm": 1.0, "takeoff": 1.0 if protocol == "mqttxt" else 2.5, "land": 1.0},
         "cpu_s": CPU[protocol],
+        "memory_bytes": {},
+        "links_measured": {},
+        "notes": [],
         "mavlink": mavlink() if protocol == "mavlink" else None,
     } | changed
+
+
+def messages(commands: int, states: int, *, states_lost: int = 0) -> dict[str, Any]:
+    """So many commands and states, all of one kind each, of which so many states were lost."""
+    return {"commands": {"arm": _counted(commands, 0)}, "states": {"battery": _counted(states, states_lost)}}
+
+
+def _counted(sent: int, lost: int) -> dict[str, Any]:
+    return {**loss_of(sent, lost), "open": 0, "drones": {"1": {"sent": sent, "lost": lost, "open": 0}}}
 
 
 LINKS = ("wan:gs", "backhaul:fog1", "backhaul:fog2", *(f"air:uav{drone}" for drone in DRONES))
@@ -62,7 +84,8 @@ LINKS = ("wan:gs", "backhaul:fog1", "backhaul:fog2", *(f"air:uav{drone}" for dro
 def rich_entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]:
     """An attempt over shaped links, with everything that `metrics.json` can have."""
     slow = 2.0 if protocol == "mavlink" else 1.0
-    lost = {"random": 4, "queue": 20 if protocol == "mavlink" else 0, "closed": 1}
+    lost = dict.fromkeys(("overload", "corrupted", "unknown", "captured"), 0)
+    lost |= {"random": 4, "queue": 20 if protocol == "mavlink" else 0, "closed": 1}
     figures = {
         "delay_ms": {"configured": 25.0, "measured": 25.2},
         "rate_bps": {"configured": 1_450_000, "measured": 1_448_000},
@@ -83,7 +106,7 @@ def rich_entry(protocol: str, number: int = 1, **changed: Any) -> dict[str, Any]
             "size_histogram": {"40-79": PACKETS[protocol] // 2, "80-159": PACKETS[protocol] // 3, "1280-2559": 2},
             "purposes": several,
             "load": {"fog1": {"uav1": [900] * seconds}, "fog2": {"uav4": [0] * seconds}, "total": [900] * seconds},
-            "losses": {"links": {name: lost for name in ways if name.startswith("air")}},
+            "losses": {**lost, "links": {name: lost for name in ways if name.startswith("air")}},
             "links_measured": dict.fromkeys(ways, figures),
             "memory_bytes": dict.fromkeys(CPU[protocol], 40000000),
             "notes": ["air:uav1:up: the shaper counts 25 frames lost, the captures 24"],
@@ -131,27 +154,20 @@ def make_series(series: Series, *entries: tuple[str, dict[str, Any]], **changed:
         else:
             side["attempts"].append(one)
     metrics = {
-        "version": 1,
+        "version": METRICS_VERSION,
         "experiment": "scenario-1",
         "arm": "thesis",
         "profile": "ideal",
         "revision": "c0ffee",
         "shaper": "none",
         "protocols": dict(sorted(protocols.items())),
-        "ratios": ratios(protocols),
+        "ratios": ratios(observe(protocols)),
+        "statistics": statistics(observe(protocols)),
+        "notes": [],
     } | changed
+    assert schema_error(metrics) is None
     write_json(series.path / METRICS, metrics)
     return metrics
-
-
-def ratios(protocols: dict[str, Any]) -> dict[str, float]:
-    """MAVLink / MQTT-XT of the medians of completed attempts."""
-    fields = {"packets": "packets", "size": "size_bytes", "mission": "mission_s"}
-    done = {p: [a for a in side["attempts"] if a["status"] == "completed"] for p, side in protocols.items()}
-    if not (done.get("mqttxt") and done.get("mavlink")):
-        return {}
-    middle = {p: {name: median(a[f] for a in done[p]) for name, f in fields.items()} for p in done}
-    return {name: middle["mavlink"][name] / middle["mqttxt"][name] for name in fields}
 
 
 _AFTER_MS = {"arm": 14.0, "takeoff": 7100.0, "land": 14300.0}
@@ -166,6 +182,7 @@ def _write_attempt(series: Series, protocol: str, one: dict[str, Any]) -> Attemp
     for index, drone in enumerate(DRONES):
         log = "".join(json.dumps(event) + "\n" for event in _flight(protocol, index))
         (attempt.path / "sitl" / f"uav{drone}.jsonl").write_text(log)
+    load(attempt)  # the packets table is there, as after an attempt was measured
     return attempt
 
 

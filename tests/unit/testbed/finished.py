@@ -5,21 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from both_sides import rich_entry
+from both_sides import messages, rich_entry
 
 from testbed.fly.results import METRICS, REPORT, Series, write_json
-from testbed.numbers.metrics.attempt import NOT_FLOWN
-from testbed.numbers.metrics.series import ratios, schema_error
-from testbed.numbers.metrics.statistics import loss_of, statistics
+from testbed.numbers.metrics.series import METRICS_VERSION, schema_error
+from testbed.numbers.observed import observe
+from testbed.numbers.quantities import ratios, statistics
+from testbed.numbers.statistics import loss_of
 
 NAME = "20260101T000000Z"
 
 
 def attempt(protocol: str, number: int = 1, lost: int = 0, **changed: Any) -> dict[str, Any]:
     """A completed attempt in which 18 commands and 100 states were sent, `lost` of the states in vain."""
-    entry = {**NOT_FLOWN, **rich_entry(protocol, number)}
+    entry = rich_entry(protocol, number)
     entry["window"] = {"start_ns": 0, "seconds": entry["mission_s"]}
-    entry["messages"] = {"commands": {"arm": _kind(18, 0)}, "states": {"battery": _kind(100, lost)}}
+    entry["messages"] = messages(18, 100, states_lost=lost)
     entry["losses"] = None
     entry["links_measured"] = {}
     return entry | changed
@@ -65,15 +66,15 @@ def finished(
     sides = {"mavlink": mavlink, "mqttxt": mqttxt}
     protocols = {p: {"attempts": flown, "void": voids} for p, flown in sides.items() if flown or void}
     document = {
-        "version": 1,
+        "version": METRICS_VERSION,
         "experiment": experiment,
         "arm": arm.partition("+")[0],
         "profile": profile,
         "revision": "c0ffee",
         "shaper": "none",
         "protocols": protocols,
-        "ratios": ratios(protocols),
-        "statistics": statistics(protocols),
+        "ratios": ratios(observe(protocols)),
+        "statistics": statistics(observe(protocols)),
         "notes": [],
     } | changed
     assert schema_error(document) is None
@@ -85,7 +86,3 @@ def finished(
 def both(number: int = 1) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """One completed attempt of each side."""
     return [attempt("mqttxt", number)], [attempt("mavlink", number)]
-
-
-def _kind(sent: int, lost: int) -> dict[str, Any]:
-    return {**loss_of(sent, lost), "open": 0, "drones": {"1": {"sent": sent, "lost": lost, "open": 0}}}

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from statistics import mean, median
 
-from ....numbers import words
+from ....numbers import quantities, words
 from ....plan import wording
 from .axes import Scale, bottom, decades, legend, log_bounds, side, steps
 from .draw import TEXT, Drawing
@@ -22,22 +21,17 @@ class Mission:
     reason: str | None
 
 
-Interval = tuple[float, float] | None
+Times = dict[str, quantities.Figure]
+"""Mission times by protocol."""
 
 
-def mission_time(
-    sides: dict[str, list[Mission]], intervals: dict[str, Interval], printed: dict[str, float]
-) -> Figure | None:
-    """`intervals` of the mean by protocol, from six attempts on; `printed` are the thesis's means. None without one."""
-    times = {p: [one.seconds for one in missions if one.seconds is not None] for p, missions in sides.items()}
-    if not any(times.values()):
+def mission_time(sides: dict[str, list[Mission]], times: Times, printed: dict[str, float]) -> Figure | None:
+    """`printed` are the thesis's means. None where no mission was completed."""
+    flown = {protocol: one for protocol, one in times.items() if one.points}
+    if not flown:
         return None
-    said = [
-        f"{wording.name_of(p)} {words.seconds(median(found))} (median of {len(found)})"
-        for p, found in times.items()
-        if found
-    ]
-    bounds = any(interval for interval in intervals.values())
+    said = [f"{wording.name_of(p)} {one.text} (median of {len(one.points)})" for p, one in flown.items()]
+    bounds = any(one.interval for one in flown.values())
     return Figure(
         name="mission-time",
         title="Mission time of each attempt",
@@ -49,7 +43,7 @@ def mission_time(
             + (" and the mean that the thesis printed (dotted)." if printed else ".")
             + ("" if bounds else " An interval is given from six attempts on.")
         ),
-        draw=lambda width: _draw_missions(sides, times, intervals, printed, width),
+        draw=lambda width: _draw_missions(sides, flown, printed, width),
         header=("protocol", "attempt", "status", "mission_s", "reason"),
         rows=tuple(
             (p, one.attempt, one.status, one.seconds, wording.first_line(one.reason) if one.reason else None)
@@ -60,18 +54,12 @@ def mission_time(
     )
 
 
-def _draw_missions(
-    sides: dict[str, list[Mission]],
-    times: dict[str, list[float]],
-    intervals: dict[str, Interval],
-    printed: dict[str, float],
-    width: float,
-) -> Drawing:
+def _draw_missions(sides: dict[str, list[Mission]], times: Times, printed: dict[str, float], width: float) -> Drawing:
     left, top, high = 46.0, 44.0, 170.0
     right = width - (150 if width > 600 else 84)
     drawing = Drawing(width, top + high + 40)
     legend(drawing, list(sides), 0, 13)
-    longest = max([value for found in times.values() for value in found] + list(printed.values()))
+    longest = max([value for one in times.values() for value in one.points] + list(printed.values()))
     up = Scale(0, longest * 1.06, top + high, top)
     side(drawing, up, steps(longest, lambda v: f"{v:g} s", 5), left, right)
     last = max(one.attempt for missions in sides.values() for one in missions)
@@ -92,13 +80,12 @@ def _draw_missions(
                 for turn in (-1, 1):
                     drawing.path([(x - 4, top - 12 - 4 * turn), (x + 4, top - 12 + 4 * turn)], "bad", 2, tip=tip)
         x = right + 8 + order * (66 if width > 600 else 38)
-        if times[protocol]:
-            interval = intervals.get(protocol)
+        if protocol in times:
+            middle, mean, interval = times[protocol].value or 0.0, times[protocol].mean or 0.0, times[protocol].interval
             if interval:
                 drawing.rect(x, up(interval[1]), 10, max(up(interval[0]) - up(interval[1]), 1.5), protocol, 0.35)
-            middle = median(times[protocol])
             drawing.line((x - 3, up(middle)), (x + 13, up(middle)), protocol, 2.6)
-            drawing.dot((x + 5, up(mean(times[protocol]))), protocol, 3.4, hollow=True)
+            drawing.dot((x + 5, up(mean)), protocol, 3.4, hollow=True)
             drawing.text(x + 17, up(middle) + 4, f"{middle:.0f} s" if width > 600 else f"{middle:.0f}", protocol)
         if protocol in printed:
             y = up(printed[protocol])

@@ -13,7 +13,7 @@ from .figure import Figure, Value
 
 def compared(rows: Sequence[Row]) -> Figure | None:
     """None where no metric has a value in both."""
-    drawn = [row for row in rows if row.change is not None and row.first.middle]
+    drawn = [row for row in rows if row.change is not None and row.first.value]
     if not drawn:
         return None
     table: list[tuple[Value, ...]] = []
@@ -35,7 +35,7 @@ def _draw(rows: list[Row], width: float) -> Drawing:
     narrow = width < 600
     line, top, left = 22.0, 24.0, 150.0 if narrow else 230.0
     drawing = Drawing(width, top + line * len(rows) + 24)
-    shares = [point / (row.first.middle or 1) for row in rows for c in (row.first, row.second) for point in c.points]
+    shares = [point / (row.first.value or 1) for row in rows for c in (row.first, row.second) for point in c.points]
     low, high = min([*shares, 0.8]), max([*shares, 1.25])
     if high / max(low, 1e-9) > 8:
         power_low, power_high = _decade(low, up=False), _decade(high, up=True)
@@ -54,7 +54,7 @@ def _draw(rows: list[Row], width: float) -> Drawing:
         drawing.text(16, y, name if narrow else f"{wording.name_of(row.protocol)}: {row.name}", "ink", size=TEXT - 0.5)
         for cell, hollow in ((row.first, True), (row.second, False)):
             for point in cell.points:
-                at = (across(point / (row.first.middle or 1)), y - 4)
+                at = (across(point / (row.first.value or 1)), y - 4)
                 drawing.dot(at, row.protocol, 3.8, hollow=hollow, tip=f"{'A' if hollow else 'B'}: {point:g}")
     return drawing
 

@@ -12,6 +12,7 @@ import pytest
 from both_sides import entry, failed, make_series, rich_entry
 
 from testbed.fly.results import Series, new_series
+from testbed.numbers.quantities import Figure as Quantity
 from testbed.present.report.figures import attempts, axes, delays, files, losses, parts, sizes, topology, traffic
 from testbed.present.report.figures.draw import NARROW, ROLES, WIDE, Drawing, svg
 from testbed.present.report.figures.figure import Figure
@@ -129,7 +130,7 @@ def test_loss_is_named_by_its_cause_and_none_draws_nothing() -> None:
 
 def test_a_failed_attempt_is_a_cross_and_never_a_time() -> None:
     flown = [attempts.Mission(1, 36.0, "completed", None), attempts.Mission(2, None, "failed", "denied")]
-    figure = attempts.mission_time({"mqttxt": flown}, {"mqttxt": None}, {"mqttxt": 44})
+    figure = attempts.mission_time({"mqttxt": flown}, {"mqttxt": Quantity("36.0 s", 36.0, {1: 36.0})}, {"mqttxt": 44})
     assert figure is not None
     assert [(row["status"], row["mission_s"], row["reason"]) for row in rows_of(figure)] == [
         *(("completed", "36", ""), ("failed", "", "denied")),

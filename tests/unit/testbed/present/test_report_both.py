@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from both_sides import entry, failed, make_series, rich_entry
+from both_sides import entry, failed, make_series, messages, rich_entry
 from pages import page_of, terminal_of
 
 from testbed.fly.results import Series, new_series, write_json
@@ -44,12 +44,32 @@ def test_a_mission_that_takes_as_long_is_said_so(series: Series) -> None:
 
 
 def test_what_was_lost_is_said_in_the_finding(series: Series) -> None:
-    lossy = entry("mavlink", message_loss={"commands": 0.0, "states": 0.124}, delay_ms={})
+    lossy = entry("mavlink", messages=messages(18, 65_000, states_lost=8_060), delay_ms={})
     metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", lossy))
     assert str(sentences.basis(metrics)).startswith(
         "MQTT-XT took 36.5 s, 1,700 packets and 146 kB. "
         "States lost: 12 % of 65,000 over MAVLink, 0 of 225 (< 1.3 %) over MQTT-XT. Six drones"
     )
+
+
+def test_a_loss_of_less_than_one_percent_is_said_as_well(series: Series) -> None:
+    lossy = entry("mavlink", messages=messages(18, 65_000, states_lost=130))
+    metrics = make_series(series, ("mqttxt", entry("mqttxt")), ("mavlink", lossy))
+    assert "States lost: 0.2 % of 65,000 over MAVLink, 0 of 225 (< 1.3 %) over MQTT-XT." in str(
+        sentences.basis(metrics)
+    )
+
+
+def test_the_mean_beside_a_median_lies_in_its_interval(series: Series) -> None:
+    delays = [[1.0, 1.0, 100.0], [2.0, 2.0, 200.0], [3.0, 3.0, 300.0]] * 2
+    flown = [("mqttxt", entry("mqttxt", n, delay_ms={"arm": values})) for n, values in enumerate(delays, 1)]
+    metrics = make_series(series, *flown)
+    cell = comparison.rows(metrics)["delay_ms"].cells["mqttxt"]
+    known = metrics["statistics"]["metrics"]["delay_ms"]["mqttxt"]
+    assert cell.interval is not None
+    assert cell.interval[0] < (cell.mean or 0.0) < cell.interval[1]
+    assert (known["mean"], known["median"], known["interval"]) == (cell.mean, cell.value, list(cell.interval))
+    assert cell.more.startswith("mean 2.00 ms (1.")
 
 
 def test_a_mavlink_that_needs_less_is_said_as_plainly(series: Series) -> None:
@@ -68,8 +88,9 @@ def test_a_failed_side_leaves_the_other_ones_numbers_and_makes_no_ratio(series: 
         "fogs flew scenario 1 in 36.5 s, with 1,700 packets and 146 kB on all links. There is no ratio to make."
     )
     assert sentences.basis(metrics) is None
-    assert all(row.ratio is None for row in comparison.rows(metrics))
-    table = {row.name: {p: cell.text for p, cell in row.cells.items()} for row in comparison.rows(metrics)}
+    rows = comparison.rows(metrics).values()
+    assert all(row.ratio is None for row in rows)
+    table = {row.name: {p: cell.text for p, cell in row.cells.items()} for row in rows}
     assert table["completed"] == {"mqttxt": "1 of 1", "mavlink": "0 of 1"}
     assert table["packets"] == {"mqttxt": "1,700", "mavlink": "–"}
 
@@ -90,8 +111,8 @@ def test_medians_are_of_the_completed_attempts_only(series: Series) -> None:
     several = [("mqttxt", entry("mqttxt", n, packets=1000 + 100 * n)) for n in (1, 2, 3)]
     several += [("mavlink", entry("mavlink", n, packets=120_000 * n)) for n in (1, 3)]
     metrics = make_series(series, *several, ("mavlink", failed("mavlink", "arm: drone 1: denied", 2)))
-    row = next(row for row in comparison.rows(metrics) if row.name == "packets")
-    assert (row.cells["mqttxt"].middle, row.cells["mavlink"].middle, row.ratio) == (1200, 240_000, 200)
+    row = comparison.rows(metrics)["packets"]
+    assert (row.cells["mqttxt"].value, row.cells["mavlink"].value, row.ratio) == (1200, 240_000, 200)
     assert row.cells["mavlink"].points == (120_000, 360_000)
     assert str(sentences.basis(metrics)).endswith(
         "medians of the completed attempts, 3 of 3 over MQTT-XT and 2 of 3 over MAVLink."
@@ -257,20 +278,13 @@ def test_what_each_drone_last_said_is_with_the_failure(series: Series) -> None:
 
 
 def test_a_mission_that_never_began_is_said(series: Series) -> None:
-    metrics = make_series(series, ("mavlink", failed("mavlink", "vehicle 3 never appeared", outcomes={}, links={})))
+    metrics = make_series(
+        series, ("mavlink", failed("mavlink", "vehicle 3 never appeared", outcomes={}, links={}, window=None))
+    )
     (series.path / "mavlink" / "attempt-01" / "events.jsonl").unlink()
     text = write_report(series, metrics).read_text()
     assert "The mission never began." in text
     assert 'id="flights"' not in text
-
-
-def test_older_metrics_without_the_newer_fields_are_shown(series: Series) -> None:
-    newer = ("mavlink", "frames_per_call", "cpu_s", "truncated", "commands_sent", "states_sent", "layers", "foreign")
-    old = {name: value for name, value in entry("mqttxt").items() if name not in (*newer, "before_mission")}
-    metrics = make_series(series, ("mqttxt", old))
-    page = page_of(series, metrics)
-    assert ["packets", "1,700", ""] in page.rows
-    assert "36.5 s" in terminal_of(series, metrics)
 
 
 def test_several_attempts_are_points_and_rows(series: Series) -> None:

@@ -107,13 +107,14 @@ def test_without_sensors_there_is_nothing_of_them(series: Series) -> None:
 
 
 def test_frames_that_found_a_sensors_link_closed_are_not_among_the_lost(series: Series) -> None:
-    metrics = make_series(
-        series, ("mqttxt", sensed("mqttxt", wire_loss=200 / 1700, out_of_range=200)), experiment="scenario-4"
-    )
-    (row,) = [row for row in comparison.rows(metrics) if row.name == "frames lost"]
-    assert row.cells["mqttxt"].text == "0 of 1,500 (< 0.2 %)"
-    (lost,) = [row for row in beside.rows(metrics) if row.name == "packets lost"]
-    assert lost.cells["mqttxt"].here == "0"
+    links = {"sense:uav1:up": {"packets": 300, "bytes": 30_000, "lost": 200}}
+    one = sensed("mqttxt", links=links, out_of_range=200)
+    metrics = make_series(series, ("mqttxt", one), experiment="scenario-4")
+    lost = comparison.rows(metrics)["wire_loss"].cells["mqttxt"]
+    assert (lost.text, lost.brief, lost.counts) == ("0 of 1,500 (< 0.2 %)", "0 (< 0.2 %)", "0 of 1,500")
+    assert metrics["statistics"]["losses"]["frames"]["mqttxt"] == {"sent": 1500, "lost": 0, "share": 0, "below": 0.002}
+    (packets,) = [row for row in beside.rows(metrics) if row.name == "packets lost"]
+    assert packets.cells["mqttxt"].here == "0"
 
 
 @pytest.mark.parametrize("experiment", ["scenario-1", "scenario-2", "scenario-3", "scenario-4"])

@@ -206,7 +206,7 @@ def test_the_message_set_is_told_kind_by_kind_with_what_ran_beside_and_alone(tmp
     messages_of_both(tmp_path)
     finished(tmp_path, *both(), experiment="messages", arm="direct")
     lines = filled(tmp_path, "kinds:messages:ideal").splitlines()
-    amounts = "20 / 500 | 25 | 2.00 kB / 50.0 kB | 25 | 10 / 5 | 0.50 | 1.00 kB / 500 B | 0.50"
+    amounts = "2.00 / 50.0 | 25 | 200 B / 5.00 kB | 25 | 1.00 / 0.50 | 0.50 | 100 B / 50 B | 0.50"
     assert lines[8] == f"| `arm` | `thesis` | 10 of 10 / 6 of 10 | {amounts} | 20 ms / 20 ms | 0 (< 30 %) / 40 % |"
     assert lines[9].startswith("| `battery` | `thesis` |")
     page = page_of(tmp_path)

@@ -9,13 +9,18 @@ from both_sides import entry, failed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from testbed.numbers.metrics.attempt import NOT_FLOWN
+from testbed.numbers import quantities
 from testbed.numbers.metrics.delays import summary
-from testbed.numbers.metrics.statistics import ALL_SIGNS, interval, loss_of, paired_test, statistics
+from testbed.numbers.observed import observe
+from testbed.numbers.statistics import ALL_SIGNS, interval, loss_of, paired_test
 
 
 def attempts(protocol: str, *packets: int) -> list[dict[str, Any]]:
-    return [NOT_FLOWN | entry(protocol, n, packets=count, memory_bytes={}) for n, count in enumerate(packets, 1)]
+    return [entry(protocol, n, packets=count, memory_bytes={}) for n, count in enumerate(packets, 1)]
+
+
+def statistics(protocols: dict[str, Any]) -> dict[str, Any]:
+    return quantities.statistics(observe(protocols))
 
 
 def side(*found: dict[str, Any], void: int = 0) -> dict[str, Any]:
@@ -73,7 +78,7 @@ def test_only_attempts_of_the_same_number_make_a_pair() -> None:
 
 
 def test_a_failed_attempt_is_counted_and_has_no_point_and_a_void_one_counts_for_nothing() -> None:
-    gave_up = NOT_FLOWN | failed("mqttxt", "takeoff: denied", 3, memory_bytes={})
+    gave_up = failed("mqttxt", "takeoff: denied", 3, memory_bytes={})
     found = statistics({"mqttxt": side(*attempts("mqttxt", 10, 20), gave_up, void=2)})
     assert found["completion"]["mqttxt"] == {"flown": 3, "completed": 2, "failed": 1, "void": 2}
     assert found["metrics"]["mission_s"]["mqttxt"]["points"] == {"1": 36.5, "2": 36.5}

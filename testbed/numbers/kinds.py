@@ -1,0 +1,201 @@
+"""The message set in numbers: each kind on each side, for one message, over its completed attempts.
+
+`QUANTITIES` is to a kind what `quantities` is to a mission: each with its name, its unit, and how it is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import mean
+
+from . import words
+from .observed import NOTHING_SENT, Amount, Kind, Loss, Sides
+from .quantities import Figure, Row
+
+COMMANDS = ("arm", "takeoff", "land", "offboard", "goto")
+STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
+_ANSWERS = ("result", "ack")
+"""How the two sides' answers are named: MQTT-XT's results, MAVLink's COMMAND_ACK."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The frame that carries one message between two nodes, in bytes; `ack` is the mean cost of what acknowledges it
+    on a link, None where nothing does."""
+
+    mean: float
+    least: int
+    most: int
+    ack: float | None
+
+    @property
+    def span(self) -> str:
+        """'86 to 91', empty where all are the same."""
+        return f"{self.least} to {self.most}" if self.least != self.most else ""
+
+
+@dataclass(frozen=True)
+class Side:
+    """A kind on one side.
+
+    `with_states` counts everything on the links meanwhile, `alone` its own messages; `delay_ms` is one way by capture,
+    `app_ms` from the call to its first word, both means; `failed` are calls or values that were not what was asked, by
+    reason.
+    """
+
+    asked: int
+    received: int
+    failed: Mapping[str, int]
+    with_states: Amount
+    alone: Amount
+    setpoints: Amount | None
+    frame: Frame | None
+    answer: Frame | None
+    delay_ms: float | None
+    app_ms: float | None
+    loss: Loss
+    frames_per_call: float | None
+
+    @property
+    def lost(self) -> Figure:
+        """Messages of which no copy arrived."""
+        return Figure.of_loss(self.loss)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of a kind on one side, for one message: a mean over all messages of the attempts."""
+
+    key: str
+    name: str
+    unit: str
+    write: Callable[[float | None], str]
+    of: Callable[[Side], float | None]
+
+    def figure(self, side: Side) -> Figure:
+        value = self.of(side)
+        return Figure(self.write(value), value, {} if value is None else {1: value}, self.write)
+
+
+PACKETS = Quantity("packets", "packets", "frames", words.digits, lambda side: side.with_states.packets)
+SIZE = Quantity("bytes", "bytes", "B", words.size, lambda side: side.with_states.bytes)
+OWN_PACKETS = Quantity("own_packets", "its own packets", "frames", words.digits, lambda side: side.alone.packets)
+OWN_SIZE = Quantity("own_bytes", "its own bytes", "B", words.size, lambda side: side.alone.bytes)
+DELAY = Quantity("delay_ms", "delay", "ms", words.milliseconds, lambda side: side.delay_ms)
+QUANTITIES: tuple[Quantity, ...] = (PACKETS, SIZE, OWN_PACKETS, OWN_SIZE, DELAY)
+
+_IN_BRIEF: tuple[Quantity, ...] = (OWN_SIZE, DELAY)
+
+
+def kinds_of(sides: Sides) -> dict[str, dict[str, Side]]:
+    """By kind, commands and then states, each side that has it in a completed attempt."""
+    found: dict[str, dict[str, Side]] = {}
+    for name in (*COMMANDS, *STATES):
+        for protocol, side in sides.items():
+            entries = [attempt.kinds[name] for attempt in side.completed if name in attempt.kinds]
+            if entries:
+                found.setdefault(name, {})[protocol] = side_of(entries)
+    return found
+
+
+def form_of(name: str) -> str:
+    """`command` or `state`."""
+    return "command" if name in COMMANDS else "state"
+
+
+def means_of(kinds: Mapping[str, Mapping[str, Side]]) -> dict[str, tuple[tuple[str, ...], dict[str, Side]]]:
+    """By form one command and one state, and of which kinds they are the means: those that all sides have."""
+    found = {}
+    for form in ("command", "state"):
+        own = {name: sides for name, sides in kinds.items() if form_of(name) == form}
+        protocols = {protocol for sides in own.values() for protocol in sides}
+        whole = tuple(name for name, sides in own.items() if set(sides) == protocols)
+        if len(whole) > 1:
+            found[form] = whole, {p: _mean_side([own[name][p] for name in whole]) for p in own[whole[0]]}
+    return found
+
+
+def compared(sides: Sides) -> list[Row]:
+    """The rows by which two message sets are compared: the mean command and state at length, each kind in brief."""
+    kinds = kinds_of(sides)
+    wanted = [(f"mean {form}", of, QUANTITIES) for form, (_, of) in means_of(kinds).items()]
+    wanted += [(name, of, _IN_BRIEF) for name, of in kinds.items()]
+    return [
+        Row(f"{name}: {quantity.name}", {protocol: quantity.figure(side) for protocol, side in of.items()})
+        for name, of, quantities in wanted
+        for quantity in quantities
+    ]
+
+
+def side_of(entries: Sequence[Kind]) -> Side:
+    """A kind on one side, from its entries of the attempts."""
+    name = entries[0].name
+    answers = [frame for answer in _ANSWERS if (frame := _frame(entries, f"{name} {answer}")) is not None]
+    return Side(
+        asked=sum(one.asked for one in entries),
+        received=sum(one.received for one in entries),
+        failed=_sum(one.reasons for one in entries),
+        with_states=_amount(entries, [one.with_states for one in entries]),
+        alone=_amount(entries, [one.alone for one in entries]),
+        setpoints=_amount(entries, found) if (found := [one.setpoints for one in entries if one.setpoints]) else None,
+        frame=_frame(entries, name),
+        answer=answers[0] if answers else None,
+        delay_ms=_mean(ms for one in entries for ms in one.delays_ms),
+        app_ms=_mean(ms for one in entries for ms in one.app_ms),
+        loss=sum((one.loss for one in entries), NOTHING_SENT),
+        frames_per_call=_mean(one.frames_per_call for one in entries),
+    )
+
+
+def _mean_side(sides: Sequence[Side]) -> Side:
+    """One message of several kinds: means of what is for one message, sums of what is counted."""
+
+    def amount(amounts: Sequence[Amount]) -> Amount:
+        return Amount(mean(one.packets for one in amounts), mean(one.bytes for one in amounts))
+
+    return Side(
+        asked=sum(side.asked for side in sides),
+        received=sum(side.received for side in sides),
+        failed=_sum(side.failed for side in sides),
+        with_states=amount([side.with_states for side in sides]),
+        alone=amount([side.alone for side in sides]),
+        setpoints=None,
+        frame=None,
+        answer=None,
+        delay_ms=_mean(side.delay_ms for side in sides),
+        app_ms=_mean(side.app_ms for side in sides),
+        loss=sum((side.loss for side in sides), NOTHING_SENT),
+        frames_per_call=_mean(side.frames_per_call for side in sides),
+    )
+
+
+def _sum(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    found: dict[str, int] = {}
+    for several in counts:
+        for reason, count in several.items():
+            found[reason] = found.get(reason, 0) + count
+    return found
+
+
+def _amount(entries: Sequence[Kind], amounts: Sequence[Amount]) -> Amount:
+    asked = sum(one.asked for one in entries)
+    return Amount(sum(one.packets for one in amounts) / asked, sum(one.bytes for one in amounts) / asked)
+
+
+def _frame(entries: Sequence[Kind], message: str) -> Frame | None:
+    sizes = [one.frames[message] for one in entries if message in one.frames]
+    if not sizes:
+        return None
+    acks = [(size.ack, size.count) for size in sizes if size.ack is not None]
+    return Frame(
+        mean=sum(size.mean * size.count for size in sizes) / sum(size.count for size in sizes),
+        least=min(size.least for size in sizes),
+        most=max(size.most for size in sizes),
+        ack=sum(ack * count for ack, count in acks) / sum(count for _, count in acks) if acks else None,
+    )
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return mean(known) if known else None

@@ -1,0 +1,356 @@
+"""The registry of quantities: each with its name, its unit, how it is made of a side's attempts, and how it is written.
+
+What is said of a quantity anywhere, in `metrics.json`, on the terminal, on a page or in a summary, is a `Figure` of
+here. A figure is the median of the completed attempts, a share is of all of them together; beside a median stand the
+mean and, from six attempts on, the mean's 95 % bootstrap interval, both of the same points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from statistics import mean, median
+from typing import Any
+
+from . import words
+from .observed import NO_SIDE, NOTHING_SENT, Attempt, Loss, Side, Sides
+from .statistics import interval, loss_of, paired_test, significant
+
+ABOVE, BELOW = "mavlink", "mqttxt"
+"""A ratio is the one's figure over the other's."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A quantity of one side: its text, its value, and each attempt's own by number; `loss` where it is a share."""
+
+    text: str
+    value: float | None = None
+    by_attempt: Mapping[int, float] = field(default_factory=dict)
+    write: Callable[[float | None], str] = words.digits
+    loss: Loss | None = None
+
+    @classmethod
+    def of_loss(cls, loss: Loss, by_attempt: Mapping[int, float] | None = None) -> Figure:
+        """A share of all that was sent: its percent of how many, and where nothing was lost its 95 % bound."""
+        return cls(words.loss(loss.share, loss.known), loss.share, by_attempt or {}, words.share, loss)
+
+    @property
+    def points(self) -> tuple[float, ...]:
+        return tuple(self.by_attempt.values())
+
+    @property
+    def mean(self) -> float | None:
+        return mean(self.points) if self.by_attempt else None
+
+    @cached_property
+    def interval(self) -> tuple[float, float] | None:
+        """The mean's, at 95 %; None below six attempts."""
+        return interval(self.points)
+
+    @property
+    def brief(self) -> str:
+        """A share where there is little room: '23 %'; where nothing was lost '0 (< 0.44 %)', of very few '0 of 2'."""
+        if self.loss is None or self.loss.share is None:
+            return self.text
+        if self.loss.lost:
+            return words.share(self.loss.share)
+        return f"0 of {self.loss.known}" if self.loss.below == 1.0 else f"0 (< {words.share(self.loss.below)})"
+
+    @property
+    def counts(self) -> str:
+        """A share of few, as how many of how many: '191 of 10,182'."""
+        known = self.loss.known if self.loss is not None else 0
+        return f"{self.loss.lost:,} of {known:,}" if self.loss is not None and known else words.NOTHING
+
+    @property
+    def more(self) -> str:
+        """What several attempts say beside the median: 'mean 36.5 s', and from six on 'mean 36.5 s (36.1 s to …)'."""
+        if self.loss is not None or len(self.points) < 2:
+            return ""
+        bounds = f" ({' to '.join(map(self.write, self.interval))})" if self.interval else ""
+        return f"mean {self.write(self.mean)}{bounds}"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of each attempt: `key` is its name in `metrics.json`, `name` that in tables.
+
+    Over a side's completed attempts it is their median; with `counted` over all that count, failed ones too.
+    """
+
+    key: str
+    name: str
+    unit: str
+    write: Callable[[float | None], str]
+    of: Callable[[Attempt], float | None]
+    counted: bool = False
+
+    def figure(self, side: Side) -> Figure:
+        points = self.points(side)
+        middle = median(points.values()) if points else None
+        return Figure(self.write(middle), middle, points, self.write)
+
+    def points(self, side: Side) -> dict[int, float]:
+        """By attempt; a failed one is censored but where it counts: it has no value here."""
+        attempts = side.attempts if self.counted else side.completed
+        found = ((attempt.number, self.of(attempt)) for attempt in attempts)
+        return {number: float(value) for number, value in found if value is not None}
+
+    def ratio(self, figures: Mapping[str, Figure]) -> float | None:
+        """MAVLink's over MQTT-XT's; None where one has none, or there is nothing to divide by."""
+        if not {ABOVE, BELOW} <= set(figures):
+            return None
+        return quotient(figures[ABOVE].value, figures[BELOW].value)
+
+
+@dataclass(frozen=True)
+class Share(Quantity):
+    """What was lost, `count` of each attempt: of all attempts together, so many of so many. There is no ratio."""
+
+    count: Callable[[Attempt], Loss] = lambda _: NOTHING_SENT
+
+    def figure(self, side: Side) -> Figure:
+        return self.together(side.attempts if self.counted else side.completed)
+
+    def together(self, attempts: Sequence[Attempt]) -> Figure:
+        """Of these attempts, completed or not."""
+        loss = sum((self.count(attempt) for attempt in attempts), NOTHING_SENT)
+        points = {attempt.number: share for attempt in attempts if (share := self.count(attempt).share) is not None}
+        return Figure.of_loss(loss, points)
+
+    def ratio(self, figures: Mapping[str, Figure]) -> float | None:
+        return None
+
+
+@dataclass(frozen=True)
+class Completed(Quantity):
+    """How many attempts were completed, of how many that count; with those that are void."""
+
+    def figure(self, side: Side) -> Figure:
+        voids = f" ({side.void} void)" if side.void else ""
+        return Figure(f"{len(side.completed)} of {len(side.attempts)}{voids}", float(len(side.completed)))
+
+    def ratio(self, figures: Mapping[str, Figure]) -> float | None:
+        return None
+
+
+@dataclass(frozen=True)
+class ByCommand(Quantity):
+    """A number of each command: the least and the greatest of the commands' means over attempts."""
+
+    values: Callable[[Attempt], Mapping[str, float]] = lambda _: {}
+
+    def figure(self, side: Side) -> Figure:
+        found: dict[str, list[float]] = {}
+        for attempt in side.completed:
+            for command, value in self.values(attempt).items():
+                found.setdefault(command, []).append(value)
+        means = sorted(sum(values) / len(values) for values in found.values())
+        if not means:
+            return Figure(words.NOTHING)
+        least, most = self.write(means[0]), self.write(means[-1])
+        return Figure(least if least == most else f"{least} to {most}")
+
+    def ratio(self, figures: Mapping[str, Figure]) -> float | None:
+        return None
+
+
+def share(key: str, name: str, count: Callable[[Attempt], Loss], *, counted: bool = False) -> Share:
+    """A share whose value of an attempt is that of its count."""
+    return Share(key, name, "share", words.share, lambda attempt: count(attempt).share, counted, count)
+
+
+def per_second(amount: Callable[[Attempt], float]) -> Callable[[Attempt], float | None]:
+    """An amount over the time of the mission; None where it was not completed."""
+    return lambda attempt: amount(attempt) / attempt.mission_s if attempt.mission_s else None
+
+
+def per_counted_second(amount: Callable[[Attempt], float]) -> Callable[[Attempt], float | None]:
+    """An amount over the time in which it was counted, in a failed attempt until it gave up."""
+    return lambda attempt: amount(attempt) / attempt.window_s if attempt.window_s else None
+
+
+def purpose_bytes(attempt: Attempt, *purposes: str) -> float:
+    """Bytes for some purposes, with their part of what acknowledges: shared out by bytes."""
+    told = {name: float(count) for name, count in attempt.purposes.items()}
+    acknowledging = told.pop("acknowledgement", 0.0)
+    own, all_ = sum(told.get(name, 0.0) for name in purposes), sum(told.values())
+    return own + (acknowledging * own / all_ if all_ else 0.0)
+
+
+def _command_bytes(attempt: Attempt) -> float:
+    """With their results; in the message set all bytes while a command was on."""
+    kinds = [kind for kind in attempt.kinds.values() if kind.form == "command"]
+    return sum(kind.with_states.bytes for kind in kinds) if kinds else purpose_bytes(attempt, "command", "result")
+
+
+def _state_bytes_per_s(attempt: Attempt) -> float | None:
+    """In the message set all bytes while a state was on."""
+    kinds = [kind for kind in attempt.kinds.values() if kind.form == "state"]
+    seconds = sum(kind.seconds for kind in kinds)
+    if seconds:
+        return sum(kind.with_states.bytes for kind in kinds) / seconds
+    return per_counted_second(lambda one: purpose_bytes(one, "state"))(attempt)
+
+
+def _middle(values: Sequence[float]) -> float | None:
+    return median(values) if values else None
+
+
+def _total(by_container: Mapping[str, float]) -> float | None:
+    return sum(by_container.values()) if by_container else None
+
+
+COMPLETED = Completed("completed", "completed", "attempts", words.thousands, lambda _: None)
+PACKETS = Quantity("packets", "packets", "frames", words.thousands, lambda one: one.packets)
+PACKETS_PER_S = Quantity(
+    "packets_per_s", "packets per second", "frames/s", words.digits, per_second(lambda one: one.packets)
+)
+SIZE = Quantity("size_bytes", "bytes", "B", words.size, lambda one: one.size_bytes)
+BYTES_PER_S = Quantity("bytes_per_s", "bytes per second", "B/s", words.size, per_second(lambda one: one.size_bytes))
+MISSION = Quantity("mission_s", "mission time", "s", words.seconds, lambda one: one.mission_s)
+COMMANDS_LOST = share("commands_lost", "commands lost", lambda one: one.commands)
+STATES_LOST = share("states_lost", "states lost", lambda one: one.states)
+FRAMES_LOST = share("wire_loss", "frames lost", lambda one: one.frames)
+DELAY = Quantity("delay_ms", "delay of commands", "ms", words.milliseconds, lambda one: _middle(one.delays_ms))
+"""Of an attempt the median over its commands and drones."""
+FRAMES_PER_CALL = ByCommand(
+    "frames_per_call", "frames per call", "frames", words.digits, lambda _: None, values=lambda one: one.frames_per_call
+)
+RETRANSMITTED = Quantity("retransmissions", "frames sent again", "frames", words.thousands, lambda a: a.retransmitted)
+CPU = Quantity("cpu_s", "CPU of all containers", "s", words.seconds, lambda one: _total(one.cpu_s))
+MEMORY = Quantity("memory_bytes", "memory of all containers", "B", words.size, lambda one: _total(one.memory_bytes))
+COMMAND_BYTES = Quantity("command_bytes", "bytes for commands", "B", words.size, _command_bytes)
+STATE_BYTES_PER_S = Quantity(
+    "state_bytes_per_s", "bytes for states per second", "B/s", words.size, _state_bytes_per_s, counted=True
+)
+COUNTED_BYTES_PER_S = Quantity(
+    "counted_bytes_per_s",
+    "bytes per second, failed attempts too",
+    "B/s",
+    words.size,
+    per_counted_second(lambda one: one.size_bytes),
+    counted=True,
+)
+MESSAGES_LOST = share("messages_lost", "commands and states lost", lambda one: one.commands + one.states, counted=True)
+
+COMPARED: tuple[Quantity, ...] = (
+    *(COMPLETED, PACKETS, PACKETS_PER_S, SIZE, BYTES_PER_S, MISSION, COMMANDS_LOST, STATES_LOST, FRAMES_LOST, DELAY),
+    FRAMES_PER_CALL,
+)
+"""The rows in which both protocols, or two results, are set beside each other."""
+QUANTITIES: tuple[Quantity, ...] = (
+    *COMPARED,
+    *(RETRANSMITTED, CPU, MEMORY, COMMAND_BYTES, STATE_BYTES_PER_S, COUNTED_BYTES_PER_S, MESSAGES_LOST),
+)
+OF_ATTEMPT = (MISSION, PACKETS, SIZE, COMMANDS_LOST, STATES_LOST, FRAMES_LOST)
+"""What is shown of each attempt in a row."""
+SPREAD = (
+    *(MISSION, PACKETS, SIZE, PACKETS_PER_S, BYTES_PER_S, COMMANDS_LOST, STATES_LOST, FRAMES_LOST, DELAY),
+    *(RETRANSMITTED, CPU, MEMORY),
+)
+"""Those of which `metrics.json` has the points of completed attempts."""
+RATIOS = {"packets": PACKETS, "size": SIZE, "mission": MISSION}
+"""What `metrics.json` has of them."""
+_LOSSES = {"commands": COMMANDS_LOST, "states": STATES_LOST, "frames": FRAMES_LOST}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A quantity by protocol; `ratio` is MAVLink's over MQTT-XT's, None where there is none to make.
+
+    `test` is what the paired permutation test says, from six attempts on.
+    """
+
+    name: str
+    cells: Mapping[str, Figure]
+    ratio: float | None = None
+    test: str = ""
+
+    @property
+    def most(self) -> float:
+        """The largest value in the row, the end of its scale; 0 where it has none."""
+        scaled = [cell.points for cell in self.cells.values() if cell.loss is None]
+        return max((value for points in scaled for value in points), default=0.0)
+
+
+def figure(quantity: Quantity, sides: Sides, protocol: str) -> Figure:
+    """One side's; that of no attempt where the protocol was not flown."""
+    return quantity.figure(sides.get(protocol, NO_SIDE))
+
+
+def row(quantity: Quantity, sides: Sides) -> Row:
+    """A quantity of both sides."""
+    cells = {protocol: quantity.figure(side) for protocol, side in sides.items()}
+    test = None if isinstance(quantity, Share) else _test(cells)
+    said = f"p {_probability(test['p'])}, effect {test['effect']:.2g}" if test else ""
+    return Row(quantity.name, cells, quantity.ratio(cells), said)
+
+
+def rows(sides: Sides) -> dict[str, Row]:
+    """Every quantity that is compared, by its key."""
+    return {quantity.key: row(quantity, sides) for quantity in COMPARED}
+
+
+def of_attempt(attempt: Attempt) -> dict[str, str]:
+    """By key what an attempt's row says, completed or failed; a share as how many of how many."""
+    return {
+        one.key: one.together([attempt]).counts if isinstance(one, Share) else one.write(one.of(attempt))
+        for one in OF_ATTEMPT
+    }
+
+
+def quotient(above: float | None, below: float | None) -> float | None:
+    """None where one is missing or there is nothing to divide by."""
+    return above / below if above is not None and below else None
+
+
+def ratios(sides: Sides) -> dict[str, float]:
+    """As `metrics.json` has them; none where a side has no completed attempt."""
+    made = {name: row(quantity, sides).ratio for name, quantity in RATIOS.items()}
+    return {name: round(ratio, 4) for name, ratio in made.items() if ratio is not None}
+
+
+def statistics(sides: Sides) -> dict[str, Any]:
+    """As `metrics.json` has them: completion, each quantity over attempts, and losses of all attempts together."""
+    return {
+        "completion": {name: _completion(side) for name, side in sides.items()},
+        "metrics": {quantity.key: _spread(quantity, sides) for quantity in SPREAD},
+        "losses": {what: {p: _pooled(one, side) for p, side in sides.items()} for what, one in _LOSSES.items()},
+    }
+
+
+def _completion(side: Side) -> dict[str, int]:
+    done, flown = len(side.completed), len(side.attempts)
+    return {"flown": flown, "completed": done, "failed": flown - done, "void": side.void}
+
+
+def _spread(quantity: Quantity, sides: Sides) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    figures = {protocol: Figure("", None, quantity.points(side)) for protocol, side in sides.items()}
+    for protocol, one in figures.items():
+        found[protocol] = {
+            "n": len(one.points),
+            "mean": significant(one.mean) if one.mean is not None else None,
+            "median": significant(median(one.points)) if one.points else None,
+            "interval": list(one.interval) if one.interval is not None else None,
+            "points": {str(number): significant(value) for number, value in one.by_attempt.items()},
+        }
+    return {**found, "test": _test(figures)}
+
+
+def _test(figures: Mapping[str, Figure]) -> dict[str, Any] | None:
+    """Of the attempts that both sides have."""
+    above, below = (figures[name].by_attempt if name in figures else {} for name in (ABOVE, BELOW))
+    return paired_test([above[number] - below[number] for number in sorted(set(above) & set(below))])
+
+
+def _pooled(quantity: Share, side: Side) -> dict[str, Any]:
+    loss = quantity.figure(side).loss or NOTHING_SENT
+    return loss_of(loss.known + loss.open, loss.lost, loss.open)
+
+
+def _probability(p: float) -> str:
+    return f"{p:.2g}" if p >= 0.001 else "< 0.001"

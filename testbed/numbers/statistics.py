@@ -1,0 +1,78 @@
+"""Statistics over attempts: the interval of a mean, and a paired test of both sides."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+ENOUGH = 6
+"""Attempts from which on there is an interval and a test; below there are points only."""
+RESAMPLES = 10_000
+SEED = 20_250_115
+ALL_SIGNS = 14
+"""Up to so many pairs every assignment of signs is tried, above a random choice of RESAMPLES."""
+_TINY = 1e-9
+
+
+def interval(points: Sequence[float]) -> tuple[float, float] | None:
+    """The 95 % bootstrap interval of the mean (percentiles of resampled means); None below six points."""
+    if len(points) < ENOUGH:
+        return None
+    drawn = np.random.default_rng(SEED).integers(0, len(points), size=(RESAMPLES, len(points)))
+    means = np.array(points, dtype=np.float64)[drawn].mean(axis=1)
+    least, most = (significant(float(edge)) for edge in np.percentile(means, (2.5, 97.5)))
+    return least, most
+
+
+def paired_test(differences: Sequence[float]) -> dict[str, Any] | None:
+    """A two-sided permutation test that flips the signs of paired differences; None below six pairs.
+
+    `effect` is the matched-pairs rank-biserial correlation: 1 when every pair differs upwards, -1 when downwards, 0
+    when both ways balance (Kerby 2014).
+    """
+    if len(differences) < ENOUGH:
+        return None
+    values = np.array(differences, dtype=np.float64)
+    if len(values) <= ALL_SIGNS:
+        signs = np.array(list(itertools.product((1.0, -1.0), repeat=len(values))))
+        extra = 0
+    else:
+        signs = np.random.default_rng(SEED).choice((1.0, -1.0), size=(RESAMPLES, len(values)))
+        extra = 1  # the observed signs are one of the possible assignments
+    sums, seen = np.abs(signs @ values), abs(float(values.sum()))
+    as_far = int((sums >= seen - _TINY * max(1.0, float(np.abs(values).sum()))).sum())
+    return {
+        "pairs": len(values),
+        "difference": significant(float(values.mean())),
+        "p": significant((as_far + extra) / (len(sums) + extra)),
+        "effect": significant(_rank_biserial(values)),
+    }
+
+
+def significant(value: float, digits: int = 9) -> float:
+    """A number rounded to significant digits, so that it is the same on every machine."""
+    return float(f"{value:.{digits}g}")
+
+
+def _rank_biserial(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    told = values[values != 0]
+    if not len(told):
+        return 0.0
+    sizes = np.abs(told)
+    ranks = np.array([(sizes < size).sum() + ((sizes == size).sum() + 1) / 2 for size in sizes])
+    return float((ranks * np.sign(told)).sum() / ranks.sum())
+
+
+def loss_of(sent: int, lost: int, still_open: int = 0) -> dict[str, Any]:
+    """`share` is lost / n, n what was sent but for what is still open; where nothing of it was lost, `below` is 3/n:
+    the rule of three's bound at 95 %."""
+    known = sent - still_open
+    return {
+        "sent": sent,
+        "lost": lost,
+        "share": significant(lost / known) if known else None,
+        "below": significant(min(1.0, 3 / known)) if known and not lost else None,
+    }
