@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from ...fly.results import Attempt, Series, read_json
-from ...numbers.metrics import mission_window
 from ...numbers.metrics.detail import detail_of
 from ...numbers.observed import observe_attempt
 from ...numbers.quantities import of_attempt
@@ -34,7 +33,7 @@ def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any], repeat: i
     captures = manifest.get("captures", [])
     seen, own = None, None
     flies = not is_message_set(metrics)  # in the message set the drone is put where each call wants it
-    if flies and measured is not None and (window := _window(attempt, measured, events)) is not None:
+    if flies and measured is not None and (window := _window(measured)) is not None:
         seen = flights_of(
             attempt.protocol, attempt.autopilot_events(), events, *window, measured["status"] == "completed"
         )
@@ -66,7 +65,7 @@ def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any], repeat: i
 def seen_of(page: dict[str, Any]) -> Seen:
     """What the figures need of the attempt that is shown in detail."""
     attempt: Attempt = page["attempt"]
-    window = _window(attempt, page["measured"], page["events"])
+    window = _window(page["measured"])
     flown: Flights | None = page["flights"]
     if window is None:
         return Seen(flown, None)
@@ -81,7 +80,7 @@ def with_losses(attempt: Attempt, measured: dict[str, Any]) -> dict[str, Any]:
     """
     plan, counters = (_object(attempt.path / "links" / name) for name in ("plan.json", "counters.json"))
     planned = plan.get("plan", {}).get("links", {})
-    links = {name: dict(figures) for name, figures in measured.get("links_measured", {}).items()}
+    links = {name: dict(figures) for name, figures in measured["links_measured"].items()}
     for name, counted in counters.get("links", {}).items():
         frames = counted.get("random", 0) + counted.get("left", 0)
         share = counted.get("random", 0) / frames if frames else None
@@ -111,26 +110,17 @@ _MONTHS = (
 """Not strftime's, which speaks the machine's language."""
 
 
-def cpu_of(measured: dict[str, Any], manifest: dict[str, Any]) -> dict[str, float]:
-    """CPU seconds of each container."""
-    found: dict[str, float] = measured.get("cpu_s") or manifest.get("cpu_s") or {}
-    return found
-
-
-def _window(attempt: Attempt, measured: dict[str, Any], events: list[dict[str, Any]]) -> tuple[int, float] | None:
-    """When the mission began, and how many seconds it took; None when it never began."""
-    if "window" in measured:
-        told = measured["window"]
-        return (told["start_ns"], told["seconds"]) if told is not None else None
-    window = mission_window(attempt, events)
-    return (window.start_ns, window.seconds) if window is not None else None
+def _window(measured: dict[str, Any]) -> tuple[int, float] | None:
+    """When the mission began, and how many seconds were counted; None when it never began."""
+    told = measured["window"]
+    return (told["start_ns"], told["seconds"]) if told is not None else None
 
 
 def _trouble(
     measured: dict[str, Any] | None, void: dict[str, Any] | None, events: list[dict[str, Any]]
 ) -> dict[str, Any] | None:
     """Why an attempt failed or does not count, how far it came, which captures were cut off, what else to know."""
-    truncated = measured.get("truncated", []) if measured is not None else []
+    truncated = measured["truncated"] if measured is not None else []
     status = "void" if measured is None else measured["status"]
     if status == "completed" and not truncated:
         return None

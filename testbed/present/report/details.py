@@ -14,11 +14,12 @@ Shown = dict[str, dict[str, Any]]
 
 LAYERS = (
     ("payload", ("payload",)),
-    ("MQTT or MAVLink framing", ("mqtt", "mavlink", "protocol")),
-    ("TCP or UDP", ("tcp", "udp", "transport")),
+    ("MQTT or MAVLink framing", ("mqtt", "mavlink")),
+    ("TCP or UDP", ("tcp", "udp")),
     ("IP", ("ip",)),
     ("Ethernet", ("ethernet",)),
 )
+_NO_ROUTERS: dict[str, Any] = {"routers": []}
 _NO_COUNT = {"packets": 0, "bytes": 0, "lost": 0}
 _NODES = ("gs", "cloud", "fog", "uav", "sensor")
 _IDLE = "nodes that only hold an address"
@@ -34,7 +35,6 @@ _ROLES = (
     ("network and captures", ("net",)),
     (_IDLE, ("cloud", "fog", "uav", "sensor")),
 )
-_NODES_WERE_ROLES = (("broker", ("cloud",)), ("activators", ("fog",)), ("UAV clients", ("uav",)))
 _NOT_THE_PROTOCOLS = ("autopilots", "sensors", "network and captures")
 
 
@@ -88,10 +88,10 @@ def by_layer(layers: dict[str, int]) -> dict[str, int]:
 
 def mix_of(attempt: dict[str, Any]) -> dict[str, Any] | None:
     """The MAVLink side's streams, largest first, each with its share; commands; sums. None where there is no mix."""
-    mavlink = attempt.get("mavlink")
+    mavlink = attempt["mavlink"]
     if not mavlink:
         return None
-    streams = sorted(mavlink.get("streams", []), key=lambda stream: (-stream["bytes"], stream["name"]))
+    streams = sorted(mavlink["streams"], key=lambda stream: (-stream["bytes"], stream["name"]))
     total = sum(stream["bytes"] for stream in streams)
     most = max((stream["bytes"] for stream in streams), default=0)
     return {
@@ -103,14 +103,14 @@ def mix_of(attempt: dict[str, Any]) -> dict[str, Any] | None:
         "count": sum(stream["count"] for stream in streams),
         "rate_hz": sum(stream["rate_hz"] for stream in streams),
         "bytes": total,
-        "commands": sorted(mavlink.get("commands", []), key=lambda sent: (-sent["count"], sent["name"])),
-        "own_heartbeats": mavlink.get("own_heartbeats"),
+        "commands": sorted(mavlink["commands"], key=lambda sent: (-sent["count"], sent["name"])),
+        "own_heartbeats": mavlink["own_heartbeats"],
     }
 
 
 def routers_of(attempt: dict[str, Any]) -> list[tuple[str, dict[str, dict[str, Any]]]]:
     """For each node what its routers were given, let through and dropped, by way; ground station first."""
-    entries = (attempt.get("mavlink") or {}).get("routers", [])
+    entries = (attempt["mavlink"] or _NO_ROUTERS)["routers"]
     nodes = sorted({entry["node"] for entry in entries}, key=lambda node: (_place(node, _NODES), node))
     return [(node, {entry["way"]: entry for entry in entries if entry["node"] == node}) for node in nodes]
 
@@ -144,7 +144,7 @@ def command_of(attempt: dict[str, Any], events: list[dict[str, Any]], name: str)
     """What there is to say of a command on one side."""
     delays = sorted(attempt["delay_ms"].get(name, []))
     calls = sum(event["event"] == "command" and event["command"] == name for event in events)
-    frames = attempt.get("frames_per_call", {}).get(name)
+    frames = attempt["frames_per_call"].get(name)
     if not delays:
         return Command(calls, 0, None, None, None, frames)
     return Command(calls, len(delays), delays[0], median(delays), delays[-1], frames)
@@ -173,12 +173,12 @@ FIGURES = ("delay_ms", "jitter_ms", "rate_bps", "loss")
 
 def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, Measured]]]]:
     """Each directed link with its figures by protocol and name; empty where nothing was measured."""
-    names = {name for attempt in shown.values() for name in attempt.get("links_measured", {})}
+    names = {name for attempt in shown.values() for name in attempt["links_measured"]}
     table = []
     for name in sorted(names, key=place_of_link):
         by = {}
         for protocol, attempt in shown.items():
-            figures = attempt.get("links_measured", {}).get(name, {})
+            figures = attempt["links_measured"].get(name, {})
             by[protocol] = {
                 figure: Measured(one.get("configured"), one.get("measured"), one.get("note"))
                 for figure in FIGURES
@@ -191,7 +191,7 @@ def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, Measured
 def sizes_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]], dict[str, int]]]:
     """Each kind of message with its frames' sizes by protocol, and the sizes that the thesis printed."""
     printed = thesis.packet_sizes()
-    kinds = {p: attempt.get("message_sizes", {}) for p, attempt in shown.items()}
+    kinds = {p: attempt["message_sizes"] for p, attempt in shown.items()}
     names = {name for by in kinds.values() for name in by}
     known = [name for name in printed if name in names]
     order = known + sorted(names - set(known))
@@ -200,17 +200,15 @@ def sizes_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]], dict[st
 
 def states_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]]]]:
     """Each state with its delays by protocol, summed up."""
-    kinds = {p: attempt.get("state_delay_ms", {}) for p, attempt in shown.items()}
+    kinds = {p: attempt["state_delay_ms"] for p, attempt in shown.items()}
     names = sorted({name for by in kinds.values() for name in by})
     return [(name, {p: by[name] for p, by in kinds.items() if name in by}) for name in names]
 
 
 def _by_role(seconds: dict[str, float]) -> dict[str, list[tuple[str, float]]]:
-    apart = any(name.startswith(("broker", "activator", "client", "router-")) for name in seconds)
-    roles = _ROLES if apart else _ROLES + _NODES_WERE_ROLES
     found: dict[str, list[tuple[str, float]]] = {}
     for service in sorted(seconds, key=lambda name: (_place(name.removeprefix("router-"), _NODES), name)):
-        matching = [role for role, starts in roles if service.startswith(starts)]
+        matching = [role for role, starts in _ROLES if service.startswith(starts)]
         found.setdefault(matching[-1] if matching else "other", []).append((service, seconds[service]))
     return found
 

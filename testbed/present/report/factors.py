@@ -38,7 +38,6 @@ _SAID = {
         },
     },
 }
-_OLD_STREAMS = {name: f"px4-{name}" for name in ("onboard", "gcs", "normal")}
 _BROADCAST = "a command for all drones is one broadcast a fog"
 
 
@@ -153,5 +152,4 @@ def mixed(manifests: list[dict[str, Any]]) -> list[str]:
 
 
 def _value(configuration: dict[str, Any], name: str) -> str:
-    value = str(configuration.get(name, ""))
-    return _OLD_STREAMS.get(value, value) if name == "streams" else value
+    return str(configuration.get(name, ""))

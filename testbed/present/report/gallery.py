@@ -58,10 +58,10 @@ def figures_of(
         readings.delays(measured),
         by_number(kinds),
         distribution(kinds),
-        histogram({p: _bins(attempt) for p, attempt in shown.items() if attempt.get("size_histogram")}),
+        histogram({p: _bins(attempt) for p, attempt in shown.items() if attempt["size_histogram"]}),
         traffic(
             {p: one.per_link.rates for p, one in seen.items() if one.per_link is not None},
-            {p: _loads(attempt["load"]) for p, attempt in shown.items() if attempt.get("load")},
+            {p: _loads(attempt["load"]) for p, attempt in shown.items() if attempt["load"]},
             {p: one.flights.end_s for p, one in seen.items() if one.flights is not None},
         ),
         _scenarios(metrics, done),
@@ -107,7 +107,7 @@ def losses_of(shown: details.Shown, seen: dict[str, Seen]) -> dict[str, dict[str
         per = seen[protocol].per_link
         in_mission = {name: count["packets"] for name, count in attempt["links"].items()}
         entered = (per.entered if per is not None else {}) or in_mission  # where the captures are gone
-        by_link = (attempt.get("losses") or {}).get("links", {})
+        by_link = (attempt["losses"] or {}).get("links", {})
         found[protocol] = {
             name: Lost(count, {cause: n for cause in CAUSES if (n := by_link.get(name, {}).get(cause, 0))})
             for name, count in sorted(entered.items(), key=lambda item: place_of_link(item[0]))
@@ -118,7 +118,7 @@ def losses_of(shown: details.Shown, seen: dict[str, Seen]) -> dict[str, dict[str
 def _topology(metrics: dict[str, Any], shown: details.Shown, links: list[tuple[str, str, str]]) -> list[Link]:
     measured: dict[str, Any] = {}
     for attempt in shown.values():
-        measured = {**attempt.get("links_measured", {}), **measured}
+        measured = {**attempt["links_measured"], **measured}
     return [
         Link(name, lower, upper, way_of(measured.get(f"{name}:up")), way_of(measured.get(f"{name}:down")))
         for name, lower, upper in sorted(links, key=lambda link: place_of_link(link[0]))
@@ -152,13 +152,13 @@ def _loads(load: dict[str, Any]) -> dict[str, tuple[int, ...]]:
 
 
 def _layers(shown: details.Shown) -> dict[str, dict[str, int]]:
-    return {p: details.by_layer(attempt.get("layers", {})) for p, attempt in shown.items()}
+    return {p: details.by_layer(attempt["layers"]) for p, attempt in shown.items()}
 
 
 def _purposes(shown: details.Shown) -> dict[str, dict[str, int]]:
     found: dict[str, dict[str, int]] = {}
     for protocol, attempt in shown.items():
-        for purpose, counted in attempt.get("purposes", {}).items():
+        for purpose, counted in attempt["purposes"].items():
             name = _OF_PURPOSE.get(purpose, "upkeep")
             by = found.setdefault(protocol, {})
             by[name] = by.get(name, 0) + counted["bytes"]

@@ -67,7 +67,7 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
             finding=sentences.finding(metrics),
             basis=sentences.basis(metrics),
             troubles=[attempt for attempt in attempts if attempt["trouble"]],
-            remarks=[attempt for attempt in attempts if attempt["measured"] and attempt["measured"].get("notes")],
+            remarks=[attempt for attempt in attempts if attempt["measured"] and attempt["measured"]["notes"]],
             **_conditions(metrics, attempts),
             protocols=[protocol for protocol, _ in words.sides(metrics)],
             completion=comparison.completion(metrics),
@@ -153,8 +153,8 @@ def _in_detail(shown: details.Shown, of: dict[str, dict[str, Any]], commands: li
     """The tables of one attempt of each protocol."""
     grids = {p: details.outcomes_of(shown[p], commands) for p in shown}
     drones = sorted({drone for grid in grids.values() for drone in grid}, key=lambda drone: (len(drone), drone))
-    roles = details.roles_of({p: cpu for p in shown if (cpu := attempt_page.cpu_of(shown[p], of[p]["manifest"]))})
-    most_bytes = {p: found for p in shown if (found := shown[p].get("memory_bytes"))}
+    roles = details.roles_of({p: cpu for p in shown if (cpu := shown[p]["cpu_s"])})
+    most_bytes = {p: found for p in shown if (found := shown[p]["memory_bytes"])}
     routers = details.routers_of(shown["mavlink"]) if "mavlink" in shown else []
     return {
         "shown": of,

@@ -28,7 +28,7 @@ def rows_of(shown: Shown) -> list[Row]:
     """By drone and kind; empty without sensors."""
     found: dict[tuple[int, str], Row] = {}
     for protocol, attempt in shown.items():
-        for one in attempt.get("series", ()):
+        for one in attempt["series"]:
             key = one["drone"], one["kind"]
             found.setdefault(key, Row(*key, unit_of(one["unit"]), {})).by[protocol] = one
     return [found[key] for key in sorted(found, key=lambda key: key[0])]
@@ -43,7 +43,7 @@ def said(metrics: dict[str, Any]) -> list[str]:
     """For each side in how many attempts every series arrived whole, and what is missing of the others."""
     sentences = []
     for protocol, side in words.sides(metrics):
-        flown = [attempt for attempt in side["attempts"] if attempt.get("series")]
+        flown = [attempt for attempt in side["attempts"] if attempt["series"]]
         if not flown:
             continue
         name, count = wording.name_of(protocol), len(flown[0]["series"])
@@ -63,7 +63,7 @@ def said(metrics: dict[str, Any]) -> list[str]:
 def missing(attempt: dict[str, Any]) -> list[str]:
     """What of an attempt's series is not as it should be, drone by drone."""
     by_drone: dict[int, list[dict[str, Any]]] = {}
-    for one in attempt.get("series", ()):
+    for one in attempt["series"]:
         if not one["whole"]:
             by_drone.setdefault(one["drone"], []).append(one)
     found = []
@@ -82,7 +82,7 @@ def _of(one: dict[str, Any]) -> str:
 
 def traffic_of(shown: Shown) -> list[tuple[str, dict[str, list[dict[str, int]]]]]:
     """For each kind of link, and all of them, packets and bytes by PURPOSES; empty where nothing was counted."""
-    counted = {p: attempt.get("reading_traffic") or {} for p, attempt in shown.items()}
+    counted = {p: attempt["reading_traffic"] for p, attempt in shown.items()}
     if not any(counted.values()):
         return []
     table = [
@@ -100,8 +100,8 @@ def cost(shown: Shown) -> str | None:
     """Bytes of the frames that carried readings, for each value that arrived; None where none did."""
     parts = []
     for protocol, attempt in shown.items():
-        arrived = sum(one["delivered"] for one in attempt.get("series", ()))
-        traffic = attempt.get("reading_traffic") or {}
+        arrived = sum(one["delivered"] for one in attempt["series"])
+        traffic = attempt["reading_traffic"]
         carried = sum(by.get("sensor", _NOTHING)["bytes"] for by in traffic.values())
         if arrived and carried:
             parts.append(f"{carried / arrived:,.0f} bytes over {_CARRIER.get(protocol, wording.name_of(protocol))}")

@@ -62,7 +62,7 @@ def notes(metrics: dict[str, Any]) -> list[str]:
             which = f"{name}, attempt {attempt['attempt']}"
             if attempt["status"] != "completed":
                 said.append(f"{which} {attempt['status']}: {attempt['reason']}")
-            if attempt.get("truncated"):
+            if attempt["truncated"]:
                 files = ", ".join(attempt["truncated"])
                 said.append(f"{which}: cut off, and counted up to the cut: {files}; its counts are too low")
         said += [

@@ -59,7 +59,7 @@ def delays_of(completed: dict[str, list[dict[str, Any]]], order: list[str]) -> K
     for name in names:
         for protocol, attempts in completed.items():
             told = [(ms, one["attempt"]) for one in attempts for ms in one["delay_ms"].get(name, ())]
-            own = [ms for one in attempts for ms in one.get("delay_app_ms", {}).get(name, ())]
+            own = [ms for one in attempts for ms in one["delay_app_ms"].get(name, ())]
             if told:
                 values, numbers = zip(*told, strict=True)
                 found.setdefault(name, {})[protocol] = Delays(values, numbers, tuple(own))

@@ -49,7 +49,7 @@ def series_of(completed: dict[str, list[dict[str, Any]]], order: tuple[str, ...]
             told = [
                 (ms, one["attempt"])
                 for one in attempts
-                for ms in (one.get("message_set") or {}).get(name, {}).get("delay_ms", ())
+                for ms in (one["message_set"] or {}).get(name, {}).get("delay_ms", ())
             ]
             if told:
                 values, numbers = zip(*told, strict=True)

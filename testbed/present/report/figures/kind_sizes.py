@@ -22,7 +22,7 @@ def counts_of(completed: dict[str, list[dict[str, Any]]], order: tuple[str, ...]
     found: Counts = {}
     for name in order:
         for protocol, attempts in completed.items():
-            told = [kind["size_histogram"] for one in attempts if (kind := (one.get("message_set") or {}).get(name))]
+            told = [kind["size_histogram"] for one in attempts if (kind := (one["message_set"] or {}).get(name))]
             sums = tuple(sum(bins.get(f"{least}-{most}", 0) for bins in told) for least, most in BINS)
             if any(sums):
                 found.setdefault(name, {})[protocol] = sums

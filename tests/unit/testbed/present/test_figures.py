@@ -88,7 +88,8 @@ def test_an_outcome_belongs_to_the_call_for_its_fog_and_one_without_lasts_to_the
 
 
 def test_delays_keep_the_order_of_the_mission_and_know_their_attempt() -> None:
-    done = {"mqttxt": [{"attempt": n, "delay_ms": {"land": [3.0], "arm": [1.0, 2.0]}} for n in (1, 3)]}
+    delays_ms = {"land": [3.0], "arm": [1.0, 2.0]}
+    done = {"mqttxt": [{"attempt": n, "delay_ms": delays_ms, "delay_app_ms": {}} for n in (1, 3)]}
     kinds = delays.delays_of(done, ["arm", "land"])
     assert list(kinds) == ["arm", "land"]
     assert kinds["arm"]["mqttxt"].attempts == (1, 1, 3, 3)

@@ -239,16 +239,6 @@ def test_cpu_seconds_are_summed_by_role(series: Series) -> None:
     assert own == {"mqttxt": pytest.approx(4.81), "mavlink": pytest.approx(42.0)}
 
 
-def test_older_manifests_have_roles_in_the_nodes() -> None:
-    roles = details.roles_of({"mqttxt": {"cloud": 0.4, "fog1": 1.0, "uav1": 2.0, "gs": 1.0}})
-    assert [(role.name, role.sums["mqttxt"]) for role in roles] == [
-        ("ground station", 1.0),
-        ("broker", 0.4),
-        ("activators", 1.0),
-        ("UAV clients", 2.0),
-    ]
-
-
 def test_a_failure_comes_first_with_its_reason_and_where_to_look(series: Series) -> None:
     metrics = make_series(
         series, ("mqttxt", entry("mqttxt")), ("mavlink", failed("mavlink", ROUTER_DIED, truncated=["uav3.pcap"]))
@@ -317,10 +307,6 @@ def test_factors_are_said_in_words_and_what_they_mean() -> None:
     assert "mission times compare directly" in factors.fairness(same)[1]
     assert not any("QoS 0" in said for said in factors.fairness(same))
     assert factors.fairness({}) == factors.factors_of({}, "mqttxt") == []
-
-
-def test_an_older_name_of_a_stream_set_is_the_same_set() -> None:
-    assert factors.factors_of({"streams": "onboard"}, "mavlink")[0].value == "px4-onboard"
 
 
 def test_changed_factors_are_read_from_the_manifest() -> None:
