@@ -137,7 +137,7 @@ def _repeated_after_its_acknowledgement(patch: pytest.MonkeyPatch) -> None:
 
 def _the_next_drone_after_any_last_word(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(
-        selector, "DEFINITE_NO", frozenset(word for word in Word if word.is_last and word is not Word.COMPLETED)
+        selector, "PASSED_OVER", frozenset(word for word in Word if word.is_last and word is not Word.COMPLETED)
     )
 
 

@@ -17,7 +17,7 @@ from ..protocol.commands import Goto
 from ..protocol.messages import CommandId, Word
 from ..protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
 from ..protocol.topics import CloudSide
-from ..protocol.words import DEFINITE_NO
+from ..protocol.words import PASSED_OVER
 from .command_relay import Relay
 from .drones import CLOUD, Drones
 from .leases import Leases
@@ -169,7 +169,7 @@ class Selector:
         choice = self._choices.get(entry.id)
         if choice is None:
             return self._on_answer(entry, now_ms)
-        if leg.words[-1].word not in DEFINITE_NO:
+        if leg.words[-1].word not in PASSED_OVER:
             entry.record.choosing = False
             self._relay.ledger.close(entry, now_ms)
             return []
@@ -194,7 +194,7 @@ class Selector:
         legs = entry.record.legs.values()
         if not all(leg.is_closed for leg in legs):
             return []
-        if all(leg.words[-1].word in DEFINITE_NO for leg in legs):
+        if all(leg.words[-1].word in PASSED_OVER for leg in legs):
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
         entry.record.choosing = False
         self._relay.ledger.close(entry, now_ms)

@@ -6,8 +6,8 @@ from .messages import Word
 
 NOT_IN_CONTROL = "not_in_control"
 
-DEFINITE_NO = frozenset({Word.DENIED, Word.UNSUPPORTED, Word.EXPIRED, Word.UNREACHABLE})
-"""Last words that say that the command was not started, and will not be."""
+PASSED_OVER = frozenset({Word.DENIED, Word.UNSUPPORTED, Word.EXPIRED, Word.UNREACHABLE})
+"""Last words after which PSMI tries the next drone (R7.6). Not `overtaken`: the station itself sent a later command."""
 
 NO_DEADLINE = "no_deadline"
 """Why a command without a deadline in the executor's clock is denied; a beacon goes with it."""

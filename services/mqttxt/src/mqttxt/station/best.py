@@ -10,7 +10,7 @@ from ..errors import FogUnreachable, MqttxtError
 from ..protocol.commands import Command
 from ..protocol.messages import Word
 from ..protocol.rankings import SelectMode
-from ..protocol.words import DEFINITE_NO
+from ..protocol.words import PASSED_OVER
 from .heard import SentCommand
 from .outcomes import Outcome, PsmiList
 from .process import StationRunner
@@ -54,14 +54,14 @@ async def _choose(
             try:
                 async for event in _commit(runner, command, chosen, start_until_s, limit_s):
                     last = event.word
-                    if last not in DEFINITE_NO:
+                    if last not in PASSED_OVER:
                         _release(runner, command, held)  # it may fly: nobody else will
                     yield event
             except FogUnreachable:  # it was not sent
                 if not held:
                     raise
                 last = Word.UNREACHABLE
-            if last not in DEFINITE_NO:
+            if last not in PASSED_OVER:
                 return
             reason = _why_to_end(runner, chosen, start_until_s)
             if reason is not None:

@@ -8,7 +8,7 @@ from ..core.effects import Publish
 from ..core.settings import Retry
 from ..protocol.commands import Command
 from ..protocol.messages import CommandId, Word
-from ..protocol.words import DEFINITE_NO
+from ..protocol.words import PASSED_OVER
 
 
 @dataclass
@@ -40,7 +40,7 @@ class Pending:
     @property
     def has_begun(self) -> bool:
         """Whether any drone has said that it does it, or may."""
-        return any(word not in DEFINITE_NO for word in self.words.values())
+        return any(word not in PASSED_OVER for word in self.words.values())
 
     @property
     def is_open(self) -> bool:
@@ -48,4 +48,4 @@ class Pending:
             return False
         if self.roster is None or self.open_drones():
             return True
-        return self.choosing and all(self.words[number] in DEFINITE_NO for number in self.roster)
+        return self.choosing and all(self.words[number] in PASSED_OVER for number in self.roster)
