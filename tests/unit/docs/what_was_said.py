@@ -89,6 +89,7 @@ def said(found: Findings) -> Iterator[str]:
     yield from _missions(found)
     yield from _losses(found)
     yield from _delays(found)
+    yield from _real_px4s(found)
     yield from _layers(found)
     yield from _readings(found)
     yield from _message_set(found)
@@ -171,6 +172,22 @@ def _delays(found: Findings) -> Iterator[str]:
     yield f"On `ideal` one is at its drone in {theirs}, MQTT-XT's in {ours}"
     ours, theirs = found.both(PX4, "lte", "delay")
     yield f"on `lte` {ours} against {theirs.removesuffix(' ms')}"
+
+
+def _real_px4s(found: Findings) -> Iterator[str]:
+    real = {arm: f"{arm}+autopilot-px4" for arm in (BUNDLED, "direct")}
+    flown = [one for arm in real.values() for side in SIDES for one in found.attempts(side, arm, "ideal")]
+    failed = [str(one["reason"]) for one in flown if one["status"] == "failed"]
+    assert all(reason.count("drone") == reason.count("failed (mode_changed)") for reason in failed)
+    yield f"{wording.in_words(len(failed)).capitalize()} of {len(flown)} missions failed"
+    rates = [found.one(name, "ideal", "rates") for arm in real for name in (real[arm], arm)]
+    yield f"MAVLink sends {rates[0]} times the bytes a second of MQTT-XT, where the stand-in's series has {rates[1]}"
+    yield f"in `direct` {rates[2]} times, where it has {rates[3]}"
+    assert not any(lost_of(quantity, flown).loss.lost for quantity in (COMMANDS_LOST, STATES_LOST))
+    ours = [found.both(name, "ideal", "rate")[0] for name in (real["direct"], "direct")]
+    yield f"{ours[0]} a second in `direct` instead of {ours[1]}"
+    times = [" and ".join(found.both(name, "ideal", "mission")) for name in (real[BUNDLED], BUNDLED)]
+    yield f"{times[0]} in `{BUNDLED}` instead of {times[1]}"
 
 
 def _layers(found: Findings) -> Iterator[str]:
