@@ -13,7 +13,8 @@ from typing import cast
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sitl.streams import NAMES, rates_hz
+from sitl.px4.streams import rates_hz
+from sitl.streams import number
 from tests.bench.brokers import cpu_s
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -102,6 +103,6 @@ async def _measure() -> str:
 
 def _worst(counted: list[Counter[int]], wall_s: float) -> float:
     """The largest deviation of a drone's stream from its rate, as a part of it."""
-    wanted = {number: rates_hz("px4-onboard")[name] for number, name in NAMES.items()}
+    wanted = {number(name): hz for name, hz in rates_hz("px4-onboard").items()}
     steady = {number: hz for number, hz in wanted.items() if hz >= STEADY_HZ}
     return max(abs(found[number] / wall_s / hz - 1) for found in counted for number, hz in steady.items())

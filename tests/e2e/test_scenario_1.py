@@ -10,7 +10,7 @@ import pytest
 from agreement import assert_pymavlink_agrees, assert_tshark_agrees
 from flying import Run, attempt_over, containers
 
-from sitl.streams import RATES_HZ
+from sitl.px4.streams import RATES_HZ
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 

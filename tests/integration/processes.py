@@ -270,8 +270,16 @@ class Proxy:
 class System:
     """A cloud broker, a fog broker, an activator and two drones with their autopilots, as real processes."""
 
-    def __init__(self, folder: Path, qos: int = 1, streams: str = "px4-normal", fleet_file: Path = FLEET_FILE) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        qos: int = 1,
+        streams: str = "px4-normal",
+        fleet_file: Path = FLEET_FILE,
+        like: str = "px4",
+    ) -> None:
         self.folder = folder
+        self.like = like
         self.streams = streams
         self.fleet_file = fleet_file
         self.cloud = Broker(folder, "cloud")
@@ -305,7 +313,7 @@ class System:
     def make_sitl(self, drone: int) -> Process:
         base = str(self.folder / f"sitl{drone}")
         files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready"]
-        control = ["--control", f"{base}.sock", "--streams", self.streams]
+        control = ["--control", f"{base}.sock", "--streams", self.streams, "--like", self.like]
         ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self.autopilots[drone]}"]
         fleet = ["--fleet", str(self.fleet_file), "--system", str(drone)]
         return Process(self.folder, f"sitl{drone}", "sitl", "fly", *fleet, *ports, *files, *control)

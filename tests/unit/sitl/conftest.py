@@ -8,8 +8,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from sitl.ardupilot.personality import ARDUCOPTER
 from sitl.fleet import DroneConfig
-from sitl.modes import Happened, Reply
+from sitl.outputs import Happened, Reply
+from sitl.personality import Personality
+from sitl.px4.personality import PX4
 from sitl.vehicle import Vehicle
 
 NAN = float("nan")
@@ -19,8 +22,10 @@ GCS = (245, 190)
 class Drone:
     """A vehicle with one link, flown by a test."""
 
+    like: Personality[Any] = PX4
+
     def __init__(self, **parameters: float) -> None:
-        self.vehicle = Vehicle(DroneConfig(1, parameters=parameters, quiet=True), ["px4-onboard"])
+        self.vehicle = Vehicle(DroneConfig(1, parameters=parameters, quiet=True), ["px4-onboard"], like=self.like)
         self.out: list[Any] = []
 
     @property
@@ -85,6 +90,29 @@ class Drone:
         return [message.text for message in self.sent("STATUSTEXT")]
 
 
+class Copter(Drone):
+    """The same like an ArduCopter."""
+
+    like = ARDUCOPTER
+
+    def take_off(self, altitude_m: float = 10.0) -> None:
+        assert self.command(400, 1) == 0
+        assert self.command(22, *[0.0] * 6, altitude_m) == 0
+        self.fly_until(lambda: self.up_m > altitude_m - 0.5 and abs(self.autopilot.motion.velocity[2]) < 0.02)
+
+    def go(self, north_m: float, east_m: float, up_m: float) -> int | None:
+        """A goto as MQTT-XT says it, above mean sea level."""
+        home = self.autopilot.guidance.home
+        place = home.offset(north_m, east_m, up_m)
+        where = {"x": round(place.latitude_deg * 1e7), "y": round(place.longitude_deg * 1e7), "z": place.altitude_m}
+        return self.command_int(192, -1, 1, **where)
+
+    def push(self, north: float, east: float, down: float) -> None:
+        """One set-point of velocity."""
+        velocity = (0, 0, 0, north, east, down, 0, 0, 0, 0, 0)
+        self.tell(mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0b1111_1100_0111, *velocity))
+
+
 def _result(answers: list[Any]) -> int | None:
     acks = [answer for answer in answers if answer.get_type() == "COMMAND_ACK"]
     assert [ack.result for ack in acks[:-1]] in ([], [mavlink.MAV_RESULT_ACCEPTED])
@@ -94,6 +122,16 @@ def _result(answers: list[Any]) -> int | None:
 @pytest.fixture
 def drone() -> Drone:
     return Drone()
+
+
+@pytest.fixture
+def copter() -> Copter:
+    return Copter()
+
+
+@pytest.fixture
+def make_copter() -> type[Copter]:
+    return Copter
 
 
 @pytest.fixture

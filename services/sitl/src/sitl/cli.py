@@ -18,13 +18,14 @@ import typer
 
 from .errors import SitlError
 from .fleet import DroneConfig, load
+from .personalities import PERSONALITIES
 from .process import LinkConfig, Process
+from .px4.streams import SETS
 from .real.ardupilot import ArduCopter
 from .real.autopilot import Autopilot
 from .real.process import fly as fly_real
 from .real.px4 import Px4
 from .real.watching import Watching
-from .streams import SETS
 from .vehicle import Vehicle
 
 STAND_IN = "stand-in"
@@ -35,7 +36,7 @@ WITNESS = ("127.0.0.1", 14550)
 
 app = typer.Typer(
     name="sitl",
-    help="A PX4-like autopilot stand-in.",
+    help="An autopilot stand-in, like PX4 or ArduPilot's ArduCopter.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -44,16 +45,16 @@ app = typer.Typer(
 
 @app.callback()
 def about() -> None:
-    """A PX4-like autopilot stand-in."""
+    """An autopilot stand-in, like PX4 or ArduPilot's ArduCopter."""
 
 
 @app.command()
 def fly(
     system: Annotated[int, typer.Option(help="MAVLink system id, 1 to 250.")] = 1,
-    fleet: Annotated[Path | None, typer.Option(help="The fleet in YAML; PX4's defaults without.")] = None,
+    fleet: Annotated[Path | None, typer.Option(help="The fleet in YAML, with PX4's names; defaults without.")] = None,
     listen: Annotated[str, typer.Option(help="HOST:PORT to receive on.")] = "127.0.0.1:14580",
     send: Annotated[str, typer.Option(help="HOST:PORT to send to.")] = "127.0.0.1:14540",
-    streams: Annotated[str, typer.Option(help=f"What it streams: {', '.join(SETS)}.")] = "px4-onboard",
+    streams: Annotated[str, typer.Option(help=f"What it streams, like PX4: {', '.join(SETS)}.")] = "px4-onboard",
     gcs: Annotated[bool, typer.Option("--gcs", help="Also PX4's link for ground stations, 18570 to 14550.")] = False,
     events: Annotated[Path | None, typer.Option(help="File for what happens, JSON lines.")] = None,
     control: Annotated[Path | None, typer.Option(help="Unix socket of the side channel.")] = None,
@@ -68,6 +69,7 @@ def fly(
     folder: Annotated[
         Path, typer.Option(help="Where a real autopilot is: bin/px4 and etc, or arducopter and copter.parm.")
     ] = Path("/opt/autopilot"),
+    like: Annotated[str, typer.Option(help=f"Whom the stand-in is like: {', '.join(PERSONALITIES)}.")] = "px4",
     quiet: Annotated[bool, typer.Option("--quiet", help="Without noise: what it says is true.")] = False,
 ) -> None:
     """Fly one simulated drone until Ctrl-C; a real autopilot's log goes beside its events."""
@@ -77,6 +79,8 @@ def fly(
             raise SitlError(f"--system {system}: expected 1 to 250")
         if streams not in SETS:
             raise SitlError(f"--streams {streams!r}: expected one of {', '.join(SETS)}")
+        if like not in PERSONALITIES:
+            raise SitlError(f"--like {like!r}: expected one of {', '.join(PERSONALITIES)}")
         if autopilot not in AUTOPILOTS:
             raise SitlError(f"--autopilot {autopilot!r}: expected one of {', '.join(AUTOPILOTS)}")
         config = replace(load(fleet, system) if fleet is not None else DroneConfig(system), quiet=quiet)
@@ -90,8 +94,8 @@ def fly(
             return
         if gcs:
             links.append(LinkConfig(("127.0.0.1", 18569 + system), ("127.0.0.1", 14550), "px4-gcs"))
-            typer.echo(_how_to_connect(system, links[0]))
-        vehicle = Vehicle(config, [link.streams for link in links], seed)
+            typer.echo(_how_to_connect(like, system, links[0]))
+        vehicle = Vehicle(config, [link.streams for link in links], seed, PERSONALITIES[like])
         files = {"events": events, "control": control, "ready_file": ready_file, "position_file": position_file}
         process = Process(vehicle, links, **files)
         asyncio.run(_until_signal(process.run()))
@@ -187,10 +191,10 @@ def _reachable(option: str, text: str) -> tuple[str, int]:
     return str(found[0][4][0]), port
 
 
-def _how_to_connect(system: int, onboard: LinkConfig) -> str:
+def _how_to_connect(like: str, system: int, onboard: LinkConfig) -> str:
     host, port = onboard.send
     return f"""\
-A simulated PX4 multicopter flies on loopback; Ctrl-C ends it.
+A simulated {PERSONALITIES[like].title} multicopter flies on loopback; Ctrl-C ends it.
   QGroundControl   connects by itself (UDP 14550)
   MAVSDK           await mavsdk.add_any_connection("udpin://{host}:{port}")
   MAVProxy         mavproxy.py --master=udp:{host}:{port}

@@ -7,25 +7,26 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from .autopilot import Autopilot
+from .autopilot import Autopilot, FlightMode
 from .errors import SitlError
-from .modes import Mode
 from .progress import is_progress
 
 _MESSAGES = frozenset(kind.msgname for kind in mavlink.mavlink_map.values())
 
 
-def parse(request: Any) -> dict[str, Any] | None:
+def parse(request: Any, modes: type[FlightMode]) -> dict[str, Any] | None:
     """What to set, or None for a question: `{"set": {...}}` or `{"get": "state"}`. Raises SitlError for others."""
     if request == {"get": "state"}:
         return None
     if not isinstance(request, dict) or set(request) != {"set"} or not isinstance(request["set"], dict):
         raise SitlError(f'{request}: expected {{"get": "state"}} or {{"set": {{...}}}}')
     wanted: dict[str, Any] = request["set"]
+    names = [mode.name.lower() for mode in modes]
+    checks = {"mode": (names.__contains__, "one of " + ", ".join(names)), **_CHECKS}
     for name, value in wanted.items():
-        if name not in _CHECKS:
-            raise SitlError(f"set {name}: expected one of {', '.join(_CHECKS)}")
-        right, expected = _CHECKS[name]
+        if name not in checks:
+            raise SitlError(f"set {name}: expected one of {', '.join(checks)}")
+        right, expected = checks[name]
         if not right(value):
             raise SitlError(f"set {name}: expected {expected}, got {value!r}")
     return wanted
@@ -39,7 +40,7 @@ def apply(autopilot: Autopilot, wanted: dict[str, Any]) -> None:
     if "armed" in wanted or "altitude_m" in wanted:
         autopilot.put_back(altitude_m=wanted.get("altitude_m", 0.0), armed=wanted.get("armed", False))
     if "mode" in wanted:
-        autopilot.enter(Mode[wanted["mode"].upper()])
+        autopilot.enter(type(autopilot.rest)[wanted["mode"].upper()])
 
 
 def state(autopilot: Autopilot) -> dict[str, Any]:
@@ -62,10 +63,6 @@ def _is_number(value: Any, low: float, high: float) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
 
 
-def _is_mode(value: Any) -> bool:
-    return isinstance(value, str) and value.upper() in Mode.__members__
-
-
 def _is_flag(value: Any) -> bool:
     return isinstance(value, bool)
 
@@ -75,7 +72,6 @@ def _is_mute(value: Any) -> bool:
 
 
 _CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "mode": (_is_mode, "one of " + ", ".join(name.lower() for name in Mode.__members__)),
     "armed": (_is_flag, "true or false"),
     "altitude_m": (lambda value: _is_number(value, 0, 1000), "metres above home from 0 to 1000"),
     "battery_pct": (lambda value: _is_number(value, 0, 100), "a number from 0 to 100"),

@@ -10,7 +10,7 @@ import yaml
 
 from .dynamics import Place
 from .errors import SitlError
-from .parameters import SPECS
+from .px4.parameters import SPECS
 
 _RANGES = {
     "latitude_deg": (-90, 90),

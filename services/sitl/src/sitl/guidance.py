@@ -1,47 +1,10 @@
-"""Where a drone wants to go: the velocity that each mode asks for, in metres and seconds, as PX4 flies by default."""
+"""Where a drone is, where its home is and where it wants to go, whoever flies it."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
-from .dynamics import LAG_S, Limits, Motion, Place, Vector, approach
-from .modes import Mode
+from .dynamics import Motion, Place, Vector
 from .parameters import Parameters
-
-REACHED_UP_M = 0.8
-"""NAV_MC_ALT_RAD: nearer than this a height counts as reached."""
-STARTED_S = 0.5
-"""From a command to the first of its motion."""
-LIFT_S = 1.5
-"""A goto from the ground waits so long for thrust."""
-LIFTS_AT = 0.85
-"""A takeoff lifts after this part of MPC_TKO_RAMP_T, during which thrust grows."""
-TAKEOFF_S = 1.5
-"""A takeoff that has nothing to climb is over after so long."""
-GROUNDED_S = 3.7
-"""The land detector wants to see the ground for so long."""
-REPOSITION_UP, REPOSITION_DOWN = 0.87, 0.87
-"""A reposition climbs and descends with so much of the speed of the automatic modes: its path bends with the wind."""
-ASLANT = 0.93
-"""Across it is slower while it climbs or descends."""
-FOLLOWED = 0.86
-"""A velocity's set-point is reached to this part, against drag."""
-RETURN_UP = 0.95
-"""And so a return."""
-TRAILING = 0.0019
-"""The trajectory waits for its drone, which drag holds back with the square of the speed."""
-FALL_M_S = -10.0
-"""What is left of flight when the motors are stopped in the air."""
-
-
-@dataclass(frozen=True)
-class SetPoint:
-    """What an offboard controller last asked for: a velocity or a position, both north, east, up."""
-
-    at_s: float
-    velocity: Vector | None = None
-    position: Vector | None = None
+from .setpoints import SetPoint
 
 
 class Guidance:
@@ -54,10 +17,6 @@ class Guidance:
         self.motion = Motion()
         self.target: Vector = (0.0, 0.0, 0.0)
         self.set_point: SetPoint | None = None
-        self.lands = False
-        """Whether a return has come to its landing."""
-        self._starts_s = 0.0
-        self._return_up_m = 0.0
 
     @property
     def place(self) -> Place:
@@ -68,159 +27,7 @@ class Guidance:
         """Home's height over the origin."""
         return self.home.altitude_m - self.origin.altitude_m
 
-    @property
-    def limits(self) -> Limits:
-        """Of acceleration and jerk."""
-        read = self.parameters
-        return Limits(read["MPC_ACC_HOR"], read["MPC_ACC_UP_MAX"], read["MPC_ACC_DOWN_MAX"], read["MPC_JERK_AUTO"])
-
-    def has_set_point(self, now_s: float) -> bool:
-        """Whether an offboard controller was heard within COM_OF_LOSS_T."""
-        point = self.set_point
-        return point is not None and now_s - point.at_s <= self.parameters["COM_OF_LOSS_T"]
-
-    def start(self, mode: Mode, now_s: float) -> None:
-        """A mode, or an aim of it, begins."""
-        self._starts_s = now_s + (0.0 if mode in (Mode.OFFBOARD, Mode.LAND) else STARTED_S)
-        self.lands = False
-        if mode is Mode.RETURN:
-            self._return_up_m = self.return_up_m()
-
-    def go(self, target: Vector, now_s: float) -> None:
-        """Aim at a place."""
-        self.target = target
-        self.start(Mode.HOLD, now_s)
-
-    def hold(self, before: Mode) -> None:
-        """Stop here; but the climb of a return, which is a loiter to PX4, is flown to its end."""
-        climbs = before is Mode.RETURN and self.motion.position[2] < self._return_up_m - REACHED_UP_M
-        self.stop_here()
-        if climbs and not self.lands:
-            self.target = (*self.target[:2], self._return_up_m)
-
-    def stop_here(self) -> None:
-        """Aim at where braking ends, so that holding does not fly back; at the height of now."""
-        position, velocity = self.motion.position, self.motion.velocity
-        limits = self.limits
-        speed = self.motion.groundspeed_m_s
-        ahead_s = LAG_S + speed / (2 * limits.horizontal) + limits.horizontal / (2 * limits.jerk)
-        self.target = (
-            position[0] + velocity[0] * ahead_s,
-            position[1] + velocity[1] * ahead_s,
-            max(0.0, position[2] + velocity[2] * LAG_S),
-        )
-
-    def takeoff_done(self, now_s: float) -> bool:
-        return now_s - self._starts_s > TAKEOFF_S and self.target[2] - self.motion.position[2] < REACHED_UP_M
-
-    def wanted_velocity(self, mode: Mode, now_s: float, lift_s: float, in_air: bool) -> Vector:
-        """North, east, up in metres a second; `lift_s` is for how long the motors have had thrust to lift it.
-
-        A takeoff in the air is a climb.
-        """
-        if mode is Mode.TAKEOFF and not in_air:
-            return 0.0, 0.0, self._takeoff(lift_s)
-        if lift_s < LIFT_S or (now_s < self._starts_s and mode is not Mode.HOLD):
-            return 0.0, 0.0, 0.0
-        if mode is Mode.LAND:
-            return 0.0, 0.0, -self._descent_m_s()
-        if mode is Mode.RETURN:
-            return self._return()
-        if mode is Mode.OFFBOARD and self.set_point is not None:
-            return self._offboard(self.set_point)
-        if now_s < self._starts_s:
-            return self._kept()
-        return self._towards(self.target, REPOSITION_UP, REPOSITION_DOWN)
-
-    def _kept(self) -> Vector:
-        aim = self.motion.aim
-        return aim[0], aim[1], aim[2]
-
-    def _takeoff(self, lift_s: float) -> float:
-        """MPC_TKO_RAMP_T until it lifts, and once more until it climbs with MPC_TKO_SPEED."""
-        ramp_s = self.parameters["MPC_TKO_RAMP_T"]
-        share = 1.0 if ramp_s <= 0 else lift_s / ramp_s - LIFTS_AT
-        if share <= 0:
-            return 0.0
-        fastest = self.parameters["MPC_TKO_SPEED"] * min(1.0, share)
-        return self._up(self.target[2] - self.motion.position[2], fastest, fastest)
-
-    def _descent_m_s(self) -> float:
-        """Slowing from the auto descent to the landing speed between MPC_LAND_ALT1 and MPC_LAND_ALT2.
-
-        MPC_LAND_CRWL at the end, as with a distance sensor.
-        """
-        fast, slow = self.parameters["MPC_Z_V_AUTO_DN"], self.parameters["MPC_LAND_SPEED"]
-        high, low = self.parameters["MPC_LAND_ALT1"], self.parameters["MPC_LAND_ALT2"]
-        height = self.motion.position[2] - self.home_up_m
-        if height < self.parameters["MPC_LAND_ALT3"]:
-            return self.parameters["MPC_LAND_CRWL"]
-        return slow + (fast - slow) * max(0.0, min(1.0, (height - low) / max(0.01, high - low)))
-
-    def return_up_m(self) -> float:
-        """The height of a return from here: RTL_RETURN_ALT, lower within a cone about home, never below the drone."""
-        radius = self.parameters["NAV_ACC_RAD"]
-        away_m = math.hypot(*self._home_from_here())
-        height = self.parameters["RTL_RETURN_ALT"]
-        if away_m <= radius:
-            height = 2 * away_m
-        else:
-            if away_m <= self.parameters["RTL_MIN_DIST"]:
-                angle = max(1.0, min(89.0, self.parameters["RTL_CONE_ANG"]))
-                height = min(away_m / math.tan(math.radians(angle)), height)
-            height = max(height, 2 * radius)
-        return max(self.home_up_m + height, self.motion.position[2])
-
-    def _home_from_here(self) -> tuple[float, float]:
+    def home_from_here(self) -> tuple[float, float]:
+        """How far home is, north and east."""
         north, east = self.origin.metres_to(self.home.latitude_deg, self.home.longitude_deg)
         return north - self.motion.position[0], east - self.motion.position[1]
-
-    def _return(self) -> Vector:
-        """Climb, fly home, and within NAV_ACC_RAD of it land."""
-        here = self.motion.position
-        north, east = self._home_from_here()
-        if not self.lands and here[2] < self._return_up_m - REACHED_UP_M:
-            return 0.0, 0.0, self._up(self._return_up_m - here[2])
-        self.lands = self.lands or math.hypot(north, east) <= self.parameters["NAV_ACC_RAD"]
-        across = self._across(north, east)
-        return (*across, -self._descent_m_s() if self.lands else self._up(self._return_up_m - here[2]))
-
-    def _offboard(self, point: SetPoint) -> Vector:
-        if point.position is not None:
-            return self._towards(point.position, 1.0, 1.0)
-        north, east, up = point.velocity or (0.0, 0.0, 0.0)
-        speed = math.hypot(north, east)
-        scale = min(1.0, self.parameters["MPC_XY_VEL_MAX"] / speed) if speed > 0 else 1.0
-        up = max(-self.parameters["MPC_Z_VEL_MAX_DN"], min(self.parameters["MPC_Z_VEL_MAX_UP"], up))
-        return north * scale * FOLLOWED, east * scale * FOLLOWED, up
-
-    def _towards(self, target: Vector, share_up: float, share_down: float) -> Vector:
-        here = self.motion.position
-        fastest_up = self.parameters["MPC_Z_V_AUTO_UP"] * share_up
-        fastest_down = self.parameters["MPC_Z_V_AUTO_DN"] * share_down
-        north, east, up = target[0] - here[0], target[1] - here[1], target[2] - here[2]
-        across = self._across(north, east)
-        wanted_up = self._up(up, fastest_up, fastest_down)
-        distance = math.hypot(north, east)
-        if distance > 1.0 and abs(up) > 1.0:
-            # On a straight line: neither part is over before the other.
-            speed = math.hypot(*across)
-            share = min(ASLANT, abs(wanted_up) / (speed * abs(up) / distance))
-            across = across[0] * share, across[1] * share
-            wanted_up = math.copysign(min(abs(wanted_up), speed * share * abs(up) / distance), up)
-        return (*across, wanted_up)
-
-    def _across(self, north: float, east: float) -> tuple[float, float]:
-        distance = math.hypot(north, east)
-        if distance < 1e-6:
-            return 0.0, 0.0
-        cruise = min(self.parameters["MPC_XY_CRUISE"], self.parameters["MPC_XY_VEL_MAX"])
-        limits = self.limits
-        speed = approach(distance, cruise / (1 + TRAILING * cruise * cruise), limits.horizontal, limits.jerk)
-        return north * speed / distance, east * speed / distance
-
-    def _up(self, up: float, fastest_up: float | None = None, fastest_down: float | None = None) -> float:
-        limits = self.limits
-        if up > 0:
-            return approach(up, fastest_up or RETURN_UP * self.parameters["MPC_Z_V_AUTO_UP"], limits.down, limits.jerk)
-        return approach(up, fastest_down or self.parameters["MPC_Z_V_AUTO_DN"], limits.up, limits.jerk)

@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from .datagrams import ANCILLARY_BYTES, LARGEST_DATAGRAM, arrival_ns, bind
 from .errors import SitlError
 from .files import open_events, touch, write_event
-from .modes import Happened, Output
+from .outputs import Happened, Output
 from .position_file import EVERY_S, PositionFile
 from .vehicle import Vehicle
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from . import commands
-from .modes import Output, Reply
+from .answers import IN_PROGRESS, acknowledgement
+from .outputs import Output, Reply
 
 
 @dataclass
@@ -55,7 +55,7 @@ class Progress:
         return [self._step(underway)], None
 
     def _step(self, underway: Underway) -> Reply:
-        return Reply(commands.acknowledgement(underway.message, commands.IN_PROGRESS, underway.percent))
+        return Reply(acknowledgement(underway.message, IN_PROGRESS, underway.percent))
 
 
 def is_progress(value: Any) -> bool:

@@ -1,65 +1,43 @@
-"""Makes the streamed messages from the autopilot's state; noise comes from a seed, so that runs repeat."""
+"""Makes the streamed messages from an autopilot's state; noise comes from a seed, so that runs repeat."""
 
 from __future__ import annotations
 
-import itertools
 import math
 import random
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
 from .autopilot import Autopilot
 from .dynamics import GRAVITY_M_S2, Battery, Place
-from .modes import Mode
-from .unnamed import Unnamed
 from .wander import Quiet, Wander
-
-SENSORS = (
-    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
-    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
-    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
-    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
-    | mavlink.MAV_SYS_STATUS_SENSOR_GPS
-    | mavlink.MAV_SYS_STATUS_GEOFENCE
-)
-HOME_M = 0.25
-"""A smaller error of it is not corrected."""
-_EXTENDED = mavlink.MAV_SYS_STATUS_RECOVERY_SYSTEM
-HOME_S = 2.0
-"""How often home's height is corrected in flight."""
-_WANDERS = {
-    "north": (0.04, 0.26, 8.0),
-    "east": (0.04, 0.26, 8.0),
-    "up": (0.004, 0.11, 5.0),
-    "climb": (0.005, 0.12, 0.5),
-    "speed": (0.012, 0.1, 1.0),
-    "heading": (0.0015, 0.0028, 3.0),
-    "roll": (0.001, 0.02, 0.3),
-    "voltage": (0.0, 0.06, 0.3),
-    "home": (0.0, 0.45, 3.0),
-}
-"""Standard deviations at rest and in flight and their memory: metres, metres a second, radians, volts; seconds."""
 
 
 class Telemetry:
-    """Messages by name, as the autopilot would stream them now; quiet ones tell the truth."""
+    """Messages by name, as the autopilot would stream them now; quiet ones tell the truth.
+
+    `makers` make each message that the kind has. `wanders` are standard deviations at rest and in flight and their
+    memory: metres, metres a second, radians, volts; seconds.
+    """
+
+    makers: ClassVar[Mapping[str, Callable[[Any], Any]]]
+    wanders: ClassVar[Mapping[str, tuple[float, float, float]]]
 
     def __init__(self, autopilot: Autopilot, seed: int, *, quiet: bool = False) -> None:
         self._ap = autopilot
         self._quiet = quiet
         self._random = random.Random(seed)
-        self._wanders = {name: Quiet() if quiet else Wander(self._random, *sizes) for name, sizes in _WANDERS.items()}
-        self._home_error_m, self._home_s = 0.0, -math.inf
+        self._wanders = {
+            name: Quiet() if quiet else Wander(self._random, *sizes) for name, sizes in self.wanders.items()
+        }
         self._pings = 0
         self._sent = 0
-        self._modes = itertools.cycle(enumerate(Mode, 1))
 
     def make(self, name: str) -> Any:
         """The message `name`, None where there is nothing to say now; raises KeyError for one that is not streamed."""
         self._sent += 1
-        return _MAKERS[name](self)
+        return self.makers[name](self)
 
     def _wander(self, name: str) -> float:
         return self._wanders[name].at(self._ap.now_s, not self._ap.landed)
@@ -86,13 +64,7 @@ class Telemetry:
         return self._ap.guidance.origin.offset(*self._position())
 
     def _home(self) -> Place:
-        """Home, whose height PX4 corrects in flight as its estimate of the height changes."""
-        home, now_s = self._ap.guidance.home, self._ap.now_s
-        if now_s - self._home_s >= HOME_S:
-            self._home_s, error_m = now_s, self._wander("home")
-            if abs(error_m - self._home_error_m) > HOME_M:
-                self._home_error_m = error_m
-        return Place(home.latitude_deg, home.longitude_deg, home.altitude_m + self._home_error_m)
+        return self._ap.guidance.home
 
     def _yaw(self) -> float:
         return self._ap.motion.yaw_rad + self._wander("heading")
@@ -114,15 +86,6 @@ class Telemetry:
             cr * sp * cy + sr * cp * sy,
             cr * cp * sy - sr * sp * cy,
         ]
-
-    def _heartbeat(self) -> Any:
-        ap = self._ap
-        base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if ap.armed else 0)
-        state = mavlink.MAV_STATE_ACTIVE if ap.armed else mavlink.MAV_STATE_STANDBY
-        if ap.failsafe:
-            state = mavlink.MAV_STATE_CRITICAL
-        kind = int(ap.parameters["MAV_TYPE"])
-        return mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_PX4, base, ap.mode.custom_mode, state, 3)
 
     def _home_position(self) -> Any:
         home, origin = self._home(), self._ap.guidance.origin
@@ -188,8 +151,7 @@ class Telemetry:
         )
 
     def _position_target_global(self) -> Any:
-        """Told in the automatic modes only."""
-        if not self._ap.armed or not self._ap.mode.is_auto:
+        if not self._ap.has_target:
             return None
         place = self._ap.guidance.origin.offset(*self._ap.guidance.target)
         return mavlink.MAVLink_position_target_global_int_message(
@@ -240,17 +202,6 @@ class Telemetry:
         bearing = round(math.degrees(math.atan2(t[1] - p[1], t[0] - p[0])))
         return mavlink.MAVLink_nav_controller_output_message(
             math.degrees(roll), math.degrees(pitch), bearing, bearing, distance, t[2] - p[2], 0.0, 0.0
-        )
-
-    def _sys_status(self) -> Any:
-        """PX4 says PREARM_CHECK in health alone, and never that it is present."""
-        health = SENSORS & ~mavlink.MAV_SYS_STATUS_SENSOR_GPS
-        if self._ap.healthy:
-            health = SENSORS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        battery = self._ap.battery
-        return mavlink.MAVLink_sys_status_message(
-            *(SENSORS, SENSORS, health, 250, round(self._voltage_v() * 1000), self._current_ca()),
-            *(round(battery.remaining_pct), 0, 0, 0, 0, 0, 0, _EXTENDED, _EXTENDED, _EXTENDED),
         )
 
     def _voltage_v(self) -> float:
@@ -313,21 +264,6 @@ class Telemetry:
         self._pings += 1
         return mavlink.MAVLink_ping_message(self._usec(), self._pings, 0, 0)
 
-    def _mission(self) -> Any:
-        state = mavlink.MISSION_STATE_NO_MISSION
-        return mavlink.MAVLink_mission_current_message(0, 0, state, 1 if self._ap.mode is Mode.MISSION else 2)
-
-    def _current_mode(self) -> Any:
-        mode = self._ap.mode
-        return mavlink.MAVLink_current_mode_message(_STANDARD_MODES.get(mode, 0), mode.custom_mode, mode.custom_mode)
-
-    def _available_modes(self) -> Any:
-        """One of the modes, another one each time."""
-        index, mode = next(self._modes)
-        return mavlink.MAVLink_available_modes_message(
-            *(len(Mode), index, _STANDARD_MODES.get(mode, 0), mode.custom_mode, 0, mode.name.title().encode())
-        )
-
     def _distance(self) -> Any:
         """To the ground, by the sensor that PX4's simulation has."""
         height_cm = max(2, min(40_00, round(self._position()[2] * 100)))
@@ -354,28 +290,10 @@ class Telemetry:
             *(-1000.0, -1000.0, 0, 0, home.altitude_m, 0),
         )
 
-    def _link(self) -> Any:
-        return Unnamed("LINK_NODE_STATUS", (self._usec(), 25_000, 100, self._sent, 1, 0, 0, 0, 0, 0, 0))
-
-    def _time_estimate(self) -> Any:
-        return Unnamed("TIME_ESTIMATE_TO_TARGET", (-1, -1, -1, -1, -1))
-
-    def _event_sequence(self) -> Any:
-        return Unnamed("CURRENT_EVENT_SEQUENCE", (7, 0))
-
 
 _NO_ID = [0] * 20
 _COVARIANCE = [0.01, *[0.0] * 5, 0.01, *[0.0] * 4, 0.01, *[0.0] * 3, 0.01, 0.0, 0.0, 0.01, 0.0, 0.01]
-_STANDARD_MODES = {
-    Mode.POSITION: mavlink.MAV_STANDARD_MODE_POSITION_HOLD,
-    Mode.ALTITUDE: mavlink.MAV_STANDARD_MODE_ALTITUDE_HOLD,
-    Mode.RETURN: mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY,
-    Mode.MISSION: mavlink.MAV_STANDARD_MODE_MISSION,
-    Mode.LAND: mavlink.MAV_STANDARD_MODE_LAND,
-    Mode.TAKEOFF: mavlink.MAV_STANDARD_MODE_TAKEOFF,
-}
-_MAKERS: dict[str, Callable[[Telemetry], Any]] = {
-    "HEARTBEAT": Telemetry._heartbeat,
+MAKERS: dict[str, Callable[[Any], Any]] = {
     "HOME_POSITION": Telemetry._home_position,
     "ATTITUDE": Telemetry._attitude,
     "ATTITUDE_QUATERNION": Telemetry._attitude_quaternion,
@@ -392,7 +310,6 @@ _MAKERS: dict[str, Callable[[Telemetry], Any]] = {
     "VFR_HUD": Telemetry._vfr_hud,
     "ALTITUDE": Telemetry._altitude,
     "NAV_CONTROLLER_OUTPUT": Telemetry._nav,
-    "SYS_STATUS": Telemetry._sys_status,
     "EXTENDED_SYS_STATE": Telemetry._extended,
     "BATTERY_STATUS": Telemetry._battery,
     "ESTIMATOR_STATUS": Telemetry._estimator,
@@ -403,13 +320,8 @@ _MAKERS: dict[str, Callable[[Telemetry], Any]] = {
     "TIMESYNC": Telemetry._timesync,
     "SYSTEM_TIME": Telemetry._system_time,
     "PING": Telemetry._ping,
-    "MISSION_CURRENT": Telemetry._mission,
-    "CURRENT_MODE": Telemetry._current_mode,
-    "AVAILABLE_MODES": Telemetry._available_modes,
     "DISTANCE_SENSOR": Telemetry._distance,
     "OPEN_DRONE_ID_LOCATION": Telemetry._open_drone_id_location,
     "OPEN_DRONE_ID_SYSTEM": Telemetry._open_drone_id_system,
-    "LINK_NODE_STATUS": Telemetry._link,
-    "TIME_ESTIMATE_TO_TARGET": Telemetry._time_estimate,
-    "CURRENT_EVENT_SEQUENCE": Telemetry._event_sequence,
 }
+"""What every kind says alike."""

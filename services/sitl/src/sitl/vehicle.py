@@ -10,42 +10,33 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from . import commands, control
-from .autopilot import STEP_S, Autopilot
-from .dynamics import Battery, Energy, SimulatedBattery
+from . import control
+from .answers import ACCEPTED, DENIED, acknowledgement, received, whole
+from .autopilot import STEP_S
+from .dynamics import Battery, Energy
 from .fleet import DroneConfig
-from .modes import Happened, Output, Reply
+from .outputs import Happened, Output, Reply
 from .parameters import Parameters
+from .personality import Personality
 from .progress import Progress
-from .streams import NAMES, Streams
-from .telemetry import Telemetry
+from .px4.personality import PX4
+from .streams import Streams
 
 _FTP_NAK, _FTP_FILE_NOT_FOUND = 129, 10
-_CAPABILITIES = (
-    mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
-    | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
-    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
-    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
-    | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-)
-
-
-NOMINAL_V = 14.8
-"""A 4S lithium polymer battery, for BAT1_CAPACITY in mAh."""
 
 
 class Vehicle:
     """A vehicle and the streams of its links, by link number."""
 
-    def __init__(self, config: DroneConfig, stream_sets: list[str], seed: int = 1) -> None:
+    def __init__(
+        self, config: DroneConfig, stream_sets: list[str], seed: int = 1, like: Personality[Any] = PX4
+    ) -> None:
         self.config = config
-        own: dict[str, float] = {"MAV_SYS_ID": config.system_id}
-        if config.capacity_wh is not None:
-            own["BAT1_CAPACITY"] = config.capacity_wh / NOMINAL_V * 1000
-        parameters = Parameters({**config.parameters, **own})
-        self.autopilot = Autopilot(config.system_id, config.home, _battery(config, parameters), parameters)
-        self.telemetry = Telemetry(self.autopilot, seed * 1000 + config.system_id, quiet=config.quiet)
-        self.links = [Streams(chosen) for chosen in stream_sets]
+        self.like = like
+        parameters = like.parameters(config)
+        self.autopilot = like.autopilot(config, _battery(config, like, parameters), parameters)
+        self.telemetry = like.telemetry(self.autopilot, seed * 1000 + config.system_id, quiet=config.quiet)
+        self.links = [Streams(like.rates_hz(chosen), like.silent) for chosen in stream_sets]
         self.muted: set[str] = set()
         self.progress = Progress()
 
@@ -57,7 +48,7 @@ class Vehicle:
             steps, finished = self.progress.due(self.autopilot.now_s)
             out += steps
             if finished is not None:
-                out += commands.handle(self.autopilot, finished.message)
+                out += self.like.handle(self.autopilot, finished.message)
         return self._unmuted(out)
 
     def streamed(self, link: int, now_s: float) -> list[Any]:
@@ -88,12 +79,12 @@ class Vehicle:
         if steps is not None:
             return steps
         if is_command and message.command in _REQUESTS:
-            return [commands.received(message), *self._request(link, message)]
-        return commands.handle(self.autopilot, message)
+            return [received(message), *self._request(link, message)]
+        return self.like.handle(self.autopilot, message)
 
     def control(self, request: Any) -> tuple[dict[str, Any], list[Output]]:
         """Answer the side channel with the state after it; raises SitlError for what it does not know."""
-        wanted = control.parse(request)
+        wanted = control.parse(request, type(self.autopilot.rest))
         if wanted is not None:
             self.muted = set(wanted.get("mute", self.muted))
             if "in_progress" in wanted:
@@ -112,36 +103,40 @@ class Vehicle:
 
     def _request(self, link: int, message: Any) -> list[Output]:
         """Requests for messages and intervals: acknowledged, then answered."""
-        wanted = commands.whole(message.param1)
-        result, answers = commands.ACCEPTED, []
+        wanted = whole(message.param1)
+        result, answers = ACCEPTED, []
         if message.command == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
             answers.append(self._version())
         elif wanted is None:
-            result = commands.DENIED
+            result = DENIED
         elif message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             if not self.links[link].set_interval(wanted, message.param2):
-                result = commands.FAILED
+                result = self.like.no_interval
         elif message.command == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
             if 0 <= wanted <= 0xFFFF:
                 interval_us = self.links[link].interval_us(wanted)
                 answers.append(mavlink.MAVLink_message_interval_message(wanted, interval_us))
             else:
-                result = commands.UNSUPPORTED
+                result = self.like.no_interval_told
         elif wanted == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             answers.append(self._version())
-        elif (answer := self.telemetry.make(NAMES[wanted]) if wanted in NAMES else None) is not None:
+        elif (name := self.links[link].name(wanted)) and (answer := self.telemetry.make(name)) is not None:
             answers.append(answer)
         else:
-            result = commands.DENIED
-        return [Reply(commands.acknowledgement(message, result)), *(Reply(answer) for answer in answers)]
+            result = self.like.no_message
+        return [Reply(acknowledgement(message, result)), *(Reply(answer) for answer in answers)]
 
     def _version(self) -> Any:
-        release = 1 << 24 | 15 << 16 | 4 << 8 | 255
+        release = self.like.release
         return mavlink.MAVLink_autopilot_version_message(
-            *(_CAPABILITIES, release, release, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, self.config.system_id)
+            *(self.like.capabilities, release, release, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, self.config.system_id)
         )
 
     def _unmuted(self, out: list[Output]) -> list[Output]:
+        """What is said, with a heartbeat behind each change of mode where that is told at once."""
+        changes = [o for o in out if isinstance(o, Happened) and o.event == "mode"]
+        if changes and self.like.tells_modes_at_once:
+            out = [*out, Reply(self.telemetry.make("HEARTBEAT"))]
         return [o for o in out if not (isinstance(o, Reply) and o.message.get_type() in self.muted)]
 
 
@@ -155,11 +150,11 @@ _REQUESTS = frozenset(
 )
 
 
-def _battery(config: DroneConfig, parameters: Parameters) -> Energy:
-    """Of the fleet's capacity, so that rankings have something to rank; else as PX4's simulations have it."""
+def _battery(config: DroneConfig, like: Personality[Any], parameters: Parameters) -> Energy:
+    """Of the fleet's capacity, so that rankings have something to rank; else as the kind's own simulations have it."""
     if config.capacity_wh is not None:
         return Battery(config.capacity_wh, config.capacity_wh * config.charge_pct / 100)
-    return SimulatedBattery(parameters["SIM_BAT_DRAIN"], parameters["SIM_BAT_MIN_PCT"])
+    return like.battery(parameters)
 
 
 def _source(message: Any) -> tuple[int, int]:

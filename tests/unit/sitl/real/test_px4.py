@@ -14,8 +14,8 @@ from sitl.dynamics import Place
 from sitl.errors import SitlError
 from sitl.fleet import DroneConfig
 from sitl.process import LinkConfig
+from sitl.px4.streams import SETS
 from sitl.real.px4 import OWN, PARAMETERS, STREAMS, Px4
-from sitl.streams import SETS
 
 ALIASES = """alias set=_set
 alias commander='px4-commander --instance $px4_instance'

@@ -11,8 +11,7 @@ from typing import Any, Protocol
 from pymavlink.dialects.v20 import development as mavlink
 
 from ..errors import SitlError
-from ..modes import Reply
-from ..streams import RATES_HZ
+from ..outputs import Reply
 from ..unnamed import NAMES
 from ..vehicle import Vehicle
 
@@ -123,7 +122,7 @@ class SimulatedChannel:
         self._answers: list[Any] = []
 
     def attend(self, everything: bool) -> None:
-        self._vehicle.muted = set() if everything else set(RATES_HZ) - TELLING
+        self._vehicle.muted = set() if everything else set(self._vehicle.telemetry.makers) - TELLING
 
     @property
     def now_s(self) -> float:

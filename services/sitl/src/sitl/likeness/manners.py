@@ -9,8 +9,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from ..modes import Mode
-from ..parameters import SPECS
+from ..px4.modes import Mode
+from ..px4.parameters import SPECS
 
 
 @dataclass(frozen=True)

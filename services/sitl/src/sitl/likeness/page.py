@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import SitlError
-from ..streams import RATES_HZ
+from ..px4.streams import RATES_HZ
 from .agreement import Fact, compare
 from .apart import OF_ITSELF, reason
 from .recording import Recording

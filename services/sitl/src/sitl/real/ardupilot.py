@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 
+from ..ardupilot.parameters import of_fleet
 from ..errors import SitlError
 from .autopilot import Autopilot
 
@@ -15,15 +16,6 @@ OWN: dict[str, float] = {
     "INITIAL_MODE": 4,  # GUIDED, in which it would arm only where it could take off
 }
 """What every ArduCopter here is told beside the fleet's parameters."""
-COUNTERPARTS: dict[str, tuple[str, float] | None] = {
-    "COM_DISARM_PRFLT": ("DISARM_DELAY", 1.0),
-    "RTL_RETURN_ALT": ("RTL_ALT", 100.0),
-    "MPC_XY_CRUISE": ("WPNAV_SPEED", 100.0),
-    "MPC_XY_VEL_MAX": None,
-    "MIS_TAKEOFF_ALT": None,
-}
-"""ArduCopter's parameter for one of the fleet's, and its unit in PX4's; None: it flies no faster than it cruises, and
-every takeoff names its height."""
 
 
 class ArduCopter(Autopilot):
@@ -34,7 +26,7 @@ class ArduCopter(Autopilot):
 
     def prepare(self) -> tuple[list[str], dict[str, str]]:
         parameters = self.work / "fleet.parm"
-        lines = [f"{name} {value:g}\n" for name, value in self._values().items()]
+        lines = [f"{name} {value:g}\n" for name, value in {**OWN, **of_fleet(self.config)}.items()]
         try:
             self._make_folders("logs")
             parameters.write_text("".join(lines), encoding="utf-8")
@@ -54,14 +46,3 @@ class ArduCopter(Autopilot):
 
     def check(self, answers: Mapping[str, str]) -> None:
         """Nothing was asked."""
-
-    def _values(self) -> dict[str, float]:
-        values = dict(OWN)
-        for name, value in self.config.parameters.items():
-            if name not in COUNTERPARTS:
-                raise SitlError(f"drones.{self.config.system_id}.parameters.{name}: ArduCopter has no such parameter")
-            counterpart = COUNTERPARTS[name]
-            if counterpart is not None:
-                own, factor = counterpart
-                values[own] = value * factor
-        return values

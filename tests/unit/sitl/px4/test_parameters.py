@@ -13,7 +13,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from sitl.errors import SitlError
 from sitl.fleet import DroneConfig
-from sitl.parameters import SPECS, Parameters
+from sitl.parameters import BytewiseParameters
+from sitl.px4.parameters import SPECS
 from sitl.vehicle import Vehicle
 
 INT32, REAL32 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32
@@ -74,11 +75,11 @@ def test_its_own_identity_and_battery_are_its_configurations(drone: Any) -> None
 
 def test_an_override_must_be_possible() -> None:
     with pytest.raises(SitlError, match="MPC_ACC_HOR: -1 "):
-        Parameters({"MPC_ACC_HOR": -1})
+        BytewiseParameters(SPECS, {"MPC_ACC_HOR": -1})
 
 
 @given(st.sampled_from(sorted(SPECS)), st.floats(width=32), st.sampled_from([INT32, REAL32]))
 def test_no_set_leaves_a_value_out_of_range(name: str, value: float, kind: int) -> None:
-    parameters = Parameters()
+    parameters = BytewiseParameters(SPECS)
     parameters.on_message(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
     assert SPECS[name].low <= parameters[name] <= SPECS[name].high

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from sitl.modes import Mode
+from sitl.px4.modes import Mode
 
 NAN = float("nan")
 

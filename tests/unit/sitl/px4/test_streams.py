@@ -8,11 +8,16 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from sitl.modes import Mode
-from sitl.streams import PX4_SETS, RATES_HZ, Streams
-from sitl.telemetry import _MAKERS
+from sitl.px4.modes import Mode
+from sitl.px4.streams import PX4_SETS, RATES_HZ, SILENT, rates_hz
+from sitl.px4.telemetry import Px4Telemetry
+from sitl.streams import Streams
 
 BATTERY, ATTITUDE, PING = 147, 30, 4
+
+
+def made(chosen: str) -> Streams:
+    return Streams(rates_hz(chosen), SILENT)
 
 
 def count(streams: Streams, seconds: float, start_s: float = 0.0, tick_s: float = 0.01) -> Counter[str]:
@@ -24,7 +29,7 @@ def count(streams: Streams, seconds: float, start_s: float = 0.0, tick_s: float 
 
 @pytest.mark.parametrize("chosen", PX4_SETS)
 def test_rates_are_px4s(chosen: str) -> None:
-    found = count(Streams(chosen), 20)
+    found = count(made(chosen), 20)
     assert set(found) <= set(RATES_HZ)
     for name, rates in RATES_HZ.items():
         assert found[name] == pytest.approx(rates[PX4_SETS.index(chosen)] * 20, abs=1), name
@@ -45,18 +50,18 @@ def test_a_global_target_is_told_in_automatic_flight_only(drone: Any) -> None:
 
 @pytest.mark.parametrize("tick_s", [0.017, 0.02, 0.09])
 def test_a_caller_that_is_late_does_not_make_the_streams_slower(tick_s: float) -> None:
-    assert count(Streams("px4-onboard"), 10, tick_s=tick_s)["ATTITUDE"] == pytest.approx(1000, abs=10)
+    assert count(made("px4-onboard"), 10, tick_s=tick_s)["ATTITUDE"] == pytest.approx(1000, abs=10)
 
 
 def test_after_a_standstill_it_goes_on_without_making_up_for_it() -> None:
-    streams = Streams("px4-onboard")
+    streams = made("px4-onboard")
     count(streams, 1)
     assert Counter(streams.due(31.0)) == Counter({name: 1 for name, rates in RATES_HZ.items() if rates[0] > 0.1})
     assert count(streams, 10, 31.01)["ATTITUDE"] == pytest.approx(1000, abs=1)
 
 
 def test_five_states_are_only_heartbeats_until_someone_asks() -> None:
-    streams = Streams("five-states")
+    streams = made("five-states")
     assert count(streams, 10) == {"HEARTBEAT": 10}
     assert streams.set_interval(BATTERY, 1_000_000)
     assert count(streams, 10, 10) == {"HEARTBEAT": 10, "BATTERY_STATUS": 10}
@@ -74,16 +79,16 @@ def test_modes_are_told_one_after_the_other(drone: Any) -> None:
 
 
 def test_messages_do_not_all_fall_on_one_tick() -> None:
-    streams = Streams("px4-normal")
+    streams = made("px4-normal")
     assert max(len(streams.due(tick * 0.01)) for tick in range(300)) <= 8
 
 
 def test_every_streamed_message_can_be_made() -> None:
-    assert set(_MAKERS) == set(RATES_HZ)
+    assert set(Px4Telemetry.makers) == set(RATES_HZ)
 
 
 def test_an_interval_is_set_at_once_stopped_and_put_back() -> None:
-    streams = Streams("px4-onboard")
+    streams = made("px4-onboard")
     count(streams, 10)
     assert streams.set_interval(BATTERY, 100_000)
     assert "BATTERY_STATUS" in streams.due(10.0)

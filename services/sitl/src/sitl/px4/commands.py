@@ -8,28 +8,19 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from .autopilot import Autopilot
-from .guidance import SetPoint
-from .modes import Happened, Mode, Output, Reply
+from ..answers import ACCEPTED, DENIED, FORCE, REJECTED, UNSUPPORTED, acknowledgement, received, whole
+from ..outputs import Output, Reply
+from ..setpoints import SetPoint, of_attitude_target, of_position_target
+from .autopilot import Px4
+from .modes import Mode
 
-FORCE = 21196.0
-"""param2 of MAV_CMD_COMPONENT_ARM_DISARM that forces it."""
-IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_ATTITUDE = 0b111, 0b111_000, 0b1000_0000
-SPEED_AT_FULL_TILT_M_S, CLIMB_AT_FULL_THRUST_M_S = 10.0, 3.0
-"""An attitude is flown as a velocity: enough for a link's experiment."""
 _CURRENT = 0x7FFFFFFF
 """COMMAND_INT's x or y where the current position is meant."""
 _RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
 _FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT, *_RELATIVE)
 
-ACCEPTED, DENIED = int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_DENIED)
-REJECTED = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
-FAILED = int(mavlink.MAV_RESULT_FAILED)
-IN_PROGRESS = int(mavlink.MAV_RESULT_IN_PROGRESS)
 
-
-def handle(autopilot: Autopilot, message: Any) -> list[Output]:
+def handle(autopilot: Px4, message: Any) -> list[Output]:
     """Carry out a command, a mode change or a set-point that is for this system; other messages have no answer."""
     kind = message.get_type()
     if kind in ("COMMAND_LONG", "COMMAND_INT"):
@@ -39,13 +30,13 @@ def handle(autopilot: Autopilot, message: Any) -> list[Output]:
     if kind == "SET_MODE":
         _set_mode(autopilot, message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF)
     elif kind == "SET_POSITION_TARGET_LOCAL_NED":
-        _position_target(autopilot, message)
+        _take(autopilot, of_position_target(message, autopilot.now_s, autopilot.motion.yaw_rad))
     elif kind == "SET_ATTITUDE_TARGET":
-        _attitude_target(autopilot, message)
+        _take(autopilot, of_attitude_target(message, autopilot.now_s))
     return autopilot.take_out()
 
 
-def _results(autopilot: Autopilot, message: Any) -> list[int]:
+def _results(autopilot: Px4, message: Any) -> list[int]:
     """The results in the order of their acknowledgements; none for what PX4 leaves unanswered."""
     if message.command in _UNANSWERED or _is_no_arming(message):
         return []
@@ -58,36 +49,16 @@ def _results(autopilot: Autopilot, message: Any) -> list[int]:
     return [ACCEPTED, result] if message.command == mavlink.MAV_CMD_DO_SET_MODE else [result]
 
 
-def received(message: Any) -> Happened:
-    """The event of a received command: its number and seven parameters, null for NaN and infinities."""
-    first = (message.param1, message.param2, message.param3, message.param4)
-    in_int = message.get_type() == "COMMAND_INT"
-    last = (message.x, message.y, message.z) if in_int else (message.param5, message.param6, message.param7)
-    params = [param if math.isfinite(param) else None for param in (*first, *last)]
-    return Happened("command", {"command": message.command, "params": params, "from": message.get_srcSystem()})
-
-
-def acknowledgement(message: Any, result: int, progress: int = 0) -> mavlink.MAVLink_command_ack_message:
-    """COMMAND_ACK to whoever sent the command; `progress` in percent, 255 unknown."""
-    source = (message.get_srcSystem(), message.get_srcComponent())
-    return mavlink.MAVLink_command_ack_message(message.command, result, progress, 0, *source)
-
-
-def whole(value: float) -> int | None:
-    """A parameter that carries an integer; None for NaN and infinities."""
-    return int(value) if math.isfinite(value) else None
-
-
-def _refuse(autopilot: Autopilot, why: str, result: int = REJECTED) -> int:
+def _refuse(autopilot: Px4, why: str, result: int = REJECTED) -> int:
     autopilot.say(why)
     return result
 
 
-def _unsupported(autopilot: Autopilot, message: Any) -> int:
+def _unsupported(autopilot: Px4, message: Any) -> int:
     return UNSUPPORTED
 
 
-def _arm_disarm(autopilot: Autopilot, message: Any) -> int:
+def _arm_disarm(autopilot: Px4, message: Any) -> int:
     forced = message.param2 == FORCE
     if _rounded(message.param1) == 1:
         reason = None if autopilot.armed or forced else autopilot.arm_refusal()
@@ -110,7 +81,7 @@ def _is_no_arming(message: Any) -> bool:
     return message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM and _rounded(message.param1) not in (0, 1)
 
 
-def _takeoff(autopilot: Autopilot, message: Any) -> int:
+def _takeoff(autopilot: Px4, message: Any) -> int:
     """Accepted whether armed or not: disarmed the mode stays, and the next arming climbs."""
     z = _z(message)
     if math.isinf(z):
@@ -119,7 +90,7 @@ def _takeoff(autopilot: Autopilot, message: Any) -> int:
     return ACCEPTED
 
 
-def _take_off_to(autopilot: Autopilot, up_m: float | None) -> None:
+def _take_off_to(autopilot: Px4, up_m: float | None) -> None:
     """Never downwards; without a height to MIS_TAKEOFF_ALT above home."""
     guidance = autopilot.guidance
     north, east, here = guidance.motion.position
@@ -131,12 +102,12 @@ def _take_off_to(autopilot: Autopilot, up_m: float | None) -> None:
     autopilot.enter(Mode.TAKEOFF)
 
 
-def _land(autopilot: Autopilot, message: Any) -> int:
+def _land(autopilot: Px4, message: Any) -> int:
     autopilot.enter(Mode.LAND)
     return ACCEPTED
 
 
-def _reposition(autopilot: Autopilot, message: Any) -> int:
+def _reposition(autopilot: Px4, message: Any) -> int:
     """Accepted anywhere: disarmed nothing follows, armed on the ground it takes off, and x, y, z left out stop here."""
     guidance = autopilot.guidance
     z = _z(message)
@@ -165,7 +136,7 @@ def _leaves_out_the_place(message: Any) -> bool:
     return math.isnan(message.param5) and math.isnan(message.param6)
 
 
-def _horizontal(autopilot: Autopilot, message: Any) -> tuple[float, float] | None:
+def _horizontal(autopilot: Px4, message: Any) -> tuple[float, float] | None:
     """Latitude and longitude in degrees, the drone's own where the command leaves one out; None where invalid."""
     here = autopilot.guidance.place
     if message.get_type() == "COMMAND_INT":
@@ -177,14 +148,14 @@ def _horizontal(autopilot: Autopilot, message: Any) -> tuple[float, float] | Non
     return (latitude, longitude) if abs(latitude) <= 90 and abs(longitude) <= 180 else None
 
 
-def _do_set_mode(autopilot: Autopilot, message: Any) -> int:
+def _do_set_mode(autopilot: Px4, message: Any) -> int:
     flags, main, sub = (whole(value) for value in (message.param1, message.param2, message.param3))
     if flags is None or not flags & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return _refuse(autopilot, "Mode change denied: custom mode expected")
     return _set_mode(autopilot, main or 0, sub or 0)
 
 
-def _set_mode(autopilot: Autopilot, main: int, sub: int) -> int:
+def _set_mode(autopilot: Px4, main: int, sub: int) -> int:
     """Disarmed any mode, armed those that it can fly in."""
     try:
         mode = Mode((main, sub))
@@ -203,7 +174,7 @@ def _z(message: Any) -> float:
     return float(message.z if message.get_type() == "COMMAND_INT" else message.param7)
 
 
-def _up(autopilot: Autopilot, message: Any, z: float) -> float:
+def _up(autopilot: Px4, message: Any, z: float) -> float:
     """A command's altitude over the origin; only COMMAND_INT names a frame, COMMAND_LONG's is AMSL."""
     guidance = autopilot.guidance
     if message.get_type() == "COMMAND_INT" and message.frame in _RELATIVE:
@@ -211,41 +182,10 @@ def _up(autopilot: Autopilot, message: Any, z: float) -> float:
     return z - guidance.origin.altitude_m
 
 
-def _position_target(autopilot: Autopilot, message: Any) -> None:
-    """A position goes before a velocity beside it; one with NaN, or in another frame, counts as none."""
-    local, body = mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_NED
-    position, velocity = (message.x, message.y, -message.z), (message.vx, message.vy, -message.vz)
-    if message.type_mask & IGNORE_POSITION == 0 and message.coordinate_frame == local and _finite(position):
-        autopilot.guidance.set_point = SetPoint(autopilot.now_s, position=position)
-    elif message.type_mask & IGNORE_VELOCITY == 0 and message.coordinate_frame in (local, body) and _finite(velocity):
-        if message.coordinate_frame == body:
-            velocity = (*_turned(velocity[0], velocity[1], autopilot.motion.yaw_rad), velocity[2])
-        autopilot.guidance.set_point = SetPoint(autopilot.now_s, velocity=velocity)
-
-
-def _attitude_target(autopilot: Autopilot, message: Any) -> None:
-    """Tilt becomes horizontal speed, thrust around hover becomes climb; rates alone count as level."""
-    w, x, y, z = (1.0, 0.0, 0.0, 0.0) if message.type_mask & IGNORE_ATTITUDE else message.q
-    size = math.sqrt(w * w + x * x + y * y + z * z)
-    if not (math.isfinite(size) and size > 0.5 and 0.0 <= message.thrust <= 1.0):
-        return
-    w, x, y, z = w / size, x / size, y / size, z / size
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    forward, right = -math.sin(pitch) * SPEED_AT_FULL_TILT_M_S, math.sin(roll) * SPEED_AT_FULL_TILT_M_S
-    climb = (message.thrust - 0.5) * 2 * CLIMB_AT_FULL_THRUST_M_S
-    autopilot.guidance.set_point = SetPoint(autopilot.now_s, velocity=(*_turned(forward, right, yaw), climb))
-
-
-def _turned(forward: float, right: float, yaw_rad: float) -> tuple[float, float]:
-    """Body axes to north and east."""
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    return forward * cos - right * sin, forward * sin + right * cos
-
-
-def _finite(values: tuple[float, ...]) -> bool:
-    return all(math.isfinite(value) for value in values)
+def _take(autopilot: Px4, point: SetPoint | None) -> None:
+    """What is no set-point leaves the last one."""
+    if point is not None:
+        autopilot.guidance.set_point = point
 
 
 _UNANSWERED = frozenset(
@@ -267,7 +207,7 @@ _NOTHING_TO_DO = frozenset(
     }
 )
 """Accepted, with nothing that a stand-in could do about it."""
-_COMMANDS: dict[int, Callable[[Autopilot, Any], int]] = {
+_COMMANDS: dict[int, Callable[[Px4, Any], int]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
     mavlink.MAV_CMD_NAV_TAKEOFF: _takeoff,
     mavlink.MAV_CMD_NAV_LAND: _land,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from sitl.fleet import DroneConfig
-from sitl.streams import RATES_HZ
+from sitl.px4.streams import RATES_HZ
 from sitl.vehicle import Vehicle
 
 NAN = float("nan")

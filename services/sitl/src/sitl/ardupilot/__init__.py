@@ -1,0 +1,1 @@
+"""The stand-in as ArduPilot's ArduCopter: its modes, rules, flight, telemetry, streams and parameters."""

@@ -1,0 +1,143 @@
+"""The velocity that each of ArduCopter's modes asks for, in metres and seconds, as it flies by default."""
+
+from __future__ import annotations
+
+import math
+
+from ..autopilot import FlightMode
+from ..dynamics import Limits, Place, Vector, approach
+from ..guidance import Guidance
+from ..parameters import Parameters
+from .modes import SINKING, Mode
+
+REACHED_UP_M = 0.5
+"""A climb that is nearer than this to its height is over."""
+STANDS_M_S = 0.2
+"""Slower, braking is over."""
+BRAKE_M_S2 = 7.5
+"""BRAKE_MODE_DECEL_RATE."""
+LOWEST_RETURN_M, LEAST_CLIMB_M = 2.0, 2.5
+"""A return flies no lower, and climbs so much unless it is high enough."""
+LEAST_SLOPE = 0.5
+"""A flatter cone about home is none."""
+
+
+class CopterGuidance(Guidance):
+    """ArduCopter's flight in each of its modes."""
+
+    def __init__(self, origin: Place, parameters: Parameters) -> None:
+        super().__init__(origin, parameters)
+        self.lands = False
+        """Whether a return has come to its landing."""
+        self._brakes = False
+        self._return_up_m = 0.0
+        self._home_s: float | None = None
+        """When a return came to rest above home."""
+
+    def limits(self, mode: FlightMode) -> Limits:
+        """Of acceleration and jerk."""
+        across = BRAKE_M_S2 if mode is Mode.BRAKE else self._m("WPNAV_ACCEL")
+        up = self._m("WPNAV_ACCEL_Z")
+        return Limits(across, up, up, self.parameters["PSC_JERK_XY"])
+
+    def stop(self) -> None:
+        """Brake, and then stay where that ended."""
+        self.set_point = None
+        self._brakes = True
+
+    def go(self, target: Vector) -> None:
+        """Aim at a place."""
+        self.set_point, self.target, self._brakes = None, target, False
+
+    def start_return(self) -> None:
+        """A return begins: to which height it climbs first."""
+        here = self.motion.position[2]
+        height = max(LOWEST_RETURN_M, self._m("RTL_ALT"), here - self.home_up_m + self._m("RTL_CLIMB_MIN"))
+        up_m = self.home_up_m + height
+        slope = self.parameters["RTL_CONE_SLOPE"]
+        if slope >= LEAST_SLOPE:
+            cone_m = self.home_up_m + math.hypot(*self.home_from_here()) * slope
+            up_m = max(here, min(up_m, max(cone_m, here + LEAST_CLIMB_M)))
+        self._return_up_m = up_m
+        self.lands, self._home_s = False, None
+
+    def is_near(self, up_m: float) -> bool:
+        """Whether a height is reached from below."""
+        return up_m - self.motion.position[2] < REACHED_UP_M
+
+    def wanted_velocity(self, mode: FlightMode, now_s: float) -> Vector:
+        """North, east, up in metres a second."""
+        if mode in SINKING:
+            return 0.0, 0.0, -self._m("PILOT_SPEED_UP")
+        if mode is Mode.LAND:
+            return (*self._stay()[:2], -self._descent_m_s())
+        if mode is Mode.RTL:
+            return self._return(now_s)
+        if self.set_point is not None:
+            return self._velocity(now_s)
+        return self._stay()
+
+    def _stay(self) -> Vector:
+        """Towards the target, which is where braking ends."""
+        if self._brakes and self.motion.groundspeed_m_s + abs(self.motion.velocity[2]) > STANDS_M_S:
+            return 0.0, 0.0, 0.0
+        if self._brakes:
+            north, east, up = self.motion.position
+            self.target, self._brakes = (north, east, up), False
+        return self._towards(self.target)
+
+    def _m(self, name: str) -> float:
+        """A parameter in centimetres, in metres."""
+        return self.parameters[name] / 100
+
+    def _velocity(self, now_s: float) -> Vector:
+        """What a controller asked for; nothing once it was silent for GUID_TIMEOUT."""
+        point = self.set_point
+        if point is None or now_s - point.at_s > self.parameters["GUID_TIMEOUT"]:
+            return 0.0, 0.0, 0.0
+        north, east, up = point.velocity or (0.0, 0.0, 0.0)
+        speed = math.hypot(north, east)
+        scale = min(1.0, self._m("WPNAV_SPEED") / speed) if speed > 0 else 1.0
+        up = max(-self._m("WPNAV_SPEED_DN"), min(self._m("WPNAV_SPEED_UP"), up))
+        return north * scale, east * scale, up
+
+    def _return(self, now_s: float) -> Vector:
+        """Climb, fly home, wait there RTL_LOIT_TIME, and land."""
+        north, east = self.home_from_here()
+        up = self._return_up_m - self.motion.position[2]
+        if self.lands:
+            return (*self._towards((*self._home(), 0.0))[:2], -self._descent_m_s())
+        if self._home_s is None and up > REACHED_UP_M:
+            return 0.0, 0.0, self._up(up, self._m("WPNAV_SPEED_UP"))
+        if self._home_s is None and math.hypot(north, east) <= self._m("WPNAV_RADIUS"):
+            self._home_s = now_s
+        self.lands = self._home_s is not None and now_s - self._home_s >= self.parameters["RTL_LOIT_TIME"] / 1000
+        return self._towards((*self._home(), self._return_up_m))
+
+    def _home(self) -> tuple[float, float]:
+        return self.origin.metres_to(self.home.latitude_deg, self.home.longitude_deg)
+
+    def _descent_m_s(self) -> float:
+        """WPNAV_SPEED_DN down to LAND_ALT_LOW above home, or LAND_SPEED_HIGH where that is set; then LAND_SPEED."""
+        slow = self._m("LAND_SPEED")
+        fast = self._m("LAND_SPEED_HIGH") or self._m("WPNAV_SPEED_DN")
+        above_m = self.motion.position[2] - self.home_up_m - self._m("LAND_ALT_LOW")
+        return max(slow, min(fast, abs(self._up(-max(0.0, above_m), fast))))
+
+    def _towards(self, target: Vector) -> Vector:
+        """On a straight line, as fast as across, up and down allow together."""
+        here = self.motion.position
+        north, east, up = target[0] - here[0], target[1] - here[1], target[2] - here[2]
+        across, size = math.hypot(north, east), math.hypot(north, east, up)
+        if size < 1e-6:
+            return 0.0, 0.0, 0.0
+        climb = self._m("WPNAV_SPEED_UP" if up > 0 else "WPNAV_SPEED_DN")
+        fastest = min(self._m("WPNAV_SPEED") * size / max(across, 1e-6), climb * size / max(abs(up), 1e-6))
+        limits = self.limits(Mode.GUIDED)
+        speed = approach(across, max(0.1, fastest * across / size), limits.horizontal, limits.jerk)
+        share = speed / max(across, 1e-6)
+        return north * share, east * share, self._up(up, max(0.1, fastest * abs(up) / size))
+
+    def _up(self, up_m: float, fastest_m_s: float) -> float:
+        limits = self.limits(Mode.GUIDED)
+        return approach(up_m, fastest_m_s, limits.up, limits.jerk)

@@ -1,0 +1,70 @@
+"""The stand-in as ArduCopter, behind the interface that all kinds have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from ..answers import ACCEPTED, DENIED, FAILED
+from ..dynamics import Battery, Energy
+from ..fleet import DroneConfig
+from ..outputs import Output
+from ..parameters import Parameters
+from ..personality import Personality
+from . import commands
+from .autopilot import ArduCopter
+from .parameters import SPECS, of_fleet
+from .telemetry import CopterTelemetry
+
+NOMINAL_V = 12.6
+"""A 3S lithium polymer battery, for BATT_CAPACITY in mAh."""
+HAS = (
+    *("HEARTBEAT", "ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "GPS_RAW_INT"),
+    *("VFR_HUD", "SYS_STATUS", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "HOME_POSITION", "GPS_GLOBAL_ORIGIN"),
+    *("POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT", "NAV_CONTROLLER_OUTPUT", "SERVO_OUTPUT_RAW"),
+    *("RC_CHANNELS", "SCALED_PRESSURE", "VIBRATION", "SYSTEM_TIME"),
+)
+"""The messages that the stand-in says as ArduCopter."""
+
+
+class _ArduCopter(Personality[ArduCopter]):
+    name = "ardupilot"
+    title = "ArduPilot"
+    release = 4 << 24 | 6 << 16
+    capabilities = (
+        mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    )
+    no_interval, no_interval_told, no_message = DENIED, ACCEPTED, FAILED
+    tells_modes_at_once = True
+
+    def rates_hz(self, chosen: str) -> Mapping[str, float]:
+        """Nothing but heartbeats until somebody asks, whatever is chosen: the sets are PX4's."""
+        return {name: 1.0 if name == "HEARTBEAT" else 0.0 for name in HAS}
+
+    def parameters(self, config: DroneConfig) -> Parameters:
+        own: dict[str, float] = {"SYSID_THISMAV": config.system_id}
+        if config.capacity_wh is not None:
+            own["BATT_CAPACITY"] = config.capacity_wh / NOMINAL_V * 1000
+        return Parameters(SPECS, {**of_fleet(config), **own})
+
+    def battery(self, parameters: Parameters) -> Energy:
+        capacity_wh = parameters["BATT_CAPACITY"] / 1000 * NOMINAL_V
+        return Battery(capacity_wh, capacity_wh)
+
+    def autopilot(self, config: DroneConfig, battery: Energy, parameters: Parameters) -> ArduCopter:
+        return ArduCopter(config.system_id, config.home, battery, parameters)
+
+    def telemetry(self, autopilot: ArduCopter, seed: int, *, quiet: bool) -> CopterTelemetry:
+        return CopterTelemetry(autopilot, seed, quiet=quiet)
+
+    def handle(self, autopilot: ArduCopter, message: Any) -> list[Output]:
+        return commands.handle(autopilot, message)
+
+
+ARDUCOPTER = _ArduCopter()

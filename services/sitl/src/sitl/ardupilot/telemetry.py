@@ -1,0 +1,72 @@
+"""What ArduCopter says in its own way."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from ..telemetry import MAKERS, Telemetry
+from .autopilot import ArduCopter
+from .modes import UNPOWERED, Mode
+
+SENSORS = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | mavlink.MAV_SYS_STATUS_SENSOR_GPS
+    | mavlink.MAV_SYS_STATUS_AHRS
+    | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+    | mavlink.MAV_SYS_STATUS_PREARM_CHECK
+)
+_STEERED = UNPOWERED | {Mode.ALT_HOLD, Mode.LAND}
+"""Modes in which it does not go anywhere by itself."""
+
+
+class CopterTelemetry(Telemetry):
+    """ArduCopter's messages, and how its estimates wander."""
+
+    _ap: ArduCopter
+    wanders: ClassVar = {
+        "north": (0.01, 0.05, 4.0),
+        "east": (0.01, 0.05, 4.0),
+        "up": (0.01, 0.05, 4.0),
+        "climb": (0.01, 0.05, 0.5),
+        "speed": (0.01, 0.05, 1.0),
+        "heading": (0.001, 0.003, 3.0),
+        "roll": (0.001, 0.01, 0.3),
+        "voltage": (0.0, 0.02, 0.3),
+    }
+
+    def _heartbeat(self) -> Any:
+        ap = self._ap
+        base = (
+            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+            | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+            | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+            | (0 if ap.mode in _STEERED else mavlink.MAV_MODE_FLAG_GUIDED_ENABLED)
+            | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if ap.armed else 0)
+        )
+        state = mavlink.MAV_STATE_STANDBY if ap.landed else mavlink.MAV_STATE_ACTIVE
+        return mavlink.MAVLink_heartbeat_message(
+            *(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, base, ap.mode.custom_mode, state, 3)
+        )
+
+    def _sys_status(self) -> Any:
+        """PREARM_CHECK is always present."""
+        health = SENSORS if self._ap.healthy else SENSORS & ~(_GPS | mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+        battery = self._ap.battery
+        return mavlink.MAVLink_sys_status_message(
+            *(SENSORS, SENSORS, health, 0, round(self._voltage_v() * 1000), self._current_ca()),
+            *(round(battery.remaining_pct), 0, 0, 0, 0, 0, 0),
+        )
+
+    makers: ClassVar = {
+        **MAKERS,
+        "HEARTBEAT": _heartbeat,
+        "SYS_STATUS": _sys_status,
+    }
+
+
+_GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS

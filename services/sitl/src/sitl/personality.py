@@ -1,0 +1,60 @@
+"""What differs between kinds of autopilots, behind one interface; each kind has a package of its own."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, Generic, TypeVar
+
+from .autopilot import Autopilot
+from .dynamics import Energy
+from .fleet import DroneConfig
+from .outputs import Output
+from .parameters import Parameters
+from .telemetry import Telemetry
+
+Own = TypeVar("Own", bound=Autopilot)
+
+
+class Personality(ABC, Generic[Own]):
+    """One kind of autopilot. It keeps nothing: what it makes for a drone does.
+
+    `title` is its name for people; `release` and `capabilities` are AUTOPILOT_VERSION's. `silent` are messages that it
+    takes an interval for, although nothing makes it say them here. `no_interval`, `no_interval_told` and `no_message`
+    are the results of asking it to set the interval of a message that it does not have, to tell it, and for that
+    message. `tells_modes_at_once`: a change of mode is told by a heartbeat of its own.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    release: ClassVar[int]
+    capabilities: ClassVar[int]
+    silent: ClassVar[frozenset[int]] = frozenset()
+    no_interval: ClassVar[int]
+    no_interval_told: ClassVar[int]
+    no_message: ClassVar[int]
+    tells_modes_at_once: ClassVar[bool]
+
+    @abstractmethod
+    def rates_hz(self, chosen: str) -> Mapping[str, float]:
+        """Hz of each message that it can say, on a link for which the set of streams `chosen` was asked for."""
+
+    @abstractmethod
+    def parameters(self, config: DroneConfig) -> Parameters:
+        """A drone's own; raises SitlError for one that this kind does not have."""
+
+    @abstractmethod
+    def battery(self, parameters: Parameters) -> Energy:
+        """What its own simulation has, for a drone whose battery the fleet does not name."""
+
+    @abstractmethod
+    def autopilot(self, config: DroneConfig, battery: Energy, parameters: Parameters) -> Own:
+        """The autopilot of a drone."""
+
+    @abstractmethod
+    def telemetry(self, autopilot: Own, seed: int, *, quiet: bool) -> Telemetry:
+        """What says its messages."""
+
+    @abstractmethod
+    def handle(self, autopilot: Own, message: Any) -> list[Output]:
+        """Carry out a command, a mode change or a set-point that is for this system; others have no answer."""

@@ -1,0 +1,125 @@
+"""PX4's state: its modes and what ends them, when it arms, disarms and takes itself for landed."""
+
+from __future__ import annotations
+
+from ..autopilot import IN_AIR, LANDING, ON_GROUND, TAKEOFF, Autopilot, FlightMode
+from ..dynamics import Energy, Place
+from ..parameters import Parameters
+from .guidance import GROUNDED_S, Px4Guidance
+from .modes import NEEDS_STICKS, Mode
+
+LOW_BATTERY_PCT = 7.0
+"""COM_ARM_BAT_MIN is off in PX4; below its emergency level (BAT_EMERGEN_THR, 5 %, and some) nobody should start."""
+
+
+class Px4(Autopilot):
+    """A PX4 multicopter."""
+
+    rest = Mode.HOLD
+    unlanded_s = 1.0
+    grounded_s = GROUNDED_S
+    guidance: Px4Guidance
+
+    def __init__(self, system_id: int, home: Place, battery: Energy, parameters: Parameters) -> None:
+        super().__init__(system_id, battery, Px4Guidance(home, parameters))
+        self._takes_off = False
+        """Whether this takeoff began on the ground."""
+
+    @property
+    def landed_state(self) -> int:
+        if self.landed:
+            return ON_GROUND
+        if self.mode is Mode.LAND or (self.mode is Mode.RETURN and self.guidance.lands):
+            return LANDING
+        return TAKEOFF if self._takes_off else IN_AIR
+
+    @property
+    def has_target(self) -> bool:
+        """In the automatic modes only."""
+        return self.armed and self.mode.custom_mode >> 16 & 0xFF == 4
+
+    def _fly(self, dt_s: float) -> None:
+        self._begin_flight()
+        self._end_modes()
+        if self._lift_s is not None:
+            lift_s = self.now_s - self._lift_s
+            wanted = self.guidance.wanted_velocity(self.mode, self.now_s, lift_s, not self._takes_off)
+            self.motion.step(wanted, self.guidance.limits, dt_s)
+
+    def _begin_flight(self) -> None:
+        """On the ground the motors speed up COM_SPOOLUP_TIME after arming, for whatever leads upwards."""
+        if self._lift_s is not None or not self.landed or not self._wants_up():
+            return
+        if self.now_s - self._armed_s >= self.parameters["COM_SPOOLUP_TIME"]:
+            self._lift_s = self.now_s
+
+    def _wants_up(self) -> bool:
+        if self.mode is Mode.TAKEOFF or (self.mode is Mode.HOLD and self.guidance.target[2] > 1.0):
+            return self.guidance.target[2] > self.motion.position[2]
+        point = self.guidance.set_point
+        if self.mode is not Mode.OFFBOARD or point is None:
+            return False
+        return (point.velocity or (0.0, 0.0, 0.0))[2] > 0 or (point.position or (0.0, 0.0, 0.0))[2] > 0
+
+    def _end_modes(self) -> None:
+        """A takeoff ends in hold at its height, an offboard flight whose controller is silent in a return."""
+        if self.mode is Mode.TAKEOFF and self._lift_s is not None and self.guidance.takeoff_done(self.now_s):
+            target = self.guidance.target
+            self.enter(Mode.HOLD)
+            self.guidance.target = target
+        elif self.mode is Mode.OFFBOARD and not self.guidance.has_set_point(self.now_s):
+            self.say("Failsafe activated: no offboard signal")
+            self.enter(Mode.RETURN)
+            self.failsafe = True
+
+    def _disarm_when_due(self) -> None:
+        """COM_DISARM_LAND after a landing, COM_DISARM_PRFLT after arming; 0 or less turns either off."""
+        name, since_s = ("COM_DISARM_LAND", self._landed_s) if self._flown else ("COM_DISARM_PRFLT", self._armed_s)
+        after_s = self.parameters[name]
+        if 0 < after_s <= self.now_s - since_s:
+            self.disarm()
+
+    # -- what callers change --------------------------------------------------------------------------------
+
+    def arm_refusal(self) -> str | None:
+        """Why arming is denied now, if it is."""
+        if not self.healthy:
+            return "Arming denied: system not ready"
+        if self.battery.remaining_pct < LOW_BATTERY_PCT:
+            return "Arming denied: low battery"
+        if self.mode in (Mode.LAND, Mode.RETURN) or not self.can_fly_in(self.mode):
+            return "Arming denied: mode not armable"
+        return None
+
+    def can_fly_in(self, mode: FlightMode) -> bool:
+        """Whether what a mode needs is there: no sticks ever, no mission, perhaps a stream of set-points."""
+        if mode in NEEDS_STICKS or mode is Mode.MISSION:
+            return False
+        return mode is not Mode.OFFBOARD or self.guidance.has_set_point(self.now_s)
+
+    def arm(self) -> None:
+        if not self.armed:
+            self.guidance.home = self.guidance.place
+            self._armed_s, self._flown = self.now_s, not self.landed
+            self._lift_s = None if self.landed else self.now_s - self.parameters["MPC_TKO_RAMP_T"] * 2
+            if self.mode is not Mode.TAKEOFF:
+                self.guidance.stop_here()
+            self._set_armed(True)
+
+    def disarm(self) -> None:
+        """A mode that has nothing left to do gives way to hold."""
+        self._set_armed(False)
+        self._lift_s = None
+        self.failsafe = False
+        if self.mode in (Mode.LAND, Mode.RETURN) and self.landed:
+            self.enter(Mode.HOLD)
+
+    def enter(self, mode: FlightMode) -> None:
+        """Hold aims at where the drone can stop."""
+        if mode is Mode.HOLD and self.mode is not Mode.HOLD:
+            self.guidance.hold(self.mode)
+        self.failsafe = False
+        if mode is not self.mode:
+            self._takes_off = mode is Mode.TAKEOFF and self.landed
+            self.guidance.start(mode, self.now_s)
+            self._change_mode(mode)

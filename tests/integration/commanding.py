@@ -1,0 +1,39 @@
+"""What tests of whole flights do with a drone, as a ground station sees it."""
+
+from __future__ import annotations
+
+import asyncio
+
+from processes import eventually
+
+from mqttxt import Command, Drone, Outcome, Word
+
+
+def is_armable(drone: Drone) -> bool:
+    health = drone.states.get("health")
+    return drone.is_controlled and health is not None and health.state.armable  # type: ignore[union-attr]
+
+
+async def armable(drone: Drone) -> None:
+    await eventually(lambda: is_armable(drone), "the drone is reachable and would arm")
+
+
+async def fly(drone: Drone, *commands: Command) -> None:
+    """Send one command after the other, each of which has to complete."""
+    for command in commands:
+        last = await drone.send(command)
+        assert (last.word, last.reason) == (Word.COMPLETED, None), command
+
+
+async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.Task[None]]:
+    """Send a command and go on once it was accepted."""
+    heard: list[Outcome] = []
+
+    async def listen() -> None:
+        async for outcome in drone.outcomes(command):
+            heard.append(outcome)
+
+    task = asyncio.create_task(listen())
+    await eventually(lambda: bool(heard), f"{command.name} is answered")
+    assert heard[0].word is Word.ACCEPTED
+    return heard, task
