@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Iterator
 from typing import Any
 
 import pytest
-from commanding import armable, fly, start
+from commanding import armable, fly, is_armable, start
 from processes import System, eventually
 
 from mqttxt import Arm, Disarm, Drone, Goto, GroundStation, Hold, Land, Offboard, Return, Takeoff, Velocity, Word

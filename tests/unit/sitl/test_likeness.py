@@ -11,58 +11,67 @@ import pytest
 from sitl.errors import SitlError
 from sitl.likeness import page
 from sitl.likeness.agreement import compare
-from sitl.likeness.apart import APART, reason
+from sitl.likeness.apart import APART, NOT_FLOWN, not_flown, reason
 from sitl.likeness.cases import CASES
 from sitl.likeness.commands import RECORDINGS, record_into, stand_in, subject
 from sitl.likeness.recording import Case, Recording, load
 
+RECORDED = {
+    **{("px4", case): "px4-main" for case in CASES if not_flown("px4", case) is None},
+    **{("ardupilot", case): "arducopter" for case in CASES if not_flown("ardupilot", case) is None},
+}
+"""By family and case, the recording that the stand-in is held to."""
 PX4_MAIN = load(RECORDINGS / "px4-main.json")
 PAGE = RECORDINGS.parents[2] / "docs" / "mavlink.md"
 
 
 @cache
-def _flown_by_the_stand_in(case: str) -> Recording:
-    return stand_in([case])
+def _flown_by_the_stand_in(case: str, like: str) -> Recording:
+    return stand_in([case], like)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_the_stand_in_does_as_px4_main_was_recorded_to(case: str) -> None:
-    facts = compare(PX4_MAIN, _flown_by_the_stand_in(case))
+@pytest.mark.parametrize(("like", "case"), RECORDED)
+def test_the_stand_in_does_as_a_real_autopilot_was_recorded_to(like: str, case: str) -> None:
+    facts = compare(load(RECORDINGS / f"{RECORDED[like, case]}.json"), _flown_by_the_stand_in(case, like))
     assert len(facts) > 2
-    assert [str(fact) for fact in facts if not fact.agrees and reason(fact.case, fact.name) is None] == []
+    assert [str(fact) for fact in facts if not fact.agrees and reason(like, fact.case, fact.name) is None] == []
 
 
 def test_the_pages_tables_are_of_the_recording_and_of_these_flights(tmp_path: Path) -> None:
     flown, copy = Recording("stand-in"), tmp_path / "mavlink.md"
     for case in PX4_MAIN.cases:
-        flown.add(_flown_by_the_stand_in(case))
+        flown.add(_flown_by_the_stand_in(case, "px4"))
     copy.write_text(PAGE.read_text())
     page.write(copy, PX4_MAIN, flown)
     assert copy.read_text() == PAGE.read_text(), "type: .venv/bin/python -m sitl compare --write docs/mavlink.md"
 
 
-def test_what_stays_apart_is_in_the_recordings() -> None:
-    known = {(fact.case, fact.name) for fact in compare(PX4_MAIN, PX4_MAIN)}
-    assert all(any(case == at and name.startswith(what) for at, name in known) for case, what in APART)
+@pytest.mark.parametrize(("like", "name"), [("px4", "px4-main"), ("ardupilot", "arducopter")])
+def test_what_stays_apart_is_in_the_recordings_and_what_does_not_apply_is_in_none(like: str, name: str) -> None:
+    recording = load(RECORDINGS / f"{name}.json")
+    known = {(fact.case, fact.name) for fact in compare(recording, recording)}
+    assert all(any(case == at and fact.startswith(what) for at, fact in known) for case, what in APART[like])
+    assert set(NOT_FLOWN[like]) == set(CASES) - set(recording.cases)
 
 
-@pytest.mark.parametrize("name", ["px4-main", "px4-1.15"])
-def test_recordings_are_of_the_cases_and_small(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "like"), [("px4-main", "px4"), ("px4-1.15", "px4"), ("arducopter", "ardupilot")])
+def test_recordings_are_of_the_cases_and_small(name: str, like: str, tmp_path: Path) -> None:
     path = RECORDINGS / f"{name}.json"
     recording = load(path)
     assert set(recording.cases) <= set(CASES)
+    assert recording.like == like
     assert path.stat().st_size < 60_000
     (tmp_path / "again.json").write_text(recording.text())
     assert load(tmp_path / "again.json") == recording
 
 
 @pytest.mark.skipif("PX4_DIR" not in os.environ, reason="PX4_DIR names no PX4 with its simulator")
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", PX4_MAIN.cases)
 @pytest.mark.timeout(400)
 def test_a_real_px4_does_as_it_was_recorded_to(case: str, tmp_path: Path) -> None:
     """With PX4_DIR, a folder with bin and etc of PX4 main; each case has a PX4 of its own."""
     path = tmp_path / "again.json"
-    record_into(path, subject(Path(os.environ["PX4_DIR"]), False, 240), [case], lambda _: None)
+    record_into(path, subject(Path(os.environ["PX4_DIR"]), instance=240), [case], lambda _: None)
     facts = compare(PX4_MAIN, load(path))
     assert [str(fact) for fact in facts if not fact.agrees] == []
 
@@ -101,7 +110,11 @@ def test_a_file_that_is_no_recording_is_told(tmp_path: Path) -> None:
     path.write_text("[]")
     with pytest.raises(SitlError, match=r"x\.json: not a recording"):
         load(path)
-    with pytest.raises(SitlError, match="expected either --px4-dir FOLDER or --stand-in"):
-        subject(None, False, 0)
+    with pytest.raises(SitlError, match="expected one of --px4-dir FOLDER, --ardupilot-dir FOLDER and --stand-in"):
+        subject()
     with pytest.raises(SitlError, match="expected bin/px4 in it"):
-        subject(tmp_path, False, 0)
+        subject(tmp_path)
+    with pytest.raises(SitlError, match="expected arducopter in it"):
+        subject(None, tmp_path)
+    with pytest.raises(SitlError, match="--stand-in 'x': expected one of px4, ardupilot"):
+        subject(stand_in_like="x")

@@ -123,8 +123,13 @@ def watch(
 def record(
     output: Annotated[Path, typer.Argument(help="The recording in JSON; flights that are in it stay.")],
     px4_dir: Annotated[Path | None, typer.Option(help="A PX4 with its simulator: a folder with bin and etc.")] = None,
-    stand_in: Annotated[bool, typer.Option("--stand-in", help="The stand-in as a process, in real time.")] = False,
-    instance: Annotated[int, typer.Option(help="PX4's instance, 0 to 249; its ports follow from it.")] = 0,
+    ardupilot_dir: Annotated[
+        Path | None, typer.Option(help="An ArduCopter with its simulator: a folder with arducopter and copter.parm.")
+    ] = None,
+    stand_in: Annotated[
+        str | None, typer.Option(help=f"The stand-in as a process, in real time, like: {', '.join(PERSONALITIES)}.")
+    ] = None,
+    instance: Annotated[int, typer.Option(help="Its instance, 0 to 249; its ports follow from it.")] = 0,
     cases: Annotated[list[str] | None, typer.Option("--case", help="Only this case; can be repeated.")] = None,
 ) -> None:
     """Fly cases on an autopilot, started for it on loopback, and write down what it did: numbers and times."""
@@ -132,7 +137,7 @@ def record(
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the autopilot ends with its recorder
     with _errors_as_lines():
-        likeness.record_into(output, likeness.subject(px4_dir, stand_in, instance), cases or [], _say)
+        likeness.record_into(output, likeness.subject(px4_dir, ardupilot_dir, stand_in, instance), cases or [], _say)
 
 
 @app.command()

@@ -1,16 +1,16 @@
-"""The cases: what is done to an autopilot to see how it answers; each begins disarmed, on the ground and in hold."""
+"""The cases: what is done to an autopilot to see how it answers; each begins disarmed, on the ground and at rest."""
 
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import development as mavlink
 
 from . import noise
 from .channel import Heard
-from .pilot import NAN, Pilot
+from .pilot import Pilot
 
 HEIGHT_M = 10.0
 FLIGHT_S = 120.0
@@ -54,7 +54,7 @@ def _up(pilot: Pilot, height_m: float = HEIGHT_M) -> None:
     pilot.takeoff(height_m)
     pilot.until("takeoff half way", lambda: pilot.position[2] > height_m / 2, FLIGHT_S)
     pilot.until("takeoff", lambda: pilot.position[2] > height_m - 0.5, FLIGHT_S)
-    pilot.until("takeoff to hold", lambda: pilot.mode == "hold", FLIGHT_S)
+    pilot.until("takeoff to hold", lambda: pilot.rests, FLIGHT_S)
     pilot.wait(3)
 
 
@@ -105,10 +105,10 @@ def _return_from_near(pilot: Pilot) -> None:
 
 @case("return at the height of flight")
 def _return_at_flight_height(pilot: Pilot) -> None:
-    """As the experiments fly: RTL_RETURN_ALT is the height of flight, and the fleet's speed is 12 m/s."""
-    before = {name: pilot.parameter(name) for name in ("RTL_RETURN_ALT", "MPC_XY_CRUISE")}
-    pilot.set_parameter("RTL_RETURN_ALT", HEIGHT_M)
-    pilot.set_parameter("MPC_XY_CRUISE", 12)
+    """As the experiments fly: it returns at the height of flight, and the fleet's speed is 12 m/s."""
+    before = {name: pilot.parameter(name) for name in pilot.manners.experiments}
+    for name, value in pilot.manners.experiments.items():
+        pilot.set_parameter(name, value)
     pilot.track()
     _up(pilot)
     pilot.goto(100, 0, HEIGHT_M)
@@ -117,9 +117,9 @@ def _return_at_flight_height(pilot: Pilot) -> None:
     pilot.set_mode("return")
     pilot.until("return near home", lambda: abs(pilot.position[0]) < 2, FLIGHT_S)
     _down(pilot)
-    for name, value in before.items():
-        if value is not None:
-            pilot.set_parameter(name, value)
+    for name, was in before.items():
+        if was is not None:
+            pilot.set_parameter(name, was)
 
 
 @case("climb and descend")
@@ -145,7 +145,7 @@ def _stop_in_a_goto(pilot: Pilot) -> None:
     _up(pilot)
     pilot.goto(150, 0, HEIGHT_M)
     pilot.wait(8)
-    pilot.set_mode("hold")
+    pilot.rest()
     pilot.wait(3)
     pilot.case.numbers["speed 3 s after hold"] = round(pilot.speed_m_s, 2)
     pilot.stop_here()
@@ -161,7 +161,7 @@ def _stop_in_a_takeoff(pilot: Pilot) -> None:
     pilot.arm()
     pilot.takeoff(30)
     pilot.until("takeoff to 6 m", lambda: pilot.position[2] > 6, FLIGHT_S)
-    pilot.set_mode("hold")
+    pilot.rest()
     pilot.wait(5)
     pilot.case.numbers["height after hold"] = round(pilot.position[2], 1)
     pilot.takeoff(12)
@@ -178,12 +178,12 @@ def _offboard(pilot: Pilot) -> None:
     pilot.set_mode("offboard")
     pilot.wait(2)
     pilot.arm()
-    pilot.set_mode("hold")
+    pilot.rest()
     pilot.wait(2)
     _up(pilot)
     pilot.set_mode("offboard")
     pilot.wait(3)
-    pilot.set_mode("hold")
+    pilot.rest()
     pilot.wait(2)
     pilot.repeat = lambda: pilot.velocity(2, 0, 0)
     pilot.wait(1)
@@ -195,7 +195,29 @@ def _offboard(pilot: Pilot) -> None:
     mode = pilot.mode
     pilot.until("", lambda: pilot.mode != mode, 10)
     pilot.wait(3)
-    pilot.set_mode("hold")
+    pilot.rest()
+    pilot.wait(3)
+    pilot.land()
+    _down(pilot)
+
+
+@case("velocity, and its client ends")
+def _velocity(pilot: Pilot) -> None:
+    pilot.track()
+    pilot.repeat = lambda: pilot.velocity(0, 0, -1)
+    pilot.arm()
+    pilot.wait(4)
+    pilot.case.numbers["height after a velocity on the ground"] = round(pilot.position[2], 1)
+    pilot.repeat = None
+    pilot.wait(1)
+    _up(pilot)
+    pilot.repeat = lambda: pilot.velocity(2, 0, 0)
+    pilot.wait(6)
+    pilot.case.numbers["velocity's speed"] = round(pilot.last["LOCAL_POSITION_NED"].vx, 2)
+    pilot.repeat = None
+    pilot.mark()
+    pilot.until("slower", lambda: pilot.speed_m_s < 1, 30)
+    pilot.until("stands", lambda: pilot.speed_m_s < 0.3, 30)
     pilot.wait(3)
     pilot.land()
     _down(pilot)
@@ -226,7 +248,7 @@ def _arm_in_land_mode(pilot: Pilot) -> None:
     pilot.wait(2)
     pilot.arm()
     pilot.wait(2)
-    pilot.set_mode("hold")
+    pilot.rest()
     pilot.wait(2)
     pilot.arm()
     pilot.wait(2)
@@ -270,33 +292,28 @@ def _disarmed_by_itself(pilot: Pilot) -> None:
 
 @case("modes on the ground")
 def _modes_on_the_ground(pilot: Pilot) -> None:
-    _modes(pilot)
+    _modes(pilot, pilot.manners.on_ground)
 
 
 @case("modes in the air")
 def _modes_in_the_air(pilot: Pilot) -> None:
     _up(pilot, 8)
     pilot.disarm()
-    _modes(pilot)
+    _modes(pilot, pilot.manners.in_air)
     pilot.takeoff(12)
     pilot.wait(2)
     pilot.land()
     _down(pilot)
 
 
-def _modes(pilot: Pilot) -> None:
-    for mode in ("position", "altitude", "stabilized", "manual", "acro", "mission", "offboard", "takeoff", "hold"):
+def _modes(pilot: Pilot, tried: Sequence[str]) -> None:
+    for mode in tried:
         pilot.set_mode(mode)
         pilot.wait(1.5)
-    for name, params in (
-        ("mode 9 9", (1, 9, 9)),
-        ("mode 4 99", (1, 4, 99)),
-        ("mode without the custom flag", (0, 4, 3)),
-        ("mode NaN", (1, NAN, 0)),
-    ):
+    for name, params in pilot.manners.odd_modes.items():
         pilot.command(name, mavlink.MAV_CMD_DO_SET_MODE, *params)
         pilot.wait(1.5)
-    pilot.set_mode("hold")
+    pilot.rest()
     pilot.wait(1.5)
 
 
@@ -330,7 +347,7 @@ def _acknowledgement_to_heartbeat(pilot: Pilot) -> None:
     """How long after an acknowledgement a heartbeat tells the change; the moments are spread over a second."""
     delays = []
     for number in range(12):
-        mode = "land" if pilot.mode == "hold" else "hold"
+        mode = "land" if pilot.rests else pilot.manners.rest
         pilot.wait(0.37 + 0.13 * (number % 5))
         pilot.set_mode(mode)
         answered_s = pilot.now_s
@@ -339,8 +356,8 @@ def _acknowledgement_to_heartbeat(pilot: Pilot) -> None:
     pilot.case.numbers["median"] = round(statistics.median(delays), 2)
     pilot.case.numbers["longest"] = round(max(delays), 2)
     pilot.case.events.clear()
-    if pilot.mode != "hold":
-        pilot.set_mode("hold")
+    if not pilot.rests:
+        pilot.rest()
 
 
 # -- streams and noise ----------------------------------------------------------------------------------------------
@@ -349,18 +366,27 @@ def _acknowledgement_to_heartbeat(pilot: Pilot) -> None:
 @case("idle, onboard link", counts=True)
 def _idle_onboard(pilot: Pilot) -> None:
     heard = pilot.collect(STREAMS_S)
-    pilot.count_streams(heard)
+    pilot.count_streams(heard, STREAMS_S)
     pilot.case.numbers.update(noise.of(heard))
 
 
 @case("idle, ground station's link", "gcs", counts=True)
 def _idle_gcs(pilot: Pilot) -> None:
-    pilot.count_streams(pilot.collect(STREAMS_S))
+    pilot.count_streams(pilot.collect(STREAMS_S), STREAMS_S)
 
 
 @case("idle, normal link", "normal", counts=True)
 def _idle_normal(pilot: Pilot) -> None:
-    pilot.count_streams(pilot.collect(STREAMS_S))
+    pilot.count_streams(pilot.collect(STREAMS_S), STREAMS_S)
+
+
+@case("unasked", counts=True)
+def _unasked(pilot: Pilot) -> None:
+    """What it says by itself."""
+    pilot.ask(share=0.0)
+    pilot.wait(1)
+    pilot.count_streams(pilot.collect(STREAMS_S), STREAMS_S)
+    pilot.ask()
 
 
 @case("hover", counts=True)
@@ -368,7 +394,7 @@ def _hover(pilot: Pilot) -> None:
     _up(pilot)
     pilot.wait(2)
     heard = pilot.collect(HOVER_S)
-    pilot.count_streams(heard)
+    pilot.count_streams(heard, HOVER_S)
     pilot.case.numbers.update(noise.of(heard))
     pilot.land()
     _down(pilot)

@@ -51,10 +51,11 @@ class Channel(Protocol):
 
 
 class UdpChannel:
-    """A link over UDP on loopback, in real time."""
+    """A link over UDP on loopback, in real time; without the autopilot's port to whoever sends to the own one."""
 
-    def __init__(self, port: int, own_port: int = 0) -> None:
-        self._to = ("127.0.0.1", port)
+    def __init__(self, port: int | None, own_port: int = 0) -> None:
+        self._learns = port is None
+        self._to = None if port is None else ("127.0.0.1", port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind(("127.0.0.1", own_port))
@@ -75,6 +76,8 @@ class UdpChannel:
         """All comes in any case."""
 
     def send(self, message: Any) -> None:
+        if self._to is None:
+            return
         self._socket.sendto(message.pack(self._codec), self._to)
         self._codec.seq = (self._codec.seq + 1) % 256
 
@@ -83,10 +86,12 @@ class UdpChannel:
         while (left_s := end_s - self.now_s) > 0:
             self._socket.settimeout(left_s)
             try:
-                datagram = self._socket.recv(65_536)
+                datagram, sender = self._socket.recvfrom(65_536)
             except (TimeoutError, ConnectionError):
                 continue
             at_s = self.now_s
+            if self._learns:
+                self._to = sender
             parser = mavlink.MAVLink(None)  # a new one each time: frames do not go on from one datagram to the next
             parser.robust_parsing = True
             for message in parser.parse_buffer(datagram) or ():

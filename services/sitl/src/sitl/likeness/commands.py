@@ -10,23 +10,32 @@ from . import page
 from .agreement import compare
 from .apart import reason
 from .cases import CASES
+from .manners import MANNERS
 from .pilot import Timeout
 from .recorder import record
 from .recording import Recording, load
-from .subjects import Px4, Simulated, StandIn, Subject
+from .subjects import ArduCopter, Px4, Simulated, StandIn, Subject
 
 RECORDINGS = Path(__file__).resolve().parents[3] / "recordings"
 """The project's own recordings of real autopilots."""
 Say = Callable[[str], None]
 
 
-def subject(px4_dir: Path | None, stand_in: bool, instance: int) -> Subject:
+def subject(
+    px4_dir: Path | None = None, ardupilot_dir: Path | None = None, stand_in_like: str | None = None, instance: int = 0
+) -> Subject:
     """The autopilot that the options name."""
-    if (px4_dir is not None) == stand_in:
-        raise SitlError("expected either --px4-dir FOLDER or --stand-in")
+    if [px4_dir, ardupilot_dir, stand_in_like].count(None) != 2:
+        raise SitlError("expected one of --px4-dir FOLDER, --ardupilot-dir FOLDER and --stand-in px4 or ardupilot")
     if not 0 <= instance <= 249:
         raise SitlError(f"--instance {instance}: expected 0 to 249")
-    return StandIn(14_580 + instance) if px4_dir is None else Px4(px4_dir, instance)
+    if px4_dir is not None:
+        return Px4(px4_dir, instance)
+    if ardupilot_dir is not None:
+        return ArduCopter(ardupilot_dir, instance)
+    if stand_in_like not in MANNERS:
+        raise SitlError(f"--stand-in {stand_in_like!r}: expected one of {', '.join(MANNERS)}")
+    return StandIn(14_580 + instance, stand_in_like)
 
 
 def record_into(path: Path, flown: Subject, names: list[str], say: Say) -> None:
@@ -34,10 +43,10 @@ def record_into(path: Path, flown: Subject, names: list[str], say: Say) -> None:
     for name in names:
         if name not in CASES:
             raise SitlError(f"--case {name!r}: expected one of {', '.join(CASES)}")
-    before = load(path) if path.exists() else Recording(flown.described)
+    before = load(path) if path.exists() else Recording(flown.described, like=flown.manners.name)
 
     def done(recording: Recording, name: str) -> None:
-        together = Recording(before.autopilot)
+        together = Recording(before.autopilot, like=before.like)
         together.add(before)
         together.add(recording)
         try:
@@ -52,20 +61,22 @@ def record_into(path: Path, flown: Subject, names: list[str], say: Say) -> None:
 def compare_with(first: Path | None, second: Path | None, write: Path | None, say: Say) -> list[str]:
     """What differs, a line each; what is known to stay apart is none of it."""
     recording = load(first or RECORDINGS / "px4-main.json")
-    other = load(second) if second is not None else stand_in(recording.cases)
+    other = load(second) if second is not None else stand_in(recording.cases, recording.like)
     facts = compare(recording, other)
     if write is not None:
         page.write(write, recording, other)
     differing = [fact for fact in facts if not fact.agrees]
     say(f"{len(facts) - len(differing)} of {len(facts)} facts agree")
-    return [str(fact) for fact in differing if second is not None or reason(fact.case, fact.name) is None]
+    return [
+        str(fact) for fact in differing if second is not None or reason(recording.like, fact.case, fact.name) is None
+    ]
 
 
-def stand_in(names: Iterable[str]) -> Recording:
+def stand_in(names: Iterable[str], like: str = "px4") -> Recording:
     """The stand-in's own recording of cases, each flown by a new one in simulated time."""
-    recording = Recording("stand-in")
+    recording = Recording("stand-in", like=like)
     for name in names:
-        recording.add(_record(Simulated(), [name], lambda _, __: None))
+        recording.add(_record(Simulated(like), [name], lambda _, __: None))
     return recording
 
 

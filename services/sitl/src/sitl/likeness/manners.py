@@ -2,25 +2,41 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from ..px4.modes import Mode
+from ..ardupilot import modes as ardupilot
+from ..ardupilot.parameters import SPECS as COPTER_SPECS
+from ..px4 import modes as px4
 from ..px4.parameters import SPECS
 
 
 @dataclass(frozen=True)
 class Manners:
-    """One family of autopilots; `modes` are its custom_mode numbers by name."""
+    """One family of autopilots; `modes` are its custom_mode numbers by name, `parameters` those that are recorded.
+
+    `rest` is the mode in which it waits, on the ground and after a takeoff; `brake` the one that stops it, None where
+    that is a reposition. `unused` is what a parameter has that says nothing. `asks`: what has to be asked for, in Hz.
+    `on_ground` and `in_air` are the modes to be tried, `odd_modes` what is no mode, as DO_SET_MODE's parameters.
+    `experiments` are the parameters with which the experiments fly.
+    """
 
     name: str
     modes: Mapping[str, int]
-    parameters: Sequence[str] = ()
-    """Those whose defaults are recorded."""
+    rest: str
+    brake: str | None
+    unused: float
+    on_ground: Sequence[str]
+    in_air: Sequence[str]
+    odd_modes: Mapping[str, Sequence[float]]
+    parameters: Sequence[str]
+    experiments: Mapping[str, float]
+    asks: Mapping[str, float] = field(default_factory=dict)
 
     def mode_name(self, custom_mode: int) -> str:
         """A mode's name, or its number."""
@@ -47,13 +63,6 @@ class Manners:
 class Px4Manners(Manners):
     """PX4: modes in main and sub, altitudes above mean sea level, integers bytewise."""
 
-    def __init__(self) -> None:
-        super().__init__(
-            "px4",
-            {mode.name.lower(): mode.custom_mode for mode in Mode},
-            tuple(name for name in SPECS if name != "MAV_SYS_ID"),
-        )
-
     def mode_params(self, mode: str) -> Sequence[float]:
         number = self.modes[mode]
         return (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, number >> 16 & 0xFF, number >> 24 & 0xFF)
@@ -72,4 +81,49 @@ class Px4Manners(Manners):
         return super().parameter_set(system, name, wire, is_int)
 
 
-PX4 = Px4Manners()
+class CopterManners(Manners):
+    """ArduCopter: modes are numbers, a takeoff's height is above home, and NaN ends it."""
+
+    def mode_params(self, mode: str) -> Sequence[float]:
+        return (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, self.modes[mode])
+
+    def takeoff_params(self, amsl_m: float, above_home_m: float) -> Sequence[float]:
+        return (*[0.0] * 6, above_home_m)
+
+
+_TRIED = ("position", "altitude", "stabilized", "manual", "acro", "mission", "offboard", "takeoff", "hold")
+PX4 = Px4Manners(
+    name="px4",
+    modes={mode.name.lower(): mode.custom_mode for mode in px4.Mode},
+    rest="hold",
+    brake=None,
+    unused=math.nan,
+    on_ground=_TRIED,
+    in_air=_TRIED,
+    odd_modes={
+        "mode 9 9": (1, 9, 9),
+        "mode 4 99": (1, 4, 99),
+        "mode without the custom flag": (0, 4, 3),
+        "mode NaN": (1, math.nan, 0),
+    },
+    parameters=[name for name in SPECS if name != "MAV_SYS_ID"],
+    experiments={"RTL_RETURN_ALT": 10, "MPC_XY_CRUISE": 12},
+)
+ARDUCOPTER = CopterManners(
+    name="ardupilot",
+    modes={{"rtl": "return"}.get(mode.name.lower(), mode.name.lower()): mode.custom_mode for mode in ardupilot.Mode},
+    rest="guided",
+    brake="brake",
+    unused=0.0,
+    on_ground=("stabilize", "acro", "alt_hold", "auto", "loiter", "return", "poshold", "brake", "guided"),
+    in_air=("auto", "poshold", "brake", "guided"),
+    odd_modes={"mode 99": (1, 99), "mode without the custom flag": (0, 4)},
+    parameters=[name for name in COPTER_SPECS if name != "SYSID_THISMAV"],
+    experiments={"RTL_ALT": 1000, "WPNAV_SPEED": 1200},
+    asks={
+        **dict.fromkeys(("ATTITUDE", "LOCAL_POSITION_NED"), 20.0),
+        **dict.fromkeys(("GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE"), 10.0),
+        **{"SYS_STATUS": 2.0, "BATTERY_STATUS": 1.0, "HOME_POSITION": 0.5},
+    },
+)
+MANNERS = {manners.name: manners for manners in (PX4, ARDUCOPTER)}

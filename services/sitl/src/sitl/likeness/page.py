@@ -8,11 +8,18 @@ from pathlib import Path
 from ..errors import SitlError
 from ..px4.streams import RATES_HZ
 from .agreement import Fact, compare
-from .apart import OF_ITSELF, reason
+from .apart import NOT_FLOWN, OF_ITSELF, reason
 from .recording import Recording
 
 STREAMS = ("<!-- streams: made by `python -m sitl compare --write` -->", "<!-- streams: end -->")
-LIKENESS = ("<!-- likeness: made by `python -m sitl compare --write` -->", "<!-- likeness: end -->")
+LIKENESS = {
+    "px4": ("<!-- likeness: made by `python -m sitl compare --write` -->", "<!-- likeness: end -->"),
+    "ardupilot": (
+        "<!-- likeness to ArduCopter: made by `python -m sitl compare FILE --write` -->",
+        "<!-- likeness to ArduCopter: end -->",
+    ),
+}
+"""By family."""
 ASKED_FOR = ("BATTERY_STATUS", "GLOBAL_POSITION_INT", "VFR_HUD")
 """What the ground station asks for at 1 Hz in five-states, beside the heartbeats."""
 _IN_WORDS = ("acknowledgement", "armed", "mode", "landed_state")
@@ -22,7 +29,7 @@ def write(path: Path, first: Recording, second: Recording) -> None:
     """Put the tables where the last ones were. Raises SitlError for a page without markers."""
     try:
         text = path.read_text(encoding="utf-8")
-        for (begin, end), table in ((STREAMS, streams()), (LIKENESS, likeness(first, second))):
+        for (begin, end), table in ((STREAMS, streams()), (LIKENESS[first.like], likeness(first, second))):
             before, found, rest = text.partition(begin)
             _, ended, after = rest.partition(end)
             if not found or not ended:
@@ -54,9 +61,11 @@ def likeness(first: Recording, second: Recording) -> str:
     lines += ["", "What stays apart:", ""]
     for fact in facts:
         if not fact.agrees:
-            why = reason(fact.case, fact.name) or "not explained"
+            why = reason(first.like, fact.case, fact.name) or "not explained"
             lines.append(f"- {fact.case}, {fact.name}: {fact.first} beside {fact.second}. {why}.")
-    lines += [f"- {text}" for text in OF_ITSELF]
+    lines += [f"- {text}" for text in OF_ITSELF[first.like]]
+    lines += ["", "Cases that do not apply:", ""]
+    lines += [f"- {case}: {why}." for case, why in NOT_FLOWN[first.like].items()]
     return "\n".join([*lines, ""])
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from ..streams import number
 from .channel import Channel, Heard
 from .manners import Manners
 from .recording import Case
@@ -18,6 +19,8 @@ ANSWER_S = 1.5
 SECOND_ANSWER_S = 0.1
 """PX4 answers some commands twice."""
 HEARTBEAT_S = 1.0
+ASKS_S = 1.0
+"""How often is asked for messages that do not come."""
 PATIENCE = 5.0
 """So many times slower than the wall's clock an autopilot's may be."""
 _CLOCKS = ("ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED")
@@ -40,6 +43,7 @@ class Pilot:
         self.manners = manners
         self._system = system
         self._heartbeat_due_s = -math.inf
+        self._asks_due_s = -math.inf
         self._results: list[str] = []
         self._asked = -1
         self.last: dict[str, Any] = {}
@@ -128,6 +132,10 @@ class Pilot:
         if name:
             self.case.durations_s[name] = round(self._clock_s - self._commanded_s, 2)
 
+    def mark(self) -> None:
+        """Durations count from now on."""
+        self._commanded_s = self._clock_s
+
     def wait(self, seconds: float) -> None:
         end_s, given_up_s = self._clock_s + seconds, self._channel.now_s + PATIENCE * seconds
         while (left_s := end_s - self._clock_s) > 1e-6 and self._channel.now_s < given_up_s:
@@ -149,10 +157,14 @@ class Pilot:
     def untap(self, take: Callable[[Heard], None]) -> None:
         self._taps.remove(take)
 
-    def count_streams(self, heard: list[Heard]) -> None:
-        """Rates and sizes by kind, of what was collected, in the autopilot's own seconds; answers are no stream."""
+    def count_streams(self, heard: list[Heard], seconds: float) -> None:
+        """Rates and sizes by kind, of what was collected in so many seconds; answers are no stream.
+
+        The autopilot's own seconds are taken where ATTITUDE tells them.
+        """
         clock = [one.message.time_boot_ms for one in heard if one.message.get_type() == "ATTITUDE"]
-        seconds = (clock[-1] - clock[0]) / 1000 * len(clock) / (len(clock) - 1)
+        if len(clock) > 1:
+            seconds = (clock[-1] - clock[0]) / 1000 * len(clock) / (len(clock) - 1)
         counts: Counter[str] = Counter()
         sizes: Counter[str] = Counter()
         for one in heard:
@@ -191,7 +203,15 @@ class Pilot:
         return self.command("takeoff", mavlink.MAV_CMD_NAV_TAKEOFF, *self.manners.takeoff_params(amsl_m, height_m))
 
     def land(self) -> str | None:
-        return self.command("land", mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
+        return self.command("land", mavlink.MAV_CMD_NAV_LAND, *[self.manners.unused] * 7)
+
+    def rest(self) -> str | None:
+        """Into the mode in which it waits."""
+        return self.set_mode(self.manners.rest)
+
+    @property
+    def rests(self) -> bool:
+        return self.mode == self.manners.rest
 
     def set_mode(self, mode: str) -> str | None:
         return self.command(f"mode {mode}", mavlink.MAV_CMD_DO_SET_MODE, *self.manners.mode_params(mode))
@@ -209,11 +229,13 @@ class Pilot:
         y = here.lon + math.degrees((east_m - at[1]) / (radius_m * math.cos(math.radians(here.lat / 1e7)))) * 1e7
         z = here.alt / 1000 - at[2] + up_m
         return self.command_int(
-            name, mavlink.MAV_CMD_DO_REPOSITION, -1, 1, 0, NAN, x=round(x), y=round(y), z=z, frame=frame
+            name, mavlink.MAV_CMD_DO_REPOSITION, -1, 1, 0, self.manners.unused, x=round(x), y=round(y), z=z, frame=frame
         )
 
     def stop_here(self) -> str | None:
-        """DO_REPOSITION to the place where it is."""
+        """The mode that does it, or DO_REPOSITION to the place where it is."""
+        if self.manners.brake is not None:
+            return self.set_mode(self.manners.brake)
         return self.command_int(
             "stop",
             mavlink.MAV_CMD_DO_REPOSITION,
@@ -226,6 +248,13 @@ class Pilot:
             z=NAN,
             frame=mavlink.MAV_FRAME_GLOBAL_INT,
         )
+
+    def ask(self, share: float = 1.0) -> None:
+        """For the messages of which an autopilot says nothing by itself; a `share` of 0 brings that back."""
+        for name, hz in self.manners.asks.items():
+            interval_us = 1e6 / hz * share
+            wanted = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number(name), interval_us, *[0.0] * 5)
+            self.send(mavlink.MAVLink_command_long_message(self._system, 1, *wanted))
 
     def velocity(self, north: float, east: float, down: float) -> None:
         """One set-point for offboard control."""
@@ -282,6 +311,9 @@ class Pilot:
         if now_s >= self._heartbeat_due_s:
             self._heartbeat_due_s = now_s + HEARTBEAT_S
             self.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        if now_s >= self._asks_due_s and not self.manners.asks.keys() <= self.last.keys():
+            self._asks_due_s = now_s + ASKS_S
+            self.ask()
         if self.repeat is not None and now_s >= self._repeat_due_s:
             self._repeat_due_s = now_s + 0.1
             self.repeat()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from .apart import not_flown
 from .cases import CASES
 from .pilot import Pilot
 from .recording import Recording
@@ -21,13 +22,13 @@ def record(
     `done` hears of each case that is over. Raises Timeout where a case does not get to its end, SitlError where the
     autopilot does not run.
     """
-    recording = Recording(subject.described)
+    recording = Recording(subject.described, like=subject.manners.name)
     with subject:
         pilots: dict[str, Pilot] = {"onboard": subject.pilot("onboard")}
         wait_ready(subject, pilots["onboard"])
         for name in names:
             procedure = CASES[name]
-            if procedure.link not in subject.links:
+            if procedure.link not in subject.links or not_flown(recording.like, name) is not None:
                 continue
             if procedure.link not in pilots:
                 pilots[procedure.link] = subject.pilot(procedure.link)
@@ -41,12 +42,12 @@ def record(
 
 
 def _settle(pilot: Pilot) -> None:
-    """Disarmed, on the ground, in hold."""
+    """Disarmed, on the ground, at rest."""
     pilot.begin(everything=False)
     if pilot.armed:
         pilot.land()
         pilot.until("disarmed", lambda: not pilot.armed, 120)
-    if pilot.mode != "hold":
-        pilot.set_mode("hold")
-        pilot.until("hold", lambda: pilot.mode == "hold", 10)
+    if not pilot.rests:
+        pilot.rest()
+        pilot.until("at rest", lambda: pilot.rests, 10)
     pilot.wait(SETTLED_S)

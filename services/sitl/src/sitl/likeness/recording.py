@@ -34,6 +34,8 @@ class Recording:
 
     autopilot: str
     cases: dict[str, list[Case]] = field(default_factory=dict)
+    like: str = "px4"
+    """Its family: the personality that is held to it."""
 
     def add(self, other: Recording) -> None:
         """What was flown another time."""
@@ -49,7 +51,11 @@ class Recording:
                 facts = [f"   {json.dumps(key)}: {json.dumps(value)}" for key, value in asdict(case).items() if value]
                 texts.append("  {\n" + ",\n".join(facts) + "\n  }")
             cases.append(f" {json.dumps(name)}: [\n" + ",\n".join(texts) + "\n ]")
-        return f'{{"autopilot": {json.dumps(self.autopilot)}, "cases": {{\n' + ",\n".join(cases) + "\n}}\n"
+        return (
+            f'{{"autopilot": {json.dumps(self.autopilot)}, "like": {json.dumps(self.like)}, "cases": {{\n'
+            + ",\n".join(cases)
+            + "\n}}\n"
+        )
 
 
 def load(path: Path) -> Recording:
@@ -57,7 +63,7 @@ def load(path: Path) -> Recording:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         cases = {name: [_case(facts) for facts in flights] for name, flights in document["cases"].items()}
-        return Recording(document["autopilot"], cases)
+        return Recording(document["autopilot"], cases, document["like"])
     except OSError as error:
         raise SitlError(f"{path}: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:

@@ -15,9 +15,13 @@ from typing import Self
 
 from ..errors import SitlError
 from ..fleet import DroneConfig
+from ..personalities import PERSONALITIES
+from ..process import LinkConfig
+from ..real.ardupilot import DEFAULTS, PROGRAM
+from ..real.ardupilot import ArduCopter as Prepared
 from ..vehicle import Vehicle
 from .channel import Channel, Clock, SimulatedChannel, UdpChannel
-from .manners import PX4, Manners
+from .manners import ARDUCOPTER, MANNERS, PX4, Manners
 from .pilot import Pilot
 
 STARTED_S = 90.0
@@ -168,22 +172,46 @@ class Px4(ProcessSubject):
         return OWN + len(PORTS) * self._instance + list(PORTS).index(link)
 
 
+class ArduCopter(ProcessSubject):
+    """An ArduCopter with its own simulator, from a folder with arducopter and copter.parm."""
+
+    manners = ARDUCOPTER
+    links = ("onboard",)
+
+    def __init__(self, folder: Path, instance: int) -> None:
+        super().__init__()
+        for part in (PROGRAM, DEFAULTS):
+            if not (folder / part).exists():
+                raise SitlError(f"--ardupilot-dir {folder}: expected {part} in it")
+        self.system = instance + 1
+        self.described = "ArduCopter"
+        self._own = OWN + len(PORTS) * instance
+        onboard = LinkConfig(("127.0.0.1", 0), ("127.0.0.1", self._own), "px4-onboard")
+        work, logs = self.folder / "work", self.folder / "flight-logs"
+        self._prepared = Prepared(folder.resolve(), work, logs, DroneConfig(self.system), onboard, self._own + 1)
+
+    def command(self) -> list[str]:
+        return self._prepared.prepare()[0]
+
+    def open(self, link: str) -> Channel:
+        return UdpChannel(None, self._own)
+
+
 class StandIn(ProcessSubject):
     """The stand-in as people start it: a process with UDP links, in real time."""
 
-    manners = PX4
     links = ("onboard",)
 
-    def __init__(self, port: int, streams: str = "px4-onboard") -> None:
+    def __init__(self, port: int, like: str) -> None:
         super().__init__()
+        self.manners = MANNERS[like]
         self.system = 1
         self.described = "stand-in"
         self._port = port
-        self._streams = streams
 
     def command(self) -> list[str]:
         ports = ["--listen", f"127.0.0.1:{self._port}", "--send", f"127.0.0.1:{self._port + 1}"]
-        return [sys.executable, "-m", "sitl", "fly", "--system", "1", "--streams", self._streams, *ports]
+        return [sys.executable, "-m", "sitl", "fly", "--system", "1", "--like", self.manners.name, *ports]
 
     def open(self, link: str) -> Channel:
         return UdpChannel(self._port, self._port + 1)
@@ -192,10 +220,9 @@ class StandIn(ProcessSubject):
 class Simulated(Subject):
     """The stand-in's vehicle in simulated time."""
 
-    manners = PX4
-
-    def __init__(self, config: DroneConfig | None = None) -> None:
-        self._vehicle = Vehicle(config or DroneConfig(1), [f"px4-{link}" for link in self.links])
+    def __init__(self, like: str) -> None:
+        self.manners = MANNERS[like]
+        self._vehicle = Vehicle(DroneConfig(1), [f"px4-{link}" for link in self.links], like=PERSONALITIES[like])
         self._clock = Clock()
         self.system = self._vehicle.config.system_id
         self.described = "stand-in"
