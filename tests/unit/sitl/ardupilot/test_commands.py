@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from sitl.ardupilot.personality import HAS
 from sitl.errors import SitlError
+from sitl.streams import number
 
 NAN = float("nan")
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
@@ -131,6 +133,13 @@ def test_it_says_nothing_but_heartbeats_until_it_is_asked(copter: Any) -> None:
     assert copter.command(511, 9999, 1e6) == DENIED
     assert copter.command(512, 9999) == FAILED
     assert copter.command(512, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == ACCEPTED
+
+
+def test_every_message_that_it_has_can_be_asked_for(copter: Any) -> None:
+    copter.take_off()
+    for name in HAS:
+        assert copter.command(512, number(name)) == ACCEPTED, name
+        assert copter.sent(name), name
 
 
 def test_a_heartbeat_is_a_quadrotors_with_ardupilot(copter: Any) -> None:
