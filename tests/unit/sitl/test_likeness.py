@@ -14,15 +14,15 @@ from sitl.likeness.agreement import compare
 from sitl.likeness.apart import APART, NOT_FLOWN, not_flown, reason
 from sitl.likeness.cases import CASES
 from sitl.likeness.commands import RECORDINGS, record_into, stand_in, subject
+from sitl.likeness.manners import MANNERS
 from sitl.likeness.recording import Case, Recording, load
+from sitl.likeness.subjects import ArduCopter
 
-RECORDED = {
-    **{("px4", case): "px4-main" for case in CASES if not_flown("px4", case) is None},
-    **{("ardupilot", case): "arducopter" for case in CASES if not_flown("ardupilot", case) is None},
-}
-"""By family and case, the recording that the stand-in is held to."""
+HELD_TO = {"px4": "px4-main"}
+"""By family, the recording that the stand-in is held to."""
 PX4_MAIN = load(RECORDINGS / "px4-main.json")
 PAGE = RECORDINGS.parents[2] / "docs" / "mavlink.md"
+APPLYING = [(like, case) for like in MANNERS for case in CASES if not_flown(like, case) is None]
 
 
 @cache
@@ -30,9 +30,9 @@ def _flown_by_the_stand_in(case: str, like: str) -> Recording:
     return stand_in([case], like)
 
 
-@pytest.mark.parametrize(("like", "case"), RECORDED)
+@pytest.mark.parametrize(("like", "case"), [(like, case) for like, case in APPLYING if like in HELD_TO])
 def test_the_stand_in_does_as_a_real_autopilot_was_recorded_to(like: str, case: str) -> None:
-    facts = compare(load(RECORDINGS / f"{RECORDED[like, case]}.json"), _flown_by_the_stand_in(case, like))
+    facts = compare(load(RECORDINGS / f"{HELD_TO[like]}.json"), _flown_by_the_stand_in(case, like))
     assert len(facts) > 2
     assert [str(fact) for fact in facts if not fact.agrees and reason(like, fact.case, fact.name) is None] == []
 
@@ -46,15 +46,21 @@ def test_the_pages_tables_are_of_the_recording_and_of_these_flights(tmp_path: Pa
     assert copy.read_text() == PAGE.read_text(), "type: .venv/bin/python -m sitl compare --write docs/mavlink.md"
 
 
-@pytest.mark.parametrize(("like", "name"), [("px4", "px4-main"), ("ardupilot", "arducopter")])
-def test_what_stays_apart_is_in_the_recordings_and_what_does_not_apply_is_in_none(like: str, name: str) -> None:
-    recording = load(RECORDINGS / f"{name}.json")
+@pytest.mark.parametrize(("like", "case"), [(like, case) for like, case in APPLYING if like not in HELD_TO])
+def test_the_stand_in_gets_to_the_end_of_every_case_that_applies(like: str, case: str) -> None:
+    (flown,) = _flown_by_the_stand_in(case, like).cases[case]
+    assert flown.acks or flown.streams or flown.numbers
+
+
+@pytest.mark.parametrize("like", HELD_TO)
+def test_what_stays_apart_is_in_the_recordings_and_what_does_not_apply_is_in_none(like: str) -> None:
+    recording = load(RECORDINGS / f"{HELD_TO[like]}.json")
     known = {(fact.case, fact.name) for fact in compare(recording, recording)}
     assert all(any(case == at and fact.startswith(what) for at, fact in known) for case, what in APART[like])
     assert set(NOT_FLOWN[like]) == set(CASES) - set(recording.cases)
 
 
-@pytest.mark.parametrize(("name", "like"), [("px4-main", "px4"), ("px4-1.15", "px4"), ("arducopter", "ardupilot")])
+@pytest.mark.parametrize(("name", "like"), [("px4-main", "px4"), ("px4-1.15", "px4")])
 def test_recordings_are_of_the_cases_and_small(name: str, like: str, tmp_path: Path) -> None:
     path = RECORDINGS / f"{name}.json"
     recording = load(path)
@@ -74,6 +80,32 @@ def test_a_real_px4_does_as_it_was_recorded_to(case: str, tmp_path: Path) -> Non
     record_into(path, subject(Path(os.environ["PX4_DIR"]), instance=240), [case], lambda _: None)
     facts = compare(PX4_MAIN, load(path))
     assert [str(fact) for fact in facts if not fact.agrees] == []
+
+
+@pytest.mark.parametrize("like", MANNERS)
+def test_a_page_gets_the_table_of_its_family(like: str, tmp_path: Path) -> None:
+    path, (begin, end) = tmp_path / "page.md", page.LIKENESS[like]
+    path.write_text(f"{page.STREAMS[0]}{page.STREAMS[1]}\nbefore\n{begin}old{end}\nafter\n")
+    flown = stand_in(["disarmed by itself"], like)
+    page.write(path, flown, flown)
+    before, _, rest = path.read_text().partition(begin)
+    assert "before" in before
+    table, _, after = rest.partition(end)
+    assert after == "\nafter\n"
+    assert "| disarmed by itself | disarmed, s | 11 | 11 |" in table
+    assert all(f"- {case}: {why}." in table for case, why in NOT_FLOWN[like].items())
+
+
+def test_a_real_arducopter_is_started_with_a_link_to_its_recorder(tmp_path: Path) -> None:
+    for name in ("arducopter", "copter.parm"):
+        (tmp_path / name).touch()
+    recorded = subject(None, tmp_path, instance=4)
+    assert isinstance(recorded, ArduCopter)
+    words = recorded.command()
+    assert words[0] == str(tmp_path / "arducopter")
+    assert words[words.index("--sysid") + 1] == "5" == str(recorded.system)
+    assert words[words.index("--serial0") + 1].startswith("udpclient:127.0.0.1:")
+    recorded.end()
 
 
 def _flown(**facts: object) -> Recording:
