@@ -7,7 +7,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from ..answers import ACCEPTED, DENIED, FAILED
+from ..answers import FAILED
 from ..dynamics import Battery, Energy
 from ..fleet import DroneConfig
 from ..outputs import Output
@@ -40,7 +40,7 @@ class _ArduCopter(Personality[ArduCopter]):
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     )
-    no_interval, no_interval_told, no_message = DENIED, ACCEPTED, FAILED
+    no_interval = no_interval_told = no_message = FAILED
     tells_modes_at_once = True
 
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
