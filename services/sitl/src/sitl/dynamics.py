@@ -11,10 +11,10 @@ GRAVITY_M_S2 = 9.80665
 LAG_S = 0.4
 """How far the drone is behind its trajectory."""
 SPEEDING_UP = 0.7
-"""A trajectory waits for its drone: it speeds up with so much of its acceleration."""
+"""With so much of its acceleration a trajectory that waits for its drone speeds up."""
 TURNING_M_S = 0.5
 """Slower it does not turn to where it flies."""
-YAW_RATE_RAD_S, YAW_ACCELERATION_RAD_S2 = math.radians(60), math.radians(20)
+YAW_RATE_RAD_S = math.radians(60)
 Vector = tuple[float, float, float]
 """North, east, up."""
 HOVER_W = 220.0
@@ -46,12 +46,18 @@ class Place:
 
 @dataclass
 class Limits:
-    """What a trajectory keeps to, in metres and seconds: horizontal, upward, downward acceleration, and jerk."""
+    """What a trajectory keeps to, in metres and seconds: horizontal, upward, downward acceleration, and jerk.
+
+    One that `waits` for its drone speeds up with a part of its acceleration, and less while the drone turns, which
+    it does with `turning_rad_s2`.
+    """
 
     horizontal: float
     up: float
     down: float
     jerk: float
+    waits: bool = True
+    turning_rad_s2: float = math.radians(20)
 
 
 @dataclass
@@ -86,7 +92,7 @@ class Motion:
             self.rest(0.0)
         if math.hypot(wanted[0], wanted[1]) > TURNING_M_S:
             self.yaw_aim_rad = math.atan2(wanted[1], wanted[0])
-        self._turn(dt_s)
+        self._turn(limits.turning_rad_s2, dt_s)
 
     def fall(self, speed_m_s: float, dt_s: float) -> None:
         """Without motors, down to the ground."""
@@ -109,8 +115,8 @@ class Motion:
         change = math.hypot(north, east)
         if change < 1e-9 and self.acceleration[0] == self.acceleration[1] == 0.0:
             return
-        speeds_up = math.hypot(wanted[0], wanted[1]) > math.hypot(self.aim[0], self.aim[1])
-        most = limits.horizontal * (SPEEDING_UP * self._facing() if speeds_up else 1.0)
+        waits = limits.waits and math.hypot(wanted[0], wanted[1]) > math.hypot(self.aim[0], self.aim[1])
+        most = limits.horizontal * (SPEEDING_UP * self._facing() if waits else 1.0)
         size = min(math.sqrt(2 * limits.jerk * change), change / dt_s, most) / max(change, 1e-9)
         steps = north * size - self.acceleration[0], east * size - self.acceleration[1]
         scale = min(1.0, limits.jerk * dt_s / max(math.hypot(*steps), 1e-9))
@@ -133,13 +139,13 @@ class Motion:
         """How much of the acceleration it has while it turns."""
         return 1.0 if abs(_wrapped(self.yaw_aim_rad - self.yaw_rad)) < math.radians(45) else 0.5
 
-    def _turn(self, dt_s: float) -> None:
-        """The heading follows, YAW_RATE at most, and turns up and down with YAW_ACCELERATION."""
+    def _turn(self, acceleration_rad_s2: float, dt_s: float) -> None:
+        """The heading follows, YAW_RATE at most, which is reached with that acceleration."""
         left = _wrapped(self.yaw_aim_rad - self.yaw_rad)
         if left == 0.0 and self._yaw_rate == 0.0:
             return
-        wanted = math.copysign(min(YAW_RATE_RAD_S, math.sqrt(2 * YAW_ACCELERATION_RAD_S2 * abs(left))), left)
-        most = YAW_ACCELERATION_RAD_S2 * dt_s
+        wanted = math.copysign(min(YAW_RATE_RAD_S, math.sqrt(2 * acceleration_rad_s2 * abs(left))), left)
+        most = acceleration_rad_s2 * dt_s
         self._yaw_rate += max(-most, min(most, wanted - self._yaw_rate))
         if abs(left) <= most * dt_s * 2 and abs(self._yaw_rate) <= 2 * most:
             self.yaw_rad, self._yaw_rate = self.yaw_aim_rad, 0.0
@@ -185,7 +191,14 @@ class Battery:
 
     capacity_wh: float
     left_wh: float
-    power_w: float = IDLE_W
+    idle_w: float = IDLE_W
+    hover_w: float = HOVER_W
+    volts: tuple[float, float] = (14.0, 16.8)
+    """Empty and full."""
+    power_w: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.power_w = self.idle_w
 
     @property
     def remaining_pct(self) -> float:
@@ -193,16 +206,17 @@ class Battery:
 
     @property
     def voltage_v(self) -> float:
-        return 14.0 + 2.8 * self.remaining_pct / 100
+        empty, full = self.volts
+        return empty + (full - empty) * self.remaining_pct / 100
 
     def charge(self, percent: float) -> None:
         self.left_wh = self.capacity_wh * percent / 100
 
     def step(self, motion: Motion, armed: bool, flying: bool, dt_s: float) -> None:
-        self.power_w = IDLE_W
+        self.power_w = self.idle_w
         if flying:
             climbing = max(0.0, motion.velocity[2])
-            self.power_w = HOVER_W + CLIMB_W_PER_M_S * climbing + CRUISE_W_PER_M_S * motion.groundspeed_m_s
+            self.power_w = self.hover_w + CLIMB_W_PER_M_S * climbing + CRUISE_W_PER_M_S * motion.groundspeed_m_s
         self.left_wh = max(0.0, self.left_wh - self.power_w * dt_s / 3600)
 
 

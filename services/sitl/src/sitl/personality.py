@@ -22,7 +22,7 @@ class Personality(ABC, Generic[Own]):
     `title` is its name for people; `release` and `capabilities` are AUTOPILOT_VERSION's. `silent` are messages that it
     takes an interval for, although nothing makes it say them here. `no_interval`, `no_interval_told` and `no_message`
     are the results of asking it to set the interval of a message that it does not have, to tell it, and for that
-    message. `tells_modes_at_once`: a change of mode is told by a heartbeat of its own.
+    message. `tells_modes_at_once`: a change of mode is told by a heartbeat of its own. `answers_pings`: PING has one.
     """
 
     name: ClassVar[str]
@@ -34,6 +34,7 @@ class Personality(ABC, Generic[Own]):
     no_interval_told: ClassVar[int]
     no_message: ClassVar[int]
     tells_modes_at_once: ClassVar[bool]
+    answers_pings: ClassVar[bool]
 
     @abstractmethod
     def rates_hz(self, chosen: str) -> Mapping[str, float]:

@@ -222,7 +222,7 @@ class Telemetry:
         if isinstance(battery, Battery):
             used_wh = battery.capacity_wh - battery.left_wh
             used_mah, used_hj = round(used_wh * 1000 / battery.voltage_v), round(used_wh * 36)
-            left_s = round(battery.left_wh / battery.power_w * 3600)
+            left_s = round(battery.left_wh / battery.power_w * 3600) if battery.power_w > 0 else 0
         return mavlink.MAVLink_battery_status_message(
             *(0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 3000, cells),
             *(self._current_ca(), used_mah, used_hj, round(battery.remaining_pct)),

@@ -11,7 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from . import control
-from .answers import ACCEPTED, DENIED, acknowledgement, received, whole
+from .answers import ACCEPTED, DENIED, UNSUPPORTED, acknowledgement, received, whole
 from .autopilot import STEP_S
 from .dynamics import Battery, Energy
 from .fleet import DroneConfig
@@ -65,7 +65,9 @@ class Vehicle:
         kind = message.get_type()
         if kind in ("PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"):
             return [Reply(answer) for answer in self.autopilot.parameters.on_message(message)]
-        if kind == "PING" and message.target_system == 0:
+        if kind == "PING":
+            if not self.like.answers_pings or message.target_system != 0:
+                return []
             return [Reply(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *_source(message)))]
         if kind == "TIMESYNC" and message.tc1 == 0:
             now_ns = round(self.autopilot.now_s * 1e9)
@@ -116,8 +118,10 @@ class Vehicle:
             if 0 <= wanted <= 0xFFFF:
                 interval_us = self.links[link].interval_us(wanted)
                 answers.append(mavlink.MAVLink_message_interval_message(wanted, interval_us))
+                if interval_us == 0:
+                    result = self.like.no_interval_told
             else:
-                result = self.like.no_interval_told
+                result = UNSUPPORTED
         elif wanted == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             answers.append(self._version())
         elif (name := self.links[link].name(wanted)) and (answer := self.telemetry.make(name)) is not None:

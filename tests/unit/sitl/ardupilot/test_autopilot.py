@@ -45,7 +45,7 @@ def test_a_goto_arrives_and_brake_stops_one_under_way(copter: Any) -> None:
     assert copter.command(176, 1, BRAKE) == ACCEPTED
     copter.fly(10)
     assert copter.autopilot.motion.groundspeed_m_s < 0.1
-    assert 0 < copter.autopilot.motion.position[0] - north_m < 20
+    assert 0 < copter.autopilot.motion.position[0] - north_m < 25
 
 
 def test_a_landing_slows_down_near_the_ground_and_disarms_in_land_mode(copter: Any) -> None:
@@ -118,5 +118,5 @@ def test_the_side_channel_puts_it_back_and_a_pilots_mode_ends_what_it_did(copter
     copter.fly(5)
     _, outputs = copter.vehicle.control({"set": {"mode": "brake"}})
     assert [o.message.custom_mode for o in outputs if hasattr(o, "message")] == [BRAKE], "a heartbeat tells it at once"
-    copter.fly(5)
+    copter.fly(8)
     assert copter.autopilot.motion.groundspeed_m_s < 0.1

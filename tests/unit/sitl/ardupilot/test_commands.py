@@ -115,6 +115,10 @@ def test_set_points_are_followed_in_guided_alone(copter: Any) -> None:
     assert copter.autopilot.motion.velocity[2] > 1
 
 
+def test_a_ping_is_not_answered(copter: Any) -> None:
+    assert copter.tell(mavlink.MAVLink_ping_message(123, 7, 0, 0)) == []
+
+
 def test_what_it_does_not_know_is_unsupported(copter: Any) -> None:
     assert copter.command(31_000) == UNSUPPORTED
 
@@ -130,7 +134,7 @@ def test_it_says_nothing_but_heartbeats_until_it_is_asked(copter: Any) -> None:
     assert said(5) == {"HEARTBEAT"}
     assert copter.command(511, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 2e5) == ACCEPTED
     assert said(1) == {"HEARTBEAT", "EXTENDED_SYS_STATE"}
-    assert copter.command(511, 9999, 1e6) == FAILED
+    assert copter.command(511, 9999, 1e6) == DENIED
     assert copter.command(512, 9999) == FAILED
     assert copter.command(512, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == ACCEPTED
 

@@ -11,8 +11,10 @@ from ..setpoints import SetPoint
 from .guidance import CopterGuidance
 from .modes import ARMABLE, UNPOWERED, Mode
 
-SPOOL_UP_S = 1.0
+SPOOL_UP_S = 0.6
 """From a takeoff's command to the first of its motion."""
+ARMING_S = 2.0
+"""After arming the motors wait so long."""
 
 
 class ArduCopter(Autopilot):
@@ -67,6 +69,8 @@ class ArduCopter(Autopilot):
 
     def arm_refusal(self) -> str | None:
         """Why arming is denied now, if it is."""
+        if self.mode is Mode.AUTO:
+            return "Arm: Mode requires mission"
         if self.mode not in ARMABLE:
             return f"Arm: {self.mode.name} mode not armable"
         return None if self.healthy else "Arm: GPS 1: Bad fix"
@@ -106,7 +110,7 @@ class ArduCopter(Autopilot):
         """In GUIDED, from the ground, to a height over the origin."""
         north, east, _ = self.motion.position
         self.guidance.go((north, east, up_m))
-        self._takes_off, self._lift_s = True, self.now_s
+        self._takes_off, self._lift_s = True, max(self.now_s, self._armed_s + ARMING_S)
 
     def go(self, target: Vector) -> None:
         """In GUIDED, to a place; on the ground it stays there."""

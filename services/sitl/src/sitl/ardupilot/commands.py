@@ -132,9 +132,19 @@ def _follow(autopilot: ArduCopter, point: SetPoint | None) -> None:
         autopilot.follow(point)
 
 
-def _nothing(autopilot: ArduCopter, message: Any) -> int:
+def _nothing_to_do(autopilot: ArduCopter, message: Any) -> int:
     """Accepted, with nothing that a stand-in could do about it."""
     return ACCEPTED
+
+
+def _nothing_there(autopilot: ArduCopter, message: Any) -> int:
+    """What a camera, a gimbal or a servo would do, of which there is none."""
+    return FAILED
+
+
+def _change_speed(autopilot: ArduCopter, message: Any) -> int:
+    """Accepted where it is one, with nothing that a stand-in could do about it."""
+    return ACCEPTED if message.param2 > 0 else FAILED
 
 
 _COMMANDS: dict[int, Callable[[ArduCopter, Any], int]] = {
@@ -145,5 +155,24 @@ _COMMANDS: dict[int, Callable[[ArduCopter, Any], int]] = {
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: _into(Mode.LOITER),
     mavlink.MAV_CMD_DO_REPOSITION: _reposition,
     mavlink.MAV_CMD_DO_SET_MODE: _do_set_mode,
-    mavlink.MAV_CMD_DO_CHANGE_SPEED: _nothing,
+    mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
+    mavlink.MAV_CMD_MISSION_START: _into(Mode.AUTO),
+    **dict.fromkeys(
+        (
+            mavlink.MAV_CMD_DO_DIGICAM_CONTROL,
+            mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+            mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
+            mavlink.MAV_CMD_CONDITION_YAW,
+        ),
+        _nothing_to_do,
+    ),
+    **dict.fromkeys(
+        (
+            mavlink.MAV_CMD_DO_MOUNT_CONFIGURE,
+            mavlink.MAV_CMD_DO_MOUNT_CONTROL,
+            mavlink.MAV_CMD_IMAGE_START_CAPTURE,
+            mavlink.MAV_CMD_DO_SET_SERVO,
+        ),
+        _nothing_there,
+    ),
 }

@@ -11,11 +11,16 @@ from ..parameters import Parameters
 from .modes import SINKING, Mode
 
 REACHED_UP_M = 0.5
-"""A climb that is nearer than this to its height is over."""
+"""A takeoff that is nearer than this to its height is over."""
+RETURNED_M = 0.2
+"""A climb or a way of a return that is nearer than this to its end is over."""
 STANDS_M_S = 0.2
 """Slower, braking is over."""
-BRAKE_M_S2 = 7.5
-"""BRAKE_MODE_DECEL_RATE."""
+BRAKING, BRAKING_UP = 0.75, 0.75
+"""So much of its acceleration it brakes with towards a place, and towards a height."""
+BRAKE_S, BRAKE_M_S2 = 1.5, 0.5
+"""BRAKE loses its speed within that time again and again, but never with less than that."""
+TURNING_RAD_S2 = math.radians(180)
 LOWEST_RETURN_M, LEAST_CLIMB_M = 2.0, 2.5
 """A return flies no lower, and climbs so much unless it is high enough."""
 LEAST_SLOPE = 0.5
@@ -35,10 +40,13 @@ class CopterGuidance(Guidance):
         """When a return came to rest above home."""
 
     def limits(self, mode: FlightMode) -> Limits:
-        """Of acceleration and jerk."""
-        across = BRAKE_M_S2 if mode is Mode.BRAKE else self._m("WPNAV_ACCEL")
-        up = self._m("WPNAV_ACCEL_Z")
-        return Limits(across, up, up, self.parameters["PSC_JERK_XY"])
+        """Of acceleration and jerk. A return does not turn (WP_YAW_BEHAVIOR)."""
+        up = self._m("PILOT_ACCEL_Z" if mode in SINKING else "WPNAV_ACCEL_Z")
+        across = self._m("WPNAV_ACCEL")
+        if mode is Mode.BRAKE:
+            across = max(BRAKE_M_S2, self.motion.groundspeed_m_s / BRAKE_S)
+        turning_rad_s2 = 0.0 if mode is Mode.RTL else TURNING_RAD_S2
+        return Limits(across, up, up, self.parameters["PSC_JERK_XY"], waits=False, turning_rad_s2=turning_rad_s2)
 
     def stop(self) -> None:
         """Brake, and then stay where that ended."""
@@ -107,9 +115,9 @@ class CopterGuidance(Guidance):
         up = self._return_up_m - self.motion.position[2]
         if self.lands:
             return (*self._towards((*self._home(), 0.0))[:2], -self._descent_m_s())
-        if self._home_s is None and up > REACHED_UP_M:
+        if self._home_s is None and up > RETURNED_M:
             return 0.0, 0.0, self._up(up, self._m("WPNAV_SPEED_UP"))
-        if self._home_s is None and math.hypot(north, east) <= self._m("WPNAV_RADIUS"):
+        if self._home_s is None and math.hypot(north, east) <= RETURNED_M:
             self._home_s = now_s
         self.lands = self._home_s is not None and now_s - self._home_s >= self.parameters["RTL_LOIT_TIME"] / 1000
         return self._towards((*self._home(), self._return_up_m))
@@ -134,10 +142,10 @@ class CopterGuidance(Guidance):
         climb = self._m("WPNAV_SPEED_UP" if up > 0 else "WPNAV_SPEED_DN")
         fastest = min(self._m("WPNAV_SPEED") * size / max(across, 1e-6), climb * size / max(abs(up), 1e-6))
         limits = self.limits(Mode.GUIDED)
-        speed = approach(across, max(0.1, fastest * across / size), limits.horizontal, limits.jerk)
+        speed = approach(across, max(0.1, fastest * across / size), BRAKING * limits.horizontal, limits.jerk)
         share = speed / max(across, 1e-6)
         return north * share, east * share, self._up(up, max(0.1, fastest * abs(up) / size))
 
     def _up(self, up_m: float, fastest_m_s: float) -> float:
         limits = self.limits(Mode.GUIDED)
-        return approach(up_m, fastest_m_s, limits.up, limits.jerk)
+        return approach(up_m, fastest_m_s, BRAKING_UP * limits.up, limits.jerk)

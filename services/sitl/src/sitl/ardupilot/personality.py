@@ -7,7 +7,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from ..answers import FAILED
+from ..answers import DENIED, FAILED
 from ..dynamics import Battery, Energy
 from ..fleet import DroneConfig
 from ..outputs import Output
@@ -20,6 +20,7 @@ from .telemetry import CopterTelemetry
 
 NOMINAL_V = 12.6
 """A 3S lithium polymer battery, for BATT_CAPACITY in mAh."""
+HOVER_W = 350.0
 HAS = (
     *("HEARTBEAT", "ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "GPS_RAW_INT"),
     *("VFR_HUD", "SYS_STATUS", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "HOME_POSITION", "GPS_GLOBAL_ORIGIN"),
@@ -27,6 +28,9 @@ HAS = (
     *("RC_CHANNELS", "SCALED_PRESSURE", "VIBRATION", "SYSTEM_TIME"),
 )
 """The messages that the stand-in says as ArduCopter."""
+SILENT = frozenset(
+    getattr(mavlink, f"MAVLINK_MSG_ID_{name}") for name in ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "GPS2_RAW")
+)
 
 
 class _ArduCopter(Personality[ArduCopter]):
@@ -40,8 +44,10 @@ class _ArduCopter(Personality[ArduCopter]):
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     )
-    no_interval = no_interval_told = no_message = FAILED
+    silent = SILENT
+    no_interval, no_interval_told, no_message = DENIED, FAILED, FAILED
     tells_modes_at_once = True
+    answers_pings = False
 
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
         """Nothing but heartbeats until somebody asks, whatever is chosen: the sets are PX4's."""
@@ -55,7 +61,7 @@ class _ArduCopter(Personality[ArduCopter]):
 
     def battery(self, parameters: Parameters) -> Energy:
         capacity_wh = parameters["BATT_CAPACITY"] / 1000 * NOMINAL_V
-        return Battery(capacity_wh, capacity_wh)
+        return Battery(capacity_wh, capacity_wh, idle_w=0.0, hover_w=HOVER_W, volts=(NOMINAL_V, NOMINAL_V))
 
     def autopilot(self, config: DroneConfig, battery: Energy, parameters: Parameters) -> ArduCopter:
         return ArduCopter(config.system_id, config.home, battery, parameters)

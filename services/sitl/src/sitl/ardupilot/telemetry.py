@@ -10,16 +10,8 @@ from ..telemetry import MAKERS, Telemetry
 from .autopilot import ArduCopter
 from .modes import UNPOWERED, Mode
 
-SENSORS = (
-    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
-    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
-    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
-    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
-    | mavlink.MAV_SYS_STATUS_SENSOR_GPS
-    | mavlink.MAV_SYS_STATUS_AHRS
-    | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
-    | mavlink.MAV_SYS_STATUS_PREARM_CHECK
-)
+PRESENT, ENABLED, HEALTHY = 0x5371FC2F, 0x5361FC2F, 0x5771FC2F
+"""What a quadrotor in ArduCopter's simulation says of its sensors (MAV_SYS_STATUS_SENSOR) when all is well."""
 _STEERED = UNPOWERED | {Mode.ALT_HOLD, Mode.LAND}
 """Modes in which it does not go anywhere by itself."""
 
@@ -29,14 +21,14 @@ class CopterTelemetry(Telemetry):
 
     _ap: ArduCopter
     wanders: ClassVar = {
-        "north": (0.01, 0.05, 4.0),
-        "east": (0.01, 0.05, 4.0),
-        "up": (0.01, 0.05, 4.0),
-        "climb": (0.01, 0.05, 0.5),
-        "speed": (0.01, 0.05, 1.0),
-        "heading": (0.001, 0.003, 3.0),
-        "roll": (0.001, 0.01, 0.3),
-        "voltage": (0.0, 0.02, 0.3),
+        "north": (0.002, 0.003, 4.0),
+        "east": (0.002, 0.003, 4.0),
+        "up": (0.01, 0.004, 4.0),
+        "climb": (0.01, 0.0015, 0.5),
+        "speed": (0.005, 0.003, 1.0),
+        "heading": (0.0004, 0.00015, 3.0),
+        "roll": (0.00002, 0.0003, 0.3),
+        "voltage": (0.0, 0.0, 0.3),
     }
 
     def _heartbeat(self) -> Any:
@@ -53,12 +45,16 @@ class CopterTelemetry(Telemetry):
             *(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, base, ap.mode.custom_mode, state, 3)
         )
 
+    def _current_ca(self) -> int:
+        battery = self._ap.battery
+        return round(100 * battery.power_w / battery.voltage_v)
+
     def _sys_status(self) -> Any:
-        """PREARM_CHECK is always present."""
-        health = SENSORS if self._ap.healthy else SENSORS & ~(_GPS | mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+        """Without a position PREARM_CHECK alone is unhealthy."""
+        health = HEALTHY if self._ap.healthy else HEALTHY & ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
         battery = self._ap.battery
         return mavlink.MAVLink_sys_status_message(
-            *(SENSORS, SENSORS, health, 0, round(self._voltage_v() * 1000), self._current_ca()),
+            *(PRESENT, ENABLED, health, 0, round(self._voltage_v() * 1000), self._current_ca()),
             *(round(battery.remaining_pct), 0, 0, 0, 0, 0, 0),
         )
 
@@ -67,6 +63,3 @@ class CopterTelemetry(Telemetry):
         "HEARTBEAT": _heartbeat,
         "SYS_STATUS": _sys_status,
     }
-
-
-_GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS

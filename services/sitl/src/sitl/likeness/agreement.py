@@ -28,6 +28,7 @@ HEIGHT_M = 1.0
 CHANGES, FEW_CHANGES = 0.5, 3
 """As a part: how often what is told seldom changes."""
 BATTERY_PCT = 4
+CURRENT = 0.10
 DELAY_S = 0.3
 
 
@@ -156,7 +157,7 @@ def _number(case: str, key: str, first: Range | None, second: Range | None) -> F
     if key.startswith("battery_pct"):
         return _numbers(case, key, first, second, absolute=BATTERY_PCT)
     if key == "current_a":
-        return _numbers(case, key, first, second)
+        return _numbers(case, key, first, second, relative=CURRENT)
     agrees = first is not None and second is not None
     if first is not None and second is not None:
         agrees = second[0] <= NOISE * max(first[1], _NOTHING) and first[0] <= NOISE * max(second[1], _NOTHING)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 _DRIFTS = "PX4's estimate drifts by metres in minutes; the stand-in's errors stay about nothing, so that flights repeat"
+_SPEED = "ArduCopter flew on at 10 m/s after WPNAV_SPEED was set to 12 m/s; the stand-in flies what is set"
 _ASKED = "PX4 says what it says without being asked"
 _ONE_LINK = "ArduCopter says the same on each of its links: what it is asked for there"
 
@@ -13,7 +14,12 @@ APART: dict[str, dict[tuple[str, str], str]] = {
         ("idle, onboard link", "changes of home"): _DRIFTS,
         ("idle, onboard link", "largest jump of home_m"): _DRIFTS,
     },
-    "ardupilot": {},
+    "ardupilot": {
+        ("hover", "GLOBAL_POSITION_INT, bytes"): "Where it looks just north, its heading is a zero that is not sent",
+        ("requests", "acknowledgement 15"): "The stand-in has no raw sensors to tell of",
+        ("return at the height of flight", "fastest"): _SPEED,
+        ("return at the height of flight", "return near home"): _SPEED,
+    },
 }
 """By family, case and the beginning of a fact's name."""
 NOT_FLOWN: dict[str, dict[str, str]] = {
@@ -38,7 +44,13 @@ OF_ITSELF: dict[str, tuple[str, ...]] = {
         "The land detector is a time on the ground, so a landing takes as long as the quicker half of PX4's.",
         "An offboard attitude is flown as a velocity.",
     ),
-    "ardupilot": (),
+    "ardupilot": (
+        "It has no messages of ArduPilot's own dialect, and does not answer REQUEST_DATA_STREAM.",
+        "Parameters are those that change its flight, not ArduCopter's thousand; whole ones are all said as INT32.",
+        "There is no mission and no file to download.",
+        "A NaN in NAV_TAKEOFF is refused, where ArduCopter ends with a floating point exception.",
+        "An offboard attitude is flown as a velocity.",
+    ),
 }
 """By family, what no case tells."""
 

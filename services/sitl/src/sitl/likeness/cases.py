@@ -366,26 +366,27 @@ def _acknowledgement_to_heartbeat(pilot: Pilot) -> None:
 @case("idle, onboard link", counts=True)
 def _idle_onboard(pilot: Pilot) -> None:
     heard = pilot.collect(STREAMS_S)
-    pilot.count_streams(heard, STREAMS_S)
+    pilot.count_streams(heard)
     pilot.case.numbers.update(noise.of(heard))
 
 
 @case("idle, ground station's link", "gcs", counts=True)
 def _idle_gcs(pilot: Pilot) -> None:
-    pilot.count_streams(pilot.collect(STREAMS_S), STREAMS_S)
+    pilot.count_streams(pilot.collect(STREAMS_S))
 
 
 @case("idle, normal link", "normal", counts=True)
 def _idle_normal(pilot: Pilot) -> None:
-    pilot.count_streams(pilot.collect(STREAMS_S), STREAMS_S)
+    pilot.count_streams(pilot.collect(STREAMS_S))
 
 
 @case("unasked", counts=True)
 def _unasked(pilot: Pilot) -> None:
-    """What it says by itself."""
-    pilot.ask(share=0.0)
+    """What it says by itself, beside ATTITUDE, which is the clock."""
+    for name in pilot.manners.asks.keys() - {"ATTITUDE"}:
+        pilot.unask(name)
     pilot.wait(1)
-    pilot.count_streams(pilot.collect(STREAMS_S), STREAMS_S)
+    pilot.count_streams(pilot.collect(STREAMS_S))
     pilot.ask()
 
 
@@ -394,7 +395,7 @@ def _hover(pilot: Pilot) -> None:
     _up(pilot)
     pilot.wait(2)
     heard = pilot.collect(HOVER_S)
-    pilot.count_streams(heard, HOVER_S)
+    pilot.count_streams(heard)
     pilot.case.numbers.update(noise.of(heard))
     pilot.land()
     _down(pilot)

@@ -157,14 +157,10 @@ class Pilot:
     def untap(self, take: Callable[[Heard], None]) -> None:
         self._taps.remove(take)
 
-    def count_streams(self, heard: list[Heard], seconds: float) -> None:
-        """Rates and sizes by kind, of what was collected in so many seconds; answers are no stream.
-
-        The autopilot's own seconds are taken where ATTITUDE tells them.
-        """
+    def count_streams(self, heard: list[Heard]) -> None:
+        """Rates and sizes by kind, of what was collected, in the autopilot's own seconds; answers are no stream."""
         clock = [one.message.time_boot_ms for one in heard if one.message.get_type() == "ATTITUDE"]
-        if len(clock) > 1:
-            seconds = (clock[-1] - clock[0]) / 1000 * len(clock) / (len(clock) - 1)
+        seconds = (clock[-1] - clock[0]) / 1000 * len(clock) / (len(clock) - 1)
         counts: Counter[str] = Counter()
         sizes: Counter[str] = Counter()
         for one in heard:
@@ -249,12 +245,18 @@ class Pilot:
             frame=mavlink.MAV_FRAME_GLOBAL_INT,
         )
 
-    def ask(self, share: float = 1.0) -> None:
-        """For the messages of which an autopilot says nothing by itself; a `share` of 0 brings that back."""
+    def ask(self) -> None:
+        """For the messages of which an autopilot says nothing by itself."""
         for name, hz in self.manners.asks.items():
-            interval_us = 1e6 / hz * share
-            wanted = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number(name), interval_us, *[0.0] * 5)
-            self.send(mavlink.MAVLink_command_long_message(self._system, 1, *wanted))
+            self._ask_interval(name, 1e6 / hz)
+
+    def unask(self, name: str) -> None:
+        """A message as often as the autopilot says it by itself."""
+        self._ask_interval(name, 0.0)
+
+    def _ask_interval(self, name: str, interval_us: float) -> None:
+        wanted = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number(name), interval_us, *[0.0] * 5)
+        self.send(mavlink.MAVLink_command_long_message(self._system, 1, *wanted))
 
     def velocity(self, north: float, east: float, down: float) -> None:
         """One set-point for offboard control."""

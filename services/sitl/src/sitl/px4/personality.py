@@ -7,7 +7,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from ..answers import DENIED, FAILED, UNSUPPORTED
+from ..answers import ACCEPTED, DENIED, FAILED
 from ..dynamics import Energy, SimulatedBattery
 from ..fleet import DroneConfig
 from ..outputs import Output
@@ -35,8 +35,9 @@ class _Px4(Personality[Px4]):
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     )
     silent = SILENT
-    no_interval, no_interval_told, no_message = FAILED, UNSUPPORTED, DENIED
+    no_interval, no_interval_told, no_message = FAILED, ACCEPTED, DENIED
     tells_modes_at_once = False
+    answers_pings = True
 
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
         return rates_hz(chosen)
