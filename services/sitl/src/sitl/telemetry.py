@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import development as mavlink
 
 from .autopilot import Autopilot
-from .dynamics import GRAVITY_M_S2, Battery, Place
+from .dynamics import Battery, Place
 from .wander import Quiet, Wander
 
 
@@ -31,12 +31,9 @@ class Telemetry:
         self._wanders = {
             name: Quiet() if quiet else Wander(self._random, *sizes) for name, sizes in self.wanders.items()
         }
-        self._pings = 0
-        self._sent = 0
 
     def make(self, name: str) -> Any:
         """The message `name`, None where there is nothing to say now; raises KeyError for one that is not streamed."""
-        self._sent += 1
         return self.makers[name](self)
 
     def _wander(self, name: str) -> float:
@@ -118,31 +115,8 @@ class Telemetry:
         p, v = self._position(), self._velocity()
         return mavlink.MAVLink_local_position_ned_message(self._boot_ms(), p[0], p[1], -p[2], v[0], v[1], -v[2])
 
-    def _imu(self) -> Any:
-        acc = (self._noise(0.1), self._noise(0.1), -GRAVITY_M_S2 + self._noise(0.1))
-        gyro = [self._noise(0.01) for _ in range(3)]
-        mag = (0.21 + self._noise(0.002), 0.01 + self._noise(0.002), 0.43 + self._noise(0.002))
-        height = self._place().altitude_m
-        return mavlink.MAVLink_highres_imu_message(
-            self._usec(), *acc, *gyro, *mag, self._pressure_hpa(), 0.0, height, 25.0, 0x1DFF, 0
-        )
-
     def _pressure_hpa(self) -> float:
         return float(1013.25 * (1 - self._place().altitude_m / 44_330) ** 5.255)
-
-    def _odometry(self) -> Any:
-        p, v = self._position(), self._velocity()
-        return mavlink.MAVLink_odometry_message(
-            *(self._usec(), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD),
-            *(p[0], p[1], -p[2], self._quaternion(), v[0], v[1], -v[2], *self._rates()),
-            *(_COVARIANCE, _COVARIANCE, 0, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, 0),
-        )
-
-    def _attitude_target(self) -> Any:
-        thrust = 0.01 if self._ap.landed else 0.5 + self._noise(0.02)
-        return mavlink.MAVLink_attitude_target_message(
-            self._boot_ms(), 0, self._quaternion(), 0.0, 0.0, self._noise(0.01), thrust
-        )
 
     def _position_target_local(self) -> Any:
         t = self._ap.guidance.target
@@ -189,12 +163,6 @@ class Telemetry:
             *(speed, speed, self._heading_cdeg() // 100, throttle, self._place().altitude_m, v[2])
         )
 
-    def _altitude(self) -> Any:
-        up, place = self._position()[2], self._place()
-        above_home = place.altitude_m - self._home().altitude_m
-        amsl = place.altitude_m
-        return mavlink.MAVLink_altitude_message(self._usec(), amsl, amsl, up, above_home, up, max(0.01, up))
-
     def _nav(self) -> Any:
         t, p = self._ap.guidance.target, self._ap.motion.position
         distance = min(65_535, round(math.hypot(t[0] - p[0], t[1] - p[1])))
@@ -208,9 +176,8 @@ class Telemetry:
         return self._ap.battery.voltage_v + self._wander("voltage")
 
     def _current_ca(self) -> int:
-        """-1 A for a battery whose current nobody measures, as in PX4's simulation."""
         battery = self._ap.battery
-        return round(100 * battery.power_w / battery.voltage_v) if battery.power_w > 0 else -100
+        return round(100 * battery.power_w / battery.voltage_v)
 
     def _extended(self) -> Any:
         return mavlink.MAVLink_extended_sys_state_message(0, self._ap.landed_state)
@@ -229,10 +196,6 @@ class Telemetry:
             *(left_s, mavlink.MAV_BATTERY_CHARGE_STATE_OK),
         )
 
-    def _estimator(self) -> Any:
-        ratios = [abs(self._noise(0.05)) for _ in range(4)]
-        return mavlink.MAVLink_estimator_status_message(self._usec(), 831, *ratios, 0.0, 0.0, 0.3, 0.4)
-
     def _origin(self) -> Any:
         origin = self._ap.guidance.origin
         return mavlink.MAVLink_gps_global_origin_message(
@@ -250,78 +213,28 @@ class Telemetry:
         axes = [abs(self._noise(shaking)) for _ in range(3)]
         return mavlink.MAVLink_vibration_message(self._usec(), *axes, 0, 0, 0)
 
-    def _wind(self) -> Any:
-        wind = (self._noise(0.5), self._noise(0.5), 0.0)
-        return mavlink.MAVLink_wind_cov_message(self._usec(), *wind, 0.1, 0.0, self._place().altitude_m, 0.5, 0.0)
-
-    def _timesync(self) -> Any:
-        return mavlink.MAVLink_timesync_message(0, self._usec() * 1000)
-
     def _system_time(self) -> Any:
         return mavlink.MAVLink_system_time_message(1_700_000_000_000_000 + self._usec(), self._boot_ms())
 
-    def _ping(self) -> Any:
-        self._pings += 1
-        return mavlink.MAVLink_ping_message(self._usec(), self._pings, 0, 0)
 
-    def _distance(self) -> Any:
-        """To the ground, by the sensor that PX4's simulation has."""
-        height_cm = max(2, min(40_00, round(self._position()[2] * 100)))
-        down = mavlink.MAV_SENSOR_ROTATION_PITCH_270
-        return mavlink.MAVLink_distance_sensor_message(
-            self._boot_ms(), 2, 40_00, height_cm, mavlink.MAV_DISTANCE_SENSOR_LASER, 0, down, 0
-        )
-
-    def _open_drone_id_location(self) -> Any:
-        place, v = self._place(), self._velocity()
-        flies = mavlink.MAV_ODID_STATUS_GROUND if self._ap.landed else mavlink.MAV_ODID_STATUS_AIRBORNE
-        above_home = place.altitude_m - self._home().altitude_m
-        return mavlink.MAVLink_open_drone_id_location_message(
-            *(0, 0, _NO_ID, flies, self._heading_cdeg(), round(math.hypot(v[0], v[1]) * 100), round(v[2] * 100)),
-            *(round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7), place.altitude_m, place.altitude_m),
-            *(mavlink.MAV_ODID_HEIGHT_REF_OVER_TAKEOFF, above_home, 11, 5, 4, 4, self._ap.now_s % 3600, 1),
-        )
-
-    def _open_drone_id_system(self) -> Any:
-        home = self._home()
-        takeoff = mavlink.MAV_ODID_OPERATOR_LOCATION_TYPE_TAKEOFF
-        return mavlink.MAVLink_open_drone_id_system_message(
-            *(0, 0, _NO_ID, takeoff, 0, round(home.latitude_deg * 1e7), round(home.longitude_deg * 1e7), 1, 0),
-            *(-1000.0, -1000.0, 0, 0, home.altitude_m, 0),
-        )
-
-
-_NO_ID = [0] * 20
-_COVARIANCE = [0.01, *[0.0] * 5, 0.01, *[0.0] * 4, 0.01, *[0.0] * 3, 0.01, 0.0, 0.0, 0.01, 0.0, 0.01]
 MAKERS: dict[str, Callable[[Any], Any]] = {
     "HOME_POSITION": Telemetry._home_position,
     "ATTITUDE": Telemetry._attitude,
     "ATTITUDE_QUATERNION": Telemetry._attitude_quaternion,
     "GLOBAL_POSITION_INT": Telemetry._global_position,
     "LOCAL_POSITION_NED": Telemetry._local_position,
-    "HIGHRES_IMU": Telemetry._imu,
-    "ODOMETRY": Telemetry._odometry,
-    "ATTITUDE_TARGET": Telemetry._attitude_target,
     "POSITION_TARGET_LOCAL_NED": Telemetry._position_target_local,
     "POSITION_TARGET_GLOBAL_INT": Telemetry._position_target_global,
     "SERVO_OUTPUT_RAW": Telemetry._servo,
     "RC_CHANNELS": Telemetry._rc,
     "GPS_RAW_INT": Telemetry._gps,
     "VFR_HUD": Telemetry._vfr_hud,
-    "ALTITUDE": Telemetry._altitude,
     "NAV_CONTROLLER_OUTPUT": Telemetry._nav,
     "EXTENDED_SYS_STATE": Telemetry._extended,
     "BATTERY_STATUS": Telemetry._battery,
-    "ESTIMATOR_STATUS": Telemetry._estimator,
     "GPS_GLOBAL_ORIGIN": Telemetry._origin,
     "SCALED_PRESSURE": Telemetry._pressure,
     "VIBRATION": Telemetry._vibration,
-    "WIND_COV": Telemetry._wind,
-    "TIMESYNC": Telemetry._timesync,
     "SYSTEM_TIME": Telemetry._system_time,
-    "PING": Telemetry._ping,
-    "DISTANCE_SENSOR": Telemetry._distance,
-    "OPEN_DRONE_ID_LOCATION": Telemetry._open_drone_id_location,
-    "OPEN_DRONE_ID_SYSTEM": Telemetry._open_drone_id_system,
 }
 """What every kind says alike."""

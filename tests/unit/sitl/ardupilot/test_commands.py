@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from sitl.ardupilot.personality import HAS
+from sitl.ardupilot.telemetry import CopterTelemetry
 from sitl.errors import SitlError
 from sitl.streams import number
 
@@ -141,7 +141,7 @@ def test_it_says_nothing_but_heartbeats_until_it_is_asked(copter: Any) -> None:
 
 def test_every_message_that_it_has_can_be_asked_for(copter: Any) -> None:
     copter.take_off()
-    for name in HAS:
+    for name in CopterTelemetry.makers:
         assert copter.command(512, number(name)) == ACCEPTED, name
         assert copter.sent(name), name
 

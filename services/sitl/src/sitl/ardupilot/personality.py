@@ -21,13 +21,6 @@ from .telemetry import CopterTelemetry
 NOMINAL_V = 12.6
 """A 3S lithium polymer battery, for BATT_CAPACITY in mAh."""
 HOVER_W = 350.0
-HAS = (
-    *("HEARTBEAT", "ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "GPS_RAW_INT"),
-    *("VFR_HUD", "SYS_STATUS", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "HOME_POSITION", "GPS_GLOBAL_ORIGIN"),
-    *("POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT", "NAV_CONTROLLER_OUTPUT", "SERVO_OUTPUT_RAW"),
-    *("RC_CHANNELS", "SCALED_PRESSURE", "VIBRATION", "SYSTEM_TIME"),
-)
-"""The messages that the stand-in says as ArduCopter."""
 SILENT = frozenset(
     getattr(mavlink, f"MAVLINK_MSG_ID_{name}") for name in ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "GPS2_RAW")
 )
@@ -51,7 +44,7 @@ class _ArduCopter(Personality[ArduCopter]):
 
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
         """Nothing but heartbeats until somebody asks, whatever is chosen: the sets are PX4's."""
-        return {name: 1.0 if name == "HEARTBEAT" else 0.0 for name in HAS}
+        return {name: 1.0 if name == "HEARTBEAT" else 0.0 for name in CopterTelemetry.makers}
 
     def parameters(self, config: DroneConfig) -> Parameters:
         own: dict[str, float] = {"SYSID_THISMAV": config.system_id}

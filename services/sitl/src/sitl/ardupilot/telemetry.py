@@ -45,10 +45,6 @@ class CopterTelemetry(Telemetry):
             *(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, base, ap.mode.custom_mode, state, 3)
         )
 
-    def _current_ca(self) -> int:
-        battery = self._ap.battery
-        return round(100 * battery.power_w / battery.voltage_v)
-
     def _sys_status(self) -> Any:
         """Without a position PREARM_CHECK alone is unhealthy."""
         health = HEALTHY if self._ap.healthy else HEALTHY & ~mavlink.MAV_SYS_STATUS_PREARM_CHECK

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import development as mavlink
 
 from ..autopilot import FlightMode
-from ..dynamics import Place
+from ..dynamics import GRAVITY_M_S2, Place
 from ..telemetry import MAKERS, Telemetry
 from ..unnamed import Unnamed
 from .autopilot import Px4
@@ -50,6 +50,12 @@ class Px4Telemetry(Telemetry):
         super().__init__(autopilot, seed, quiet=quiet)
         self._home_error_m, self._home_s = 0.0, -math.inf
         self._modes = itertools.cycle(enumerate(Mode, 1))
+        self._pings = 0
+        self._sent = 0
+
+    def make(self, name: str) -> Any:
+        self._sent += 1
+        return super().make(name)
 
     def _home(self) -> Place:
         """Home, whose height PX4 corrects in flight as its estimate of the height changes."""
@@ -80,6 +86,80 @@ class Px4Telemetry(Telemetry):
             *(round(battery.remaining_pct), 0, 0, 0, 0, 0, 0, _EXTENDED, _EXTENDED, _EXTENDED),
         )
 
+    def _current_ca(self) -> int:
+        """-1 A for a battery whose current nobody measures."""
+        return super()._current_ca() if self._ap.battery.power_w > 0 else -100
+
+    def _imu(self) -> Any:
+        acc = (self._noise(0.1), self._noise(0.1), -GRAVITY_M_S2 + self._noise(0.1))
+        gyro = [self._noise(0.01) for _ in range(3)]
+        mag = (0.21 + self._noise(0.002), 0.01 + self._noise(0.002), 0.43 + self._noise(0.002))
+        height = self._place().altitude_m
+        return mavlink.MAVLink_highres_imu_message(
+            self._usec(), *acc, *gyro, *mag, self._pressure_hpa(), 0.0, height, 25.0, 0x1DFF, 0
+        )
+
+    def _odometry(self) -> Any:
+        p, v = self._position(), self._velocity()
+        return mavlink.MAVLink_odometry_message(
+            *(self._usec(), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD),
+            *(p[0], p[1], -p[2], self._quaternion(), v[0], v[1], -v[2], *self._rates()),
+            *(_COVARIANCE, _COVARIANCE, 0, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, 0),
+        )
+
+    def _attitude_target(self) -> Any:
+        thrust = 0.01 if self._ap.landed else 0.5 + self._noise(0.02)
+        return mavlink.MAVLink_attitude_target_message(
+            self._boot_ms(), 0, self._quaternion(), 0.0, 0.0, self._noise(0.01), thrust
+        )
+
+    def _altitude(self) -> Any:
+        up, place = self._position()[2], self._place()
+        above_home = place.altitude_m - self._home().altitude_m
+        amsl = place.altitude_m
+        return mavlink.MAVLink_altitude_message(self._usec(), amsl, amsl, up, above_home, up, max(0.01, up))
+
+    def _estimator(self) -> Any:
+        ratios = [abs(self._noise(0.05)) for _ in range(4)]
+        return mavlink.MAVLink_estimator_status_message(self._usec(), 831, *ratios, 0.0, 0.0, 0.3, 0.4)
+
+    def _wind(self) -> Any:
+        wind = (self._noise(0.5), self._noise(0.5), 0.0)
+        return mavlink.MAVLink_wind_cov_message(self._usec(), *wind, 0.1, 0.0, self._place().altitude_m, 0.5, 0.0)
+
+    def _timesync(self) -> Any:
+        return mavlink.MAVLink_timesync_message(0, self._usec() * 1000)
+
+    def _ping(self) -> Any:
+        self._pings += 1
+        return mavlink.MAVLink_ping_message(self._usec(), self._pings, 0, 0)
+
+    def _distance(self) -> Any:
+        """To the ground, by the sensor that PX4's simulation has."""
+        height_cm = max(2, min(40_00, round(self._position()[2] * 100)))
+        down = mavlink.MAV_SENSOR_ROTATION_PITCH_270
+        return mavlink.MAVLink_distance_sensor_message(
+            self._boot_ms(), 2, 40_00, height_cm, mavlink.MAV_DISTANCE_SENSOR_LASER, 0, down, 0
+        )
+
+    def _open_drone_id_location(self) -> Any:
+        place, v = self._place(), self._velocity()
+        flies = mavlink.MAV_ODID_STATUS_GROUND if self._ap.landed else mavlink.MAV_ODID_STATUS_AIRBORNE
+        above_home = place.altitude_m - self._home().altitude_m
+        return mavlink.MAVLink_open_drone_id_location_message(
+            *(0, 0, _NO_ID, flies, self._heading_cdeg(), round(math.hypot(v[0], v[1]) * 100), round(v[2] * 100)),
+            *(round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7), place.altitude_m, place.altitude_m),
+            *(mavlink.MAV_ODID_HEIGHT_REF_OVER_TAKEOFF, above_home, 11, 5, 4, 4, self._ap.now_s % 3600, 1),
+        )
+
+    def _open_drone_id_system(self) -> Any:
+        home = self._home()
+        takeoff = mavlink.MAV_ODID_OPERATOR_LOCATION_TYPE_TAKEOFF
+        return mavlink.MAVLink_open_drone_id_system_message(
+            *(0, 0, _NO_ID, takeoff, 0, round(home.latitude_deg * 1e7), round(home.longitude_deg * 1e7), 1, 0),
+            *(-1000.0, -1000.0, 0, 0, home.altitude_m, 0),
+        )
+
     def _mission(self) -> Any:
         state = mavlink.MISSION_STATE_NO_MISSION
         return mavlink.MAVLink_mission_current_message(0, 0, state, 1 if self._ap.mode is Mode.MISSION else 2)
@@ -108,6 +188,17 @@ class Px4Telemetry(Telemetry):
         **MAKERS,
         "HEARTBEAT": _heartbeat,
         "SYS_STATUS": _sys_status,
+        "HIGHRES_IMU": _imu,
+        "ODOMETRY": _odometry,
+        "ATTITUDE_TARGET": _attitude_target,
+        "ALTITUDE": _altitude,
+        "ESTIMATOR_STATUS": _estimator,
+        "WIND_COV": _wind,
+        "TIMESYNC": _timesync,
+        "PING": _ping,
+        "DISTANCE_SENSOR": _distance,
+        "OPEN_DRONE_ID_LOCATION": _open_drone_id_location,
+        "OPEN_DRONE_ID_SYSTEM": _open_drone_id_system,
         "MISSION_CURRENT": _mission,
         "CURRENT_MODE": _current_mode,
         "AVAILABLE_MODES": _available_modes,
@@ -117,6 +208,8 @@ class Px4Telemetry(Telemetry):
     }
 
 
+_NO_ID = [0] * 20
+_COVARIANCE = [0.01, *[0.0] * 5, 0.01, *[0.0] * 4, 0.01, *[0.0] * 3, 0.01, 0.0, 0.0, 0.01, 0.0, 0.01]
 _STANDARD_MODES: dict[FlightMode, int] = {
     Mode.POSITION: mavlink.MAV_STANDARD_MODE_POSITION_HOLD,
     Mode.ALTITUDE: mavlink.MAV_STANDARD_MODE_ALTITUDE_HOLD,
