@@ -11,7 +11,7 @@ from .agreement import compare
 from .apart import reason
 from .cases import CASES
 from .manners import MANNERS
-from .pilot import Timeout
+from .observer import Timeout
 from .recorder import record
 from .recording import Recording, load
 from .subjects import ArduCopter, Px4, Simulated, StandIn, Subject

@@ -1,9 +1,8 @@
-"""Flies a case: sends commands, waits for what follows, and writes down what it hears."""
+"""Flies an autopilot: sends commands and set-points, and asks for what has to be asked for."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from ..streams import number
 from .channel import Channel, Heard
 from .manners import Manners
-from .recording import Case
+from .observer import PATIENCE, Observer, Timeout
 
 ANSWER_S = 1.5
 """An autopilot that has not answered by then does not answer."""
@@ -21,159 +20,33 @@ SECOND_ANSWER_S = 0.1
 HEARTBEAT_S = 1.0
 ASKS_S = 1.0
 """How often is asked for messages that do not come."""
-PATIENCE = 5.0
-"""So many times slower than the wall's clock an autopilot's may be."""
-_CLOCKS = ("ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED")
-LANDED = {0: "undefined", 1: "on_ground", 2: "in_air", 3: "takeoff", 4: "landing"}
 RESULTS = {n: entry.name.removeprefix("MAV_RESULT_").lower() for n, entry in mavlink.enums["MAV_RESULT"].items()}
 RESULTS[9] = "command_unsupported_mav_frame"
 CURRENT = 0x7FFFFFFF
 NAN = math.nan
 
 
-class Timeout(Exception):
-    """What a case waited for did not come: the case cannot be recorded."""
-
-
-class Pilot:
-    """One link to an autopilot, what was last heard on it, and the facts of the case that is flown."""
+class Pilot(Observer):
+    """Commands an autopilot, over the link on which it is heard."""
 
     def __init__(self, channel: Channel, manners: Manners, system: int) -> None:
-        self._channel = channel
-        self.manners = manners
-        self._system = system
+        super().__init__(channel, manners, system)
         self._heartbeat_due_s = -math.inf
         self._asks_due_s = -math.inf
-        self._results: list[str] = []
-        self._asked = -1
-        self.last: dict[str, Any] = {}
-        self.case = Case()
-        self._boot_s: float | None = None
-        self._began_s = self._commanded_s = self._clock_s
-        self._origin: tuple[float, float, float] | None = None
-        self._known: dict[str, str] = {}
-        self._track_due_s = math.inf
-        self._taps: list[Callable[[Heard], None]] = []
         self.repeat: Callable[[], None] | None = None
         """Called ten times a second while it listens: a stream of set-points."""
         self._repeat_due_s = -math.inf
 
-    # -- what is known ------------------------------------------------------------------------------------------
-
-    @property
-    def now_s(self) -> float:
-        """Seconds since the case began."""
-        return self._clock_s - self._began_s
-
-    @property
-    def _clock_s(self) -> float:
-        """The autopilot's own clock, for a simulation on a busy machine is slower than the wall's."""
-        return self._channel.now_s if self._boot_s is None else self._boot_s
-
-    @property
-    def armed(self) -> bool:
-        return self._known.get("armed") == "true"
-
-    @property
-    def mode(self) -> str:
-        return self._known.get("mode", "")
-
-    @property
-    def landed(self) -> bool:
-        return self._known.get("landed_state") == "on_ground"
-
-    @property
-    def ready(self) -> bool:
-        """Whether it says that it could arm now."""
-        status = self.last.get("SYS_STATUS")
-        healthy = 0 if status is None else status.onboard_control_sensors_health
-        return bool(healthy & mavlink.MAV_SYS_STATUS_PREARM_CHECK) and "HOME_POSITION" in self.last
-
-    @property
-    def position(self) -> tuple[float, float, float]:
-        """North, east, up in metres of where the case began."""
-        at = self.last["LOCAL_POSITION_NED"]
-        origin = self._origin or (0.0, 0.0, 0.0)
-        return at.x - origin[0], at.y - origin[1], -at.z - origin[2]
-
-    @property
-    def speed_m_s(self) -> float:
-        at = self.last["LOCAL_POSITION_NED"]
-        return math.sqrt(at.vx**2 + at.vy**2 + at.vz**2)
-
-    # -- the case -----------------------------------------------------------------------------------------------
-
-    def begin(self, *, everything: bool = True) -> None:
-        """Start a new case, here and now."""
-        self._channel.attend(everything)
-        self._known = {}
-        self._origin = None
-        self._track_due_s = math.inf
-        self.until("", lambda: {"armed", "mode", "landed_state"} <= self._known.keys() and bool(self._place()), 20)
-        self._origin = self._place()
-        self._began_s = self._commanded_s = self._clock_s
-        self.case = Case()
-
-    def _place(self) -> tuple[float, float, float] | None:
-        at = self.last.get("LOCAL_POSITION_NED")
-        return None if at is None else (at.x, at.y, -at.z)
-
-    def track(self) -> None:
-        """From now on write down the position once a second."""
-        self._track_due_s = self._clock_s
-
-    def until(self, name: str, condition: Callable[[], bool], limit_s: float) -> None:
-        """Wait for a condition; its duration counts from the last command. Raises Timeout."""
-        end_s, given_up_s = self._clock_s + limit_s, self._channel.now_s + PATIENCE * limit_s
-        while not condition():
-            if self._clock_s >= end_s or self._channel.now_s >= given_up_s:
-                raise Timeout(f"{name}: not within {limit_s:g} s: {self._known} {self.case.acks}")
-            self._listen(0.02)
-        if name:
-            self.case.durations_s[name] = round(self._clock_s - self._commanded_s, 2)
-
-    def mark(self) -> None:
-        """Durations count from now on."""
-        self._commanded_s = self._clock_s
-
-    def wait(self, seconds: float) -> None:
-        end_s, given_up_s = self._clock_s + seconds, self._channel.now_s + PATIENCE * seconds
-        while (left_s := end_s - self._clock_s) > 1e-6 and self._channel.now_s < given_up_s:
-            self._listen(min(0.1, left_s))
-
-    def collect(self, seconds: float) -> list[Heard]:
-        """Everything that comes meanwhile."""
-        heard: list[Heard] = []
-        tap = heard.append
-        self.tap(tap)
-        self.wait(seconds)
-        self.untap(tap)
-        return heard
-
-    def tap(self, take: Callable[[Heard], None]) -> None:
-        """Give it everything that is heard from now on."""
-        self._taps.append(take)
-
-    def untap(self, take: Callable[[Heard], None]) -> None:
-        self._taps.remove(take)
-
-    def count_streams(self, heard: list[Heard]) -> None:
-        """Rates and sizes by kind, of what was collected, in the autopilot's own seconds; answers are no stream."""
-        clock = [one.message.time_boot_ms for one in heard if one.message.get_type() == "ATTITUDE"]
-        seconds = (clock[-1] - clock[0]) / 1000 * len(clock) / (len(clock) - 1)
-        counts: Counter[str] = Counter()
-        sizes: Counter[str] = Counter()
-        for one in heard:
-            kind = one.kind
-            if kind in ("COMMAND_ACK", "STATUSTEXT", "PARAM_VALUE"):
-                continue
-            counts[kind] += 1
-            sizes[kind] += one.size_bytes
-        self.case.streams = {
-            kind: (round(count / seconds, 2), round(sizes[kind] / count, 1)) for kind, count in sorted(counts.items())
-        }
-
-    # -- what is sent -------------------------------------------------------------------------------------------
+    def _send_what_is_due(self, now_s: float) -> None:
+        if now_s >= self._heartbeat_due_s:
+            self._heartbeat_due_s = now_s + HEARTBEAT_S
+            self.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        if now_s >= self._asks_due_s and not self.manners.asks.keys() <= self.last.keys():
+            self._asks_due_s = now_s + ASKS_S
+            self.ask()
+        if self.repeat is not None and now_s >= self._repeat_due_s:
+            self._repeat_due_s = now_s + 0.1
+            self.repeat()
 
     def command(self, name: str, number: int, *params: float) -> str | None:
         """COMMAND_LONG; its result, None where nothing answers."""
@@ -293,58 +166,21 @@ class Pilot:
         raise Timeout(f"parameter {name} is not {value}")
 
     def _ask(self, name: str, message: Any) -> str | None:
-        self._results.clear()
-        self._asked = message.command
-        self._commanded_s, given_up_s = self._clock_s, self._channel.now_s + PATIENCE * ANSWER_S
+        results: list[str] = []
+
+        def take(heard: Heard) -> None:
+            if heard.kind == "COMMAND_ACK" and heard.message.command == message.command:
+                results.append(RESULTS.get(heard.message.result, str(heard.message.result)))
+
+        self.tap(take)
+        self.mark()
+        given_up_s = self._channel.now_s + PATIENCE * ANSWER_S
         self.send(message)
-        while not self._results and self._clock_s < self._commanded_s + ANSWER_S and self._channel.now_s < given_up_s:
+        while not results and self._clock_s < self._commanded_s + ANSWER_S and self._channel.now_s < given_up_s:
             self._listen(0.01)
-        if self._results:
+        if results:
             self._listen(SECOND_ANSWER_S)
-        result = " then ".join(self._results) or None
-        self._asked = -1
+        self.untap(take)
+        result = " then ".join(results) or None
         self.case.acks.append((name, result))
         return result
-
-    # -- what is heard ------------------------------------------------------------------------------------------
-
-    def _listen(self, seconds: float) -> None:
-        now_s = self._channel.now_s
-        if now_s >= self._heartbeat_due_s:
-            self._heartbeat_due_s = now_s + HEARTBEAT_S
-            self.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-        if now_s >= self._asks_due_s and not self.manners.asks.keys() <= self.last.keys():
-            self._asks_due_s = now_s + ASKS_S
-            self.ask()
-        if self.repeat is not None and now_s >= self._repeat_due_s:
-            self._repeat_due_s = now_s + 0.1
-            self.repeat()
-        for heard in self._channel.listen(seconds):
-            self._take(heard)
-        if self._clock_s >= self._track_due_s and "LOCAL_POSITION_NED" in self.last:
-            self._track_due_s += 1.0
-            self.case.track.append((round(self.now_s, 1), *(round(value, 2) for value in self.position)))
-
-    def _take(self, heard: Heard) -> None:
-        message = heard.message
-        if heard.system != self._system:
-            return
-        kind = heard.kind
-        self.last[kind] = message
-        if kind in _CLOCKS:
-            self._boot_s = message.time_boot_ms / 1000
-        if kind == "COMMAND_ACK" and message.command == self._asked:
-            self._results.append(RESULTS.get(message.result, str(message.result)))
-        elif kind == "HEARTBEAT" and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
-            self._change("armed", str(bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)).lower())
-            self._change("mode", self.manners.mode_name(message.custom_mode))
-        elif kind == "EXTENDED_SYS_STATE":
-            self._change("landed_state", LANDED.get(message.landed_state, "undefined"))
-        for tap in self._taps:
-            tap(heard)
-
-    def _change(self, what: str, value: str) -> None:
-        if self._known.get(what) != value:
-            if what in self._known:
-                self.case.events.append((round(self.now_s, 2), what, value))
-            self._known[what] = value

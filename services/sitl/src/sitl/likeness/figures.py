@@ -1,10 +1,11 @@
-"""How what an autopilot says of a resting or hovering drone wanders: statistics of its messages."""
+"""Statistics of what an autopilot says: how often and how long, and how it wanders."""
 
 from __future__ import annotations
 
 import itertools
 import math
 import statistics
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -31,6 +32,19 @@ def of(heard: Sequence[Heard]) -> dict[str, float]:
     found["battery_pct at first"] = batteries[0].battery_remaining
     found["battery_pct at last"] = batteries[-1].battery_remaining
     return {name: round(value, 4) for name, value in {**found, **changes(heard)}.items()}
+
+
+def streams(heard: Sequence[Heard]) -> dict[str, tuple[float, float]]:
+    """Rates and sizes by kind, in the autopilot's own seconds; answers are no stream."""
+    clock = [one.message.time_boot_ms for one in heard if one.message.get_type() == "ATTITUDE"]
+    seconds = (clock[-1] - clock[0]) / 1000 * len(clock) / (len(clock) - 1)
+    counts: Counter[str] = Counter()
+    sizes: Counter[str] = Counter()
+    for one in heard:
+        if one.kind not in ("COMMAND_ACK", "STATUSTEXT", "PARAM_VALUE"):
+            counts[one.kind] += 1
+            sizes[one.kind] += one.size_bytes
+    return {kind: (round(count / seconds, 2), round(sizes[kind] / count, 1)) for kind, count in sorted(counts.items())}
 
 
 def changes(heard: Sequence[Heard]) -> dict[str, float]:
