@@ -74,6 +74,8 @@ def test_mistakes_are_one_line(tmp_path: Path, text: str, error: str) -> None:
         (["--system", "251"], "--system 251: expected 1 to 250"),
         (["--streams", "all"], "--streams 'all': expected one of px4-onboard, px4-normal, px4-gcs, five-states"),
         (["--like", "dji"], "--like 'dji': expected one of px4, ardupilot"),
+        (["--like", ""], "--like '': expected one of px4, ardupilot"),
+        (["--like", "px4", "--autopilot", "px4"], "--like 'px4': px4 is like itself; expected without --like"),
         (["--listen", "14580"], "--listen '14580': expected HOST:PORT"),
         (["--send", "127.0.0.1:0"], "--send '127.0.0.1:0': expected a port"),
         (["--fleet", "/nowhere.yaml"], "/nowhere.yaml: No such file or directory"),

@@ -20,6 +20,7 @@ from .errors import SitlError
 from .fleet import DroneConfig, load
 from .personalities import PERSONALITIES
 from .process import LinkConfig, Process
+from .px4.personality import PX4
 from .px4.streams import SETS
 from .real.ardupilot import ArduCopter
 from .real.autopilot import Autopilot
@@ -54,7 +55,7 @@ def fly(
     fleet: Annotated[Path | None, typer.Option(help="The fleet in YAML, with PX4's names; defaults without.")] = None,
     listen: Annotated[str, typer.Option(help="HOST:PORT to receive on.")] = "127.0.0.1:14580",
     send: Annotated[str, typer.Option(help="HOST:PORT to send to.")] = "127.0.0.1:14540",
-    streams: Annotated[str, typer.Option(help=f"What it streams, like PX4: {', '.join(SETS)}.")] = "px4-onboard",
+    streams: Annotated[str, typer.Option(help=f"What it streams as PX4: {', '.join(SETS)}.")] = "px4-onboard",
     gcs: Annotated[bool, typer.Option("--gcs", help="Also PX4's link for ground stations, 18570 to 14550.")] = False,
     events: Annotated[Path | None, typer.Option(help="File for what happens, JSON lines.")] = None,
     control: Annotated[Path | None, typer.Option(help="Unix socket of the side channel.")] = None,
@@ -69,7 +70,9 @@ def fly(
     folder: Annotated[
         Path, typer.Option(help="Where a real autopilot is: bin/px4 and etc, or arducopter and copter.parm.")
     ] = Path("/opt/autopilot"),
-    like: Annotated[str, typer.Option(help=f"Whom the stand-in is like: {', '.join(PERSONALITIES)}.")] = "px4",
+    like: Annotated[
+        str | None, typer.Option(help=f"Whom the stand-in is like: {', '.join(PERSONALITIES)}; px4 without.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Without noise: what it says is true.")] = False,
 ) -> None:
     """Fly one simulated drone until Ctrl-C; a real autopilot's log goes beside its events."""
@@ -79,10 +82,12 @@ def fly(
             raise SitlError(f"--system {system}: expected 1 to 250")
         if streams not in SETS:
             raise SitlError(f"--streams {streams!r}: expected one of {', '.join(SETS)}")
-        if like not in PERSONALITIES:
+        if like is not None and like not in PERSONALITIES:
             raise SitlError(f"--like {like!r}: expected one of {', '.join(PERSONALITIES)}")
         if autopilot not in AUTOPILOTS:
             raise SitlError(f"--autopilot {autopilot!r}: expected one of {', '.join(AUTOPILOTS)}")
+        if like is not None and autopilot != STAND_IN:
+            raise SitlError(f"--like {like!r}: {autopilot} is like itself; expected without --like")
         config = replace(load(fleet, system) if fleet is not None else DroneConfig(system), quiet=quiet)
         links = [LinkConfig(_address("--listen", listen), _reachable("--send", send), streams)]
         if autopilot != STAND_IN:
@@ -92,10 +97,11 @@ def fly(
             flown = REAL[autopilot](folder, work, logs, config, links[0], WITNESS[1])
             asyncio.run(_until_signal(fly_real(flown, Watching(system, WITNESS, **told))))
             return
+        kind = PX4 if like is None else PERSONALITIES[like]
         if gcs:
             links.append(LinkConfig(("127.0.0.1", 18569 + system), ("127.0.0.1", 14550), "px4-gcs"))
-            typer.echo(_how_to_connect(like, system, links[0]))
-        vehicle = Vehicle(config, [link.streams for link in links], seed, PERSONALITIES[like])
+            typer.echo(_how_to_connect(kind.title, system, links[0]))
+        vehicle = Vehicle(config, [link.streams for link in links], seed, kind)
         files = {"events": events, "control": control, "ready_file": ready_file, "position_file": position_file}
         process = Process(vehicle, links, **files)
         asyncio.run(_until_signal(process.run()))
@@ -196,10 +202,10 @@ def _reachable(option: str, text: str) -> tuple[str, int]:
     return str(found[0][4][0]), port
 
 
-def _how_to_connect(like: str, system: int, onboard: LinkConfig) -> str:
+def _how_to_connect(title: str, system: int, onboard: LinkConfig) -> str:
     host, port = onboard.send
     return f"""\
-A simulated {PERSONALITIES[like].title} multicopter flies on loopback; Ctrl-C ends it.
+A simulated {title} multicopter flies on loopback; Ctrl-C ends it.
   QGroundControl   connects by itself (UDP 14550)
   MAVSDK           await mavsdk.add_any_connection("udpin://{host}:{port}")
   MAVProxy         mavproxy.py --master=udp:{host}:{port}

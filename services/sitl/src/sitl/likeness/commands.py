@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ..errors import SitlError
 from . import page
 from .agreement import compare
-from .apart import reason
+from .apart import not_flown, reason
 from .cases import CASES
 from .manners import MANNERS
 from .observer import Timeout
@@ -39,20 +40,29 @@ def subject(
 
 
 def record_into(path: Path, flown: Subject, names: list[str], say: Say) -> None:
-    """Fly the cases, all without names, and write each down as soon as it is over, beside what the file has."""
+    """Fly the cases, all that apply without names, and write each down once it is over, beside what the file has.
+
+    Raises SitlError before anything flies where a name, or the file, cannot be.
+    """
+    like = flown.manners.name
     for name in names:
         if name not in CASES:
             raise SitlError(f"--case {name!r}: expected one of {', '.join(CASES)}")
-    before = load(path) if path.exists() else Recording(flown.described, like=flown.manners.name)
+        if (why := not_flown(like, name)) is not None:
+            raise SitlError(f"--case {name!r}: does not apply to {like}: {why}")
+        if CASES[name].link not in flown.links:
+            raise SitlError(f"--case {name!r}: {flown.described} has no link {CASES[name].link!r}")
+    if not os.access(path.parent, os.W_OK):
+        raise SitlError(f"{path}: its folder cannot be written to")
+    before = load(path) if path.exists() else Recording(flown.described, like=like)
+    if before.like != like:
+        raise SitlError(f"{path}: a recording like {before.like}, and {flown.described} is like {like}")
 
     def done(recording: Recording, name: str) -> None:
         together = Recording(before.autopilot, like=before.like)
         together.add(before)
         together.add(recording)
-        try:
-            path.write_text(together.text(), encoding="utf-8")
-        except OSError as error:
-            raise SitlError(f"{path}: {error.strerror}") from error
+        together.save(path)
         say(f"{name}: done")
 
     _record(flown, names or CASES, done)
@@ -62,6 +72,8 @@ def compare_with(first: Path | None, second: Path | None, write: Path | None, sa
     """What differs, a line each; what is known to stay apart is none of it."""
     recording = load(first or RECORDINGS / "px4-main.json")
     other = load(second) if second is not None else stand_in(recording.cases, recording.like)
+    if other.like != recording.like:
+        raise SitlError(f"{second}: a recording like {other.like}: expected one like {recording.like}")
     facts = compare(recording, other)
     if write is not None:
         page.write(write, recording, other)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 
 from .apart import not_flown
 from .cases import CASES
+from .observer import Timeout
 from .pilot import Pilot
 from .recording import Recording
 from .subjects import Subject, wait_ready
@@ -35,7 +36,11 @@ def record(
             _settle(pilots["onboard"])
             pilot = pilots[procedure.link]
             pilot.begin(everything=procedure.counts)
-            procedure.fly(pilot)
+            try:
+                procedure.fly(pilot)
+            except Timeout:
+                subject.check()
+                raise
             recording.add(Recording(subject.described, {name: [pilot.case]}))
             done(recording, name)
     return recording

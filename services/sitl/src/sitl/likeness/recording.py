@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import SitlError
+from ..personalities import PERSONALITIES
 
 Event = tuple[float, str, str]
 """When in seconds since the case began, what (armed, mode, landed_state, text), and which value."""
@@ -57,17 +59,30 @@ class Recording:
             + "\n}}\n"
         )
 
+    def save(self, path: Path) -> None:
+        """Replace the file by all of this at once. Raises SitlError."""
+        part = path.with_name(f".{path.name}.part")
+        try:
+            part.write_text(self.text(), encoding="utf-8")
+            os.replace(part, path)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            raise SitlError(f"{path}: {error.strerror}") from error
+
 
 def load(path: Path) -> Recording:
     """Read a recording; raises SitlError naming the file and what is wrong with it."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         cases = {name: [_case(facts) for facts in flights] for name, flights in document["cases"].items()}
-        return Recording(document["autopilot"], cases, document["like"])
+        recording = Recording(document["autopilot"], cases, document["like"])
     except OSError as error:
         raise SitlError(f"{path}: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise SitlError(f"{path}: not a recording: {error!r}") from error
+    if recording.like not in PERSONALITIES:
+        raise SitlError(f"{path}: like {recording.like!r}: expected one of {', '.join(PERSONALITIES)}")
+    return recording
 
 
 def _case(facts: dict[str, Any]) -> Case:

@@ -57,6 +57,10 @@ class Subject(ABC):
     def end(self) -> None:
         """End what was started."""
 
+    @abstractmethod
+    def check(self) -> None:
+        """Raises SitlError where it has ended by itself."""
+
     def __enter__(self) -> Self:
         self.start()
         return self
@@ -110,7 +114,7 @@ class ProcessSubject(Subject):
         self._folder.cleanup()
 
     def check(self) -> None:
-        """Raises SitlError with its last words where it has ended."""
+        """Raises SitlError with its last words where it has ended by itself."""
         if self._process is not None and self._process.poll() is not None:
             said = (self.folder / "output.txt").read_text(errors="replace").strip().splitlines()[-1:]
             raise SitlError(f"{self.described} ended with {self._process.returncode}: {' '.join(said)}")
@@ -233,15 +237,18 @@ class Simulated(Subject):
     def end(self) -> None:
         """There is nothing to end."""
 
+    def check(self) -> None:
+        """It does not end."""
+
     def open(self, link: str) -> Channel:
         return SimulatedChannel(self._vehicle, self.links.index(link), self._clock)
 
 
 def wait_ready(subject: Subject, pilot: Pilot) -> None:
-    """Until it says that it could arm. Raises Timeout, or SitlError where its process has ended."""
+    """Until it says that it could arm. Raises SitlError where it does not, or has ended by itself."""
     end_s = time.monotonic() + STARTED_S
-    while not pilot.ready and time.monotonic() < end_s:
-        if isinstance(subject, ProcessSubject):
-            subject.check()
+    while not pilot.ready:
+        subject.check()
+        if time.monotonic() >= end_s:
+            raise SitlError(f"{subject.described} does not say within {STARTED_S:g} s that it could arm")
         pilot.wait(0.2)
-    pilot.until("ready", lambda: pilot.ready, 1)
