@@ -1,4 +1,4 @@
-"""What tests of whole flights do with a drone, as a ground station sees it."""
+"""What tests of whole flights do with a drone at a ground station, whoever its autopilot is."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from processes import eventually
 
 from mqttxt import Command, Drone, Outcome, Word
 
+BOOT_S = 180.0
+"""PX4 arms 30 to 45 s after its start, ArduCopter has a position after 42; later on a machine that does more."""
+
 
 def is_armable(drone: Drone) -> bool:
     health = drone.states.get("health")
@@ -15,7 +18,7 @@ def is_armable(drone: Drone) -> bool:
 
 
 async def armable(drone: Drone) -> None:
-    await eventually(lambda: is_armable(drone), "the drone is reachable and would arm")
+    await eventually(lambda: is_armable(drone), "the drone is reachable and would arm", BOOT_S)
 
 
 async def fly(drone: Drone, *commands: Command) -> None:
@@ -35,5 +38,5 @@ async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.
 
     task = asyncio.create_task(listen())
     await eventually(lambda: bool(heard), f"{command.name} is answered")
-    assert heard[0].word is Word.ACCEPTED
+    assert heard[0].word is Word.ACCEPTED, heard
     return heard, task

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import socket
 import struct
 import subprocess
@@ -13,15 +12,14 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+from commanding import BOOT_S, armable
 from processes import Broker, Process, eventually, free_port, wait_until
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt import Command, Drone, GroundStation, Health, Outcome, Word
+from mqttxt import Drone, GroundStation
 
 SYSTEM = 7
 HOME = (47.397742, 8.545594, 488.0)
-BOOT_S = 180.0
-"""PX4 arms 30 to 45 s after its start, ArduCopter has a position after 42; later on a machine that does more."""
 _WATCHED = (
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
@@ -202,33 +200,3 @@ class Flight:
             if self.pilot.armed:
                 self.pilot.set_mode(self.pilot.landing)
                 await eventually(lambda: not self.pilot.armed, "landed", 120)
-
-
-def is_armable(drone: Drone) -> bool:
-    health = drone.state(Health)
-    return drone.is_controlled and health is not None and health.state.armable
-
-
-async def armable(drone: Drone) -> None:
-    await eventually(lambda: is_armable(drone), "the drone is reachable and would arm", BOOT_S)
-
-
-async def fly(drone: Drone, *commands: Command) -> None:
-    """Send one command after the other, each of which has to complete."""
-    for command in commands:
-        last = await drone.send(command)
-        assert (last.word, last.reason) == (Word.COMPLETED, None), command
-
-
-async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.Task[None]]:
-    """Send a command and go on once it was accepted."""
-    heard: list[Outcome] = []
-
-    async def listen() -> None:
-        async for outcome in drone.send(command):
-            heard.append(outcome)
-
-    task = asyncio.create_task(listen())
-    await eventually(lambda: bool(heard), f"{command.name} is answered")
-    assert heard[0].word is Word.ACCEPTED, heard
-    return heard, task

@@ -7,9 +7,10 @@ import time
 from collections.abc import AsyncIterator, Iterator
 
 import pytest
+from commanding import armable, fly, is_armable, start
 from copter import BRAKE, FOLDER, GUIDED, LAND, LOITER, RTL, Copter, CopterPilot
 from processes import eventually
-from real_flights import HOME, Flight, armable, fly, is_armable, start
+from real_flights import HOME, Flight
 
 from mqttxt import Arm, Disarm, Drone, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity, Word
 

@@ -7,9 +7,10 @@ import time
 from collections.abc import AsyncIterator, Iterator
 
 import pytest
+from commanding import armable, fly, is_armable, start
 from processes import eventually
 from px4 import FOLDER, HOLD, LAND, OFFBOARD, RETURN, TAKEOFF, Px4, Px4Pilot
-from real_flights import HOME, Flight, armable, fly, is_armable, start
+from real_flights import HOME, Flight
 
 from mqttxt import Arm, Command, Disarm, Drone, Goto, Hold, Land, Offboard, Outcome, Return, Takeoff, Velocity, Word
 

@@ -49,11 +49,28 @@ class Flight(World):
         """What a command ends with."""
         sent = self.send(command)
         for _ in range(round(limit_s)):
-            words = [o for o in self.heard if isinstance(o, Outcome) and o.id == sent]
-            if words and words[-1].is_last:
-                return words[-1].word, words[-1].reason
+            if (last := self.last_of(sent)) is not None:
+                return last.word, last.reason
             self.fly(1)
         raise AssertionError(f"{command}: no last word in {limit_s:g} s")
+
+    def set(self, **wanted: Any) -> None:
+        """Past all links: `mode` is a pilot's hand."""
+        _, out = self.vehicle.control({"set": wanted})
+        self._hear([o.message for o in out if isinstance(o, Reply)])
+
+    @property
+    def mode(self) -> str:
+        return str(self.vehicle.autopilot.mode.name)
+
+    @property
+    def up_m(self) -> float:
+        return float(self.vehicle.autopilot.motion.position[2])
+
+    def last_of(self, sent: Any) -> Outcome | None:
+        """The last word on a command, None before it."""
+        words = [o for o in self.heard if isinstance(o, Outcome) and o.id == sent]
+        return words[-1] if words and words[-1].is_last else None
 
     def _hear(self, messages: list[Any]) -> None:
         for message in messages:
@@ -88,7 +105,7 @@ def test_on_the_ground_nothing_but_a_takeoff_takes_off(flight: Flight) -> None:
         assert flight.outcome(command)[0] is Word.DENIED, command
     assert flight.outcome(Arm()) == (Word.COMPLETED, None)
     assert flight.outcome(NORTH_100_M)[0] is Word.DENIED
-    assert flight.vehicle.autopilot.motion.position[2] == 0.0
+    assert flight.up_m == 0.0
 
 
 def test_hold_stops_a_goto(flight: Flight) -> None:
@@ -99,4 +116,55 @@ def test_hold_stops_a_goto(flight: Flight) -> None:
     assert flight.vehicle.autopilot.motion.groundspeed_m_s > 3
     assert flight.outcome(Hold()) == (Word.COMPLETED, None)
     assert flight.vehicle.autopilot.motion.groundspeed_m_s < 1
-    assert [o.word for o in flight.heard if isinstance(o, Outcome) and o.id == goto and o.is_last] == [Word.SUPERSEDED]
+    last = flight.last_of(goto)
+    assert last is not None
+    assert last.word is Word.SUPERSEDED
+
+
+def test_each_kind_holds_in_the_mode_that_holds_without_sticks(flight: Flight) -> None:
+    held = {"px4": "HOLD", "ardupilot": "BRAKE"}[flight.vehicle.like.name]
+    for command in (Arm(), Takeoff(10.0), Hold()):
+        assert flight.outcome(command) == (Word.COMPLETED, None)
+    assert flight.mode == held
+    assert flight.outcome(Offboard(3.0, velocity=Velocity(1.0, 0.0, 0.0))) == (Word.COMPLETED, None)
+    assert flight.mode == held
+    flight.fly(20)
+    assert flight.up_m == pytest.approx(10.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [Takeoff(40.0), NORTH_100_M, Land(), Return(), Offboard(60.0, velocity=Velocity(-1.0, 0.0, 0.0))],
+    ids=lambda command: command.name,
+)
+def test_a_pilots_mode_ends_what_runs_and_stays(flight: Flight, command: Any) -> None:
+    assert flight.outcome(Arm()) == (Word.COMPLETED, None)
+    if not isinstance(command, Takeoff):
+        assert flight.outcome(Takeoff(15.0)) == (Word.COMPLETED, None)
+    sent = flight.send(command)
+    flight.fly(4)
+    assert flight.last_of(sent) is None
+    pilots = {"px4": "altitude", "ardupilot": "alt_hold"}[flight.vehicle.like.name]
+    flight.set(mode=pilots)
+    flight.fly(1.2)
+    last = flight.last_of(sent)
+    assert last is not None
+    assert (last.word, last.reason) == (Word.FAILED, "mode_changed")
+    flight.fly(3)
+    assert flight.mode == pilots.upper()
+
+
+def test_a_takeoff_while_disarmed_leaves_nothing_that_the_next_arming_flies(flight: Flight) -> None:
+    assert flight.outcome(Takeoff(10.0))[0] is Word.DENIED
+    assert flight.outcome(Arm()) == (Word.COMPLETED, None)
+    flight.fly(8)
+    assert flight.up_m == 0.0
+
+
+def test_what_keeps_it_from_arming_is_the_reason_of_the_refusal(flight: Flight) -> None:
+    flight.set(healthy=False)
+    flight.fly(2)
+    word, reason = flight.outcome(Arm())
+    assert word is Word.DENIED
+    assert reason is not None
+    assert reason.startswith({"px4": "Arming denied", "ardupilot": "Arm: "}[flight.vehicle.like.name])

@@ -18,9 +18,12 @@ from sitl.likeness.manners import MANNERS
 from sitl.likeness.recording import Case, Recording, load
 from sitl.likeness.subjects import ArduCopter
 
-HELD_TO = {"px4": "px4-main", "ardupilot": "arducopter"}
+RECORDED = {
+    like: load(RECORDINGS / f"{name}.json") for like, name in (("px4", "px4-main"), ("ardupilot", "arducopter"))
+}
 """By family, the recording that the stand-in is held to."""
-PX4_MAIN = load(RECORDINGS / "px4-main.json")
+FOLDERS = {"px4": "PX4_DIR", "ardupilot": "ARDUPILOT_DIR"}
+"""By family, the variable that names a real autopilot's folder."""
 PAGE = RECORDINGS.parents[2] / "docs" / "mavlink.md"
 APPLYING = [(like, case) for like in MANNERS for case in CASES if not_flown(like, case) is None]
 
@@ -32,14 +35,14 @@ def _flown_by_the_stand_in(case: str, like: str) -> Recording:
 
 @pytest.mark.parametrize(("like", "case"), APPLYING)
 def test_the_stand_in_does_as_a_real_autopilot_was_recorded_to(like: str, case: str) -> None:
-    facts = compare(load(RECORDINGS / f"{HELD_TO[like]}.json"), _flown_by_the_stand_in(case, like))
+    facts = compare(RECORDED[like], _flown_by_the_stand_in(case, like))
     assert len(facts) > 2
     assert [str(fact) for fact in facts if not fact.agrees and reason(like, fact.case, fact.name) is None] == []
 
 
-@pytest.mark.parametrize("like", HELD_TO)
+@pytest.mark.parametrize("like", RECORDED)
 def test_the_pages_tables_are_of_the_recording_and_of_these_flights(like: str, tmp_path: Path) -> None:
-    recorded, flown, copy = load(RECORDINGS / f"{HELD_TO[like]}.json"), Recording("stand-in"), tmp_path / "mavlink.md"
+    recorded, flown, copy = RECORDED[like], Recording("stand-in"), tmp_path / "mavlink.md"
     for case in recorded.cases:
         flown.add(_flown_by_the_stand_in(case, like))
     copy.write_text(PAGE.read_text())
@@ -47,9 +50,9 @@ def test_the_pages_tables_are_of_the_recording_and_of_these_flights(like: str, t
     assert copy.read_text() == PAGE.read_text(), "type: .venv/bin/python -m sitl compare --write docs/mavlink.md"
 
 
-@pytest.mark.parametrize("like", HELD_TO)
+@pytest.mark.parametrize("like", RECORDED)
 def test_what_stays_apart_is_in_the_recordings_and_what_does_not_apply_is_in_none(like: str) -> None:
-    recording = load(RECORDINGS / f"{HELD_TO[like]}.json")
+    recording = RECORDED[like]
     known = {(fact.case, fact.name) for fact in compare(recording, recording)}
     assert all(any(case == at and fact.startswith(what) for at, fact in known) for case, what in APART[like])
     assert set(NOT_FLOWN[like]) == set(CASES) - set(recording.cases)
@@ -66,14 +69,16 @@ def test_recordings_are_of_the_cases_and_small(name: str, like: str, tmp_path: P
     assert load(tmp_path / "again.json") == recording
 
 
-@pytest.mark.skipif("PX4_DIR" not in os.environ, reason="PX4_DIR names no PX4 with its simulator")
-@pytest.mark.parametrize("case", PX4_MAIN.cases)
+@pytest.mark.parametrize(("like", "case"), APPLYING)
 @pytest.mark.timeout(400)
-def test_a_real_px4_does_as_it_was_recorded_to(case: str, tmp_path: Path) -> None:
-    """With PX4_DIR, a folder with bin and etc of PX4 main; each case has a PX4 of its own."""
-    path = tmp_path / "again.json"
-    record_into(path, subject(Path(os.environ["PX4_DIR"]), instance=240), [case], lambda _: None)
-    facts = compare(PX4_MAIN, load(path))
+def test_a_real_autopilot_does_as_it_was_recorded_to(like: str, case: str, tmp_path: Path) -> None:
+    """With PX4_DIR, a folder with bin and etc of PX4 main, and ARDUPILOT_DIR; each case has an autopilot of its own."""
+    folder, path = os.environ.get(FOLDERS[like]), tmp_path / "again.json"
+    if not folder:
+        pytest.skip(f"{FOLDERS[like]} names no autopilot with its simulator")
+    px4_dir, ardupilot_dir = (Path(folder) if like == one else None for one in ("px4", "ardupilot"))
+    record_into(path, subject(px4_dir, ardupilot_dir, instance=240), [case], lambda _: None)
+    facts = compare(RECORDED[like], load(path))
     assert [str(fact) for fact in facts if not fact.agrees] == []
 
 
