@@ -30,7 +30,8 @@ class Parameters:
         self._values = {name: spec.default for name, spec in specs.items()}
         for name, value in (overrides or {}).items():
             if not self.set(name, value):
-                raise SitlError(f"parameter {name}: {value!r} is not possible")
+                spec = specs[name]
+                raise SitlError(f"parameter {name}: expected {spec.low:g} to {spec.high:g}, got {value:g}")
 
     def __getitem__(self, name: str) -> float:
         return float(self._values[name])

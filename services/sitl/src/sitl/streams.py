@@ -11,6 +11,8 @@ from .unnamed import NUMBERS
 
 FASTEST_HZ = 100.0
 """As fast as the stand-in's clock ticks."""
+LONGEST_US = 2**31 - 1
+"""The longest interval that MESSAGE_INTERVAL can say."""
 LATE_S = 0.1
 """What fell due so long ago is still sent; what is older is left out, as after a standstill.
 
@@ -76,4 +78,4 @@ class Streams:
         name = self._names.get(message_id)
         if name is None:
             return 0
-        return round(1e6 / self._hz[name]) if self._hz[name] > 0 else -1
+        return round(min(1e6 / self._hz[name], LONGEST_US)) if self._hz[name] > 0 else -1

@@ -108,6 +108,13 @@ def test_intervals_by_command(drone: Any) -> None:
     assert drone.vehicle.links[0].interval_us(ATTITUDE) == -1
 
 
+def test_an_interval_longer_than_its_message_can_say_is_told_as_the_longest(drone: Any) -> None:
+    assert drone.command(511, ATTITUDE, 1e38) == 0
+    (_, answer) = drone.tell(mavlink.MAVLink_command_long_message(1, 1, 510, 0, ATTITUDE, 0, 0, 0, 0, 0, 0))
+    answer.pack(mavlink.MAVLink(None, 1, 1))
+    assert answer.interval_us == 2**31 - 1
+
+
 def test_the_interval_of_an_unknown_message_fails(drone: Any) -> None:
     assert drone.command(511, 9999, 20_000) == mavlink.MAV_RESULT_FAILED
     assert drone.command(511, ATTITUDE, float("nan")) == mavlink.MAV_RESULT_FAILED
