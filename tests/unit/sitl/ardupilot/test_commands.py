@@ -14,6 +14,7 @@ from sitl.streams import number
 NAN = float("nan")
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 ARM, TAKEOFF, LAND, REPOSITION, SET_MODE = 400, 22, 21, 192, 176
+ALT_HOLD, LOITER, POSHOLD = 2, 5, 16
 AUTO, GUIDED, RTL, LAND_MODE, BRAKE, STABILIZE = 3, 4, 6, 9, 17, 0
 FORCE, FORCE_ARMING = 21196, 2989
 
@@ -63,6 +64,18 @@ def test_a_takeoff_is_for_the_ground_armed_in_guided(copter: Any) -> None:
     assert copter.command(TAKEOFF, *up, 5) == ACCEPTED
     copter.fly(8)
     assert copter.command(TAKEOFF, *up, 12) == FAILED, "in the air"
+
+
+@pytest.mark.parametrize("mode", [LOITER, POSHOLD])
+def test_a_takeoff_where_the_stick_decides_is_accepted_and_not_flown(copter: Any, mode: int) -> None:
+    copter.command(SET_MODE, 1, mode)
+    copter.command(ARM, 1)
+    assert copter.command(TAKEOFF, *[0.0] * 6, 5) == ACCEPTED
+    copter.fly_until(lambda: not copter.autopilot.landed, 4)
+    copter.fly_until(lambda: copter.autopilot.landed, 4)
+    assert (copter.up_m, copter.autopilot.armed) == (0, True)
+    copter.command(SET_MODE, 1, ALT_HOLD)
+    assert copter.command(TAKEOFF, *[0.0] * 6, 5) == FAILED
 
 
 def test_a_goto_on_the_ground_is_accepted_and_not_flown(copter: Any) -> None:
@@ -163,3 +176,5 @@ def test_the_fleets_parameters_have_counterparts(make_copter: Any) -> None:
     assert (height.param_value, copter.autopilot.parameters["RTL_ALT"]) == (2000.0, 2000)
     with pytest.raises(SitlError, match=r"drones\.1\.parameters\.NAV_ACC_RAD: ArduCopter has no such parameter"):
         make_copter(NAV_ACC_RAD=5.0)
+    with pytest.raises(SitlError, match="parameter RTL_ALT: expected 30 to 300000, got 0"):
+        make_copter(RTL_RETURN_ALT=0)

@@ -13,6 +13,8 @@ from .modes import ARMABLE, UNPOWERED, Mode
 
 SPOOL_UP_S = 0.6
 """From a takeoff's command to the first of its motion."""
+STICK_S = 1.2
+"""So much later where the stick decides."""
 ARMING_S = 2.0
 """After arming the motors wait so long."""
 
@@ -111,6 +113,10 @@ class ArduCopter(Autopilot):
         north, east, _ = self.motion.position
         self.guidance.go((north, east, up_m))
         self._takes_off, self._lift_s = True, max(self.now_s, self._armed_s + ARMING_S)
+
+    def speed_up(self) -> None:
+        """On the ground in a mode of the sticks: the motors alone, and for a moment it takes itself for flying."""
+        self._lift_s = max(self.now_s + STICK_S, self._armed_s + ARMING_S)
 
     def go(self, target: Vector) -> None:
         """In GUIDED, to a place; on the ground it stays there."""

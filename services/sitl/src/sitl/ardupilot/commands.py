@@ -12,7 +12,7 @@ from ..answers import ACCEPTED, DENIED, FAILED, FORCE, UNSUPPORTED, acknowledgem
 from ..outputs import Output, Reply
 from ..setpoints import SetPoint, of_attitude_target, of_position_target
 from .autopilot import ArduCopter
-from .modes import Mode
+from .modes import ROOTED, Mode
 
 FORCE_ARMING = 2989.0
 """param2 of MAV_CMD_COMPONENT_ARM_DISARM that arms whatever is wrong."""
@@ -57,15 +57,24 @@ def _arm_disarm(autopilot: ArduCopter, message: Any) -> int:
 
 
 def _takeoff(autopilot: ArduCopter, message: Any) -> int:
-    """To a height above home, armed in GUIDED on the ground."""
+    """To a height above home, armed on the ground; nothing but GUIDED flies it."""
     z = float(message.z if message.get_type() == "COMMAND_INT" else message.param7)
     if message.get_type() == "COMMAND_INT" and message.frame not in _ABOVE_HOME:
         return DENIED
     up_m = autopilot.guidance.home_up_m + z
-    can = autopilot.armed and autopilot.landed and autopilot.mode is Mode.GUIDED
-    if not can or not math.isfinite(z) or up_m <= autopilot.motion.position[2]:
+    can = autopilot.mode is Mode.GUIDED or autopilot.mode in ROOTED
+    if (
+        not can
+        or not autopilot.armed
+        or not autopilot.landed
+        or not math.isfinite(z)
+        or up_m <= autopilot.motion.position[2]
+    ):
         return FAILED
-    autopilot.take_off(up_m)
+    if autopilot.mode is Mode.GUIDED:
+        autopilot.take_off(up_m)
+    else:
+        autopilot.speed_up()
     return ACCEPTED
 
 

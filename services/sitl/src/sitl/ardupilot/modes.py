@@ -29,4 +29,6 @@ UNPOWERED = frozenset({Mode.STABILIZE, Mode.ACRO})
 """The throttle stick is the thrust: it lies at the bottom, so the drone falls."""
 SINKING = frozenset({Mode.ALT_HOLD, Mode.LOITER, Mode.POSHOLD})
 """The throttle stick is the climb: at the bottom it descends."""
+ROOTED = frozenset({Mode.LOITER, Mode.POSHOLD})
+"""It takes a takeoff, and the stick at the bottom keeps it on the ground."""
 ARMABLE = frozenset({Mode.STABILIZE, Mode.ACRO, Mode.ALT_HOLD, Mode.GUIDED, Mode.LOITER, Mode.POSHOLD})

@@ -27,6 +27,8 @@ SPEED, SPEED_M_S = 0.10, 0.3
 HEIGHT_M = 1.0
 CHANGES, FEW_CHANGES = 0.5, 3
 """As a part: how often what is told seldom changes."""
+FEW_TOLD = 2
+"""Refusals of ten, whose words a datagram more or less may bring late."""
 BATTERY_PCT = 4
 CURRENT = 0.10
 DELAY_S = 0.3
@@ -154,6 +156,8 @@ def _number(case: str, key: str, first: Range | None, second: Range | None) -> F
         return _numbers(case, key, first, second, relative=SPEED, absolute=SPEED_M_S)
     if key.startswith(("changes", "largest jump")):
         return _numbers(case, key, first, second, relative=CHANGES, absolute=FEW_CHANGES)
+    if key.startswith("told "):
+        return _numbers(case, key, first, second, absolute=FEW_TOLD)
     if key.startswith("battery_pct"):
         return _numbers(case, key, first, second, absolute=BATTERY_PCT)
     if key == "current_a":

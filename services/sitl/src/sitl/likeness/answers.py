@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from .channel import Heard
 from .pilot import Pilot
 from .procedures import HEIGHT_M, Procedures, case, down, up
 
@@ -44,6 +45,39 @@ def _arm_in_land_mode(pilot: Pilot) -> None:
     pilot.wait(2)
     pilot.disarm()
     pilot.wait(3)
+
+
+@case(ANSWERS, "refusals in words")
+def _refusals_in_words(pilot: Pilot) -> None:
+    """How many refusals are told to people before they are acknowledged."""
+    pilot.set_mode("land")
+    pilot.wait(2)
+    told = 0
+    for _ in range(10):
+        heard: list[Heard] = []
+        pilot.tap(heard.append)
+        pilot.arm()
+        pilot.wait(1)
+        pilot.untap(heard.append)
+        kinds = [one.kind for one in heard if one.kind in ("STATUSTEXT", "COMMAND_ACK")]
+        told += kinds[:1] == ["STATUSTEXT"]
+    pilot.case.numbers["told before the acknowledgement"] = told
+    pilot.rest()
+    pilot.wait(2)
+
+
+@case(ANSWERS, "takeoff in modes of the sticks")
+def _takeoff_in_modes_of_the_sticks(pilot: Pilot) -> None:
+    pilot.track()
+    for mode in ("loiter", "poshold", "alt_hold", "stabilize"):
+        pilot.set_mode(mode)
+        pilot.arm()
+        pilot.wait(3)
+        pilot.takeoff(5)
+        pilot.wait(5)
+        pilot.case.numbers[f"height after a takeoff in {mode}"] = round(pilot.position[2], 1)
+        pilot.land()
+        down(pilot)
 
 
 @case(ANSWERS, "reposition on the ground, disarmed")
