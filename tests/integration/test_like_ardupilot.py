@@ -79,11 +79,11 @@ async def test_on_the_ground_nothing_but_a_takeoff_takes_off(system: System, dro
     assert _state(system)["landed"]
 
 
-async def test_what_it_refuses_is_denied(system: System, drone: Drone) -> None:
+async def test_what_it_refuses_is_denied_with_its_reason(system: System, drone: Drone) -> None:
     system.control(1, {"set": {"healthy": False}})
     await eventually(lambda: not is_armable(drone), "it would not arm")
     last = await drone.send(Arm())
-    assert (last.word, last.reason) == (Word.DENIED, "autopilot")
+    assert (last.word, last.reason) == (Word.DENIED, "autopilot: Arm: GPS 1: Bad fix")
 
 
 async def test_a_velocity_is_flown_for_its_duration_and_then_held(system: System, drone: Drone) -> None:

@@ -190,11 +190,31 @@ def test_what_it_refuses_is_denied_with_what_it_tells_people() -> None:
     assert said(refused) == [(1, Word.DENIED, "autopilot: Arm: Need Position Estimate")]
 
 
+def test_the_words_that_it_tells_behind_its_refusal_are_waited_for() -> None:
+    bench = Bench(heartbeat(), home(), position(), landed(1))
+    bench.start(1, Arm())
+    text = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, b"Arm: LAND mode not armable")
+    assert said(bench.hear(ack(ARM, mavlink.MAV_RESULT_FAILED))) == []
+    assert said(bench.hear(from_autopilot(text))) == [(1, Word.DENIED, "autopilot: Arm: LAND mode not armable")]
+    assert bench.until(5000) == [], "nothing is said or written again"
+
+
 def test_a_refusal_without_words_is_denied_too() -> None:
     bench = Bench(heartbeat(), home(), position(), landed(1))
     bench.hear(from_autopilot(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, b"something older")))
     bench.start(1, Arm())
-    assert said(bench.hear(ack(ARM, mavlink.MAV_RESULT_FAILED))) == [(1, Word.DENIED, "autopilot")]
+    assert said(bench.hear(ack(ARM, mavlink.MAV_RESULT_FAILED))) == []
+    assert said(bench.until(100)) == []
+    assert said(bench.until(200)) == [(1, Word.DENIED, "autopilot")]
+
+
+def test_a_newer_command_does_not_wait_for_the_words_of_a_refused_one() -> None:
+    bench = Bench(heartbeat(armed=True), home(), position(10.0), landed(2))
+    bench.start(1, Goto(47.5, 8.0, 10.0))
+    bench.hear(ack(REPOSITION, mavlink.MAV_RESULT_FAILED))
+    assert written(bench.start(2, Land())) == [mavlink.MAV_CMD_NAV_LAND]
+    assert said(bench.hear(ack(mavlink.MAV_CMD_NAV_LAND))) == [(2, Word.ACCEPTED, None)]
+    assert said(bench.until(200)) == [(1, Word.DENIED, "autopilot")]
 
 
 def test_a_velocity_needs_no_set_points_before_its_mode_and_ends_in_brake() -> None:

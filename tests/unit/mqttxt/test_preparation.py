@@ -92,7 +92,8 @@ def test_a_refusal_behind_a_mode_that_was_changed_is_no_definite_no(
 ) -> None:
     bench = prepared(command, mode, armed)
     assert written(later(bench, 100, ack(MODE), heartbeat(GUIDED, armed))) == [number]
-    assert said(bench.hear(ack(number, REFUSED))) == [(1, Word.FAILED, "autopilot")]
+    bench.hear(ack(number, REFUSED))
+    assert said(bench.until(bench.now_ms + 200)) == [(1, Word.FAILED, "autopilot")]
 
 
 def test_past_the_deadline_it_has_failed_where_the_mode_was_changed() -> None:

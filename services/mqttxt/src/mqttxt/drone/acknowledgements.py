@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -16,6 +16,10 @@ from .offboard import OffboardPilot
 from .resting_numbers import AckKey, Kind
 from .runs import Output, Phase, Run, Runs, Said
 
+UNEXPLAINED = "autopilot"
+"""The reason of a refusal whose result alone tells nothing."""
+WORDS_MS = 200
+"""So long after its refusal an autopilot may tell people why."""
 PROGRESS_MS = 1000
 """Percentages are told at most as often; of those in between the newest."""
 
@@ -31,12 +35,22 @@ _FLIGHT_COMMANDS = frozenset(
 
 
 @dataclass(frozen=True)
+class _Held:
+    """The last word on a refused command, message number `number` of its write, and how long it is held back."""
+
+    said: Said
+    number: int
+    until_ms: int
+
+
+@dataclass(frozen=True)
 class Acknowledgements:
     """Finds the command that an acknowledgement is of, and says what became of that."""
 
     vehicle: Vehicle
     runs: Runs
     pilot: OffboardPilot
+    _held: list[_Held] = field(default_factory=list)
 
     def on_ack(self, message: Any, now_ms: int) -> list[Output]:
         keys = [(message.command, source) for source in answered(message, self.vehicle.system_id)]
@@ -90,7 +104,7 @@ class Acknowledgements:
         if result == mavlink.MAV_RESULT_FAILED and self.vehicle.autopilot.refuses_as_failed:
             word = Word.DENIED
         text = self.vehicle.text_since(run.sent_number)
-        reason = f"{reason}: {text}" if reason == "autopilot" and text else reason
+        reason = f"{reason}: {text}" if reason == UNEXPLAINED and text else reason
         if word.is_definite_no and (run.in_progress or run.phase is Phase.RUNNING):  # it was started
             return Word.FAILED, reason or word.label
         return word, reason
@@ -102,9 +116,23 @@ class Acknowledgements:
         if run.refused is None or run.refused[0].is_definite_no:
             run.refused = (word, reason)
         if run.sends == run.acks:
-            return [self.runs.end(run, *run.refused)]
+            said = self.runs.end(run, *run.refused)
+            if said.reason != UNEXPLAINED or not self.vehicle.autopilot.explains_afterwards:
+                return [said]
+            self._held.append(_Held(said, run.sent_number, now_ms + WORDS_MS))
+            return []
         run.last_send_ms = now_ms
         return []
+
+    def explained(self, now_ms: int) -> list[Output]:
+        """The last words that were held back, once the autopilot has told why, or has not for too long."""
+        out: list[Output] = []
+        for held in list(self._held):
+            text = self.vehicle.text_since(held.number)
+            if text or now_ms >= held.until_ms:
+                self._held.remove(held)
+                out.append(replace(held.said, reason=f"{UNEXPLAINED}: {text}") if text else held.said)
+        return out
 
     def _on_unawaited(self, key: AckKey, result: int, now_ms: int) -> list[Output]:
         """An acknowledgement that no command waits for: another copy's, a second one, or of a write of our own."""

@@ -119,11 +119,11 @@ class Executor:
         """A message of the autopilot, after `vehicle` has taken it in."""
         if message.get_type() == "COMMAND_ACK":
             return self._acknowledgements.on_ack(message, now_ms)
-        return self._observe(now_ms) + self._takeoffs.undo(now_ms)
+        return self._acknowledgements.explained(now_ms) + self._observe(now_ms) + self._takeoffs.undo(now_ms)
 
     def tick(self, now_ms: int) -> list[Output]:
         """Deadlines, retransmissions and limits; to be called at least ten times a second."""
-        out: list[Output] = []
+        out = self._acknowledgements.explained(now_ms)
         for run in self._runs:
             if run.phase in UNSENT:
                 out += self._try_send(run, now_ms)

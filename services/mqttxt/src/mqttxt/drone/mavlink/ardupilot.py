@@ -98,6 +98,7 @@ class ArduCopter(Autopilot):
     is_offboard_alone = False
     priming = 0
     refuses_as_failed = True
+    explains_afterwards = True
 
     def flight_mode(self, heartbeat: Any) -> FlightModeName:
         return _MODES.get(heartbeat.custom_mode, FlightModeName.UNKNOWN)

@@ -24,7 +24,8 @@ class Autopilot(ABC):
     any one of each, and what makes their values metres a second. `hold_mode` is the mode in which it stays where it
     is, `offboard_mode` the one in which it follows set-points; `is_offboard_alone`: it does nothing else there.
     `priming` set-points have to come before that mode. `refuses_as_failed`: it says MAV_RESULT_FAILED of what it does
-    not begin. `answers_twice` are the MAV_CMDs that it may accept first, and then say what became of them.
+    not begin. `explains_afterwards`: it tells people why behind its refusal. `answers_twice` are the MAV_CMDs that it
+    may accept first, and then say what became of them.
     """
 
     name: ClassVar[str]
@@ -36,6 +37,7 @@ class Autopilot(ABC):
     is_offboard_alone: ClassVar[bool]
     priming: ClassVar[int]
     refuses_as_failed: ClassVar[bool]
+    explains_afterwards: ClassVar[bool] = False
     answers_twice: ClassVar[frozenset[int]] = frozenset()
 
     @abstractmethod
