@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -12,6 +13,8 @@ from .modes import UNPOWERED, Mode
 
 PRESENT, ENABLED, HEALTHY = 0x5371FC2F, 0x5361FC2F, 0x5771FC2F
 """What a quadrotor in ArduCopter's simulation says of its sensors (MAV_SYS_STATUS_SENSOR) when all is well."""
+COMPASS_RAD = math.radians(0.9)
+"""So far its heading is off in its simulation, which looks just north at first."""
 _STEERED = UNPOWERED | {Mode.ALT_HOLD, Mode.LAND}
 """Modes in which it does not go anywhere by itself."""
 
@@ -30,6 +33,9 @@ class CopterTelemetry(Telemetry):
         "roll": (0.00002, 0.0003, 0.3),
         "voltage": (0.0, 0.0, 0.3),
     }
+
+    def _yaw(self) -> float:
+        return super()._yaw() + (0.0 if self._quiet else COMPASS_RAD)
 
     def _heartbeat(self) -> Any:
         ap = self._ap

@@ -15,7 +15,6 @@ APART: dict[str, dict[tuple[str, str], str]] = {
         ("idle, onboard link", "largest jump of home_m"): _DRIFTS,
     },
     "ardupilot": {
-        ("hover", "GLOBAL_POSITION_INT, bytes"): "Where it looks just north, its heading is a zero that is not sent",
         ("requests", "acknowledgement 15"): "The stand-in has no raw sensors to tell of",
         ("return at the height of flight", "fastest"): _SPEED,
         ("return at the height of flight", "return near home"): _SPEED,
