@@ -74,7 +74,7 @@ def test_its_own_identity_and_battery_are_its_configurations(drone: Any) -> None
 
 
 def test_an_override_must_be_possible() -> None:
-    with pytest.raises(SitlError, match="MPC_ACC_HOR: -1 "):
+    with pytest.raises(SitlError, match="parameter MPC_ACC_HOR: expected 2 to 15, got -1"):
         BytewiseParameters(SPECS, {"MPC_ACC_HOR": -1})
 
 
