@@ -6,15 +6,15 @@ import asyncio
 
 from processes import eventually
 
-from mqttxt import Command, Drone, Outcome, Word
+from mqttxt import Command, Drone, Health, Outcome, Word
 
 BOOT_S = 180.0
 """PX4 arms 30 to 45 s after its start, ArduCopter has a position after 42; later on a machine that does more."""
 
 
 def is_armable(drone: Drone) -> bool:
-    health = drone.states.get("health")
-    return drone.is_controlled and health is not None and health.state.armable  # type: ignore[union-attr]
+    health = drone.state(Health)
+    return drone.is_controlled and health is not None and health.state.armable
 
 
 async def armable(drone: Drone) -> None:
@@ -33,7 +33,7 @@ async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.
     heard: list[Outcome] = []
 
     async def listen() -> None:
-        async for outcome in drone.outcomes(command):
+        async for outcome in drone.send(command):
             heard.append(outcome)
 
     task = asyncio.create_task(listen())

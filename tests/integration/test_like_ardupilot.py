@@ -42,7 +42,7 @@ async def drone(system: System) -> AsyncIterator[Drone]:
 
 
 def _is_down(drone: Drone) -> bool:
-    armed, landed = (drone.states.get(name) for name in ("armed", "landed_state"))
+    armed, landed = drone.state(Armed), drone.state(LandedState)
     return armed is not None and landed is not None and (armed.state, landed.state) == (Armed(False), ON_GROUND)
 
 

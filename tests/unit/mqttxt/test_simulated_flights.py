@@ -31,8 +31,8 @@ class Flight(World):
         self.gs.add_fogs([1])
         self.run("activator", self.activator.on_connected(FOG, self.now_ms))
         self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
-        self.run("uav", self.uav.on_connected(self.now_ms))
-        self.run("gs", self.gs.on_connected(self.now_ms))
+        self.run("uav", self.uav.on_connected(FOG, self.now_ms))
+        self.run("gs", self.gs.on_connected(CLOUD, self.now_ms))
         self.fly(3)
         return self
 
