@@ -26,7 +26,7 @@ PYTHON := .venv/bin/python
 export PYTHONDONTWRITEBYTECODE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 all summary arms links up down report test check bench docs sitl doctor lock upgrade clean venv containers tools
+.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 all summary arms links up down report test check soak bench docs sitl doctor lock upgrade clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -60,12 +60,15 @@ down: containers ## End what `make up` started
 report: venv ## Make metrics and report of the newest results again, without Docker
 	@$(PYTHON) -m testbed report results/*/latest
 
-test: containers tools ## Run every check and every test, WORKERS= at a time
+test: containers tools ## Run every check and every test, WORKERS= at a time; of `make soak` what has changed
 	@$(MAKE) --no-print-directory lint
 	@$(PYTHON) -m pytest --numprocesses '$(WORKERS)' --dist loadfile --no-loadscope-reorder
 
 check: venv lint ## Format, lint, types, import rules and unit tests, in under a minute
 	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long' --hypothesis-profile quick --numprocesses 2 --dist loadfile
+
+soak: containers tools ## Run what `make test` leaves out until what it tests has changed; then commit tests/soak.json
+	@$(PYTHON) -m pytest -m soak
 
 lint: venv
 	@.venv/bin/ruff format --check --quiet . && .venv/bin/ruff check --quiet .

@@ -1,10 +1,10 @@
 """Tests that fly or measure times, on a machine that is late: flown again, and inconclusive where it stays late.
 
 A process beside the tests sleeps in short steps and writes down when it woke up late: that is the machine's doing, not
-the code's. Where a test marked `alone`, `e2e` or `timed` fails by what lateness may cause, and the machine was late
-while it ran, or what it flew is Void, the test is run anew with all its fixtures, once the machine is quieter, TURNS
-times at most. After that it is neither passed nor failed but inconclusive: the last lines name it with its failure, and
-the very last one counts it. Any other failure is one at once.
+the code's. Where a test with one of MARKS fails by what lateness may cause, and the machine was late while it ran, or
+what it flew is Void, the test is run anew with all its fixtures, once the machine is quieter and beside no other test
+(conftest.py), TURNS times at most. After that it is neither passed nor failed but inconclusive: the last lines name it
+with its failure, and the very last one counts it. Any other failure is one at once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 from _pytest.runner import runtestprotocol
 
-MARKS = ("alone", "e2e", "timed")
+MARKS = ("alone", "e2e", "integration")
 TURNS = 3
 LATE_MS = 25
 """A process that sleeps and is not run for so long after: a machine with a core to spare is late by one or two."""
@@ -40,6 +40,11 @@ while True:
     if now - began > 0.01 + {LATE_MS} / 1000:
         print(now, round((now - began - 0.01) * 1000), flush=True)
 """
+
+
+def is_again(item: pytest.Item) -> bool:
+    """Whether a test is run anew."""
+    return item.stash.get(_TURN, 1) > 1
 
 
 class Void(Exception):

@@ -52,8 +52,8 @@ def wait_for_quiet(
 def processor_times(path: Path = STAT) -> tuple[int, int]:
     """Idle time of all processors since boot, and all of it, in the kernel's ticks (proc_stat(5)); Linux only.
 
-    What a hypervisor gave to others counts as busy.
+    What gives way to everybody else (a nice value above 0) counts as idle, what a hypervisor gave to others as busy.
     """
     first, _, _ = path.read_text(encoding="ascii").partition("\n")
     user, nice, system, idle, iowait, irq, softirq, steal, *_ = map(int, first.split()[1:])
-    return idle + iowait, user + nice + system + idle + iowait + irq + softirq + steal
+    return nice + idle + iowait, user + nice + system + idle + iowait + irq + softirq + steal

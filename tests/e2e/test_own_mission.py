@@ -7,7 +7,11 @@ from pathlib import Path
 import pytest
 from flying import Run, attempt_over
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]
+pytestmark = [
+    pytest.mark.e2e,
+    pytest.mark.timeout(300),
+    pytest.mark.soak("testbed", "services/mission/src", "compose.yaml", "tests/e2e/flying.py"),
+]
 
 MISSION = """
 async def mission(fleet, steps):

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from agreement import assert_pymavlink_agrees, assert_tshark_agrees
-from flying import Run, attempt_over, containers
+from flying import Run, attempt_over, containers, quick_drones
 
 from sitl.px4.streams import RATES_HZ
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.e2e, pytest.mark.alone, pytest.mark.timeout(600)]
 
+ENDING_BADLY = pytest.mark.soak("testbed", "services", "compose.yaml", "tests/e2e/flying.py")
 KILL_ROUTER = """
 import os, pathlib, signal
 for found in pathlib.Path('/proc').glob('[0-9]*/cmdline'):
@@ -35,7 +35,8 @@ def heard_topics(limit_s: int) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, dict[str, bytes], dict[str, Any]]:
     """One run over both protocols: the run, what was heard beside the first flight, and the metrics."""
-    run = Run(tmp_path_factory.mktemp("flown") / "results")
+    folder = tmp_path_factory.mktemp("flown")
+    run = Run(folder / "results", environment=quick_drones(folder))
     run.says("  arm ")
     topics = heard_topics(limit_s=40)
     assert run.wait() == 0, run.output
@@ -51,7 +52,7 @@ def test_scenario_1_is_flown_measured_and_reported_over(flown: Flown, protocol: 
     run, _, metrics = flown
     (attempt,) = metrics["protocols"][protocol]["attempts"]
     assert attempt["status"] == "completed"
-    assert 30 < attempt["mission_s"] < 120
+    assert 15 < attempt["mission_s"] < 120, "it holds for 15 s"
     assert {drone: [o["word"] for o in said] for drone, said in attempt["outcomes"].items()} == {
         str(drone): ["completed"] * 3 for drone in range(1, 7)
     }
@@ -117,13 +118,7 @@ def test_on_ideal_links_no_state_is_lost_but_what_a_routers_own_queue_drops_on_a
     assert lost <= dropped <= sum(router["in"] for router in routers.values()) / 200
 
 
-@pytest.mark.parametrize("protocol", ["mqttxt", "mavlink"])
-def test_other_programs_count_the_same_in_the_captures_of(flown: Flown, protocol: str) -> None:
-    attempt = attempt_over(flown[0], protocol)
-    assert_tshark_agrees(attempt)
-    assert_pymavlink_agrees(attempt)
-
-
+@ENDING_BADLY
 def test_ctrl_c_ends_all_containers_and_keeps_what_was_captured(tmp_path: Path) -> None:
     run = Run(tmp_path / "results")
     run.says("  arm ")
@@ -136,6 +131,7 @@ def test_ctrl_c_ends_all_containers_and_keeps_what_was_captured(tmp_path: Path) 
     assert (manifest["status"], manifest["reason"]) == ("failed", "interrupted")
 
 
+@ENDING_BADLY
 def test_what_dies_in_mid_mission_is_named_with_its_last_words_and_the_rest_of_the_run_is_kept(tmp_path: Path) -> None:
     run = Run(tmp_path / "results")
     run.says("  arm ")

@@ -52,9 +52,9 @@ def system(tmp_path: Path) -> Iterator[System]:
         made.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def link() -> Iterator[ShapedLink]:
-    """Two nodes and the network between them, in containers."""
+    """Two nodes and the network between them, in containers; each test starts on it what it needs."""
     made = ShapedLink()
     try:
         yield made.up()

@@ -19,7 +19,7 @@ from mqttxt import Arm, Goto, GroundStation, Word
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import CommandMessage, FogResultMessage, ResultMessage
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 NAN, INFINITE = float("nan"), float("inf")
 STRANGER = 77

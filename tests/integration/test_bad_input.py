@@ -16,7 +16,7 @@ from processes import ROOT, Broker, System, eventually
 
 from mqttxt import GroundStation, Word
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 GARBAGE_EACH = 40
 

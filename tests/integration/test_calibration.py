@@ -14,7 +14,15 @@ from testbed.fly.calibration.schedule import make_load
 from testbed.plan.profiles.resolve import LinkPlan, Plan
 from testbed.plan.topology import Link, Node, Topology
 
-pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(120)]
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.alone,
+    pytest.mark.timeout(120),
+    pytest.mark.soak(
+        *("services/net/src", "testbed/calibration", "testbed/profiles", "testbed/topology.py"),
+        *("tests/integration/shaped_link.py", "tests/integration/link_probe.py"),
+    ),
+]
 TOPOLOGY = Topology(
     tuple(Node(name, f"{subnet}.3") for name, subnet in SUBNETS.items()), (Link("wan:gs", "gs", "cloud"),)
 )

@@ -20,7 +20,15 @@ from mqttxt_conformance.gs import GsTarget, check_gs
 from mqttxt_conformance.registry import Finding, Verdict
 from mqttxt_conformance.uav import UavTarget, check_uav
 
-pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(240)]
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.alone,
+    pytest.mark.timeout(240),
+    pytest.mark.soak(
+        *("services/mqttxt/src", "requirements/testbed.txt"),
+        *("tests/integration/broken_roles.py", "tests/integration/processes.py"),
+    ),
+]
 
 BROKEN = str(Path(__file__).parent / "broken_roles.py")
 UAV_VARIANTS = {

@@ -18,7 +18,7 @@ import docker
 import pytest
 from processes import NODE_IMAGE, ROOT, System, free_port, wait_until
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- tutorial: (?P<how>[^\n]*) -->\n```sh\n(?P<text>.*?)```", re.DOTALL)

@@ -12,7 +12,7 @@ from processes import Container, System, eventually, free_port, wait_until
 
 from mqttxt import Arm, GroundStation, Outcome, Takeoff, Word
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 KILL_MOSQUITTO = """
 import os, pathlib, signal, socket, sys

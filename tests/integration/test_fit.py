@@ -16,29 +16,33 @@ from testbed.plan.topology import ROOT, read_topology
 from tests.bench.fit_simulation import cross
 from tests.bench.fit_streams import exact
 
-pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(120)]
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.alone,
+    pytest.mark.timeout(120),
+    pytest.mark.soak(
+        *("services/net/src", "services/sitl/src", "testbed/profiles", "testbed/topology.py"),
+        *("compose.yaml", "tc_profiles/thesis.yaml", "tests/bench", "tests/integration/shaped_link.py"),
+    ),
+]
 SENDER = "/repository/tests/bench/fit_sender.py"
 SECONDS = 6.0
 TOLERANCE = 0.01
 """Of all frames. The simulation is of the times at which frames were really sent, so a busy machine is no excuse."""
 
 
-def test_one_uavs_stream_loses_on_the_real_air_what_the_simulation_says() -> None:
+def test_one_uavs_stream_loses_on_the_real_air_what_the_simulation_says(link: ShapedLink) -> None:
     plan = resolve(read_profile("thesis"), read_topology(), "scenario-1", 1)
     air = plan.links["air:uav1:up"]
     stream = exact("px4-onboard", SECONDS)
     file = ROOT / ".cache" / "fit" / "one-uav.json"
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps([frame[:2] for frame in stream]))
-    link = ShapedLink()
-    try:
-        with link.up().shaping(asdict(air)) as emulator:
-            inside = str(Path("/repository") / file.relative_to(ROOT))
-            begin_ns = time.monotonic_ns() + 200_000_000
-            said = link.output("gs", [PYTHON, SENDER, "send", inside, f"{SUBNETS['cloud']}.3", str(begin_ns)])
-            found = _counts_of_all(emulator)
-    finally:
-        link.down()
+    with link.shaping(asdict(air)) as emulator:
+        inside = str(Path("/repository") / file.relative_to(ROOT))
+        begin_ns = time.monotonic_ns() + 200_000_000
+        said = link.output("gs", [PYTHON, SENDER, "send", inside, f"{SUBNETS['cloud']}.3", str(begin_ns)])
+        found = _counts_of_all(emulator)
     sent = [
         (t_ns, frame.size, number) for number, (t_ns, frame) in enumerate(zip(json.loads(said), stream, strict=True))
     ]

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from processes import ROOT
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(420)]
+pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(420)]
 
 CODEC_RUNS = 100_000
 ROLE_EXAMPLES = 300
@@ -33,6 +33,10 @@ def _output(command: list[str], **environment: str) -> str:
     return done.stdout
 
 
+@pytest.mark.soak(
+    *("services/mqttxt/src/mqttxt/protocol", "services/mqttxt/src/mqttxt/errors.py", "spec"),
+    *("tests/fuzz", "requirements/testbed.txt"),
+)
 def test_no_bytes_get_anything_but_a_message_or_a_reason_out_of_the_codecs(tmp_path: Path) -> None:
     pytest.importorskip("atheris", reason="atheris has no wheel for this platform and Python")
     target = str(ROOT / "tests" / "fuzz" / "fuzz_codec.py")
@@ -41,6 +45,10 @@ def test_no_bytes_get_anything_but_a_message_or_a_reason_out_of_the_codecs(tmp_p
     assert f"Done {CODEC_RUNS} runs" in said
 
 
+@pytest.mark.soak(
+    *("services/mqttxt/src", "requirements/testbed.txt"),
+    *(f"tests/unit/mqttxt/{name}.py" for name in ("test_fuzz_roles", "strategies", "world")),
+)
 def test_roles_stand_ten_times_as_much(tmp_path: Path) -> None:
     tests = "tests/unit/mqttxt/test_fuzz_roles.py"
     options = ["-q", "-p", "no:cacheprovider", "--timeout=380"]

@@ -20,7 +20,7 @@ import pytest
 from processes import NODE_IMAGE, PATIENCE_S, ROOT, Process, free_port, wait_until
 from routers import Router
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = pytest.mark.integration
 REQUIREMENTS = ROOT / "requirements" / "mavproxy.txt"
 FOGS = {1: (1, 2, 3), 2: (4, 5, 6)}
 SEEN = re.compile(r"Detected vehicle (\d+):1 on link 0")

@@ -22,7 +22,7 @@ from mission.fleet import MissionError, Result
 from mission.mavsdk_fleet import MavsdkFleet
 from mission.steps import Steps
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 BATTERY_STATUS, GLOBAL_POSITION_INT, VFR_HUD, EXTENDED_SYS_STATE = 147, 33, 74, 245
 ARM, SET_MESSAGE_INTERVAL = 400, 511
 LOW_M = 3.0

@@ -21,7 +21,7 @@ from mission.mqttxt_messages import MqttxtMessageFleet
 from mission.side_channel import SideChannel
 from mqttxt.protocol.states import STATES as KNOWN
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 COUNT = 2
 MAV_CMDS = {"arm": 400, "takeoff": 22, "land": 21, "offboard": 176, "goto": 192}
 FIELDS = {name: set(KNOWN[name].__dataclass_fields__) - {"name"} for name in STATES}

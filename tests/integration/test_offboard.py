@@ -12,7 +12,7 @@ from processes import System, eventually
 
 from mqttxt import Attitude, Drone, GroundStation, Offboard, Outcome, Velocity, Word
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from testbed.fly.containers import compose_command
 from testbed.plan.overrides import compose_files
 from testbed.plan.topology import FLEET
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = pytest.mark.integration
 DRONES = [drone for drones in FLEET.values() for drone in drones]
 
 

@@ -17,7 +17,7 @@ from mqttxt import Arm, Fog, Goto, GroundStation, Hold, Outcome, PsmiList, Takeo
 from mqttxt.protocol.rankings import SelectMode
 from mqttxt.protocol.states import Armed
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 MAV_CMD_DO_REPOSITION = 192
 FLEET = {1: (1, 2), 2: (4,)}

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import Arm, GroundStation, Land, Outcome, Takeoff, Word
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 TAKEOFF, LAND = 22, 21
 ALTITUDE_M = 8

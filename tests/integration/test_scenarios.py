@@ -26,7 +26,7 @@ from mission.points import all_points
 from mqttxt.protocol.commands import haversine_m
 from mqttxt.protocol.readings import UNITS
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 DRONES = (1, 2)
 LOW_M = 3.0
 SAMPLES = 3

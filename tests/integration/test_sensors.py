@@ -22,7 +22,7 @@ from mqttxt.protocol.codec import decode
 from mqttxt.protocol.readings import ReadingAck, ReadingKey
 from mqttxt_conformance.tap import Tap
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 KINDS = 3
 

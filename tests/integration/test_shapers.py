@@ -15,7 +15,14 @@ from tests.shapers.comparison import Row, compare, features
 from tests.shapers.machine import Machine
 from tests.shapers.rounds import job, rounds
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed, pytest.mark.timeout(900)]
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.timeout(900),
+    pytest.mark.soak(
+        *("services/net/src", "testbed/profiles", "testbed/topology.py", "testbed/bootstrap/machine.py"),
+        *("compose.yaml", "tc_profiles", "tests/shapers"),
+    ),
+]
 ROUNDS = rounds()
 
 

@@ -22,7 +22,7 @@ from mavsdk.plugins.offboard import VelocityNedYaw
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 from processes import Process, ask_autopilot, free_port
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 HOME = (47.397742, 8.545594, 488.0)
 
 

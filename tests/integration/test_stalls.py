@@ -13,7 +13,7 @@ import pytest_asyncio
 from processes import Proxy, System
 from salvo import FAST, SLOW, Salvo, all_reachable, aloft, station
 
-pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.integration, pytest.mark.asyncio(loop_scope="module")]
 
 COMMANDS_PER_LEG = 120
 STALL_S = 0.9

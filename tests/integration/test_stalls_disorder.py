@@ -14,7 +14,7 @@ from disorder import Disorder
 from processes import Broker, System
 from salvo import FAST, SLOW, Salvo, all_reachable, aloft, station
 
-pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.integration, pytest.mark.asyncio(loop_scope="module")]
 
 COMMANDS = 200
 DELAY_S = 0.8

@@ -19,7 +19,7 @@ from processes import System, eventually
 from mission.events import EventLog
 from mission.mqttxt_fleet import FIVE_STATES, MqttxtFleet
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 DRONES = (1, 2)
 TURNS = 4

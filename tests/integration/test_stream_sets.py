@@ -9,7 +9,7 @@ from processes import System, eventually
 
 from mqttxt import Arm, GroundStation, Land, Stream, Takeoff
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = pytest.mark.integration
 STATES = frozenset(
     {"armed", "battery", "flight_mode", "groundspeed", "heading", "health", "home", "landed_state", "location"}
 )

@@ -11,6 +11,7 @@ import pytest
 from tests import lateness
 from tests.e2e import flying
 
+pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
 TESTS = Path(__file__).parents[1]
 
 OWN = """
@@ -42,21 +43,21 @@ def flown():
 def test_it(flown):
     FAILS
 """
-CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["timed: a", "long: b"]\ntimeout = 30\n'
+CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["integration: a", "long: b"]\ntimeout = 30\n'
 AGAIN = "assert flown > 1"
 
 
 @pytest.mark.parametrize(
     ("late", "mark", "fails", "turns", "said"),
     [
-        ("True", "timed", "assert False, 'what failed'", lateness.TURNS, "1 inconclusive"),
-        ("True", "timed", AGAIN, 2, "1 passed"),
-        ("True", "timed", "raise KeyError", 1, "1 failed"),
-        ("False", "timed", "raise lateness.Void('the emulator was late')", lateness.TURNS, "1 inconclusive"),
-        ("False", "timed", "if flown == 1: raise lateness.Void('the emulator was late')", 2, "1 passed"),
+        ("True", "integration", "assert False, 'what failed'", lateness.TURNS, "1 inconclusive"),
+        ("True", "integration", AGAIN, 2, "1 passed"),
+        ("True", "integration", "raise KeyError", 1, "1 failed"),
+        ("False", "integration", "raise lateness.Void('the emulator was late')", lateness.TURNS, "1 inconclusive"),
+        ("False", "integration", "if flown == 1: raise lateness.Void('the emulator was late')", 2, "1 passed"),
         ("False", "long", "raise lateness.Void('the emulator was late')", 1, "1 failed"),
         ("True", "long", AGAIN, 1, "1 failed"),
-        ("False", "timed", AGAIN, 1, "1 failed"),
+        ("False", "integration", AGAIN, 1, "1 failed"),
     ],
     ids=[
         "always late",
@@ -64,8 +65,8 @@ AGAIN = "assert flown > 1"
         "another failure",
         "void",
         "void once",
-        "void, not timed",
-        "not timed",
+        "void, not integration",
+        "not integration",
         "not late",
     ],
 )
@@ -86,11 +87,11 @@ def test_each_test_of_a_file_whose_fixture_stays_late_is_named_and_the_fixture_i
     tmp_path: Path,
 ) -> None:
     source = (
-        OWN.replace("MARK", "timed")
+        OWN.replace("MARK", "integration")
         .replace("FAILS", "pass")
         .replace("    return", "    assert False, 'why'\n    return")
     )
-    lines = _run(source + "\n@pytest.mark.timed\ndef test_more(flown):\n    pass\n", "True", tmp_path)
+    lines = _run(source + "\n@pytest.mark.integration\ndef test_more(flown):\n    pass\n", "True", tmp_path)
     assert "2 inconclusive" in lines[-1], lines
     assert int((tmp_path / "turns").read_text()) == lateness.TURNS
     place = 1 + source.splitlines().index("    assert False, 'why'")
@@ -101,7 +102,7 @@ def test_each_test_of_a_file_whose_fixture_stays_late_is_named_and_the_fixture_i
 
 def _run(source: str, late: str, folder: Path) -> list[str]:
     """The lines of a run of tests whose fixture finds the machine late or not."""
-    for name in ("conftest.py", "lateness.py"):
+    for name in ("conftest.py", "lateness.py", "soak.py"):
         (folder / name).write_text((TESTS / name).read_text())
     (folder / "pyproject.toml").write_text(CONFIGURATION)
     (folder / "test_it.py").write_text(source.replace("LATE and", f"{late} and"))

@@ -1,4 +1,4 @@
-"""How `make test` shares out tests: a file stays on one worker, and what is to be alone runs last, one at a time."""
+"""How `make test` shares out tests: files and flights stay on one worker, and what is to be alone is."""
 
 from __future__ import annotations
 
@@ -7,42 +7,88 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
-TESTS_OWN = [Path(__file__).parents[1] / name for name in ("conftest.py", "lateness.py")]
-WORDS = ["--numprocesses", "3", "--dist", "loadfile", "--no-loadscope-reorder", "-p", "no:cacheprovider"]
+pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
+TESTS_OWN = [Path(__file__).parents[1] / name for name in ("conftest.py", "lateness.py", "soak.py")]
+WORDS = ["--numprocesses", "3", "--no-loadscope-reorder", "-p", "no:cacheprovider"]
 TESTS = """
 import json, os, time
 from pathlib import Path
 import pytest
 
-MARKS
+pytestmark = [MARKS]
+
 @pytest.mark.parametrize("n", range(4))
 def test_some(n):
     began_ns = time.monotonic_ns()
-    sum(range(100_000))
-    ran = [Path(__file__).stem, os.environ["PYTEST_XDIST_WORKER"], began_ns, time.monotonic_ns()]
+    sum(range(1_000_000))
+    worker, nice = os.environ["PYTEST_XDIST_WORKER"], os.getpriority(os.PRIO_PROCESS, 0)
+    ran = [Path(__file__).stem, worker, nice, began_ns, time.monotonic_ns()]
     with (Path(__file__).parent / "log").open("a") as log:
         log.write(json.dumps(ran) + chr(10))
 """
-FILES = {"test_a": "", "test_b": "", "test_c": "", "test_d": "", "test_x": "alone", "test_y": "e2e", "test_z": "alone"}
+FILES = {
+    **{f"test_{name}": () for name in "abcd"},
+    **{f"test_{name}": ("integration",) for name in "ij"},
+    **{"test_k": ("integration", "apart"), "test_x": ("alone",), "test_y": ("e2e",), "test_z": ("e2e", "alone")},
+}
+
+
+class Ran(NamedTuple):
+    file: str
+    worker: str
+    nice: int
+    began_ns: int
+    ended_ns: int
+
+    @property
+    def marks(self) -> tuple[str, ...]:
+        return FILES[self.file]
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> list[Ran]:
+    folder = tmp_path_factory.mktemp("tests")
+    for own in TESTS_OWN:
+        (folder / own.name).write_text(own.read_text())
+    marks = [f"{mark}: a" for mark in ("alone", "e2e", "integration", "apart")]
+    (folder / "pyproject.toml").write_text(f"[tool.pytest.ini_options]\nmarkers = {json.dumps(marks)}\n")
+    for name, own_marks in FILES.items():
+        named = ", ".join(f"pytest.mark.{mark}" for mark in own_marks)
+        (folder / f"{name}.py").write_text(TESTS.replace("MARKS", named))
+    command = [sys.executable, "-m", "pytest", *WORDS]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    found = [Ran(*json.loads(line)) for line in (folder / "log").read_text().splitlines()]
+    assert len(found) == 4 * len(FILES)
+    return found
 
 
 @pytest.mark.long
-def test_a_file_is_on_one_worker_and_what_is_alone_runs_last_beside_nothing(tmp_path: Path) -> None:
-    for own in TESTS_OWN:
-        (tmp_path / own.name).write_text(own.read_text())
-    (tmp_path / "pyproject.toml").write_text('[tool.pytest.ini_options]\nmarkers = ["alone: a", "e2e: b"]\n')
-    for name, mark in FILES.items():
-        (tmp_path / f"{name}.py").write_text(TESTS.replace("MARKS", f"@pytest.mark.{mark}" if mark else ""))
-    command = [sys.executable, "-m", "pytest", *WORDS]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-    ran = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
-    assert len(ran) == 4 * len(FILES)
-    assert len({(name, worker) for name, worker, *_ in ran}) == len(FILES)
-    alone = sorted((began, ended) for name, _, began, ended in ran if FILES[name])
-    others = [ended for name, _, _, ended in ran if not FILES[name]]
-    assert alone[0][0] >= max(others)
-    assert all(after[0] >= before[1] for before, after in pairwise(alone))
+def test_a_file_is_on_one_worker_and_all_that_flies_or_is_alone_on_one_too(ran: list[Ran]) -> None:
+    workers = {name: {one.worker for one in ran if one.file == name} for name in FILES if name != "test_k"}
+    assert {len(found) for found in workers.values()} == {1}
+    assert workers["test_x"] == workers["test_y"] == workers["test_z"]
+
+
+@pytest.mark.long
+def test_what_flies_comes_one_after_another_and_what_is_alone_is_beside_no_other_integration(ran: list[Ran]) -> None:
+    flights = sorted((one for one in ran if {"alone", "e2e"} & set(one.marks)), key=lambda one: one.began_ns)
+    assert all(after.began_ns >= before.ended_ns for before, after in pairwise(flights))
+    assert [one.file for one in flights] == ["test_y"] * 4 + ["test_x"] * 4 + ["test_z"] * 4
+    for alone in (one for one in ran if "alone" in one.marks):
+        beside = [one for one in ran if one.began_ns < alone.ended_ns and alone.began_ns < one.ended_ns]
+        assert not any("integration" in one.marks for one in beside)
+
+
+@pytest.mark.long
+def test_what_does_not_fly_gives_way_and_what_needs_nothing_but_time_most(ran: list[Ran]) -> None:
+    own = min(one.nice for one in ran)
+    for one in ran:
+        if {"alone", "e2e"} & set(one.marks):
+            assert one.nice == own
+        else:
+            assert one.nice >= max(own, 5 if "integration" in one.marks else 10)

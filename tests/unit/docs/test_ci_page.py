@@ -29,7 +29,7 @@ def _scripts() -> list[str]:
 
 def test_what_the_workflows_make_are_targets() -> None:
     made = [shlex.split(script)[1] for script in _scripts() if script.startswith("make ")]
-    assert set(made) == {"scenario-1", "check", "test", "links"}
+    assert set(made) == {"scenario-1", "check", "test", "soak", "links"}
     assert set(made) <= TARGETS
 
 

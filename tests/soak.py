@@ -1,0 +1,104 @@
+"""Long tests: `make soak` runs them, `make test` only those that test something that has changed since they passed.
+
+A test marked `soak` names the files and folders that it tests. Once `make soak` has passed, PASSED has a hash of them
+for each test; it belongs to the repository. `make test` leaves a test out while its hash is the same, and says so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+from xdist import is_xdist_controller, is_xdist_worker
+
+MARK = "soak"
+PASSED = Path(__file__).with_suffix(".json")
+UNCHANGED = "nothing that it tests has changed since `make soak` passed"
+_DIGEST = pytest.StashKey[str]()
+_reports: dict[str, list[pytest.TestReport]] = {}
+_left_out: set[str] = set()
+"""Tests of which a part was not chosen: what passes says nothing of them."""
+
+
+def digest_of(root: Path, sources: tuple[str, ...]) -> str:
+    """A hash of the names and contents of all files; raises FileNotFoundError for a source that is not there."""
+    whole = hashlib.sha256()
+    for source in sources:
+        path = root / source
+        files = sorted(path.rglob("*")) if path.is_dir() else [path]
+        for file in files:
+            if file.is_dir() or any(part == "__pycache__" or part.endswith(".egg-info") for part in file.parts):
+                continue
+            content = hashlib.sha256(file.read_bytes()).hexdigest()
+            whole.update(f"{file.relative_to(root)} {content}\n".encode())
+    return whole.hexdigest()
+
+
+def _name(item: pytest.Item) -> str:
+    """A test's name without its parameters."""
+    return item.nodeid.partition("[")[0]
+
+
+def _passed() -> dict[str, str]:
+    found: dict[str, str] = json.loads(PASSED.read_text()) if PASSED.exists() else {}
+    return found
+
+
+def _is_soak(config: pytest.Config) -> bool:
+    return bool(config.option.markexpr == MARK)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    passed, digests = _passed(), dict[tuple[str, ...], str]()
+    for item in items:
+        mark = item.get_closest_marker(MARK)
+        if mark is None:
+            continue
+        sources = (str(item.path.relative_to(config.rootpath)), *mark.args)
+        digests.setdefault(sources, digest_of(config.rootpath, sources))
+        item.stash[_DIGEST] = digests[sources]
+        if passed.get(_name(item)) == digests[sources] and not _is_soak(config):
+            item.add_marker(pytest.mark.skip(reason=UNCHANGED))
+
+
+def pytest_deselected(items: list[pytest.Item]) -> None:
+    _left_out.update(_name(item) for item in items if item.get_closest_marker(MARK))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if _DIGEST in item.stash:
+        report.soak = (_name(item), item.stash[_DIGEST])
+    return report
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if hasattr(report, "soak"):
+        _reports.setdefault(report.soak[0], []).append(report)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write down what passed, of files that were asked for as a whole, in this process."""
+    config = session.config
+    several = is_xdist_worker(session) or is_xdist_controller(session)
+    if several or not _is_soak(config) or any("::" in argument for argument in config.args):
+        return
+    passed = _passed()
+    for name in _reports.keys() - _left_out:
+        passed.pop(name, None)
+        if all(report.passed for report in _reports[name]):
+            passed[name] = _reports[name][0].soak[1]
+    PASSED.write_text(json.dumps(passed, indent=2, sort_keys=True) + "\n")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Generator[None, None, None]:
+    """After everything else a line for each test that was left out."""
+    yield
+    for name, reports in sorted(_reports.items()):
+        if any(report.skipped and UNCHANGED in str(report.longrepr) for report in reports):
+            terminalreporter.line(f"NOT RUN {name}: {UNCHANGED}", yellow=True)

@@ -1,0 +1,95 @@
+"""`make soak` writes down what passed; other runs leave a long test out until what it tests has changed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests import soak
+
+pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
+TESTS = """
+from pathlib import Path
+import pytest
+
+@pytest.mark.soak("product")
+@pytest.mark.parametrize("n", range(2))
+def test_long(n):
+    assert (Path(__file__).parent / "product" / "module.py").read_text() != "broken"
+
+@pytest.mark.soak("other.py")
+def test_other():
+    pass
+
+def test_quick():
+    pass
+"""
+CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["soak(sources): a"]\ntestpaths = ["."]\n'
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    (tmp_path / "soak.py").write_text(Path(soak.__file__).read_text())
+    (tmp_path / "conftest.py").write_text('pytest_plugins = ["soak"]\n')
+    (tmp_path / "pyproject.toml").write_text(CONFIGURATION)
+    (tmp_path / "test_it.py").write_text(TESTS)
+    (tmp_path / "other.py").write_text("")
+    (tmp_path / "product").mkdir()
+    (tmp_path / "product" / "module.py").write_text("sound")
+    return tmp_path
+
+
+def run(project: Path, *words: str) -> list[str]:
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *words]
+    return subprocess.run(command, cwd=project, capture_output=True, text=True, check=False).stdout.splitlines()
+
+
+def not_run(lines: list[str]) -> list[str]:
+    return [line.split()[2].removesuffix(":") for line in lines if line.startswith("NOT RUN")]
+
+
+def written(project: Path) -> set[str]:
+    return set(json.loads((project / "soak.json").read_text()))
+
+
+@pytest.mark.long
+def test_a_long_test_is_left_out_once_it_passed_and_runs_again_once_what_it_tests_has_changed(project: Path) -> None:
+    assert "4 passed" in run(project)[-1], "never passed: it runs"
+    assert "3 passed, 1 deselected" in run(project, "-m", "soak")[-1]
+    lines = run(project)
+    assert not_run(lines) == ["test_it.py::test_long", "test_it.py::test_other"]
+    assert any("1 passed, 3 skipped" in line for line in lines)
+    (project / "product" / "module.py").write_text("changed")
+    lines = run(project)
+    assert not_run(lines) == ["test_it.py::test_other"]
+    assert any("3 passed, 1 skipped" in line for line in lines)
+
+
+@pytest.mark.long
+def test_what_failed_or_was_run_in_part_is_not_written_down(project: Path) -> None:
+    (project / "product" / "module.py").write_text("broken")
+    assert "2 failed, 1 passed" in run(project, "-m", "soak")[-1]
+    assert written(project) == {"test_it.py::test_other"}
+    (project / "product" / "module.py").write_text("sound")
+    for part in (["-k", "0 or other"], ["test_it.py::test_long"], ["--numprocesses", "2"]):
+        assert "passed" in run(project, "-m", "soak", *part)[-1]
+        assert written(project) == {"test_it.py::test_other"}, part
+    assert "3 passed" in run(project, "-m", "soak", "test_it.py")[-1]
+    assert written(project) == {"test_it.py::test_long", "test_it.py::test_other"}
+
+
+def test_a_renamed_file_and_a_changed_one_change_the_hash_and_a_compiled_one_does_not(project: Path) -> None:
+    before = soak.digest_of(project, ("product",))
+    (project / "product" / "__pycache__").mkdir()
+    (project / "product" / "__pycache__" / "module.pyc").write_bytes(b"1")
+    assert soak.digest_of(project, ("product",)) == before
+    (project / "product" / "module.py").rename(project / "product" / "renamed.py")
+    renamed = soak.digest_of(project, ("product",))
+    (project / "product" / "renamed.py").write_text("changed")
+    assert len({before, renamed, soak.digest_of(project, ("product",))}) == 3
+    with pytest.raises(FileNotFoundError):
+        soak.digest_of(project, ("nowhere",))
