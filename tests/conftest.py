@@ -130,7 +130,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         _give_way(NICE if _is_integration(item) else NICEST)
     if _is_alone(item) or lateness.is_again(item):
         _turn.take_alone()
-    elif _is_integration(item):
+    elif _is_integration(item) or _is_flight(item):
         _turn.share()
     try:
         return (yield)

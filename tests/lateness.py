@@ -2,9 +2,9 @@
 
 A process beside the tests sleeps in short steps and writes down when it woke up late: that is the machine's doing, not
 the code's. Where a test with one of MARKS fails by what lateness may cause, and the machine was late while it ran, or
-what it flew is Void, the test is run anew with all its fixtures, once the machine is quieter and beside no other test
-(conftest.py), TURNS times at most. After that it is neither passed nor failed but inconclusive: the last lines name it
-with its failure, and the very last one counts it. Any other failure is one at once.
+what it flew is Void, the test is run anew with all its fixtures, once the machine is quieter and beside nothing but
+tests that give way (conftest.py), TURNS times at most. After that it is neither passed nor failed but inconclusive: the
+last lines name it with its failure, and the very last one counts it. Any other failure is one at once.
 """
 
 from __future__ import annotations
