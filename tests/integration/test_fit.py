@@ -21,7 +21,7 @@ pytestmark = [
     pytest.mark.alone,
     pytest.mark.timeout(120),
     pytest.mark.soak(
-        *("services/net/src", "services/sitl/src", "testbed/profiles", "testbed/topology.py"),
+        *("services/net/src", "services/sitl/src", "testbed/plan/profiles", "testbed/plan/topology.py"),
         *("compose.yaml", "tc_profiles/thesis.yaml", "tests/bench", "tests/integration/shaped_link.py"),
     ),
 ]

@@ -19,7 +19,7 @@ pytestmark = [
     pytest.mark.integration,
     pytest.mark.timeout(900),
     pytest.mark.soak(
-        *("services/net/src", "testbed/profiles", "testbed/topology.py", "testbed/bootstrap/machine.py"),
+        *("services/net/src", "testbed/plan/profiles", "testbed/plan/topology.py", "testbed/bootstrap/machine.py"),
         *("compose.yaml", "tc_profiles", "tests/shapers"),
     ),
 ]
