@@ -13,7 +13,7 @@ from processes import System, eventually
 from mqttxt import Arm, Disarm, Drone, Goto, GroundStation, Hold, Land, Offboard, Return, Takeoff, Velocity, Word
 from mqttxt.protocol.states import Armed, Landed, LandedState
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = pytest.mark.integration
 
 HOME = (47.397742, 8.545594)
 ON_GROUND = LandedState(Landed.ON_GROUND)

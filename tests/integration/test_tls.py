@@ -11,7 +11,7 @@ from processes import System, eventually, free_port
 
 from mqttxt import FogUnreachable, GroundStation
 
-pytestmark = [pytest.mark.integration, pytest.mark.timed]
+pytestmark = pytest.mark.integration
 
 
 def certify(folder: Path, name: str, subject: str, *more: str) -> None:
