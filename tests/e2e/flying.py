@@ -31,7 +31,7 @@ def containers() -> dict[str, object]:
 
 
 QUICK = {
-    **{"MPC_TKO_RAMP_T": 0.5, "MPC_TKO_SPEED": 5, "MPC_LAND_SPEED": 3, "MPC_LAND_CRWL": 1, "COM_DISARM_LAND": 0.5},
+    **{"MPC_TKO_RAMP_T": 0.5, "MPC_TKO_SPEED": 5, "MPC_LAND_SPEED": 3, "MPC_LAND_CRWL": 1},
     **{"MPC_Z_VEL_MAX_UP": 8, "MPC_Z_VEL_MAX_DN": 4, "MPC_Z_V_AUTO_UP": 8, "MPC_Z_V_AUTO_DN": 4},
     **{"MPC_ACC_HOR": 10, "MPC_ACC_UP_MAX": 10, "MPC_ACC_DOWN_MAX": 10, "MPC_JERK_AUTO": 40},
     **{"MPC_XY_VEL_MAX": 20, "MPC_XY_CRUISE": 20},
