@@ -262,6 +262,25 @@ def test_a_pilots_mode_ends_a_running_command(
     assert said(bench.hear(over)) == [(1, Word.FAILED, "mode_changed")]
 
 
+@pytest.mark.parametrize(("command", "number", "own"), [(Land(), LAND, (4, 6)), (Return(), MODE, (4, 5))])
+def test_a_px4_that_disarms_and_holds_before_it_says_that_it_landed_has_landed(
+    command: Command, number: int, own: tuple[int, int]
+) -> None:
+    bench = Bench()
+    bench.start(1, command)
+    bench.hear(ack(number), landed(4), heartbeat(armed=True, main=own[0], sub=own[1]))
+    assert said(bench.hear(heartbeat(armed=False, main=4, sub=3))) == []
+    assert said(bench.hear(landed(1))) == [(1, Word.COMPLETED, None)]
+
+
+def test_a_drone_whose_motors_were_stopped_in_the_air_has_not_landed() -> None:
+    bench = Bench()
+    bench.start(1, Land())
+    bench.hear(ack(LAND), landed(4), heartbeat(armed=True, main=4, sub=6))
+    assert said(bench.hear(heartbeat(armed=False, main=4, sub=3))) == []
+    assert said(bench.until(3100)) == [(1, Word.FAILED, "mode_changed")]
+
+
 def test_a_mode_that_is_still_changing_has_three_seconds() -> None:
     bench = Bench()
     bench.start(1, Land())

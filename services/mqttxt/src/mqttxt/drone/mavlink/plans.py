@@ -178,7 +178,11 @@ def holds(vehicle: Vehicle, after: int) -> bool:
     return vehicle.is_still(after) or vehicle.seen(LandedState, after) == LandedState(Landed.ON_GROUND)
 
 
+def is_disarmed(vehicle: Vehicle, after: int) -> bool:
+    """Disarmed, on the ground or not."""
+    return vehicle.seen(Armed, after) == Armed(False)
+
+
 def is_down(vehicle: Vehicle, after: int) -> bool:
     """Landed and disarmed."""
-    landed = vehicle.seen(LandedState, after) == LandedState(Landed.ON_GROUND)
-    return landed and vehicle.seen(Armed, after) == Armed(False)
+    return vehicle.seen(LandedState, after) == LandedState(Landed.ON_GROUND) and is_disarmed(vehicle, after)

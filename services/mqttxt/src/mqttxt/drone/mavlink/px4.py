@@ -21,6 +21,7 @@ from .plans import (
     command_long,
     holds,
     home_altitude_m,
+    is_disarmed,
     is_down,
     landed_state,
     never,
@@ -108,13 +109,14 @@ class Px4(Autopilot):
             return _goto(command, vehicle)
         if isinstance(command, Land):
             message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
-            return Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
+            plan = Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
+            return _ending_in_hold(plan)
         if isinstance(command, Hold):
             return self._hold(vehicle, now_ms)
         if isinstance(command, Offboard):
             return self._mode(vehicle, self.offboard_mode, never)
         assert isinstance(command, Return)
-        return self._mode(vehicle, FlightModeName.RETURN, is_down)
+        return _ending_in_hold(self._mode(vehicle, FlightModeName.RETURN, is_down))
 
     def _hold(self, vehicle: Vehicle, now_ms: int) -> Plan:
         """In the air a reposition to where it is: a goto is HOLD mode already, and DO_SET_MODE would not stop it.
@@ -141,6 +143,11 @@ def _takeoff(command: Takeoff, vehicle: Vehicle) -> Plan:
         passing=frozenset({FlightModeName.HOLD}),
         near=above(target_m - max(ALTITUDE_NEAR_M, 0.1 * command.altitude_m)),
     )
+
+
+def _ending_in_hold(plan: Plan) -> Plan:
+    """PX4 goes into hold as it disarms after a landing; the landed state may come after that (COM_DISARM_LAND)."""
+    return replace(plan, passing=frozenset({FlightModeName.HOLD}), near=is_disarmed)
 
 
 def _mode_of(vehicle: Vehicle) -> FlightModeName:
