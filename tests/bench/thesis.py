@@ -1,4 +1,4 @@
-"""Writes into a page what `thesis` loses of the stand-in's streams: `python -m tests.bench.thesis docs/links.md`.
+"""Writes into a page what `thesis` loses of the stand-in's streams: `python -m tests.bench.thesis FILE`.
 
 By simulation alone, with every tick of the autopilot in its place, so that the same code gives the same figures.
 """

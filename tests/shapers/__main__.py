@@ -1,4 +1,4 @@
-"""Runs the comparison of both shapers and writes its table into a page: `python -m tests.shapers docs/links.md`."""
+"""Runs the comparison of both shapers and writes its table into a page: `python -m tests.shapers FILE`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Links as measured, for people: of each class and direction the link that is furthest off, configured beside measured.
 
-`python -m testbed.calibration.table results/links/latest/links.json docs/links.md` puts the table of saved checks, one
-file or more, between the page's markers.
+`python -m testbed.fly.calibration.table results/links/latest/links.json docs/links-measured.md` puts the table of saved
+checks, one file or more, between the page's markers.
 """
 
 from __future__ import annotations
