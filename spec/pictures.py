@@ -125,7 +125,7 @@ def command() -> Drawing:
     """The way of one takeoff, from the call to its last word, with the deadlines on it."""
     fog, field = CloudSide(1), FogSide()
     name, limit_s, grace_s = Takeoff.name, Takeoff.limit_s, GRACE_MS / 1000
-    drawing = Drawing(900, 640, "A command's way and its deadlines")
+    drawing = Drawing(900, 652, "A command's way and its deadlines")
     at = {life: 75 + _APART * index for index, life in enumerate(_LIVES)}
     for life, x in at.items():
         drawing.box(x - 60, 14, 120, 28)
@@ -164,6 +164,7 @@ def command() -> Drawing:
     rules = (
         "ttl bounds the start: no write to the autopilot happens once the UAV client's clock is past D′.",
         "limit bounds the end: it runs from the start at the UAV client.",
+        "Beacons give the other clock's least reading: a delayed beacon makes a deadline earlier, never later.",
     )
     for index, rule in enumerate(rules):
         drawing.text(20, 586 + 22 * index, rule)
