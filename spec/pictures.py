@@ -130,7 +130,7 @@ def command() -> Drawing:
     for life, x in at.items():
         drawing.box(x - 60, 14, 120, 28)
         drawing.text(x, 33, life, "title", "middle")
-        drawing.line((x, 42), (x, 545), dashed=True)
+        drawing.line((x, 42), (x, 556), dashed=True)
     station, cloud, activator, broker, drone, autopilot = at.values()
 
     def sends(y: float, hops: tuple[float, ...], label: str, kind: str = "code") -> None:
@@ -150,24 +150,27 @@ def command() -> Drawing:
     sends(162, (station, cloud, activator), f"{fog.drone_commands(1)}, with D")
     decides(activator, 178, "clock ≥ D: expired", "D′ = the drone's clock + what is left")
     sends(252, (activator, broker, drone), f"{field.commands(1)}, with D′")
-    decides(drone, 268, "before every write:", "clock > D′: expired")
+    decides(drone, 268, "clock ≤ D′ before every write", "past D′ before the first: expired")
     sends(342, (drone, autopilot), "NAV_TAKEOFF")
     repeats = f"up to {SENDS} times, every {RESEND_MS / 1000:g} s"
     drawing.text((drone + autopilot) / 2, 358, repeats, "small", "middle")
     sends(388, (autopilot, drone), "COMMAND_ACK")
-    sends(412, (drone, broker, activator, cloud, station), f"{fog.drone_result(1, name)}: accepted")
+    for y, word in ((412, "accepted"), (486, "completed")):
+        sends(y, (drone, broker, activator), field.commands_result(1, name))
+        sends(y, (activator, cloud, station), fog.drone_result(1, name))
+        for x in (broker, cloud):
+            drawing.text(x, y + 16, word, "title", "middle")
     sends(462, (autopilot, drone), "telemetry: at the height")
-    sends(486, (drone, broker, activator, cloud, station), f"{fog.drone_result(1, name)}: completed")
-    decides(activator, 502, "no last word: unconfirmed", f"{grace_s:g} s after D + limit")
-    decides(station + 42, 502, "no last word: unconfirmed", f"{2 * grace_s:g} s after ttl + limit")
-    decides(drone, 502, f"limit ({limit_s:g} s for {name})", "is over: failed(timeout)")
+    decides(activator, 514, "no last word: unconfirmed", f"{grace_s:g} s after D + limit")
+    decides(station + 42, 514, "no last word: unconfirmed", f"{2 * grace_s:g} s after ttl + limit")
+    decides(drone, 514, f"limit ({limit_s:g} s for {name})", "is over: failed(timeout)")
     rules = (
         "ttl bounds the start: no write to the autopilot happens once the UAV client's clock is past D′.",
         "limit bounds the end: it runs from the start at the UAV client.",
         "Beacons give the other clock's least reading: a delayed beacon makes a deadline earlier, never later.",
     )
     for index, rule in enumerate(rules):
-        drawing.text(20, 586 + 22 * index, rule)
+        drawing.text(20, 592 + 22 * index, rule)
     return drawing
 
 
