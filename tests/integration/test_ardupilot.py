@@ -80,6 +80,8 @@ async def test_on_the_ground_nothing_but_a_takeoff_takes_off(flight: Flight, dro
 
 
 async def test_what_it_refuses_is_denied(flight: Flight, drone: Drone) -> None:
+    flight.pilot.set_mode(GUIDED)  # in another one `arm` changes the mode first, and is failed where it is refused
+    await eventually(lambda: flight.pilot.mode == GUIDED, "the mode in which it arms")
     flight.pilot.set_parameter("SIM_GPS_DISABLE", 1.0)
     try:
         await eventually(lambda: not is_armable(drone), "it would not arm", 60)
@@ -119,7 +121,7 @@ async def test_a_pilot_who_takes_the_mode_before_a_takeoff_keeps_it(flight: Flig
     flight.pilot.set_mode(LOITER)
     await eventually(lambda: flight.pilot.mode == LOITER, "the pilot's mode")
     await fly(drone, Arm())
-    asked = asyncio.create_task(drone.send(Takeoff(10.0)))
+    asked = asyncio.ensure_future(drone.send(Takeoff(10.0)))
     await eventually(lambda: flight.pilot.mode == GUIDED or asked.done(), "the mode for the takeoff")
     while not asked.done():
         flight.pilot.set_mode(LOITER)

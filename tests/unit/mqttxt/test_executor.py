@@ -262,6 +262,21 @@ def test_a_pilots_mode_ends_a_running_command(
     assert said(bench.hear(over)) == [(1, Word.FAILED, "mode_changed")]
 
 
+def test_a_mode_that_showed_before_the_acknowledgement_was_entered() -> None:
+    bench = Bench()
+    bench.start(1, Land())
+    bench.hear(heartbeat(armed=True, main=4, sub=6), ack(LAND))
+    assert said(bench.hear(heartbeat(armed=True, main=4, sub=5))) == [(1, Word.FAILED, "mode_changed")]
+
+
+def test_a_mode_from_before_the_write_was_not_entered_by_it() -> None:
+    bench = Bench()
+    bench.hear(heartbeat(armed=True, main=4, sub=6))
+    bench.start(1, Land())
+    bench.hear(ack(LAND))
+    assert said(bench.hear(heartbeat(armed=True, main=4, sub=5))) == []
+
+
 @pytest.mark.parametrize(("command", "number", "own"), [(Land(), LAND, (4, 6)), (Return(), MODE, (4, 5))])
 def test_a_px4_that_disarms_and_holds_before_it_says_that_it_landed_has_landed(
     command: Command, number: int, own: tuple[int, int]

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from ..core.effects import Log
 from ..protocol.commands import Offboard
 from ..protocol.messages import Word
+from ..protocol.states import FlightMode
 from .mavlink.mav_result import answered, percent_of, refusal
 from .mavlink.vehicle import Vehicle
 from .offboard import OffboardPilot
@@ -82,6 +83,8 @@ class Acknowledgements:
         run.phase = Phase.RUNNING
         run.accepted_ms = now_ms
         run.accepted_number, run.restarts = self.vehicle.number, self.vehicle.boots.restarts
+        mode = self.vehicle.seen(FlightMode, run.sent_number)  # PX4 may show it before it acknowledges
+        run.entered_mode = mode is not None and run.plan.modes is not None and mode.mode in run.plan.modes
         if isinstance(run.command, Offboard):
             self.pilot.begin(run, now_ms)
         if run.plan.on_accepted is not None:
