@@ -49,17 +49,11 @@ def frame(
     return bytes(packet / Raw(body) if body else packet)
 
 
-def write_pcap(path: Path, frames: list[tuple[int, bytes]]) -> None:
-    """A pcap with nanosecond time stamps."""
-    with RawPcapWriter(str(path), linktype=1, nano=True) as writer:
-        writer.write_header(None)
-        for t_ns, data in frames:
-            writer.write_packet(data, sec=t_ns // SECOND, usec=t_ns % SECOND)
-
-
-def add_frames(attempt: Attempt, node: str, frames: list[tuple[int, bytes]]) -> None:
-    """More frames at the end of a node's capture."""
-    with RawPcapWriter(str(attempt.path / "pcap" / f"{node}.pcap"), linktype=1, nano=True, append=True) as writer:
+def write_pcap(path: Path, frames: list[tuple[int, bytes]], append: bool = False) -> None:
+    """A pcap with nanosecond time stamps, or more frames at the end of one."""
+    with RawPcapWriter(str(path), linktype=1, nano=True, append=append) as writer:
+        if not append:
+            writer.write_header(None)
         for t_ns, data in frames:
             writer.write_packet(data, sec=t_ns // SECOND, usec=t_ns % SECOND)
 

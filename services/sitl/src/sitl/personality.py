@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
+from pymavlink.dialects.v20 import development as mavlink
+
 from .autopilot import Autopilot
 from .dynamics import Energy
 from .fleet import DroneConfig
@@ -28,7 +30,13 @@ class Personality(ABC, Generic[Own]):
     name: ClassVar[str]
     title: ClassVar[str]
     release: ClassVar[int]
-    capabilities: ClassVar[int]
+    capabilities: ClassVar[int] = (
+        mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    )
     silent: ClassVar[frozenset[int]] = frozenset()
     no_interval: ClassVar[int]
     no_interval_told: ClassVar[int]

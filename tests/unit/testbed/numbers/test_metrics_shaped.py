@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from attempts import SECOND, T0, add_frames, arm_command, frame, make_attempt, publish, write_pcap
+from attempts import SECOND, T0, arm_command, frame, make_attempt, publish, write_pcap
 from mavlink_attempts import HOP, MS, Chain, long_command, make_mavlink_attempt, packed, sender
 from pymavlink.dialects.v20 import common
 
@@ -315,10 +315,10 @@ def test_a_state_that_its_fog_still_held_when_the_ground_station_left_is_open_an
     state = encode_state(StampedState(Battery(80), 9999), Encoding.CBOR)
     held = frame("uav1", "fog1", publish("drone1/state/battery", state), 21, (40_001, 1883))
     left = frame("gs", "cloud", publish("gs/g/reachable", encode(Presence(session=1, up=False))), 22, (40_002, 1883))
-    add_frames(attempt, "uav1", [(T0 + 6 * SECOND - MS, held)])
-    add_frames(attempt, "fog1", [(T0 + 6 * SECOND, held)])
+    write_pcap(attempt.path / "pcap" / "uav1.pcap", [(T0 + 6 * SECOND - MS, held)], append=True)
+    write_pcap(attempt.path / "pcap" / "fog1.pcap", [(T0 + 6 * SECOND, held)], append=True)
     assert measured(series)["messages"]["states"]["battery"]["lost"] == 1  # the station listened for seconds more
-    add_frames(attempt, "gs", [(T0 + 6 * SECOND, left)])
+    write_pcap(attempt.path / "pcap" / "gs.pcap", [(T0 + 6 * SECOND, left)], append=True)
     battery = measured(series)["messages"]["states"]["battery"]
     assert (battery["sent"], battery["lost"], battery["open"]) == (2, 0, 1)
 

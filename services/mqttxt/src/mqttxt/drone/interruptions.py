@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ..protocol.commands import Goto, Offboard, Takeoff
-from ..protocol.states import Armed, FlightMode, FlightModeName
+from ..protocol.states import FlightMode, FlightModeName
+from .mavlink.plans import is_disarmed
 from .mavlink.vehicle import Vehicle
 from .runs import Phase, Run, Runs
 
@@ -15,8 +16,7 @@ def interrupted(run: Run, runs: Runs, vehicle: Vehicle, now_ms: int) -> str | No
     """Why a running command can no longer have its effect, None while it can."""
     if run.plan.modes is None or any(r.phase is Phase.SENT and r.is_of_group(run) for r in runs):
         return None
-    armed = vehicle.seen(Armed, run.accepted_number)
-    if isinstance(run.command, Takeoff | Goto | Offboard) and armed == Armed(False):
+    if isinstance(run.command, Takeoff | Goto | Offboard) and is_disarmed(vehicle, run.accepted_number):
         return "disarmed"
     told = vehicle.seen(FlightMode, run.accepted_number)
     if told is None:

@@ -30,13 +30,6 @@ class _ArduCopter(Personality[ArduCopter]):
     name = "ardupilot"
     title = "ArduPilot"
     release = 4 << 24 | 6 << 16
-    capabilities = (
-        mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
-        | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
-        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
-        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
-        | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-    )
     silent = SILENT
     no_interval, no_interval_told, no_message = DENIED, FAILED, FAILED
     tells_modes_at_once = True

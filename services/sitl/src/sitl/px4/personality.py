@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pymavlink.dialects.v20 import development as mavlink
-
 from ..answers import ACCEPTED, DENIED, FAILED
 from ..dynamics import Energy, SimulatedBattery
 from ..fleet import DroneConfig
@@ -27,13 +25,6 @@ class _Px4(Personality[Px4]):
     name = "px4"
     title = "PX4"
     release = 1 << 24 | 15 << 16 | 4 << 8 | 255
-    capabilities = (
-        mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
-        | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
-        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
-        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
-        | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-    )
     silent = SILENT
     no_interval, no_interval_told, no_message = FAILED, ACCEPTED, DENIED
     tells_modes_at_once = False
