@@ -296,6 +296,46 @@ def test_a_drone_whose_motors_were_stopped_in_the_air_has_not_landed() -> None:
     assert said(bench.until(3100)) == [(1, Word.FAILED, "mode_changed")]
 
 
+PILOTS_POSITION = heartbeat(armed=True, main=3)
+
+
+def test_a_pilots_mode_before_the_commands_own_has_shown_ends_it_too() -> None:
+    bench = Bench()
+    bench.start(1, Land())
+    bench.hear(ack(LAND))
+    bench.until(250)
+    assert said(bench.hear(PILOTS_POSITION)) == [(1, Word.FAILED, "mode_changed")]
+
+
+def test_a_heartbeat_from_within_the_change_of_mode_says_nothing_of_a_pilot() -> None:
+    bench = Bench()
+    bench.start(1, Land())
+    bench.hear(ack(LAND), PILOTS_POSITION)
+    assert bench.until(1100) == []
+    assert bench.hear(heartbeat(armed=True, main=4, sub=6)) == []
+    assert said(bench.hear(PILOTS_POSITION)) == [(1, Word.FAILED, "mode_changed")]
+
+
+def test_a_mode_from_between_write_and_acknowledgement_may_be_the_one_before() -> None:
+    bench = Bench()
+    bench.start(1, Land())
+    bench.hear(PILOTS_POSITION, ack(LAND))
+    bench.until(1000)
+    assert bench.hear(PILOTS_POSITION) == []
+
+
+def test_a_mode_that_a_superseded_command_had_asked_for_is_no_pilots() -> None:
+    bench = Bench()
+    bench.start(1, Land())
+    bench.hear(ack(LAND))
+    bench.start(2, Return())
+    assert said(bench.hear(ack(MODE))) == [(2, Word.ACCEPTED, None), (1, Word.SUPERSEDED, None)]
+    bench.until(1000)
+    assert bench.hear(heartbeat(armed=True, main=4, sub=6)) == []
+    bench.hear(heartbeat(armed=True, main=4, sub=5))
+    assert said(bench.hear(heartbeat(armed=True, main=4, sub=6))) == [(2, Word.FAILED, "mode_changed")]
+
+
 def test_a_mode_that_is_still_changing_has_three_seconds() -> None:
     bench = Bench()
     bench.start(1, Land())

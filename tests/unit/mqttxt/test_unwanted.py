@@ -191,6 +191,7 @@ def test_hold_is_completed_when_the_drone_stands_still() -> None:
 def test_hold_is_not_completed_while_it_climbs_or_in_another_mode() -> None:
     climbing, elsewhere = Bench(*told(True, AIR)), Bench(*told(True, AIR))
     for bench, climb, mode in ((climbing, 0.6, 3), (elsewhere, 0.0, 5)):
+        bench.hear(heartbeat(armed=True, main=4, sub=mode))
         bench.start(1, Hold())
         assert said(bench.hear(ack(REPOSITION, source=Source.HALT))) == [(1, Word.ACCEPTED, None)]
         for _ in range(25):

@@ -11,6 +11,7 @@ from ..core.effects import Log
 from ..protocol.commands import Offboard
 from ..protocol.messages import Word
 from ..protocol.states import FlightMode
+from .interruptions import modes_shown
 from .mavlink.mav_result import answered, percent_of, refusal
 from .mavlink.vehicle import Vehicle
 from .offboard import OffboardPilot
@@ -85,6 +86,7 @@ class Acknowledgements:
         run.accepted_number, run.restarts = self.vehicle.number, self.vehicle.boots.restarts
         mode = self.vehicle.seen(FlightMode, run.sent_number)  # PX4 may show it before it acknowledges
         run.entered_mode = mode is not None and run.plan.modes is not None and mode.mode in run.plan.modes
+        run.modes_before |= modes_shown(self.vehicle)
         if isinstance(run.command, Offboard):
             self.pilot.begin(run, now_ms)
         if run.plan.on_accepted is not None:
@@ -183,6 +185,7 @@ class Acknowledgements:
         for other in self.runs.older(run):
             if other.phase is Phase.SENT:
                 self.rest(other, now_ms)
+            run.modes_before |= other.modes_before | (other.plan.modes or frozenset())
             word, reason = self.pilot.superseded(other)
             by = run.id if word is Word.SUPERSEDED else None
             out.append(self.runs.end(other, word, reason, by=by))

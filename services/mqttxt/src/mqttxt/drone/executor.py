@@ -14,7 +14,7 @@ from ..protocol.messages import CommandId, Word
 from ..protocol.states import FlightMode
 from .acknowledgements import Acknowledgements
 from .effects import Transmit
-from .interruptions import interrupted
+from .interruptions import interrupted, modes_shown
 from .mavlink.plans import CannotExecute, Plan, check
 from .mavlink.raw import Limits, plan_raw
 from .mavlink.sources import HALTING, Source
@@ -222,6 +222,7 @@ class Executor:
     def _send(self, run: Run, now_ms: int) -> list[Output]:
         run.sends += 1
         run.last_send_ms, run.sent_number = now_ms, self.vehicle.number
+        run.modes_before |= modes_shown(self.vehicle)
         if isinstance(run.command, Takeoff):
             self._takeoffs.said(now_ms)
         return [Transmit(run.plan.message, run.deadline_ms, run.id, run.source)]

@@ -9,7 +9,9 @@ from .mavlink.vehicle import Vehicle
 from .runs import Phase, Run, Runs
 
 MODE_GRACE_MS = 3000
-"""How long a mode that is not the command's own may last: the change may still be under way."""
+"""How long a mode that may last while the change is under way, or is a passing one, may show."""
+SETTLED_MS = 200
+"""How old an acceptance is when the heartbeats that come from then on are newer than the change of mode."""
 
 
 def interrupted(run: Run, runs: Runs, vehicle: Vehicle, now_ms: int) -> str | None:
@@ -18,6 +20,8 @@ def interrupted(run: Run, runs: Runs, vehicle: Vehicle, now_ms: int) -> str | No
         return None
     if isinstance(run.command, Takeoff | Goto | Offboard) and is_disarmed(vehicle, run.accepted_number):
         return "disarmed"
+    if run.settled_number is None and now_ms >= run.accepted_ms + SETTLED_MS:
+        run.settled_number = vehicle.number
     told = vehicle.seen(FlightMode, run.accepted_number)
     if told is None:
         return None
@@ -25,14 +29,26 @@ def interrupted(run: Run, runs: Runs, vehicle: Vehicle, now_ms: int) -> str | No
         run.entered_mode = True
         run.passing_since_ms = None
         return None
-    if run.entered_mode and not _is_passing(run, vehicle, told.mode):
+    if not _may_last(run, vehicle, told.mode):
         return "mode_changed"
     if run.passing_since_ms is None:
         run.passing_since_ms = now_ms
     return "mode_changed" if now_ms - run.passing_since_ms > MODE_GRACE_MS else None
 
 
-def _is_passing(run: Run, vehicle: Vehicle, mode: FlightModeName) -> bool:
-    """Whether the autopilot itself may have gone on to a mode, because the effect is about to show."""
+def modes_shown(vehicle: Vehicle) -> frozenset[FlightModeName]:
+    """The autopilot's mode by its newest heartbeat; none where none came."""
+    told = vehicle.seen(FlightMode)
+    return frozenset() if told is None else frozenset({told.mode})
+
+
+def _may_last(run: Run, vehicle: Vehicle, mode: FlightModeName) -> bool:
+    """Whether a mode that is not the command's own may be the autopilot's, for a while.
+
+    Either the autopilot has gone on to it, because the effect is about to show, or it is still in a mode of before.
+    """
     near = run.plan.near
-    return mode in run.plan.passing and (near is None or near(vehicle, run.accepted_number))
+    if mode in run.plan.passing and (near is None or near(vehicle, run.accepted_number)):
+        return True
+    has_settled = run.settled_number is not None and vehicle.seen(FlightMode, run.settled_number) is not None
+    return not run.entered_mode and (mode in run.modes_before or not has_settled)

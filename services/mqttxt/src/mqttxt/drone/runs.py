@@ -85,7 +85,9 @@ class Run:
     """A command that has no last word yet. `refused`: what one copy of it was answered, while others are unanswered.
 
     `refusals` counts the copies that were refused, `restarts` the autopilot's starts when it said that it does it.
-    `is_outdated`: a newer command of its group was started, and this one is not said again, whatever became of that.
+    `modes_before`: the modes that the autopilot may have been in when it accepted; `settled_number`: the newest message
+    once it has left them, None until then. `is_outdated`: a newer command of its group was started, and this one is not
+    said again, whatever became of that.
     """
 
     id: CommandId
@@ -110,6 +112,8 @@ class Run:
     preparation: Preparation | None = None
     refused: tuple[Word, str | None] | None = None
     entered_mode: bool = False
+    modes_before: frozenset[FlightModeName] = frozenset()
+    settled_number: int | None = None
     passing_since_ms: int | None = None
     late_ms: int | None = None
     is_outdated: bool = False
