@@ -106,6 +106,16 @@ async def test_without_gps_it_would_not_arm_and_says_so_with_px4(flight: Flight,
     await armable(drone)
 
 
+async def test_a_px4_that_disarms_as_it_lands_has_landed(flight: Flight, drone: Drone) -> None:
+    flight.pilot.set_parameter("COM_DISARM_LAND", 0.1)
+    try:
+        for down in (Land(), Return()):
+            await fly(drone, Arm(), Takeoff(5.0), down)
+            assert (flight.pilot.landed, flight.pilot.armed) == (True, False)
+    finally:
+        flight.pilot.set_parameter("COM_DISARM_LAND", 2.0)
+
+
 @pytest.mark.parametrize("name", FLIGHTS)
 async def test_a_pilots_mode_ends_what_runs_within_a_second(flight: Flight, drone: Drone, name: str) -> None:
     heard, task = await _begin(flight, drone, name)
