@@ -34,7 +34,7 @@ help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
 messages: ## Ten kinds of messages with one drone, COUNT of each (COUNT= ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
-scenario-1: ## Fly scenario 1 over both: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE=lte PROTOCOLS=)
+scenario-1: ## Fly scenario 1 over both: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE=lte PROTOCOLS= FOGS= DRONES=)
 scenario-2: ## The same with a point of its own for each drone, and the way back (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-3: ## Only up and down (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-4: ## As 2, and at its point each collects what a sensor measures there (SAMPLES= ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
@@ -53,7 +53,7 @@ links: containers ## Probe the links of all profiles, configured beside measured
 arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES=)
 	@$(PYTHON) -m testbed arms
 
-up: containers ## Start the six drones and leave them running, to explore by hand (PROTOCOLS=mavlink, PROFILE=lte)
+up: containers ## Start the six drones and leave them running, to explore by hand (PROTOCOLS=mavlink, PROFILE=lte, FOGS= DRONES=)
 	@$(PYTHON) -m testbed up --protocol '$(ONE_PROTOCOL)' --arm '$(ARM)' $(FACTORS) --encoding '$(ENCODING)' --profile '$(PROFILE)' --shaper '$(SHAPER)'
 
 down: containers ## End what `make up` started

@@ -1,4 +1,4 @@
-"""The documents' pictures, made from the code and from compose.yaml: `python -m spec.pictures FOLDER`.
+"""The documents' pictures, made from the code and from the fleet: `python -m spec.pictures FOLDER`.
 
 A test holds the pictures in docs/pictures to this.
 """
@@ -17,7 +17,8 @@ from mqttxt.drone.executor import RESEND_MS, SENDS
 from mqttxt.protocol.commands import Takeoff
 from mqttxt.protocol.topics import CloudSide, FogSide
 from testbed.fly.results import METRICS, REPORT
-from testbed.plan.topology import FLEET, read_services, read_topology
+from testbed.plan.compose import read_services
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.wording import PROTOCOL_NAMES
 from testbed.present.summary.page import PAGE
 
@@ -32,13 +33,14 @@ _WIDTH, _ROW, _TALL = 150, 52, 40
 
 def topology() -> Drawing:
     """The nodes with their addresses, the links between them, and the programs on each kind of node."""
-    nodes = read_topology()
-    rows = {f"uav{drone}": row for row, drone in enumerate(drone for drones in FLEET.values() for drone in drones)}
+    fleet = standard_fleet()
+    nodes = fleet.topology()
+    rows = {f"uav{drone}": row for row, drone in enumerate(fleet.fog_of)}
     height = 40 + _ROW * len(rows)
     places: dict[str, tuple[float, float]] = {name: (_COLUMNS["uav"], 20 + _ROW * row) for name, row in rows.items()}
-    for fog, drones in FLEET.items():
+    for fog, drones in fleet.fogs.items():
         places[f"fog{fog}"] = (_COLUMNS["fog"], mean(places[f"uav{drone}"][1] for drone in drones))
-    between = mean(places[f"fog{fog}"][1] for fog in FLEET)
+    between = mean(places[f"fog{fog}"][1] for fog in fleet.fogs)
     places |= {name: (_COLUMNS[name], between) for name in ("gs", "cloud")}
     drawing = Drawing(980, height + 92, "The testbed's nodes and links")
     for link in nodes.links:
@@ -79,7 +81,7 @@ def _program(command: str | list[str]) -> str:
     return _NAMES.get(name, name)
 
 
-_READ = ("compose.yaml", "tc_profiles/NAME.yaml", "my_mission.py")
+_READ = ("fleet.yaml", "tc_profiles/NAME.yaml", "my_mission.py")
 _ROOMS = (
     ("plan", "resolves experiment, factors and profile", ("experiment, factors, links and their events",)),
     (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -37,7 +38,8 @@ def fly_everything(
 
     Broken off, it goes on where it stopped. Exit code 0 if every attempt counts, completed or failed.
     """
-    wish = Wish(attempts, experiments, arms, profiles, samples, count, shaper)
+    named = {name.lower(): os.environ.get(name, "") for name in ("FLEET", "FOGS", "DRONES")}
+    wish = Wish(attempts, experiments, arms, profiles, samples, count, shaper, **named)
     plans = plans_of(wish)
     for plan in plans:
         for protocol in PROTOCOLS:

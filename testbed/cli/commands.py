@@ -34,9 +34,9 @@ from ..plan.experiments import (
     make_plan,
     one_protocol,
 )
-from ..plan.overrides import suffix
+from ..plan.fleets import fleet_of
+from ..plan.overrides import files_of_standard_fleet, fleet_in, suffix
 from ..plan.profiles.run_plan import SHAPERS
-from ..plan.topology import read_topology
 from ..present.report.compare import result_of
 from ..present.report.compare_page import print_comparison, write_comparison
 from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker, shown_path
@@ -85,7 +85,9 @@ def run(
     """Fly an experiment, measure it, and write its report. Exit code 0 only if every attempt was completed."""
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
-        plan = make_plan(experiment, attempts, arm, profile, protocols, factors, shaper, samples, count)
+        plan = make_plan(
+            experiment, attempts, arm, profile, protocols, factors, shaper, samples, count, fleet_of(os.environ)
+        )
         _run(plan, results)
 
 
@@ -102,7 +104,7 @@ def fly(
     with _errors_as_lines():
         if not mission.endswith(".py"):
             raise UserError(f"{mission}: expected a Python file, or for a scenario: testbed run {mission}")
-        _run(make_plan(mission, attempts, arm, profile, protocols), results)
+        _run(make_plan(mission, attempts, arm, profile, protocols, fleet=fleet_of(os.environ)), results)
 
 
 @app.command()
@@ -174,13 +176,13 @@ def up(
     """Start the fleet and leave it running, to explore by hand."""
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
-        plan = make_plan("scenario-1", "1", arm, profile, one_protocol(protocol), factors, shaper)
+        fleet = fleet_of(os.environ)
+        plan = make_plan("scenario-1", "1", arm, profile, one_protocol(protocol), factors, shaper, fleet=fleet)
         settings = settings_of(plan, protocol, encoding)
         only_run()
         attempt = live_attempt(LIVE, protocol)
-        topology = read_topology()
-        write_plan(attempt.path / "links", plan_links(plan, topology, 1), topology, plan.shaper, always=True)
-        containers = Containers(protocol, LIVE, settings)
+        write_plan(attempt.path / "links", plan_links(plan, 1), plan.topology, plan.shaper, always=True)
+        containers = Containers(protocol, LIVE, settings, fleet)
         with ConsoleProgress(make_console()).phase(f"starting {containers.count} containers"):
             containers.down()
             containers.start()
@@ -209,9 +211,10 @@ def link(
             **{"duplicate": duplicate, "corrupt": corrupt, "reorder": reorder},
         }
         typed = {option: value for option, value in given.items() if value}
-        containers = Containers(PROTOCOLS[0], LIVE, {})
+        fleet = fleet_in(LIVE)
+        containers = Containers(PROTOCOLS[0], LIVE, {}, fleet)
         ask = functools.partial(containers.output, "net", user="0:0")
-        for change in changes(read_live_plan(ask), read_topology(), name, typed, closed=closed, back=back):
+        for change in changes(read_live_plan(ask), fleet.topology(), name, typed, closed=closed, back=back):
             tell(ask, change)
             said = [f"{option} {value}" for option, value in typed.items()] + (["closed"] if closed else [])
             typer.echo(f"{change.link}: {', '.join(said) or 'as planned'}")
@@ -226,15 +229,24 @@ def links(
     """Probe the links of profiles, without flying; configured beside measured. Exit code 1 where a figure is off."""
     with _errors_as_lines():
         only_run()
-        if not check_profiles(profiles, shaper, results.absolute(), make_console()):
+        if not check_profiles(profiles, shaper, fleet_of(os.environ), results.absolute(), make_console()):
             raise typer.Exit(1)
+
+
+@app.command(name="fleet")
+def make_fleet_files() -> None:
+    """Make compose.yaml of services/fleet.yaml, and the files that AUTOPILOT and ROUTER lay over it."""
+    with _errors_as_lines():
+        for path, text in files_of_standard_fleet().items():
+            path.write_text(text, encoding="utf-8")
+            typer.echo(shown_path(path))
 
 
 @app.command()
 def down() -> None:
     """End what `up` started, over whatever protocol."""
     with _errors_as_lines(), ConsoleProgress(make_console()).phase("ending the containers"):
-        Containers(PROTOCOLS[0], LIVE, {}).down()
+        Containers(PROTOCOLS[0], LIVE, {}, fleet_in(LIVE)).down()
 
 
 def _run(plan: Plan, results: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from typing import Annotated
 
@@ -12,12 +13,12 @@ from rich.table import Table
 
 from ..errors import UserError
 from ..plan.experiments import MOST_ATTEMPTS, WITH_SENSORS
+from ..plan.fleets import fleet_of
 from ..plan.profiles.directed import directed_links
 from ..plan.profiles.kernel import Commands, commands_of
 from ..plan.profiles.reading import Profile, profile_names, read_profile
 from ..plan.profiles.resolve import LinkPlan, Plan, resolve
 from ..plan.profiles.units import parse_time_us, show_rate, show_share, show_time
-from ..plan.topology import read_topology
 
 COLUMNS = ("link", "rate", "queue", "delay", "jitter", "loss", "duplicate", "corrupt", "reorder")
 _LONGEST_S = 3_600
@@ -44,7 +45,7 @@ def show(
     """Show a profile's links in a table, then its events and the commands for a kernel that has netem."""
     if not attempt.isascii() or not attempt.isdecimal() or not 1 <= int(attempt) <= MOST_ATTEMPTS:
         raise UserError(f"--attempt {attempt}: expected a whole number from 1 to {MOST_ATTEMPTS}")
-    topology = read_topology(sensors=experiment in WITH_SENSORS)
+    topology = fleet_of(os.environ).topology(sensors=experiment in WITH_SENSORS)
     profile = read_profile(name)
     plan = resolve(profile, topology, experiment, int(attempt), _seconds(length))
     if json_plan:

@@ -21,14 +21,16 @@ from docker.errors import APIError, DockerException
 from requests.exceptions import RequestException
 
 from ..errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError, TestbedError
+from ..plan.compose import COMPOSE_FILE, read_services
+from ..plan.documents import ROOT
 from ..plan.experiments import PROTOCOLS
+from ..plan.fleet import Fleet
 from ..plan.overrides import compose_files
 from ..plan.sensors import SENSOR_PROFILES
-from ..plan.topology import COMPOSE_FILE, ROOT, read_services
 from .images import autopilot_in_image
 
 PROJECT = "mqttxt-testbed"
-HEALTHY_TIMEOUT_S = 180.0
+HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE = 180.0, 30.0
 """Six real autopilots need 90 s on a busy machine of two cores, until GPS and estimator agree."""
 POLL_S = 0.5
 LOG_LINES = 12
@@ -59,9 +61,10 @@ class Usage:
 class Containers:
     """The containers of one compose profile, and of those that its settings name beside it, for one run."""
 
-    def __init__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> None:
+    def __init__(self, profile: str, run_dir: Path, settings: dict[str, str], fleet: Fleet) -> None:
         self._profiles = (profile, *settings.get("SENSOR_PROFILES", "").split())
-        self._files = compose_files(settings)
+        self._files = compose_files(settings, fleet, run_dir)
+        self._timeout_s = max(HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE * len(fleet.fog_of))
         try:
             self._client = docker.from_env()
             self._client.ping()
@@ -75,18 +78,18 @@ class Containers:
             "RUN_DIR": str(run_dir),
         }
 
-    def start(self, *services: str, timeout_s: float = HEALTHY_TIMEOUT_S) -> None:
+    def start(self, *services: str) -> None:
         """Start these services, or all that do not run yet, and wait until all are healthy.
 
         Raises FleetError naming what is not, and why.
         """
         self._compose("up", "--detach", "--no-build", "--no-recreate", *services)
-        deadline = time.monotonic() + timeout_s
+        deadline = time.monotonic() + self._timeout_s
         healthy: set[str] = set()
         while waiting := self._unhealthy(healthy):
             self.check_alive()
             if time.monotonic() > deadline:
-                raise ContainerUnhealthy(self._describe(waiting[0], f"not healthy within {timeout_s:.0f} s"))
+                raise ContainerUnhealthy(self._describe(waiting[0], f"not healthy within {self._timeout_s:.0f} s"))
             time.sleep(POLL_S)
 
     @property
@@ -164,8 +167,10 @@ class Containers:
                 container.stop(timeout=timeout_s)
 
     def down(self) -> None:
-        """End and remove everything of this project, whatever its profile."""
+        """End and remove everything of this project, whatever its profile and its fleet."""
         self._compose("down", "--timeout", "3", "--volumes", "--remove-orphans")
+        for network in self._client.networks.list(filters={"label": f"{PROJECT_LABEL}={PROJECT}"}):
+            network.remove()  # compose leaves those that this fleet does not have
 
     def images(self) -> dict[str, str]:
         """Image ids by name."""

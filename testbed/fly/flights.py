@@ -4,29 +4,24 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from ..errors import UserError
+from ..plan import wording
 from ..plan.experiments import Plan
-from ..plan.overrides import chosen
+from ..plan.fleet import FIRST_PORT
+from ..plan.fleets import standard_fleet
+from ..plan.overrides import FLEET_COPY, chosen
 from ..plan.sensors import sensor_settings, sensor_words
-from ..plan.topology import FLEET
 
-CLOUD_URL = "mqtt://198.18.1.3:1883"
-CLOUD_HOST = CLOUD_URL.removeprefix("mqtt://").partition(":")[0]
-STATION_HOST = "198.18.0.3"
-FIRST_PORT = 14540
-"""MAVSDK's port of a shared chain; that of drone N alone is N more."""
 EVENTS = "/run-dir/events.jsonl"
-ONE_UAV = {1: (1,)}
-"""Whose messages the message set counts."""
 CONTROL_DIR = "/run-dir/sitl"
 SCENARIO_LIMIT_S = 1500.0
 """More than the limits of all steps of a scenario together: what takes longer hangs."""
 MESSAGE_LIMIT_S = 300.0
 """The same for one message of each kind."""
-LINK_BY_HAND = ".venv/bin/python -m testbed link air:uav3 --loss 20%"
 LINKS_START = "/run-dir/links/start"
 ENCODINGS = {"cbor": "", "json": "--json"}
 
@@ -43,7 +38,7 @@ def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, 
         raise UserError(
             f"AUTOPILOT={overlaid['AUTOPILOT']}: expected none: only the stand-in can be put back each time"
         )
-    alone = {"AUTOPILOT_ON": "0.0.0.0", "AUTOPILOT_TO": STATION_HOST}
+    alone = {"AUTOPILOT_ON": "0.0.0.0", "AUTOPILOT_TO": plan.fleet.address("gs")}
     return {
         "QOS": str(plan.factors.qos),
         "STREAMS": plan.factors.streams,
@@ -52,9 +47,16 @@ def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, 
         "BUNDLES_FLAG": "--bundles" if plan.factors.states == "bundle" else "",
         **overlaid,
         **(alone if protocol == "mavlink" and plan.factors.chain == "direct" else {}),
-        **(sensor_settings(protocol, plan.samples) if plan.has_sensors else {}),
-        **({"ONLY_FLAG": "--only 1", "CONTROL_DIR": CONTROL_DIR} if plan.is_message_set else {}),
+        **(sensor_settings(plan.fleet, protocol, plan.samples) if plan.has_sensors else {}),
+        **({"ONLY_FLAG": f"--only {_one(plan)}", "CONTROL_DIR": CONTROL_DIR} if plan.is_message_set else {}),
+        **({"FLEET_FILE": f"/run-dir/{FLEET_COPY}"} if plan.fleet != standard_fleet() else {}),
     }
+
+
+def _one(plan: Plan) -> int:
+    """The drone whose messages the message set counts."""
+    ((drone,),) = plan.fleet.one.values()
+    return drone
 
 
 def profile_of(plan: Plan, protocol: str) -> str:
@@ -75,26 +77,25 @@ def limit_s_of(plan: Plan) -> float:
 
 def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str]:
     """What flies the plan's experiment over a protocol, run in the ground station's node."""
-    flying = ONE_UAV if plan.is_message_set else FLEET
-    fleet = ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in flying.items())
+    flying = replace(plan.fleet, fogs=plan.fleet.one) if plan.is_message_set else plan.fleet
     flown = plan.experiment if plan.mission is None else f"/run-dir/{plan.mission.name}"
-    command = ["mission", "fly", flown, "--protocol", protocol, "--fleet", fleet, "--events", events]
+    command = ["mission", "fly", flown, "--protocol", protocol, "--fleet", flying.flown, "--events", events]
     command += ["--links-start", LINKS_START] if events == EVENTS else []
-    command += sensor_words(protocol, plan.samples) if plan.has_sensors else []
-    command += ["--count", str(plan.count), "--control", f"{CONTROL_DIR}/uav1.sock"] if plan.is_message_set else []
+    command += sensor_words(plan.fleet, protocol, plan.samples) if plan.has_sensors else []
+    if plan.is_message_set:
+        command += ["--count", str(plan.count), "--control", f"{CONTROL_DIR}/uav{_one(plan)}.sock"]
     factors = plan.factors
     if protocol == "mavlink":
-        urls = ",".join(mavlink_urls(factors.chain, flying))
+        urls = ",".join(mavlink_urls(factors.chain, flying.fog_of))
         return [*command, "--mavlink", urls, "--streams", factors.streams, "--commanding", factors.commanding]
-    return [*command, "--cloud", CLOUD_URL, "--qos", str(factors.qos), "--states", factors.states]
+    return [*command, "--cloud", plan.fleet.cloud_url, "--qos", str(factors.qos), "--states", factors.states]
 
 
-def mavlink_urls(chain: str, fleet: Mapping[int, tuple[int, ...]] = FLEET) -> tuple[str, ...]:
+def mavlink_urls(chain: str, drones: Iterable[int]) -> tuple[str, ...]:
     """Where MAVSDK listens in the ground station's node: one port for all, or one for each drone in their order.
 
     The node's own routers reach it on loopback; without routers the autopilots send to the node's address.
     """
-    drones = [drone for drones in fleet.values() for drone in drones]
     ports = [FIRST_PORT] if chain == "shared" else [FIRST_PORT + drone for drone in drones]
     host = "0.0.0.0" if chain == "direct" else "127.0.0.1"
     return tuple(f"udpin://{host}:{port}" for port in ports)
@@ -103,19 +104,22 @@ def mavlink_urls(chain: str, fleet: Mapping[int, tuple[int, ...]] = FLEET) -> tu
 def by_hand(plan: Plan, protocol: str, name_of: Callable[[str], str]) -> str:
     """What to type to look at a fleet and to fly it; `name_of` tells the name of a service's container."""
     here = f"docker exec -it {name_of('gs')}"
+    drones = wording.plural(len(plan.fleet.fog_of), "drone")
+    fog, drone, fogs = next(iter(plan.fleet.fogs)), _one(plan), " ".join(f"--fog {fog}" for fog in plan.fleet.fogs)
+    link = f".venv/bin/python -m testbed link air:uav{drone} --loss 20%"
     if protocol == "mavlink":
         return f"""\
-Six drones are up, over MAVLink. To fly, and to look:
+{drones} up, over MAVLink. To fly, and to look:
   {here} {shlex.join(mission_command(plan, protocol, "/tmp/events.jsonl"))}
-  docker logs {name_of("router-fog1")}
-  docker exec -it {name_of("net")} tcpdump -Z root -c 20 -nr /run-dir/pcap/uav1.pcap
-  {LINK_BY_HAND}
+  docker logs {name_of("router-cloud")}
+  docker exec -it {name_of("net")} tcpdump -Z root -c 20 -nr /run-dir/pcap/uav{drone}.pcap
+  {link}
   make down"""
     return f"""\
-Six drones are up. To look and to fly:
-  {here} mqttxt gs watch --fog 1 --fog 2
-  {here} mqttxt gs send arm --fog 1 --drone 2
-  {here} mqttxt gs send takeoff 10 --fog 1 --drone 2
-  {here} mosquitto_sub -h {CLOUD_HOST} -v -t 'fog1/#'
-  {LINK_BY_HAND}
+{drones} up. To look and to fly:
+  {here} mqttxt gs watch {fogs}
+  {here} mqttxt gs send arm --fog {fog} --drone {drone}
+  {here} mqttxt gs send takeoff 10 --fog {fog} --drone {drone}
+  {here} mosquitto_sub -h {plan.fleet.address("cloud")} -v -t 'fog{fog}/#'
+  {link}
   make down"""

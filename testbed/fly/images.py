@@ -14,7 +14,7 @@ from requests.exceptions import RequestException
 
 from ..errors import DockerError
 from ..plan.autopilots import DIR, IMAGE, KINDS
-from ..plan.topology import ROOT
+from ..plan.documents import ROOT
 
 COPIES = ROOT / ".cache" / "autopilots"
 """What was copied, by the images' ids."""

@@ -17,10 +17,12 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from ..plan.documents import shown
 from ..plan.experiments import PROTOCOLS
-from ..plan.profiles.reading import profile_names, read_profile, shown
+from ..plan.fleet import Fleet
+from ..plan.profiles.reading import profile_names, read_profile
 from ..plan.profiles.resolve import Plan, resolve
-from ..plan.topology import Topology, read_topology
+from ..plan.topology import Topology
 from .calibration import Calibration, Loss, calibrate, measure_losses
 from .calibration.calibrate import RunInNode, run_schedule
 from .calibration.schedule import make_load
@@ -63,15 +65,17 @@ class Checked:
 def check_profiles(
     names: str,
     shaper: str,
+    fleet: Fleet,
     results: Path,
     console: Console,
     make_containers: Callable[..., Containers] = Containers,
 ) -> bool:
-    """Check the profiles of a list, empty: all, print what is configured beside what is measured; whether all hold.
+    """Check a fleet's links in the profiles of a list, empty: all; print what is configured beside what is measured.
 
-    Raises UserError for a profile that there is not, DockerError where the containers cannot be had.
+    Returns whether all hold. Raises UserError for a profile that there is not, DockerError where the containers cannot
+    be had.
     """
-    topology = read_topology()
+    topology = fleet.topology()
     wanted = [name.strip() for name in names.split(",") if name.strip()] or profile_names()
     plans = [resolve(read_profile(name), topology, EXPERIMENT, 1) for name in wanted]
     folder = _new_folder(results)
@@ -80,7 +84,7 @@ def check_profiles(
     for plan in plans:
         run_dir = live_attempt(folder / Path(plan.profile).stem, PROTOCOLS[0]).path
         write_plan(run_dir / "links", plan, topology, shaper)
-        containers = make_containers(PROTOCOLS[0], run_dir, {})
+        containers = make_containers(PROTOCOLS[0], run_dir, {}, fleet)
         found.append(_check(plan, topology, run_dir, containers, progress))
         write_json(folder / DOCUMENT, _document(found))
     _print(found, console)

@@ -30,9 +30,9 @@ from .results import (
 )
 
 
-def plan_links(plan: Plan, topology: Topology, number: int) -> LinkPlan:
+def plan_links(plan: Plan, number: int) -> LinkPlan:
     """What every link does in an attempt: drawn from experiment and attempt, the same for every protocol."""
-    return resolve(plan.profile, topology, plan.experiment, number)
+    return resolve(plan.profile, plan.topology, plan.experiment, number)
 
 
 def write_plan(

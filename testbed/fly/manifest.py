@@ -11,9 +11,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from ..plan.documents import ROOT
 from ..plan.experiments import Plan
+from ..plan.fleets import standard_fleet
 from ..plan.profiles.resolve import Plan as LinkPlan
-from ..plan.topology import ROOT, Topology
 from .results import MANIFEST_VERSION, Attempt
 
 NODE_PACKAGES = {
@@ -24,9 +25,7 @@ ROUTER_MODULE = ROOT / "services" / "router" / "go.mod"
 SITL_SEED = 1
 
 
-def describe(
-    plan: Plan, attempt: Attempt, topology: Topology, settings: dict[str, str], links: LinkPlan
-) -> dict[str, Any]:
+def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: LinkPlan) -> dict[str, Any]:
     """What is known before the containers start."""
     return {
         "version": MANIFEST_VERSION,
@@ -52,15 +51,21 @@ def describe(
         },
         "versions": _versions(plan, attempt.protocol),
         "topology": {
-            "nodes": [asdict(node) for node in topology.nodes],
-            "links": [asdict(link) for link in topology.links],
+            "nodes": [asdict(node) for node in plan.topology.nodes],
+            "links": [asdict(link) for link in plan.topology.links],
         },
     }
 
 
 def configuration_of(plan: Plan, settings: dict[str, str]) -> dict[str, Any]:
-    """The factors, compose.yaml's variables, and how many messages of each kind."""
-    return {**asdict(plan.factors), **settings, **({"count": plan.count} if plan.is_message_set else {})}
+    """The factors, compose.yaml's variables, how many messages of each kind, and the size of another fleet."""
+    size = {"fogs": len(plan.fleet.fogs), "drones": len(plan.fleet.fog_of)}
+    return {
+        **asdict(plan.factors),
+        **settings,
+        **({"count": plan.count} if plan.is_message_set else {}),
+        **(size if plan.fleet != standard_fleet() else {}),
+    }
 
 
 def revision() -> dict[str, Any]:

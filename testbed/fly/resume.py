@@ -10,8 +10,7 @@ from typing import Any
 from ..errors import ResultsError
 from ..plan.experiments import Plan
 from ..plan.profiles.run_plan import run_plan
-from ..plan.sensors import read_gates
-from ..plan.topology import read_topology
+from ..plan.sensors import gates_of
 from .flights import settings_of
 from .links import plan_links
 from .manifest import configuration_of, revision
@@ -187,8 +186,7 @@ def _made_void(series: Series) -> dict[tuple[str, int, int], str]:
 
 def _same_links(attempt: Attempt, plan: Plan) -> bool:
     """Whether `net` would be told the same of the links."""
-    topology = read_topology(sensors=plan.has_sensors)
-    gates = read_gates() if plan.has_sensors else ()
-    now = run_plan(plan_links(plan, topology, attempt.number), topology, shaper=plan.shaper, gates=gates)
+    gates = gates_of(plan.fleet) if plan.has_sensors else ()
+    now = run_plan(plan_links(plan, attempt.number), plan.topology, shaper=plan.shaper, gates=gates)
     path = attempt.path / LINKS / LINKS_PLAN
     return path.exists() and read_json(path) == json.loads(json.dumps(now))

@@ -16,8 +16,7 @@ from ..errors import DockerError, FleetError, ProbesLate, ResultsError, TestbedE
 from ..plan.experiments import Plan
 from ..plan.profiles.resolve import Plan as LinkPlan
 from ..plan.profiles.run_plan import Gate
-from ..plan.sensors import closed_links, read_gates
-from ..plan.topology import read_topology
+from ..plan.sensors import closed_links, gates_of
 from . import flight_logs
 from . import links as link_files
 from .calibration import calibrate
@@ -153,18 +152,17 @@ def _fly(
     settings = settings_of(plan, attempt.protocol)
     if plan.mission is not None:
         shutil.copyfile(plan.mission, attempt.path / plan.mission.name)
-    topology = read_topology(sensors=plan.has_sensors)
-    gates = read_gates() if plan.has_sensors else ()
-    links = link_files.plan_links(plan, topology, attempt.number)
+    gates = gates_of(plan.fleet) if plan.has_sensors else ()
+    links = link_files.plan_links(plan, attempt.number)
     folder = attempt.path / "links"
-    link_files.write_plan(folder, links, topology, plan.shaper, gates=gates)
-    manifest = describe(plan, attempt, topology, settings, links)
+    link_files.write_plan(folder, links, plan.topology, plan.shaper, gates=gates)
+    manifest = describe(plan, attempt, settings, links)
     if waited is not None:
         manifest["host"] |= {"waited_s": waited.seconds, "idle": waited.idle}
     write_json(attempt.path / "manifest.json", manifest)
     ended, begun_s = Ended("failed", INTERRUPTED), time.monotonic()
     try:
-        containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings)
+        containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings, plan.fleet)
         with _fleet_up(containers, attempt, manifest, links, gates, progress):
             command = mission_command(plan, attempt.protocol)
             ended = _mission(command, limit_s_of(plan), containers, attempt, progress)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from ..errors import UserError
+from .fleet import MOST_ROUTED, Fleet
+from .fleets import standard_fleet
 from .own_missions import check_mission
 from .profiles.reading import Profile, read_profile
 from .profiles.resolve import resolve
 from .profiles.run_plan import SHAPERS
-from .topology import read_topology
+from .topology import Topology
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,59}")
 MESSAGES = "messages"
@@ -93,6 +95,7 @@ class Plan:
     samples: int = DEFAULT_SAMPLES
     mission: Path | None = None
     count: int = DEFAULT_COUNT
+    fleet: Fleet = field(default_factory=standard_fleet)
 
     @property
     def is_message_set(self) -> bool:
@@ -103,6 +106,11 @@ class Plan:
     def has_sensors(self) -> bool:
         """Whether the sensors' nodes are there, and what they measure is collected."""
         return self.experiment in WITH_SENSORS
+
+    @property
+    def topology(self) -> Topology:
+        """Nodes and links that are flown on."""
+        return self.fleet.topology(sensors=self.has_sensors)
 
     @property
     def label(self) -> str:
@@ -125,11 +133,13 @@ def make_plan(
     shaper: str = SHAPERS[0],
     samples: str = str(DEFAULT_SAMPLES),
     count: str = str(DEFAULT_COUNT),
+    fleet: Fleet | None = None,
 ) -> Plan:
     """A plan from what a person typed.
 
     `experiment` is a name, or the path of a mission's .py file; `profile` a name, or the path of a file; `protocols` a
-    list with commas, all of them when empty; `overrides` are factors by their names, the arm's where they are empty.
+    list with commas, all of them when empty; `overrides` are factors by their names, the arm's where they are empty;
+    `fleet` is the experiments' where it is None.
     Raises UserError naming the option, or the profile's file and field, the value and what was expected.
     """
     mission = Path(experiment).absolute() if experiment.endswith(".py") else None
@@ -145,13 +155,16 @@ def make_plan(
     how_often = _whole("ATTEMPTS", attempts, MOST_ATTEMPTS)
     values_each, messages_each = _whole("SAMPLES", samples, MOST_SAMPLES), _whole("COUNT", count, MOST_COUNT)
     factors = _factors(ARMS[arm], overrides or {})
+    fleet = fleet or standard_fleet()
+    if "mavlink" in chosen and not fleet.has_routers:
+        expected = f"drones 1 to {MOST_ROUTED} over MAVLink, whose routers have system ids as well; or PROTOCOLS=mqttxt"
+        raise UserError(f"drone {max(fleet.fog_of)} of the fleet: expected {expected}")
     links = read_profile(profile)
-    resolve(
-        links, read_topology(sensors=experiment in WITH_SENSORS), experiment, 1
-    )  # a link that does not exist is said now
     flown = tuple(dict.fromkeys(chosen))
-    values = (ARMS[arm], factors, links, flown, shaper, values_each, mission, messages_each)
-    return Plan(experiment, how_often, *values)
+    values = (ARMS[arm], factors, links, flown, shaper, values_each, mission, messages_each, fleet)
+    plan = Plan(experiment, how_often, *values)
+    resolve(links, plan.topology, experiment, 1)  # a link that does not exist is said now
+    return plan
 
 
 def one_protocol(text: str) -> str:

@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..errors import UserError
-from .autopilots import KINDS
-from .topology import COMPOSE_FILE, ROOT
+import yaml
 
+from ..errors import UserError
+from . import fleets
+from .autopilots import KINDS
+from .compose import COMPOSE_FILE, compose_text, laid_over
+from .documents import ROOT
+from .fleet import Fleet
+from .fleets import read_fleet, standard_fleet
+
+FLEET_COPY = "fleet.yaml"
+"""Beside a run's own compose files: what there is to know of another fleet than the experiments'."""
 OVERRIDES = {
     "AUTOPILOT": {name: ROOT / "services" / "sitl" / "overrides" / f"{name}.yaml" for name in KINDS},
     "ROUTER": {"official": ROOT / "services" / "router" / "overrides" / "official.yaml"},
@@ -29,14 +37,46 @@ def chosen(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def suffix(settings: Mapping[str, str]) -> str:
-    """What the results' path says of them, as `+autopilot-px4`; a file of one's own by its name."""
-    found = [f"+{name.lower()}-{Path(settings[name]).stem}" for name in OVERRIDES if settings.get(name)]
+    """What the results' path says of the fleet and of them, as `+autopilot-px4`; a file of one's own by its name."""
+    found = [
+        fleets.suffix(settings),
+        *(f"+{name.lower()}-{Path(settings[name]).stem}" for name in OVERRIDES if settings.get(name)),
+    ]
     return "".join(found)
 
 
-def compose_files(settings: Mapping[str, str]) -> list[Path]:
-    """compose.yaml and what is laid over it, in the order in which compose takes them."""
-    return [COMPOSE_FILE, *(_file(name, settings[name]) for name in OVERRIDES if settings.get(name))]
+def compose_files(settings: Mapping[str, str], fleet: Fleet, folder: Path) -> list[Path]:
+    """compose.yaml and what is laid over it, in the order in which compose takes them.
+
+    For another fleet than the experiments' they are made in `folder`, and what there is to know of it beside them.
+    """
+    laid = [_file(name, settings[name]) for name in OVERRIDES if settings.get(name)]
+    if fleet == standard_fleet():
+        (folder / FLEET_COPY).unlink(missing_ok=True)
+        return [COMPOSE_FILE, *laid]
+    files = {folder / COMPOSE_FILE.name: compose_text(fleet)}
+    files |= {folder / path.name: laid_over(path.read_text(encoding="utf-8"), fleet) for path in laid if _is_own(path)}
+    for path, text in {**files, folder / FLEET_COPY: yaml.safe_dump(fleet.to_data(), sort_keys=False)}.items():
+        path.write_text(text, encoding="utf-8")
+    return [folder / COMPOSE_FILE.name, *(folder / path.name if _is_own(path) else path for path in laid)]
+
+
+def fleet_in(folder: Path) -> Fleet:
+    """The fleet that `compose_files` made its files for in a folder. Raises UserError as `read_fleet`."""
+    copy = folder / FLEET_COPY
+    return read_fleet(copy) if copy.exists() else standard_fleet()
+
+
+def files_of_standard_fleet() -> dict[Path, str]:
+    """What follows from services/fleet.yaml and is kept in the repository."""
+    known = [path for by_name in OVERRIDES.values() for path in by_name.values()]
+    laid = {path: laid_over(path.read_text(encoding="utf-8"), standard_fleet()) for path in known}
+    return {COMPOSE_FILE: compose_text(standard_fleet()), **laid}
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file is the project's: another's is taken as it is, for it says itself which services it changes."""
+    return any(path in known.values() for known in OVERRIDES.values())
 
 
 def _file(name: str, value: str) -> Path:

@@ -12,7 +12,7 @@ from rich.console import Console
 from ..errors import DockerError
 from ..fly.results import Series, open_series
 from ..numbers.metrics import measure_series
-from ..plan.topology import ROOT
+from ..plan.documents import ROOT
 from .report.html import write_report
 from .report.terminal import print_summary
 

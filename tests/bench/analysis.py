@@ -24,7 +24,7 @@ from testbed.numbers.dissect import mavlink, mqtt5
 from testbed.numbers.metrics.attempt import measure_attempt
 from testbed.numbers.packets.build import build
 from testbed.numbers.packets.table import load
-from testbed.plan.topology import ROOT
+from testbed.plan.documents import ROOT
 
 MADE_S = 10
 """Seconds of the attempt that is made where none was flown."""

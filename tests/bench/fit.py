@@ -13,9 +13,9 @@ from pathlib import Path
 
 from docker.errors import DockerException
 
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import Plan, resolve
-from testbed.plan.topology import read_topology
 from tests.bench import fit_replay
 from tests.bench.fit_network import ShapedNetwork
 from tests.bench.fit_search import Fit, Point, Trial, fit, wan_for
@@ -39,7 +39,7 @@ Rates = tuple[int, int]
 
 def measure() -> Iterator[str]:
     """Lines for both sets: the load, the fit, each state's own loss, and what the shaper counted."""
-    topology = read_topology()
+    topology = standard_fleet().topology()
     plan = resolve(read_profile("thesis"), topology, "scenario-1", 1)
     rates: dict[str, list[Rates]] = {}
     recorded = {}

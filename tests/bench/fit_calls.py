@@ -10,8 +10,8 @@ import random
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.resolve import LinkPlan
-from testbed.plan.topology import FLEET
 from tests.bench.fit_simulation import DOWN, Crossed, Moving, Offered, cross
 from tests.bench.fit_streams import Frame, Streams
 
@@ -70,7 +70,7 @@ def unanswered(calls: Calls, offered: Offered, crossed: Mapping[str, Crossed]) -
 
 def _down(drone: int, copies: Moving, links: Mapping[str, LinkPlan], seed: int) -> Moving:
     """From the ground station to the drone."""
-    fog = next(fog for fog, drones in FLEET.items() if drone in drones)
+    fog = next(fog for fog, drones in standard_fleet().fogs.items() if drone in drones)
     for name in ("wan:gs:up", f"backhaul:fog{fog}:down", f"air:uav{drone}:down"):
         copies = cross(name, links[name], copies, seed).left
     return copies

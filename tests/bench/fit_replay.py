@@ -11,8 +11,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.resolve import Plan
-from testbed.plan.topology import FLEET, Topology
+from testbed.plan.topology import Topology
 from tests.bench.fit_network import PYTHON, REPOSITORY, ShapedNetwork
 from tests.bench.fit_search import SETTLED_NS, with_rates
 from tests.bench.fit_simulation import DOWN, Crossed, Losses, Offered, losses, run
@@ -67,7 +68,7 @@ def replay(made: ShapedNetwork, streams: Streams, plan: Plan, air_bps: int, wan_
         sending = {drone: threads.submit(_send, made, drone, streams[drone], begin_ns) for drone in streams}
         sent = {drone: future.result() for drone, future in sending.items()}
         come = json.loads(receiving.result())
-    offered = Offered(sent, FLEET)
+    offered = Offered(sent, standard_fleet().fogs)
     crossed = run(offered, rated.links, plan.seed)
     numbers = {drone: come.get(made.address(f"uav{drone}"), []) for drone in streams}
     counters = made.counters()
@@ -76,7 +77,7 @@ def replay(made: ShapedNetwork, streams: Streams, plan: Plan, air_bps: int, wan_
         expected=losses(offered, crossed, SETTLED_NS),
         counted=_counted(counters["links"]),
         worked_out=_counted(_counters_of(crossed)),
-        planned=_counted(_counters_of(run(Offered(streams, FLEET), rated.links, plan.seed))),
+        planned=_counted(_counters_of(run(Offered(streams, standard_fleet().fogs), rated.links, plan.seed))),
         late_ms=max(_late_ns(sent[drone], streams[drone]) for drone in streams) // 1_000_000,
         void=counters["void"],
     )

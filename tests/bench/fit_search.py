@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.resolve import LinkPlan
-from testbed.plan.topology import FLEET
 from tests.bench.fit_calls import unanswered, with_calls
 from tests.bench.fit_simulation import DOWN, Crossed, Losses, Offered, finish, losses, to_cloud
 from tests.bench.fit_streams import Streams, load_of
@@ -60,7 +60,7 @@ class Trial:
         self._links = links
         self._seed = seed
         self._calls = with_calls(streams, links, CALL_EVERY_S, SETTLED_NS, seed)
-        self._offered = Offered(self._calls.streams, FLEET)
+        self._offered = Offered(self._calls.streams, standard_fleet().fogs)
         self._to_cloud = cache(self._cross_to_cloud)
         self.at = cache(self._at)
 

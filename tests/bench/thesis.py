@@ -8,9 +8,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import resolve
-from testbed.plan.topology import FLEET, read_topology
 from tests.bench.fit_search import SETTLED_NS
 from tests.bench.fit_simulation import Offered, losses, run
 from tests.bench.fit_streams import exact, load_of
@@ -27,9 +27,9 @@ def main(page: Path) -> None:
 
 def sentence() -> str:
     """One UAV's onboard streams in flight, and what of them does not come to the ground station."""
-    plan = resolve(read_profile("thesis"), read_topology(), "scenario-1", 1)
+    plan = resolve(read_profile("thesis"), standard_fleet().topology(), "scenario-1", 1)
     stream = exact("px4-onboard", SECONDS)
-    offered = Offered({1: stream}, FLEET)
+    offered = Offered({1: stream}, standard_fleet().fogs)
     found, load = losses(offered, run(offered, plan.links, plan.seed), SETTLED_NS), load_of(stream)
     return (
         f"The stand-in of now sends {load.frames_s:.0f} messages a second in flight, {load.kbit_s:.0f} kbit/s, and the "

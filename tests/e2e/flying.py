@@ -19,7 +19,8 @@ import yaml
 from lateness import Void
 from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
 from testbed.fly.results import Attempt, open_series
-from testbed.plan.topology import FLEET, ROOT
+from testbed.plan.documents import ROOT
+from testbed.plan.fleets import FLEET_FILE, standard_fleet
 
 BUSY = ("did not keep up", "machine was too busy", "machine that is less busy", "captures dropped packets")
 """What the testbed says of an attempt that is void because of the machine."""
@@ -41,12 +42,12 @@ QUICK = {
 
 def quick_drones(folder: Path) -> dict[str, str]:
     """The environment in which the fleet's stand-ins have those; what the testbed takes them from is in `folder`."""
-    fleet = yaml.safe_load((ROOT / "services" / "sitl" / "fleet.yaml").read_text())
+    fleet = yaml.safe_load(FLEET_FILE.read_text())
     for drone in fleet["drones"].values():
         drone["parameters"] |= QUICK
     (folder / "fleet.yaml").write_text(yaml.safe_dump(fleet))
-    mounted = {"volumes": [f"{folder / 'fleet.yaml'}:/opt/services/sitl/fleet.yaml:ro"]}
-    services = {f"sitl{drone}": mounted for drones in FLEET.values() for drone in drones}
+    mounted = {"volumes": [f"{folder / 'fleet.yaml'}:/opt/services/fleet.yaml:ro"]}
+    services = {f"sitl{drone}": mounted for drone in standard_fleet().fog_of}
     (folder / "quick.yaml").write_text(yaml.safe_dump({"services": services}))
     return {"AUTOPILOT": str(folder / "quick.yaml")}
 

@@ -13,7 +13,7 @@ import docker
 import pytest
 
 from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
-from testbed.plan.topology import ROOT
+from testbed.plan.documents import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
 

@@ -10,7 +10,7 @@ from flying import Run, attempt_over
 pytestmark = [
     pytest.mark.e2e,
     pytest.mark.timeout(300),
-    pytest.mark.soak("testbed", "services/mission/src", "compose.yaml", "tests/e2e/flying.py"),
+    pytest.mark.soak("testbed", "services/mission/src", "compose.yaml", "services/fleet.yaml", "tests/e2e/flying.py"),
 ]
 
 MISSION = """

@@ -11,7 +11,7 @@ import docker
 import pytest
 
 from testbed.fly.containers import PROJECT_LABEL, SERVICE_LABEL, compose_command, is_healthy, services_of
-from testbed.plan.topology import ROOT
+from testbed.plan.documents import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 PROJECT = "mqttxt-plain"

@@ -36,7 +36,7 @@ FULL_STREAMS = pytest.param(
         pytest.mark.alone,
         pytest.mark.soak(
             *("services/mission/src", "services/net/src", "services/router/src", "services/sensor/src"),
-            *("testbed/plan/sensors.py", "compose.yaml", "tests/e2e/flying.py"),
+            *("testbed/plan/sensors.py", "compose.yaml", "services/fleet.yaml", "tests/e2e/flying.py"),
         ),
     ],
     id="scenario-4-thesis",

@@ -19,7 +19,7 @@ from typing import Any, Self
 import docker
 
 ROOT = Path(__file__).resolve().parents[2]
-FLEET_FILE = ROOT / "services" / "sitl" / "fleet.yaml"
+FLEET_FILE = ROOT / "services" / "fleet.yaml"
 NODE_IMAGE = "mqttxt-testbed/node:latest"
 PATIENCE_S = 30.0
 _WORKER, _WORKERS = (

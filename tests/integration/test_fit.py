@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 from shaped_link import PYTHON, READY_TIMEOUT_S, SUBNETS, UP, Emulator, ShapedLink
 
+from testbed.plan.documents import ROOT
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import resolve
-from testbed.plan.topology import ROOT, read_topology
 from tests.bench.fit_simulation import cross
 from tests.bench.fit_streams import exact
 
@@ -21,8 +22,9 @@ pytestmark = [
     pytest.mark.alone,
     pytest.mark.timeout(120),
     pytest.mark.soak(
-        *("services/net/src", "services/sitl/src", "testbed/plan/profiles", "testbed/plan/topology.py"),
-        *("compose.yaml", "tc_profiles/thesis.yaml", "tests/bench", "tests/integration/shaped_link.py"),
+        *("services/net/src", "services/sitl/src", "testbed/plan/profiles", "testbed/plan/fleet.py"),
+        *("compose.yaml", "services/fleet.yaml", "tc_profiles/thesis.yaml"),
+        *("tests/bench", "tests/integration/shaped_link.py"),
     ),
 ]
 SENDER = "/repository/tests/bench/fit_sender.py"
@@ -32,7 +34,7 @@ TOLERANCE = 0.01
 
 
 def test_one_uavs_stream_loses_on_the_real_air_what_the_simulation_says(link: ShapedLink) -> None:
-    plan = resolve(read_profile("thesis"), read_topology(), "scenario-1", 1)
+    plan = resolve(read_profile("thesis"), standard_fleet().topology(), "scenario-1", 1)
     air = plan.links["air:uav1:up"]
     stream = exact("px4-onboard", SECONDS)
     file = ROOT / ".cache" / "fit" / "one-uav.json"

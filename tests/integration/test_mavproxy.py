@@ -136,7 +136,7 @@ def test_mavproxy_sees_six_vehicles_and_arms_the_one_it_is_told_to(station: Stat
 
 
 def _sitl(folder: Path, drone: int, port: int) -> Process:
-    fleet = ["--fleet", str(ROOT / "services" / "sitl" / "fleet.yaml"), "--system", str(drone)]
+    fleet = ["--fleet", str(ROOT / "services" / "fleet.yaml"), "--system", str(drone)]
     where = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--streams", "px4-normal"]
     return Process(folder, f"sitl{drone}", "sitl", "fly", *fleet, *where, "--events", str(folder / f"{drone}.jsonl"))
 

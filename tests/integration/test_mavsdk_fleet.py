@@ -44,7 +44,7 @@ class Sky:
         base = str(self.folder / called)
         files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready", "--control", f"{base}.sock"]
         ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--streams", streams]
-        fleet = ["--fleet", str(ROOT / "services" / "sitl" / "fleet.yaml"), "--system", str(drone)]
+        fleet = ["--fleet", str(ROOT / "services" / "fleet.yaml"), "--system", str(drone)]
         sitl = Process(self.folder, called, "sitl", "fly", *fleet, *ports, *files).start().wait_ready()
         self.sitls[called] = sitl
         return sitl

@@ -13,9 +13,9 @@ from scapy.utils import RawPcapReader
 
 from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL, Containers
 from testbed.fly.links import write_plan
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import resolve
-from testbed.plan.topology import read_topology
 
 pytestmark = [pytest.mark.integration, pytest.mark.alone, pytest.mark.timeout(180)]
 OFFLOADS = ("tcp-segmentation-offload", "generic-segmentation-offload", "generic-receive-offload", "tx-checksumming")
@@ -32,7 +32,7 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for path in (folder, folder / "pcap", folder / "sitl", folder / "links"):
         path.mkdir(exist_ok=True)
         path.chmod(0o777)
-    topology = read_topology()
+    topology = standard_fleet().topology()
     links = resolve(read_profile("ideal"), topology, "scenario-1", 1)
     write_plan(folder / "links", links, topology, "auto")
     return folder
@@ -40,7 +40,7 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def fleet(run_dir: Path) -> Iterator[Containers]:
-    made = Containers("mqttxt", run_dir, {"QOS": "0"})
+    made = Containers("mqttxt", run_dir, {"QOS": "0"}, standard_fleet())
     try:
         made.down()
         made.start()
@@ -56,7 +56,7 @@ def container(service: str) -> Any:
 
 
 def test_every_node_reaches_every_other_by_net_and_the_nodes_between(fleet: Containers) -> None:
-    nodes = read_topology().nodes
+    nodes = standard_fleet().topology().nodes
     for node in nodes:
         gateway = node.address.rsplit(".", 1)[0] + ".2"
         others = [other.address for other in nodes if other != node]
@@ -70,7 +70,7 @@ def test_every_node_reaches_every_other_by_net_and_the_nodes_between(fleet: Cont
 
 
 def test_offloads_are_off_on_both_ends_of_every_cable(fleet: Containers) -> None:
-    nodes = read_topology().nodes
+    nodes = standard_fleet().topology().nodes
     gateways = {node.address.rsplit(".", 1)[0] + ".2" for node in nodes}
     shown = json.loads(fleet.output("net", ["ip", "-json", "-4", "addr"]))
     ports = [link["ifname"] for link in shown if gateways & {info["local"] for info in link["addr_info"]}]
@@ -108,7 +108,7 @@ def test_a_frame_is_in_the_captures_of_every_node_on_its_way_and_none_is_lost_at
     assert f"{PINGS} received" in fleet.output("gs", ping)
     fleet.stop("net")
     counts = {count["node"]: count for count in json.loads((run_dir / "pcap" / "captures.json").read_text())}
-    assert set(counts) == {node.name for node in read_topology().nodes}
+    assert set(counts) == {node.name for node in standard_fleet().topology().nodes}
     for node, count in counts.items():
         path = run_dir / "pcap" / f"{node}.pcap"
         assert path.read_bytes()[:4] == NANOSECONDS_MAGIC

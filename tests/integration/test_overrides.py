@@ -12,16 +12,16 @@ import yaml
 from processes import ROOT
 
 from testbed.fly.containers import compose_command
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.overrides import compose_files
-from testbed.plan.topology import FLEET
 
 pytestmark = pytest.mark.integration
-DRONES = [drone for drones in FLEET.values() for drone in drones]
+DRONES = [drone for drones in standard_fleet().fogs.values() for drone in drones]
 
 
 def resolved(profile: str, settings: dict[str, str], **environment: str) -> dict[str, Any]:
     """The services of a profile as compose would start them."""
-    files = [word for path in compose_files(settings) for word in ("--file", str(path))]
+    files = [word for path in compose_files(settings, standard_fleet(), ROOT) for word in ("--file", str(path))]
     command = [*compose_command(), *files, "--profile", profile, "config"]
     done = subprocess.run(
         command, cwd=ROOT, env={**os.environ, **environment}, capture_output=True, text=True, check=False

@@ -151,7 +151,7 @@ def test_pymavlink_counts_the_messages_of_a_real_autopilot(attempt: Attempt, tmp
         sock.bind((ADDRESSES["fog1"], 14541))
         sock.settimeout(10)
         ends = ["--listen", f"{ADDRESSES['uav1']}:14580", "--send", f"{ADDRESSES['fog1']}:14541"]
-        fleet = ["--fleet", str(ROOT / "services" / "sitl" / "fleet.yaml"), "--system", "1"]
+        fleet = ["--fleet", str(ROOT / "services" / "fleet.yaml"), "--system", "1"]
         more = ["--streams", "px4-onboard", "--ready-file", str(tmp_path / "sitl.ready")]
         sitl = Process(tmp_path, "sitl", "sitl", "fly", *fleet, *ends, *more).start()
         try:

@@ -7,13 +7,14 @@ machine nothing. Where a delay is to be a sample of its distribution, datagrams 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.kernel import commands_of
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import EventPlan, LinkPlan, Plan, resolve
-from testbed.plan.topology import Topology, links_of, read_topology
+from testbed.plan.topology import Topology
 
 NODES = ("gs", "cloud", "fog1", "uav1", "uav2", "uav3")
 PROFILES = ("lte", "edge", "leo", "geo", "sik", "lossy", "thesis")
@@ -64,9 +65,7 @@ class Feature:
 
 def topology() -> Topology:
     """A ground station, the cloud, a fog and three drones of compose.yaml's."""
-    whole = read_topology()
-    nodes = tuple(node for node in whole.nodes if node.name in NODES)
-    return Topology(nodes, links_of([node.name for node in nodes], {1: (1, 2, 3)}))
+    return replace(standard_fleet(), fogs={1: (1, 2, 3)}).topology()
 
 
 def rounds() -> list[Round]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from ...errors import UserError
 from ...plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, Plan, make_plan
+from ...plan.fleets import fleet_of
 from ...plan.order import FIRST_PROFILES, arms_in_order, experiments_in_order, profiles_in_order
 from ...plan.profiles.reading import profile_names
 from ...plan.profiles.run_plan import SHAPERS
@@ -25,6 +26,9 @@ class Wish:
     samples: str = str(DEFAULT_SAMPLES)
     count: str = str(DEFAULT_COUNT)
     shaper: str = SHAPERS[0]
+    fleet: str = ""
+    fogs: str = ""
+    drones: str = ""
 
     def typed(self) -> str:
         """What to type for it again."""
@@ -42,11 +46,12 @@ def plans_of(wish: Wish) -> list[Plan]:
     experiments = _listed("EXPERIMENTS", wish.experiments, EXPERIMENTS)
     arms = _listed("ARMS", wish.arms, tuple(ARMS))
     profiles = _listed("PROFILES", wish.profiles, tuple(profile_names()), paths=True)
+    fleet = fleet_of({"FLEET": wish.fleet, "FOGS": wish.fogs, "DRONES": wish.drones})
     found = []
     for experiment in experiments_in_order(experiments):
         for profile in profiles_in_order(profiles):
             first = make_plan(
-                experiment, wish.attempts, arms[0], profile, "", None, wish.shaper, wish.samples, wish.count
+                experiment, wish.attempts, arms[0], profile, "", None, wish.shaper, wish.samples, wish.count, fleet
             )
             named = [ARMS[arm] for arm in arms_in_order(arms)]
             found += [replace(first, arm=arm, factors=arm.factors) for arm in named]

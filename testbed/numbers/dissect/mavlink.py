@@ -1,7 +1,7 @@
 """scapy layers for MAVLink: frames of version 1 and 2, and every message of common.xml under its own name.
 
     from testbed.dissect import mavlink
-    mavlink.bind()                                    # UDP 14540 to 14550 and 14580 to 14590
+    mavlink.bind()                                    # UDP 14540 to 14830
     frame = scapy.Ether(data)
     frame[mavlink.ATTITUDE].roll                      # messages and fields are named as in common.xml
     bytes(mavlink.MAVLink2(sysid=1, compid=1, message=mavlink.HEARTBEAT(type="MAV_TYPE_QUADROTOR")))
@@ -38,8 +38,8 @@ from scapy.packet import Packet, Raw, bind_layers, split_layers
 
 from .mavlink_fields import Number, Numbers, Text
 
-PORTS = (*range(14540, 14551), *range(14580, 14591))
-"""UDP ports that PX4, MAVSDK, ground stations and the testbed's routers use."""
+PORTS = tuple(range(14540, 14831))
+"""UDP ports that PX4, MAVSDK, ground stations and the testbed's routers use, for drones 1 to 250."""
 MAGIC_1, MAGIC_2 = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
 HEADER_1, HEADER_2 = dialect.HEADER_LEN_V1, dialect.HEADER_LEN_V2
 SIGNED = dialect.MAVLINK_IFLAG_SIGNED

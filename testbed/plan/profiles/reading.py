@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import jsonschema
-import yaml
-
 from ...errors import UserError
-from ..topology import ROOT
+from ..documents import ROOT, read_document, shown
 from . import units
 
 FOLDER = ROOT / "tc_profiles"
@@ -116,7 +111,7 @@ def read_profile(name: str, folder: Path = FOLDER) -> Profile:
     description = ""
     while True:
         seen.append(path.resolve())
-        document = _load(path)
+        document = read_document(path, SCHEMA_FILE)
         description = description or document["description"]
         layers.insert(0, _layer(document, shown(path)))
         parent = document.get("inherits")
@@ -130,84 +125,6 @@ def read_profile(name: str, folder: Path = FOLDER) -> Profile:
         if path.resolve() in seen:
             circle = " > ".join([*(step.stem for step in seen), parent])
             raise UserError(f"{here}: expected a profile that does not come back to this one ({circle})")
-
-
-def shown(path: Path) -> str:
-    """A path as people type it: from the repository where it is inside."""
-    full = path.resolve()
-    return str(full.relative_to(ROOT)) if full.is_relative_to(ROOT) else str(path)
-
-
-@cache
-def _schema() -> dict[str, Any]:
-    schema: dict[str, Any] = json.loads(SCHEMA_FILE.read_text(encoding="utf-8"))
-    return schema
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML in which a key that is there twice is a mistake, not the second one's victory."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        twice = next((key for number, key in enumerate(keys) if key in keys[:number]), None)
-        if twice is not None:
-            raise yaml.constructor.ConstructorError(None, None, f"{twice!r} is there twice", node.start_mark)
-        return super().construct_mapping(node, deep)
-
-
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        document = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        line = f" line {error.problem_mark.line + 1}:" if error.problem_mark else ""
-        raise UserError(f"{shown(path)}:{line} {error.problem}: expected YAML, each key once") from error
-    except (OSError, ValueError, TypeError, yaml.YAMLError) as error:
-        raise UserError(f"{shown(path)}: {' '.join(str(error).split())}: expected a readable YAML file") from error
-    first = min(
-        jsonschema.Draft202012Validator(_schema()).iter_errors(document),
-        key=lambda error: (len(error.path), str(error.path)),
-        default=None,
-    )
-    if first is not None:
-        raise UserError(f"{shown(path)}: {_said(first)}")
-    found: dict[str, Any] = document
-    return found
-
-
-def _said(error: jsonschema.ValidationError) -> str:
-    """Field, value, and what was expected; the schema's own descriptions say the latter."""
-    place = field_name(error.absolute_path)
-    schema = error.schema if isinstance(error.schema, dict) else {}
-    if error.validator == "additionalProperties" and isinstance(error.instance, dict):
-        known = schema["properties"]
-        unknown = next(key for key in error.instance if key not in known)
-        inner = field_name([*error.absolute_path, unknown])
-        return f"{inner}: {error.instance[unknown]!r}: unknown field: expected one of {', '.join(known)}"
-    if error.validator == "required" and isinstance(error.instance, dict):
-        missing = next(key for key in schema["required"] if key not in error.instance)
-        return f"{field_name([*error.absolute_path, missing])}: missing: expected {_expected(schema, missing)}"
-    return f"{place or 'the file'}: {_value(error.instance)}: expected {schema.get('description', error.message)}"
-
-
-def _expected(schema: dict[str, Any], field: str) -> str:
-    inner = schema["properties"][field]
-    if "$ref" in inner:
-        inner = _schema()["$defs"][inner["$ref"].rsplit("/", 1)[1]]
-    return str(inner.get("description", "it"))
-
-
-def _value(instance: Any) -> str:
-    text = repr(instance)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def field_name(path: Any) -> str:
-    """`links.air.up.rate`, `events[0].at`."""
-    name = ""
-    for part in path:
-        text = part if not isinstance(part, str) or part.isprintable() else repr(part)
-        name += f"[{part}]" if isinstance(part, int) else f"{'.' if name else ''}{text}"
-    return name
 
 
 def _layer(document: dict[str, Any], file: str) -> Layer:

@@ -118,6 +118,9 @@ def fairness(configuration: dict[str, Any], one_drone: bool = False) -> list[str
     for name, instead in (("AUTOPILOT", "the stand-in's place"), ("ROUTER", "the place of mavp2p as it is built here")):
         if configuration.get(name):
             said.append(f"Flown with {name}={configuration[name]} in {instead}.")
+    if "drones" in configuration:
+        fogs, drones = (wording.plural(configuration[f"{what}s"], what) for what in ("fog", "drone"))
+        said.append(f"Flown by another fleet than the thesis's, {fogs} with {drones}: its figures are not set beside.")
     return said
 
 

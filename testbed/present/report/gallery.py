@@ -174,15 +174,15 @@ def _missions(
         flown = [Mission(a["attempt"], a["mission_s"], a["status"], a["reason"]) for a in side["attempts"]]
         flown += [Mission(void["attempt"], None, "void", void["reason"]) for void in side["void"]]
         sides[protocol] = sorted(flown, key=lambda one: one.attempt)
-    printed = thesis.of_scenario(metrics["experiment"]).get("mission_s", {})
+    printed = thesis.of_scenario(metrics["experiment"]).get("mission_s", {}) if thesis.flew_as_many(metrics) else {}
     figures = {protocol: MISSION.figure(side) for protocol, side in observed.items()}
     return sides, figures, {p: value for p, value in printed.items() if p in sides}
 
 
 def _scenarios(metrics: dict[str, Any], done: dict[str, list[dict[str, Any]]]) -> Figure | None:
-    """All scenarios of the thesis, with this one's attempts on its line; an experiment of another kind has none."""
+    """All scenarios of the thesis, with this one's attempts on its line; none for another experiment or fleet."""
     names = thesis.scenarios()
-    if metrics["experiment"] not in names:
+    if metrics["experiment"] not in names or not thesis.flew_as_many(metrics):
         return None
     made = {}
     for field in ("packets", "size_bytes"):

@@ -6,12 +6,12 @@ import json
 import re
 from pathlib import Path
 
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import SCHEMA_FILE, profile_names, read_profile
 from testbed.plan.profiles.resolve import resolve
-from testbed.plan.topology import read_topology
 from tests.bench import thesis
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE = (DOCS / "links.md").read_text()

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from spec import pictures
-from testbed.plan.topology import read_topology
+from testbed.plan.fleets import standard_fleet
 
 ROOT = Path(__file__).resolve().parents[3]
 FOLDER = ROOT / "docs" / "pictures"
@@ -33,7 +33,7 @@ def test_every_picture_is_shown_by_a_page(name: str) -> None:
 
 
 def test_the_topology_has_every_node_with_its_address_and_every_link() -> None:
-    shown, fleet = texts("topology"), read_topology()
+    shown, fleet = texts("topology"), standard_fleet().topology()
     assert {text for node in fleet.nodes for text in (node.name, node.address)} <= set(shown)
     assert sum(text in ("wan", "backhaul", "air") for text in shown) == len(fleet.links)
 

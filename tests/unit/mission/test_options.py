@@ -108,7 +108,7 @@ def test_a_start_of_the_links_that_cannot_be_made_is_named(tmp_path: Path) -> No
 
 
 def test_a_drone_without_a_point_is_named_where_points_are_flown_to(tmp_path: Path) -> None:
-    expected = "mission: drone 7 has no point in points.yaml: expected drones of 1, 2, 3, 4, 5, 6\n"
+    expected = "mission: drone 7 has no point in the fleet's file: expected drones of 1, 2, 3, 4, 5, 6\n"
     assert _said(tmp_path, "scenario-2", fleet="1:1;2:7") == (2, expected)
 
 

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from mission.fleet import Point
 from mission.points import all_points, points_of
 from mqttxt.protocol.commands import haversine_m
 from sitl.fleet import load
 
-FLEET = Path(__file__).parents[3] / "services" / "sitl" / "fleet.yaml"
+FLEET = Path(__file__).parents[3] / "services" / "fleet.yaml"
 RANGE_M = 50
 
 
@@ -30,7 +31,19 @@ def test_no_two_drones_have_one_point() -> None:
         assert haversine_m(one.latitude_deg, one.longitude_deg, other.latitude_deg, other.longitude_deg) > 2 * RANGE_M
 
 
+def test_the_points_of_another_fleet_are_those_of_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "fleet.yaml"
+    path.write_text("drones: {7: {point: {latitude_deg: 47, longitude_deg: 8, altitude_m: 12}}}\n")
+    monkeypatch.setenv("FLEET_FILE", str(path))
+    all_points.cache_clear()
+    try:
+        assert points_of([7]) == {7: Point(47, 8, 12)}
+    finally:
+        all_points.cache_clear()
+
+
 def test_a_drone_without_a_point_is_named() -> None:
     assert list(points_of((2, 5))) == [2, 5]
-    with pytest.raises(ValueError, match=r"^drone 7 has no point in points.yaml: expected drones of 1, 2, 3, 4, 5, 6$"):
+    said = r"^drone 7 has no point in the fleet's file: expected drones of 1, 2, 3, 4, 5, 6$"
+    with pytest.raises(ValueError, match=said):
         points_of((1, 7))

@@ -18,12 +18,12 @@ from net.shaping.attend import START_EVERY_S, Attendant
 from net.shaping.choice import choose
 from net.shaping.run_plan import read_run_plan
 from net.shaping.server import ask
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles import run_plan as host
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import resolve
-from testbed.plan.topology import read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 UP, DOWN = "air:uav1:up", "air:uav1:down"
 GATE = host.Gate("air:uav1", 1, 47.0, 8.0)
 

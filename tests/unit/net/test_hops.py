@@ -42,10 +42,10 @@ def test_only_what_is_not_for_a_neighbour_needs_a_route() -> None:
     ports = [Port(node, Cable(f"10.0.{i}.2", f"10.0.{i}.3"), f"eth{i}", "") for i, node in enumerate(NODES)]
     lines = routing_commands(ports, LINKS).splitlines()
     assert lines[:4] == [
-        "rule add iif eth0 lookup 100 priority 100",
-        "route add 10.0.2.3 via 10.0.1.3 dev eth1 table 100",
-        "route add 10.0.3.3 via 10.0.1.3 dev eth1 table 100",
-        "route add 10.0.4.3 via 10.0.1.3 dev eth1 table 100",
+        "rule add iif eth0 lookup 1000 priority 100",
+        "route add 10.0.2.3 via 10.0.1.3 dev eth1 table 1000",
+        "route add 10.0.3.3 via 10.0.1.3 dev eth1 table 1000",
+        "route add 10.0.4.3 via 10.0.1.3 dev eth1 table 1000",
     ]
-    assert "route add 10.0.0.3 via 10.0.2.3 dev eth2 table 103" in lines
+    assert "route add 10.0.0.3 via 10.0.2.3 dev eth2 table 1003" in lines
     assert not any("10.0.2.3 via 10.0.2.3" in line for line in lines)

@@ -19,13 +19,13 @@ from net.shaping.commands import Done, carry_out
 from net.shaping.journal import Journal
 from net.shaping.kernel import KernelLinks
 from net.shaping.run_plan import read_run_plan
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles import run_plan as host
 from testbed.plan.profiles.kernel import change_words
 from testbed.plan.profiles.reading import profile_names, read_profile
 from testbed.plan.profiles.resolve import EventPlan, LinkPlan, Plan, resolve
-from testbed.plan.topology import read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 PORTS = [Port(node.name, Cable("", node.address), f"eth{number}", "") for number, node in enumerate(TOPOLOGY.nodes)]
 UP = "air:uav1:up"
 DEVICE = "air-uav1-up"

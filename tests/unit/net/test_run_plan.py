@@ -10,12 +10,13 @@ import pytest
 
 from net.emulator.plan import PlanError
 from net.shaping.run_plan import Gate, RunPlan, read_run_plan
+from testbed.plan.documents import ROOT
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles import run_plan as host
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import resolve
-from testbed.plan.topology import ROOT, read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 
 
 def _data(profile: str, **options: Any) -> dict[str, Any]:

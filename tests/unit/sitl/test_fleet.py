@@ -11,7 +11,7 @@ from sitl.cli import app
 from sitl.errors import SitlError
 from sitl.fleet import load
 
-SHIPPED = Path(__file__).parents[3] / "services" / "sitl" / "fleet.yaml"
+SHIPPED = Path(__file__).parents[3] / "services" / "fleet.yaml"
 GOOD = "{latitude_deg: 47, longitude_deg: 8, altitude_m: 400, capacity_wh: 60, charge_pct: 90"
 
 
@@ -40,7 +40,10 @@ def test_a_drones_own_parameters_go_before_the_fleets(tmp_path: Path) -> None:
         ("\udcff", "not UTF-8"),
         ("fleet: 1", "drones: expected a mapping"),
         (f"drones: {{2: {GOOD}}}}}", "drones: no drone 1; expected one of 2"),
-        (f"wind: 3\ndrones: {{1: {GOOD}}}}}", "wind: expected parameters and drones only"),
+        (
+            f"wind: 3\ndrones: {{1: {GOOD}}}}}",
+            "wind: expected fogs, addresses, .*, drones only",
+        ),
         ("drones: {1: here}", "drones.1: expected a mapping, got 'here'"),
         ("drones: {1: {latitude_deg: 47}}", "drones.1: altitude_m, capacity_wh, .* is missing"),
         (f"drones: {{1: {GOOD}, wings: 2}}}}", "drones.1: wings is not known"),

@@ -10,7 +10,7 @@ from typing import Any
 
 from testbed.fly.calibration.calibrate import Calibration, Check
 from testbed.fly.containers import Usage
-from testbed.plan.topology import read_topology
+from testbed.plan.fleets import standard_fleet
 
 SHAPER = {"shaper": "nfqueue", "why": "the kernel has no netem"}
 
@@ -48,7 +48,7 @@ class Fleet:
         self.settings: dict[str, str] = {}
         self.count = 23
 
-    def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
+    def __call__(self, profile: str, run_dir: Path, settings: dict[str, str], fleet: Any) -> Any:
         self._run_dir = run_dir
         self.profiles.append(profile)
         self.settings = settings
@@ -81,7 +81,7 @@ class Fleet:
 
     def stop(self, service: str) -> None:
         self.did.append(f"stop {service}")
-        nodes = [node.name for node in read_topology().nodes]
+        nodes = [node.name for node in standard_fleet().topology().nodes]
         counts = [{"node": node, "captured": 1, "dropped": self._dropped if node == "gs" else 0} for node in nodes]
         (self._run_dir / "pcap" / "captures.json").write_text(json.dumps(counts))
         self.count_links()

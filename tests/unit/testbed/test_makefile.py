@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import pytest
 
+from testbed.plan.documents import ROOT
 from testbed.plan.experiments import FACTORS
-from testbed.plan.topology import ROOT
 
 
 def _typed(*words: str, **environment: str) -> dict[str, str]:

@@ -1,21 +1,26 @@
-"""Each UAV's own point, where scenarios 2 and 4 send it: read from points.yaml beside this module."""
+"""Each UAV's own point, where scenarios 2 and 4 send it: read from the fleet's file."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 
 import yaml
 
 from .fleet import Point
 
+FLEET_FILE = Path(__file__).parents[3] / "fleet.yaml"
+"""The experiments' fleet; the environment's FLEET_FILE names another."""
+
 
 @cache
 def all_points() -> dict[int, Point]:
     """Every point by the number of its drone."""
-    table = yaml.safe_load(files(__package__).joinpath("points.yaml").read_text(encoding="utf-8"))
-    return {int(drone): Point(**entry) for drone, entry in table["points"].items()}
+    path = Path(os.environ.get("FLEET_FILE", FLEET_FILE))
+    drones = yaml.safe_load(path.read_text(encoding="utf-8"))["drones"]
+    return {int(drone): Point(**entry["point"]) for drone, entry in drones.items()}
 
 
 def points_of(drones: Iterable[int]) -> dict[int, Point]:
@@ -24,5 +29,5 @@ def points_of(drones: Iterable[int]) -> dict[int, Point]:
     for drone in drones:
         if drone not in known:
             expected = ", ".join(str(number) for number in known)
-            raise ValueError(f"drone {drone} has no point in points.yaml: expected drones of {expected}")
+            raise ValueError(f"drone {drone} has no point in the fleet's file: expected drones of {expected}")
     return {drone: known[drone] for drone in drones}

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 
 from .interfaces import NetError, Port
 
-FIRST_TABLE = 100
+FIRST_TABLE = 1000
+"""Behind 253 to 255, which the kernel has taken, however many nodes there are."""
 PRIORITY = 100
 Link = tuple[str, str]
 

@@ -32,7 +32,8 @@ from .vehicle import Vehicle
 STAND_IN = "stand-in"
 REAL: dict[str, type[Autopilot]] = {"px4": Px4, "ardupilot": ArduCopter}
 AUTOPILOTS = (STAND_IN, *REAL)
-WITNESS = ("127.0.0.1", 14550)
+WITNESS = ("127.0.0.1", 14540)
+"""Drone N's own port is N more, from 14541 on: 14550 would be drone 10's."""
 """Where a real autopilot is watched, on a link of its own."""
 
 app = typer.Typer(

@@ -19,7 +19,9 @@ _RANGES = {
     "capacity_wh": (1, 10_000),
     "charge_pct": (0, 100),
 }
-
+_OF_MISSIONS = {"endurance_s", "point"}
+"""What a fleet's file says of a drone for others than its autopilot; they check it."""
+_SECTIONS = ("fogs", "addresses", "sensor_range_m", "parameters", "drones")
 
 ZURICH = Place(47.397742, 8.545594, 488.0)
 """Where PX4's simulations start."""
@@ -51,9 +53,9 @@ def load(path: Path, system_id: int) -> DroneConfig:
         raise SitlError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(document, dict) or not isinstance(document.get("drones"), dict):
         raise SitlError(f"{path}: drones: expected a mapping of numbers to drones")
-    unknown = set(document) - {"parameters", "drones"}
+    unknown = set(document) - {*_SECTIONS}
     if unknown:
-        raise SitlError(f"{path}: {', '.join(map(str, unknown))}: expected parameters and drones only")
+        raise SitlError(f"{path}: {', '.join(map(str, unknown))}: expected {', '.join(_SECTIONS)} only")
     if system_id not in document["drones"]:
         known = ", ".join(str(number) for number in document["drones"])
         raise SitlError(f"{path}: drones: no drone {system_id}; expected one of {known}")
@@ -65,7 +67,7 @@ def _drone(path: Path, system_id: int, entry: Any, shared: dict[str, float]) -> 
     where = f"drones.{system_id}"
     if not isinstance(entry, dict):
         raise SitlError(f"{path}: {where}: expected a mapping, got {entry!r}")
-    unknown = set(entry) - {*_RANGES, "parameters"}
+    unknown = set(entry) - {*_RANGES, *_OF_MISSIONS, "parameters"}
     missing = set(_RANGES) - set(entry)
     if unknown or missing:
         names = ", ".join(sorted(str(name) for name in unknown or missing))

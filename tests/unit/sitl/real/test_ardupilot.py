@@ -14,7 +14,7 @@ from sitl.fleet import DroneConfig, load
 from sitl.process import LinkConfig
 from sitl.real.ardupilot import ArduCopter
 
-FLEET = Path(__file__).resolve().parents[4] / "services" / "sitl" / "fleet.yaml"
+FLEET = Path(__file__).resolve().parents[4] / "services" / "fleet.yaml"
 CONFIG = DroneConfig(3, Place(47.398102, 8.545594, 488.5), parameters={"MPC_XY_CRUISE": 14.0, "RTL_RETURN_ALT": 10.0})
 
 

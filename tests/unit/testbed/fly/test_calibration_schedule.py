@@ -10,11 +10,11 @@ from simulated_links import DOWN, TWO, UP, plan_of
 
 from net.probe import parse_schedule
 from testbed.fly.calibration.schedule import DELAY, RATE, Flow, Schedule, make_schedule
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import profile_names, read_profile
 from testbed.plan.profiles.resolve import LinkPlan, Plan, resolve
-from testbed.plan.topology import read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 
 
 def of_profile(name: str) -> tuple[Plan, Schedule]:

@@ -271,6 +271,11 @@ def test_a_time_in_words(seconds: float, said: str) -> None:
 def test_what_to_type_to_go_on_has_what_was_asked_for() -> None:
     assert Wish().typed() == "make all"
     assert SMALL.typed() == "make all ATTEMPTS=2 EXPERIMENTS=scenario-3 ARMS=thesis,direct PROFILES=ideal"
+    assert Wish(fogs="3", drones="12").typed() == "make all FOGS=3 DRONES=12"
+
+
+def test_a_campaign_flies_the_fleet_that_was_asked_for() -> None:
+    assert {plan.fleet.flown for plan in plans_of(Wish(experiments="scenario-3", fogs="1", drones="2"))} == {"1:1,2"}
 
 
 @pytest.mark.parametrize(("raised", "code"), [(Interrupted("interrupted"), 130), (DockerError("Docker is gone"), 1)])

@@ -82,12 +82,25 @@ def test_what_a_profile_starts_is_read_from_the_compose_file(tmp_path: Path) -> 
     assert services_of(("mavlink", "mqttxt"), compose) == ["net", "gs", "broker", "router-gs"]
 
 
+class _Networks:
+    """Networks that compose left; `removed` are those that were removed after all."""
+
+    def __init__(self) -> None:
+        self.removed: list[str] = []
+
+    def list(self, filters: dict[str, str]) -> list[SimpleNamespace]:
+        assert filters == {"label": "com.docker.compose.project=mqttxt-testbed"}
+        return [SimpleNamespace(remove=lambda: self.removed.append("uav12"))]
+
+
 @pytest.fixture
 def composed(monkeypatch: pytest.MonkeyPatch) -> tuple[Containers, list[list[str]]]:
     """MAVLink's containers, whose compose only writes down what it is asked, and cannot start anything."""
     fleet = Containers.__new__(Containers)
     monkeypatch.setattr(fleet, "_profiles", ("mavlink",), raising=False)
     monkeypatch.setattr(fleet, "_environment", {}, raising=False)
+    monkeypatch.setattr(fleet, "_timeout_s", 1.0, raising=False)
+    monkeypatch.setattr(fleet, "_client", SimpleNamespace(networks=_Networks()), raising=False)
     monkeypatch.setattr(fleet, "_files", [containers.COMPOSE_FILE], raising=False)
     monkeypatch.setattr(containers, "compose_command", lambda: ["compose"])
     ran: list[list[str]] = []
@@ -105,6 +118,13 @@ def test_a_fleet_is_taken_down_whatever_protocol_it_was_for(composed: tuple[Cont
     fleet, ran = composed
     fleet.down()
     assert [after for word, after in pairwise(ran[0]) if word == "--profile"] == ["mqttxt", "mavlink", *SENSOR_PROFILES]
+
+
+def test_networks_of_a_larger_fleet_are_removed_with_the_fleet(composed: tuple[Containers, list[list[str]]]) -> None:
+    fleet, _ = composed
+    networks: Any = fleet._client.networks
+    fleet.down()
+    assert networks.removed == ["uav12"]
 
 
 def test_a_start_that_compose_gives_up_is_the_fleets_own_failure(

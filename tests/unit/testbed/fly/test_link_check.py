@@ -16,11 +16,11 @@ from simulated_links import SimulatedNodes, changed
 from testbed.errors import ContainerDied, TestbedError, UserError
 from testbed.fly.calibration.table import BEGIN, END, HEAD, document_rows, markdown, rows_of, write_into
 from testbed.fly.link_check import check_profiles
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import Plan, resolve
-from testbed.plan.topology import read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 SIK = resolve(read_profile("sik"), TOPOLOGY, "links", 1)
 
 
@@ -33,7 +33,7 @@ class SimulatedNetwork:
         self._folder = Path()
         self._nodes: SimulatedNodes | None = None
 
-    def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
+    def __call__(self, profile: str, run_dir: Path, settings: dict[str, str], fleet: Any) -> Any:
         self._folder = run_dir / "links"
         name = json.loads((self._folder / "plan.json").read_text())["plan"]["profile"]
         plan = resolve(read_profile(name), TOPOLOGY, "links", 1)
@@ -61,7 +61,7 @@ class SimulatedNetwork:
 def checked(folder: Path, network: Any, names: str = "sik") -> tuple[bool, str, dict[str, Any]]:
     """Whether all holds, what is printed, what is saved."""
     said = io.StringIO()
-    holds = check_profiles(names, "auto", folder, Console(file=said, width=120), network)
+    holds = check_profiles(names, "auto", standard_fleet(), folder, Console(file=said, width=120), network)
     return holds, said.getvalue(), json.loads((folder / "links" / "latest" / "links.json").read_text())
 
 
@@ -107,14 +107,14 @@ def test_a_network_that_ends_says_why_and_is_taken_down(tmp_path: Path) -> None:
 
     network = Dead()
     with pytest.raises(TestbedError, match="the links cannot be shaped: net: neither netem nor NFQUEUE"):
-        check_profiles("sik", "auto", tmp_path, Console(file=io.StringIO()), network)
+        check_profiles("sik", "auto", standard_fleet(), tmp_path, Console(file=io.StringIO()), network)
     assert network.did[-1] == "down"
 
 
 def test_a_profile_that_there_is_not_is_said_before_anything_starts(tmp_path: Path) -> None:
     network = SimulatedNetwork()
     with pytest.raises(UserError, match="wlan"):
-        check_profiles("sik,wlan", "auto", tmp_path, Console(file=io.StringIO()), network)
+        check_profiles("sik,wlan", "auto", standard_fleet(), tmp_path, Console(file=io.StringIO()), network)
     assert network.did == []
     assert list(tmp_path.iterdir()) == []
 

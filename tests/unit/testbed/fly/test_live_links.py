@@ -9,11 +9,11 @@ import pytest
 
 from testbed.errors import DockerError, UserError
 from testbed.fly.live_links import Change, changes, read_live_plan, tell
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import Plan, resolve
-from testbed.plan.topology import read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 
 
 def _plan(profile: str = "ideal") -> Plan:

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from testbed.fly.links import plan_links
-from testbed.fly.manifest import describe, mavp2p_version, mosquitto_version
+from testbed.fly.manifest import configuration_of, describe, mavp2p_version, mosquitto_version
 from testbed.fly.results import Attempt
 from testbed.plan.experiments import make_plan
-from testbed.plan.topology import read_topology
+from testbed.plan.fleets import fleet_of
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,16 @@ def test_a_version_that_nothing_tells_is_none(tmp_path: Path) -> None:
     assert mosquitto_version("exec: mosquitto: not found") is None
 
 
+def test_the_size_and_the_topology_of_another_fleet_are_in_the_manifest() -> None:
+    plan = make_plan("scenario-4", fleet=fleet_of({"FOGS": "3", "DRONES": "9"}))
+    found = describe(plan, Attempt(Path("attempt-01"), "mqttxt", 1), {"QOS": "0"}, plan_links(plan, 1))
+    assert (found["configuration"]["fogs"], found["configuration"]["drones"]) == (3, 9)
+    assert len(found["topology"]["nodes"]) == 2 + 3 + 9 + 9
+    assert {"name": "air:uav9", "lower": "uav9", "upper": "fog3"} in found["topology"]["links"]
+    assert not {"fogs", "drones"} & set(configuration_of(make_plan("scenario-4"), {}))
+
+
 def test_a_fleet_without_routers_names_no_router() -> None:
-    plan, topology = make_plan("scenario-1", arm="direct"), read_topology()
+    plan = make_plan("scenario-1", arm="direct")
     attempt = Attempt(Path("attempt-01"), "mavlink", 1)
-    assert "mavp2p" not in describe(plan, attempt, topology, {}, plan_links(plan, topology, 1))["versions"]
+    assert "mavp2p" not in describe(plan, attempt, {}, plan_links(plan, 1))["versions"]

@@ -342,7 +342,7 @@ def test_a_mission_that_does_not_take_its_input_ends_the_run(tmp_path: Path) -> 
 
 def test_a_daemon_that_does_not_answer_is_in_the_manifest(tmp_path: Path) -> None:
     class Silent(Fleet):
-        def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
+        def __call__(self, profile: str, run_dir: Path, settings: dict[str, str], fleet: Any) -> Any:
             raise DockerError("Docker does not answer")
 
     with pytest.raises(DockerError):
@@ -377,10 +377,10 @@ def test_a_router_that_dies_fails_its_attempt_by_its_name(tmp_path: Path) -> Non
 
 def test_a_lost_docker_ends_the_run_and_what_was_flown_is_kept(tmp_path: Path) -> None:
     class Lost(Fleet):
-        def __call__(self, profile: str, run_dir: Path, settings: dict[str, str]) -> Any:
+        def __call__(self, profile: str, run_dir: Path, settings: dict[str, str], fleet: Any) -> Any:
             if profile == "mavlink":
                 raise DockerError("Docker does not answer")
-            return super().__call__(profile, run_dir, settings)
+            return super().__call__(profile, run_dir, settings, fleet)
 
     with pytest.raises(DockerError, match="Docker does not answer"):
         _fly(tmp_path, Lost([TAKEOFF]), "2", "mqttxt,mavlink")

@@ -10,9 +10,11 @@ import pytest
 
 from testbed.errors import UserError
 from testbed.fly.flights import by_hand, limit_s_of, mission_command, profile_of, remove_sockets, settings_of
+from testbed.plan.compose import COMPOSE_FILE
+from testbed.plan.documents import ROOT
 from testbed.plan.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
+from testbed.plan.fleets import fleet_of
 from testbed.plan.profiles.reading import profile_names
-from testbed.plan.topology import COMPOSE_FILE, ROOT
 
 PROFILES = ", ".join(profile_names())
 GOOD = {"experiment": "scenario-1", "attempts": "2", "arm": "thesis", "profile": "ideal", "protocols": "mqttxt"}
@@ -115,6 +117,26 @@ def test_the_mission_is_told_how_mavlink_talks() -> None:
         "--links-start /run-dir/links/start --mavlink udpin://127.0.0.1:14540 "
         "--streams five-states --commanding concurrent"
     )
+
+
+def test_another_fleet_is_flown_with_its_own_file_and_fogs() -> None:
+    plan = make_plan("scenario-4", fleet=fleet_of({"FOGS": "3", "DRONES": "9"}))
+    settings = settings_of(plan, "mavlink")
+    assert settings["FLEET_FILE"] == "/run-dir/fleet.yaml"
+    assert "sensor9=198.19.29.2,198.19.29.3" in settings["SENSOR_NODES"].split()
+    command = mission_command(plan, "mavlink")
+    assert command[command.index("--fleet") + 1] == "1:1,2,3;2:4,5,6;3:7,8,9"
+    assert command[command.index("--mavlink") + 1].endswith("udpin://127.0.0.1:14549")
+    assert "9 drones up" in by_hand(plan, "mqttxt", str)
+    assert "watch --fog 1 --fog 2 --fog 3" in by_hand(plan, "mqttxt", str)
+
+
+def test_the_message_set_of_another_fleet_has_one_drone() -> None:
+    plan = make_plan("messages", fleet=fleet_of({"FOGS": "3", "DRONES": "9"}))
+    command = mission_command(plan, "mqttxt")
+    assert command[command.index("--fleet") + 1] == "1:1"
+    assert command[command.index("--control") + 1] == "/run-dir/sitl/uav1.sock"
+    assert settings_of(plan, "mqttxt")["ONLY_FLAG"] == "--only 1"
 
 
 @pytest.mark.parametrize(("chain", "host"), [("per-uav", "127.0.0.1"), ("direct", "0.0.0.0")])

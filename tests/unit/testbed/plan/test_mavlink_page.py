@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 
-from testbed.plan.topology import ROOT, read_services
+from testbed.plan.compose import read_services
+from testbed.plan.documents import ROOT
 
 PAGE = (ROOT / "docs" / "mavlink.md").read_text()
 

@@ -13,26 +13,55 @@ from typer.testing import CliRunner
 from testbed.cli import commands as cli
 from testbed.fly.flights import settings_of
 from testbed.plan.autopilots import KINDS
+from testbed.plan.compose import COMPOSE_FILE
+from testbed.plan.documents import ROOT
 from testbed.plan.experiments import make_plan
-from testbed.plan.overrides import OVERRIDES, chosen, compose_files, suffix
-from testbed.plan.topology import COMPOSE_FILE, ROOT
+from testbed.plan.fleets import fleet_of, standard_fleet
+from testbed.plan.overrides import OVERRIDES, chosen, compose_files, fleet_in, suffix
 
 
-def test_without_a_variable_nothing_is_laid_over() -> None:
+def test_without_a_variable_nothing_is_laid_over(tmp_path: Path) -> None:
     assert chosen({"AUTOPILOT": "", "HOME": "/"}) == {}
-    assert compose_files({}) == [COMPOSE_FILE]
+    assert compose_files({}, standard_fleet(), tmp_path) == [COMPOSE_FILE]
 
 
-def test_an_autopilot_and_a_router_come_behind_the_compose_file() -> None:
+def test_an_autopilot_and_a_router_come_behind_the_compose_file(tmp_path: Path) -> None:
     settings = chosen({"ROUTER": "official", "AUTOPILOT": "px4"})
     assert settings == {"AUTOPILOT": "px4", "ROUTER": "official", "AUTOPILOT_IMAGE": "px4io/px4-sitl:v1.17.0"}
-    assert [path.name for path in compose_files(settings)] == ["compose.yaml", "px4.yaml", "official.yaml"]
+    assert [path.name for path in compose_files(settings, standard_fleet(), tmp_path)] == [
+        "compose.yaml",
+        "px4.yaml",
+        "official.yaml",
+    ]
 
 
 def test_a_file_of_ones_own_is_named_by_its_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "mine.yaml").write_text("services: {}\n")
     monkeypatch.chdir(tmp_path)
-    assert compose_files(chosen({"AUTOPILOT": "mine.yaml"})) == [COMPOSE_FILE, tmp_path / "mine.yaml"]
+    assert compose_files(chosen({"AUTOPILOT": "mine.yaml"}), standard_fleet(), tmp_path) == [
+        COMPOSE_FILE,
+        tmp_path / "mine.yaml",
+    ]
+
+
+def test_the_files_of_another_fleet_are_made_in_the_runs_folder(tmp_path: Path) -> None:
+    fleet, checked_in = fleet_of({"FOGS": "3", "DRONES": "12"}), COMPOSE_FILE.read_text()
+    mine = tmp_path / "of-mine" / "mine.yaml"
+    mine.parent.mkdir()
+    mine.write_text("services: {}\n")
+    files = compose_files({"AUTOPILOT": "px4", "ROUTER": str(mine)}, fleet, tmp_path)
+    assert files == [tmp_path / "compose.yaml", tmp_path / "px4.yaml", mine]
+    assert COMPOSE_FILE.read_text() == checked_in
+    assert set(_services(files[1])) == {f"sitl{drone}" for drone in range(1, 13)} < set(_services(files[0]))
+    assert fleet_in(tmp_path) == fleet
+
+
+def test_a_folder_of_another_fleet_is_the_experiments_again_once_that_is_up(tmp_path: Path) -> None:
+    assert fleet_in(tmp_path) == standard_fleet()
+    compose_files({}, fleet_of({"DRONES": "3"}), tmp_path)
+    assert fleet_in(tmp_path) != standard_fleet()
+    compose_files({}, standard_fleet(), tmp_path)
+    assert fleet_in(tmp_path) == standard_fleet()
 
 
 def test_a_wrong_autopilot_is_one_line_and_exit_code_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,7 +96,7 @@ def _services(path: Path) -> dict[str, Any]:
 
 
 def _fleet() -> dict[str, Any]:
-    found: dict[str, Any] = yaml.safe_load((ROOT / "services" / "sitl" / "fleet.yaml").read_text())
+    found: dict[str, Any] = yaml.safe_load((ROOT / "services" / "fleet.yaml").read_text())
     return found
 
 
@@ -75,3 +104,4 @@ def test_the_results_path_names_what_was_laid_over(tmp_path: Path) -> None:
     assert suffix({}) == suffix({"AUTOPILOT": "", "ROUTER": ""}) == ""
     assert suffix({"AUTOPILOT": "px4", "ROUTER": "official"}) == "+autopilot-px4+router-official"
     assert suffix({"AUTOPILOT": str(tmp_path / "mine.yaml")}) == "+autopilot-mine"
+    assert suffix({"AUTOPILOT": "px4", "DRONES": "12"}) == "+fogs-2+drones-12+autopilot-px4"

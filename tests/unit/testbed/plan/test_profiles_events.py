@@ -9,12 +9,12 @@ from random import Random
 import pytest
 
 from testbed.errors import UserError
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.draws import link_seed, occurrences, plan_seed
 from testbed.plan.profiles.reading import Rule, read_profile
 from testbed.plan.profiles.resolve import EventPlan, Plan, resolve
-from testbed.plan.topology import read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 
 SECOND = 1_000_000
 

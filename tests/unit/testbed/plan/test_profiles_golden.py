@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 from testbed.cli.profiles import script_of
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.kernel import commands_of
 from testbed.plan.profiles.reading import profile_names, read_profile
 from testbed.plan.profiles.resolve import resolve
-from testbed.plan.topology import read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 
 GOLDEN = Path(__file__).parent / "golden"
 NAMES = [*profile_names(), "everything"]

@@ -13,13 +13,13 @@ import pytest
 from typer.testing import CliRunner
 
 from testbed.cli import commands as cli
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.directed import directed_links
 from testbed.plan.profiles.kernel import Commands, Words, beyond, change_words, commands_of
 from testbed.plan.profiles.reading import FOLDER, profile_names, read_profile
 from testbed.plan.profiles.resolve import Plan, resolve
-from testbed.plan.topology import read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 
 AIR = "{air: {both: {delay: 40ms, source: s}}}"
 

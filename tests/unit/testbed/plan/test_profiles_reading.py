@@ -13,12 +13,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from testbed.errors import UserError
+from testbed.plan.documents import ROOT
+from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles import units
 from testbed.plan.profiles.reading import FOLDER, PARSERS, SCHEMA_FILE, profile_names, read_profile
 from testbed.plan.profiles.resolve import LinkPlan, Plan, resolve
-from testbed.plan.topology import ROOT, read_topology
 
-TOPOLOGY = read_topology()
+TOPOLOGY = standard_fleet().topology()
 
 HEADER = "# yaml-language-server: $schema=profile.schema.json"
 FACTS = {"ideal", "lan", "thesis", "lte", "3g", "edge", "leo", "geo", "sik", "lossy", "bursty"}

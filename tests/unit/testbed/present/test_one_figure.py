@@ -32,7 +32,7 @@ from testbed.numbers.quantities import (
     row,
 )
 from testbed.numbers.statistics import significant
-from testbed.plan.topology import ROOT
+from testbed.plan.documents import ROOT
 from testbed.present.report import compare, message_set, terminal
 from testbed.present.report.message_terminal import delay_table, traffic_table
 from testbed.present.summary.cells import SIDES, Cell

@@ -129,6 +129,15 @@ def test_each_scenario_has_the_thesiss_figures_and_its_caveats_beside(tmp_path: 
     assert "scenarios" in page.sections
 
 
+def test_another_fleet_has_no_figures_of_the_thesis_beside_it(series: Series) -> None:
+    words = entry("mqttxt")["outcomes"]["1"]
+    nine = {"outcomes": {str(drone): words for drone in range(1, 10)}}
+    metrics = make_series(series, ("mqttxt", entry("mqttxt", **nine)), ("mavlink", entry("mavlink", **nine)))
+    page = page_of(series, metrics)
+    assert beside.rows(metrics) == []
+    assert not {"thesis", "scenarios"} & set(page.sections)
+
+
 def test_a_printed_size_that_is_a_slip_makes_no_ratio_of_the_thesis(series: Series) -> None:
     rows = {row.name: row for row in beside.rows(both(series))}
     size, packets = rows["bytes"].ratio, rows["packets"].ratio

@@ -1,0 +1,103 @@
+"""Files that people write: YAML, checked against a JSON schema, whose descriptions say what was expected."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import yaml
+
+from ..errors import UserError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def read_document(path: Path, schema_file: Path) -> dict[str, Any]:
+    """What a file says; all keys are text. Raises UserError naming file, field, value and what was expected."""
+    try:
+        document = _text_keys(yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader))
+    except yaml.MarkedYAMLError as error:
+        line = f" line {error.problem_mark.line + 1}:" if error.problem_mark else ""
+        raise UserError(f"{shown(path)}:{line} {error.problem}: expected YAML, each key once") from error
+    except (OSError, ValueError, TypeError, yaml.YAMLError) as error:
+        raise UserError(f"{shown(path)}: {' '.join(str(error).split())}: expected a readable YAML file") from error
+    schema = _schema(schema_file)
+    first = min(
+        jsonschema.Draft202012Validator(schema).iter_errors(document),
+        key=lambda error: (len(error.path), str(error.path)),
+        default=None,
+    )
+    if first is not None:
+        raise UserError(f"{shown(path)}: {_said(first, schema)}")
+    found: dict[str, Any] = document
+    return found
+
+
+def shown(path: Path) -> str:
+    """A path as people type it: from the repository where it is inside."""
+    full = path.resolve()
+    return str(full.relative_to(ROOT)) if full.is_relative_to(ROOT) else str(path)
+
+
+@cache
+def _schema(path: Path) -> dict[str, Any]:
+    schema: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return schema
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which a key that is there twice is a mistake, not the second one's victory."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        twice = next((key for number, key in enumerate(keys) if key in keys[:number]), None)
+        if twice is not None:
+            raise yaml.constructor.ConstructorError(None, None, f"{twice!r} is there twice", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def _text_keys(value: Any) -> Any:
+    """Numbers as keys are text, as in JSON: a schema has patterns for text alone."""
+    if isinstance(value, dict):
+        return {str(key): _text_keys(inner) for key, inner in value.items()}
+    return [_text_keys(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _said(error: jsonschema.ValidationError, whole: dict[str, Any]) -> str:
+    """Field, value, and what was expected; the schema's own descriptions say the latter."""
+    place = _field_name(error.absolute_path)
+    schema = error.schema if isinstance(error.schema, dict) else {}
+    if error.validator == "additionalProperties" and isinstance(error.instance, dict):
+        known = schema["properties"]
+        unknown = next(key for key in error.instance if key not in known)
+        inner = _field_name([*error.absolute_path, unknown])
+        return f"{inner}: {error.instance[unknown]!r}: unknown field: expected one of {', '.join(known)}"
+    if error.validator == "required" and isinstance(error.instance, dict):
+        missing = next(key for key in schema["required"] if key not in error.instance)
+        expected = _expected(schema, missing, whole)
+        return f"{_field_name([*error.absolute_path, missing])}: missing: expected {expected}"
+    return f"{place or 'the file'}: {_value(error.instance)}: expected {schema.get('description', error.message)}"
+
+
+def _expected(schema: dict[str, Any], field: str, whole: dict[str, Any]) -> str:
+    inner = schema["properties"][field]
+    if "$ref" in inner:
+        inner = whole["$defs"][inner["$ref"].rsplit("/", 1)[1]]
+    return str(inner.get("description", "it"))
+
+
+def _value(instance: Any) -> str:
+    text = repr(instance)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _field_name(path: Any) -> str:
+    """`links.air.up.rate`, `events[0].at`."""
+    name = ""
+    for part in path:
+        text = part if not isinstance(part, str) or part.isprintable() else repr(part)
+        name += f"[{part}]" if isinstance(part, int) else f"{'.' if name else ''}{text}"
+    return name

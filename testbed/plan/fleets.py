@@ -1,0 +1,121 @@
+"""Which fleet is flown: that of services/fleet.yaml or of another file (FLEET), or so many FOGS and DRONES."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping
+from functools import cache
+from ipaddress import IPv4Network
+from pathlib import Path
+from typing import Any
+
+from ..errors import UserError
+from .documents import ROOT, read_document, shown
+from .fleet import MOST_DRONES, Fleet
+
+FLEET_FILE = ROOT / "services" / "fleet.yaml"
+SCHEMA_FILE = ROOT / "services" / "fleet.schema.json"
+_KEPT_FREE = IPv4Network("198.19.255.0/24")
+"""A node asks for the way to an address in it, to see whether it leads over `net` (services/entrypoint)."""
+_ROOM = IPv4Network("198.18.0.0/15")
+_APART_M, _A_ROW, _TO_POINT_M = 120.0, 16, 60.0
+"""Further drones stand in rows; each one's point is so far to the north and to the east of it. Sensors reach 50 m."""
+_NORTH_DEG = 0.003
+_METRES_A_DEGREE = 111_320.0
+
+
+@cache
+def standard_fleet() -> Fleet:
+    """The experiments' fleet, of which compose.yaml is made. Raises UserError as `read_fleet`."""
+    return read_fleet(FLEET_FILE)
+
+
+def read_fleet(path: Path) -> Fleet:
+    """The fleet of a file. Raises UserError naming file, field, value and what was expected."""
+    found = read_document(path, SCHEMA_FILE)
+    where = shown(path)
+    networks = {}
+    for name, text in found["addresses"].items():
+        try:
+            networks[name] = IPv4Network(text)
+        except ValueError as error:
+            raise UserError(f"{where}: addresses.{name}: '{text}': expected a network ({error})") from error
+    fogs = {int(fog): tuple(drones) for fog, drones in found["fogs"].items()}
+    drones = {int(drone): entry for drone, entry in found["drones"].items()}
+    for drone, times in Counter(drone for of_fog in fogs.values() for drone in of_fog).items():
+        if times > 1:
+            raise UserError(f"{where}: fogs: drone {drone} is there {times} times: expected each drone once")
+        if drone not in drones:
+            raise UserError(f"{where}: drones.{drone}: missing: expected what the file says of each drone of a fog")
+    fleet = Fleet(fogs, networks, drones, found.get("parameters", {}), found["sensor_range_m"])
+    _check_addresses(fleet, f"{where}: addresses")
+    return fleet
+
+
+def fleet_of(environment: Mapping[str, str]) -> Fleet:
+    """The fleet that FLEET, FOGS and DRONES ask for; the experiments' where nothing does.
+
+    Fogs and drones are numbered from 1; the first fogs have one drone more where they cannot all have as many. Raises
+    UserError naming the variable, its value and what was expected, or as `read_fleet`.
+    """
+    named = environment.get("FLEET")
+    fleet = read_fleet(Path(named)) if named else standard_fleet()
+    asked = {name: environment[name] for name in ("FOGS", "DRONES") if environment.get(name)}
+    if not asked:
+        return fleet
+    drones = _whole("DRONES", asked.get("DRONES", str(len(fleet.fog_of))), MOST_DRONES)
+    fogs = _whole("FOGS", asked.get("FOGS", str(len(fleet.fogs))), drones)
+    sizes = [drones // fogs + (place < drones % fogs) for place in range(fogs)]
+    spread = {fog: tuple(range(sum(sizes[: fog - 1]) + 1, sum(sizes[:fog]) + 1)) for fog in range(1, fogs + 1)}
+    entries = {drone: fleet.drones.get(drone) or _further(fleet, drone) for drone in range(1, drones + 1)}
+    resized = Fleet(spread, fleet.networks, entries, fleet.parameters, fleet.sensor_range_m)
+    _check_addresses(resized, " ".join(f"{name}={value}" for name, value in asked.items()))
+    return resized
+
+
+def suffix(environment: Mapping[str, str]) -> str:
+    """What the results' path says of another fleet than the experiments', as `+fogs-3+drones-12`."""
+    fleet, named = fleet_of(environment), environment.get("FLEET")
+    if fleet == standard_fleet():
+        return ""
+    return (f"+fleet-{Path(named).stem}" if named else "") + f"+fogs-{len(fleet.fogs)}+drones-{len(fleet.fog_of)}"
+
+
+def _further(fleet: Fleet, drone: int) -> dict[str, Any]:
+    """A drone that the file does not have: like one of the file's, in their order, in a place north of all of them."""
+    known = [fleet.drones[number] for number in sorted(fleet.drones)]
+    like = known[(drone - 1) % len(known)]
+    places = [place for entry in known for place in (entry, entry["point"])]
+    row, column = divmod(drone - 1, _A_ROW)
+    latitude_deg = max(place["latitude_deg"] for place in places) + _NORTH_DEG
+    longitude_deg = min(place["longitude_deg"] for place in places)
+    a_north, an_east = 1 / _METRES_A_DEGREE, 1 / (_METRES_A_DEGREE * math.cos(math.radians(latitude_deg)))
+    home = (latitude_deg + row * _APART_M * a_north, longitude_deg + column * _APART_M * an_east)
+    point = (home[0] + _TO_POINT_M * a_north, home[1] + _TO_POINT_M * an_east)
+    return {**like, **_place(*home), "point": {**like["point"], **_place(*point)}}
+
+
+def _place(latitude_deg: float, longitude_deg: float) -> dict[str, float]:
+    return {"latitude_deg": round(latitude_deg, 6), "longitude_deg": round(longitude_deg, 6)}
+
+
+def _check_addresses(fleet: Fleet, where: str) -> None:
+    """Raises UserError naming the first node whose network is another's as well, or outside of what there is."""
+    taken = {_KEPT_FREE: "kept free"}
+    for node in fleet.nodes(sensors=True):
+        network = fleet.network(node)
+        if not network.subnet_of(_ROOM):
+            raise UserError(f"{where}: {node} would be in {network}: expected networks within {_ROOM}")
+        other = next((name for there, name in taken.items() if network.overlaps(there)), None)
+        if other is not None:
+            raise UserError(f"{where}: {node} would be in {network}, which is {other}: expected another one for it")
+        taken[network] = f"{node}'s"
+
+
+def _whole(name: str, text: str, most: int) -> int:
+    if not re.fullmatch(r"[0-9]{1,9}", text) or not 1 <= int(text) <= most:
+        fogs = " and no more fogs than drones" if name == "FOGS" else ""
+        raise UserError(f"{name}={text[:40]}: expected a whole number from 1 to {most}{fogs}")
+    return int(text)
