@@ -1,4 +1,4 @@
-"""A mission of one's own that goes wrong in flight: one line for whoever flew it, the rest in its attempt's folder."""
+"""A mission of one's own that goes wrong, by another fleet: one line for people, the rest in its attempt's folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = [
 MISSION = """
 async def mission(fleet, steps):
     await steps.command("arm", fleet.arm, limit_s=30)
-    print("six drones are armed")
+    print(f"{len(fleet.drones)} drones are armed")
     await look_at(fleet, "the lake")
 
 
@@ -27,7 +27,8 @@ async def look_at(fleet, place):
 
 def test_what_it_raises_is_one_line_and_its_traceback_is_kept(tmp_path: Path) -> None:
     (tmp_path / "lake.py").write_text(MISSION)
-    run = Run(tmp_path / "results", "--protocols", "mqttxt", experiment=str(tmp_path / "lake.py"), verb="fly")
+    fleet, mission = {"FOGS": "3", "DRONES": "3"}, str(tmp_path / "lake.py")
+    run = Run(tmp_path / "results", "--protocols", "mqttxt", experiment=mission, verb="fly", environment=fleet)
     assert run.wait(280) == 1, run.output
     assert "lake.py, line 9: KeyError: 'the lake'" in run.output
     assert "Traceback" not in run.output
@@ -36,7 +37,8 @@ def test_what_it_raises_is_one_line_and_its_traceback_is_kept(tmp_path: Path) ->
         *("failed", "lake.py, line 9: KeyError: 'the lake'"),
     )
     said = (attempt.path / "logs" / "mission.log").read_text()
-    assert "six drones are armed" in said
+    assert "3 drones are armed" in said
     assert "in look_at" in said
     assert (attempt.path / "lake.py").read_text() == MISSION
+    assert len(attempt.topology().nodes) == 2 + 3 + 3
     assert "line 9: KeyError" in (run.latest / "report.html").read_text()
