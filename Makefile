@@ -53,7 +53,7 @@ links: containers ## Probe the links of all profiles, configured beside measured
 arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES=)
 	@$(PYTHON) -m testbed arms
 
-up: containers ## Start the six drones and leave them running, to explore by hand (PROTOCOLS=mavlink, PROFILE=lte, FOGS= DRONES=)
+up: containers ## Start the fleet and leave them running, to explore by hand (PROTOCOLS=mavlink, PROFILE=lte, FOGS= DRONES=)
 	@$(PYTHON) -m testbed up --protocol '$(ONE_PROTOCOL)' --arm '$(ARM)' $(FACTORS) --encoding '$(ENCODING)' --profile '$(PROFILE)' --shaper '$(SHAPER)'
 
 down: containers ## End what `make up` started

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,11 @@ def read_document(path: Path, schema_file: Path) -> dict[str, Any]:
     except yaml.MarkedYAMLError as error:
         line = f" line {error.problem_mark.line + 1}:" if error.problem_mark else ""
         raise UserError(f"{shown(path)}:{line} {error.problem}: expected YAML, each key once") from error
+    except RecursionError:
+        raise UserError(f"{shown(path)}: nested too deep, or within itself: expected a readable YAML file") from None
     except (OSError, ValueError, TypeError, yaml.YAMLError) as error:
-        raise UserError(f"{shown(path)}: {' '.join(str(error).split())}: expected a readable YAML file") from error
+        why = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
+        raise UserError(f"{shown(path)}: {why}: expected a readable YAML file") from error
     schema = _schema(schema_file)
     first = min(
         jsonschema.Draft202012Validator(schema).iter_errors(document),
@@ -48,15 +52,28 @@ def _schema(path: Path) -> dict[str, Any]:
     return schema
 
 
+_MERGE = "tag:yaml.org,2002:merge"
+"""`<<: *other`, whose keys those of the mapping itself replace."""
+
+
 class _Loader(yaml.SafeLoader):
-    """YAML in which a key that is there twice is a mistake, not the second one's victory."""
+    """YAML in which a key that is there twice is a mistake, not the second one's victory; 1 and '1' are one key."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        keys = [str(self.construct_object(key, deep=True)) for key, _ in node.value if key.tag != _MERGE]
         twice = next((key for number, key in enumerate(keys) if key in keys[:number]), None)
         if twice is not None:
             raise yaml.constructor.ConstructorError(None, None, f"{twice!r} is there twice", node.start_mark)
         return super().construct_mapping(node, deep)
+
+
+def _float(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
+    """`.nan` and `.inf` stay text: a schema's bounds would let NaN pass."""
+    number = loader.construct_yaml_float(node)
+    return number if math.isfinite(number) else str(node.value)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:float", _float)
 
 
 def _text_keys(value: Any) -> Any:

@@ -15,6 +15,7 @@ from .profiles.reading import Profile, read_profile
 from .profiles.resolve import resolve
 from .profiles.run_plan import SHAPERS
 from .topology import Topology
+from .typed import one_of, whole_number
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,59}")
 MESSAGES = "messages"
@@ -144,16 +145,19 @@ def make_plan(
     """
     mission = Path(experiment).absolute() if experiment.endswith(".py") else None
     if mission is None:
-        _one_of("experiment", experiment, EXPERIMENTS)
+        one_of("experiment", experiment, EXPERIMENTS)
     else:
         experiment = _name_of(mission)
-    _one_of("ARM", arm, tuple(ARMS))
-    _one_of("SHAPER", shaper, SHAPERS)
+    one_of("ARM", arm, tuple(ARMS))
+    one_of("SHAPER", shaper, SHAPERS)
     chosen = tuple(part.strip() for part in protocols.split(",")) if protocols.strip() else PROTOCOLS
     for protocol in chosen:
-        _one_of("PROTOCOLS", protocol, PROTOCOLS)
-    how_often = _whole("ATTEMPTS", attempts, MOST_ATTEMPTS)
-    values_each, messages_each = _whole("SAMPLES", samples, MOST_SAMPLES), _whole("COUNT", count, MOST_COUNT)
+        one_of("PROTOCOLS", protocol, PROTOCOLS)
+    how_often = whole_number("ATTEMPTS", attempts, MOST_ATTEMPTS)
+    values_each, messages_each = (
+        whole_number("SAMPLES", samples, MOST_SAMPLES),
+        whole_number("COUNT", count, MOST_COUNT),
+    )
     factors = _factors(ARMS[arm], overrides or {})
     fleet = fleet or standard_fleet()
     if "mavlink" in chosen and not fleet.has_routers:
@@ -185,18 +189,6 @@ def _name_of(mission: Path) -> str:
 def _factors(arm: Arm, overrides: Mapping[str, str]) -> Factors:
     changed = {name: value for name, value in overrides.items() if value}
     for name, value in changed.items():
-        _one_of(name.upper(), value, FACTORS[name])
+        one_of(name.upper(), value, FACTORS[name])
     values = {name: str(value) for name, value in asdict(arm.factors).items()} | changed
     return Factors(values["streams"], values["commanding"], int(values["qos"]), values["chain"], values["states"])
-
-
-def _whole(what: str, text: str, most: int) -> int:
-    """A number from 1 to `most`, in ASCII digits; of leading zeros there may be few."""
-    if not re.fullmatch(r"[0-9]{1,9}", text) or not 1 <= int(text) <= most:
-        raise UserError(f"{what}={text[:40]}: expected a whole number from 1 to {most}")
-    return int(text)
-
-
-def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise UserError(f"{what}={value}: expected {'one of ' if len(known) > 1 else ''}{', '.join(known)}")

@@ -65,7 +65,7 @@ class Fleet:
         return [*names, *(f"sensor{drone}" for drone in self.fog_of)] if sensors else names
 
     def network(self, node: str) -> IPv4Network:
-        """The network between a node and `net`. Raises ValueError where IPv4 has no such network."""
+        """The network between a node and `net`."""
         if node in HEADQUARTERS:
             return self.networks[node]
         kind = node.rstrip("0123456789")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Mapping
 from functools import cache
@@ -11,9 +10,12 @@ from ipaddress import IPv4Network
 from pathlib import Path
 from typing import Any
 
+from sitl.px4.parameters import SPECS
+
 from ..errors import UserError
 from .documents import ROOT, read_document, shown
 from .fleet import MOST_DRONES, Fleet
+from .typed import whole_number
 
 FLEET_FILE = ROOT / "services" / "fleet.yaml"
 SCHEMA_FILE = ROOT / "services" / "fleet.schema.json"
@@ -41,16 +43,22 @@ def read_fleet(path: Path) -> Fleet:
         try:
             networks[name] = IPv4Network(text)
         except ValueError as error:
-            raise UserError(f"{where}: addresses.{name}: '{text}': expected a network ({error})") from error
-    fogs = {int(fog): tuple(drones) for fog, drones in found["fogs"].items()}
-    drones = {int(drone): entry for drone, entry in found["drones"].items()}
+            raise UserError(f"{where}: addresses.{name}: {text!r}: expected a network ({error})") from error
+    # To a schema 1.0 is an integer, too.
+    fogs = {int(fog): tuple(map(int, drones)) for fog, drones in found["fogs"].items()}
+    drones = {
+        int(drone): entry | {"endurance_s": int(entry["endurance_s"])} for drone, entry in found["drones"].items()
+    }
     for drone, times in Counter(drone for of_fog in fogs.values() for drone in of_fog).items():
         if times > 1:
             raise UserError(f"{where}: fogs: drone {drone} is there {times} times: expected each drone once")
         if drone not in drones:
             raise UserError(f"{where}: drones.{drone}: missing: expected what the file says of each drone of a fog")
     fleet = Fleet(fogs, networks, drones, found.get("parameters", {}), found["sensor_range_m"])
-    _check_addresses(fleet, f"{where}: addresses")
+    _check_addresses(fleet, f"{where}: addresses", "another one for it")
+    _check_parameters(found.get("parameters", {}), f"{where}: parameters")
+    for drone, entry in drones.items():
+        _check_parameters(entry.get("parameters", {}), f"{where}: drones.{drone}.parameters")
     return fleet
 
 
@@ -61,17 +69,19 @@ def fleet_of(environment: Mapping[str, str]) -> Fleet:
     UserError naming the variable, its value and what was expected, or as `read_fleet`.
     """
     named = environment.get("FLEET")
-    fleet = read_fleet(Path(named)) if named else standard_fleet()
+    fleet = read_fleet(Path(named).expanduser()) if named else standard_fleet()
     asked = {name: environment[name] for name in ("FOGS", "DRONES") if environment.get(name)}
     if not asked:
         return fleet
-    drones = _whole("DRONES", asked.get("DRONES", str(len(fleet.fog_of))), MOST_DRONES)
-    fogs = _whole("FOGS", asked.get("FOGS", str(len(fleet.fogs))), drones)
+    drones = whole_number("DRONES", asked.get("DRONES", str(len(fleet.fog_of))), MOST_DRONES)
+    few = " and no more fogs than drones"
+    fogs = whole_number("FOGS", asked.get("FOGS", str(min(drones, len(fleet.fogs)))), drones, also=few)
     sizes = [drones // fogs + (place < drones % fogs) for place in range(fogs)]
     spread = {fog: tuple(range(sum(sizes[: fog - 1]) + 1, sum(sizes[:fog]) + 1)) for fog in range(1, fogs + 1)}
     entries = {drone: fleet.drones.get(drone) or _further(fleet, drone) for drone in range(1, drones + 1)}
     resized = Fleet(spread, fleet.networks, entries, fleet.parameters, fleet.sensor_range_m)
-    _check_addresses(resized, " ".join(f"{name}={value}" for name, value in asked.items()))
+    where = " ".join(f"{name}={value}" for name, value in asked.items())
+    _check_addresses(resized, where, "fewer, or other addresses in a file (FLEET)")
     return resized
 
 
@@ -101,21 +111,23 @@ def _place(latitude_deg: float, longitude_deg: float) -> dict[str, float]:
     return {"latitude_deg": round(latitude_deg, 6), "longitude_deg": round(longitude_deg, 6)}
 
 
-def _check_addresses(fleet: Fleet, where: str) -> None:
+def _check_addresses(fleet: Fleet, where: str, expected: str) -> None:
     """Raises UserError naming the first node whose network is another's as well, or outside of what there is."""
     taken = {_KEPT_FREE: "kept free"}
     for node in fleet.nodes(sensors=True):
         network = fleet.network(node)
         if not network.subnet_of(_ROOM):
-            raise UserError(f"{where}: {node} would be in {network}: expected networks within {_ROOM}")
+            raise UserError(f"{where}: {node} would be in {network}, which is outside of {_ROOM}: expected {expected}")
         other = next((name for there, name in taken.items() if network.overlaps(there)), None)
         if other is not None:
-            raise UserError(f"{where}: {node} would be in {network}, which is {other}: expected another one for it")
+            raise UserError(f"{where}: {node} would be in {network}, which is {other}: expected {expected}")
         taken[network] = f"{node}'s"
 
 
-def _whole(name: str, text: str, most: int) -> int:
-    if not re.fullmatch(r"[0-9]{1,9}", text) or not 1 <= int(text) <= most:
-        fogs = " and no more fogs than drones" if name == "FOGS" else ""
-        raise UserError(f"{name}={text[:40]}: expected a whole number from 1 to {most}{fogs}")
-    return int(text)
+def _check_parameters(parameters: Mapping[str, float], where: str) -> None:
+    """Raises UserError for a parameter that the autopilots' stand-ins do not have, or a value that it cannot take."""
+    for name, value in parameters.items():
+        if name not in SPECS:
+            raise UserError(f"{where}.{name}: {value}: unknown parameter: expected one of {', '.join(SPECS)}")
+        if not SPECS[name].low <= value <= SPECS[name].high:
+            raise UserError(f"{where}.{name}: {value}: expected {SPECS[name].low:g} to {SPECS[name].high:g}")

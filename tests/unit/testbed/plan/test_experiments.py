@@ -123,7 +123,7 @@ def test_another_fleet_is_flown_with_its_own_file_and_fogs() -> None:
     plan = make_plan("scenario-4", fleet=fleet_of({"FOGS": "3", "DRONES": "9"}))
     settings = settings_of(plan, "mavlink")
     assert settings["FLEET_FILE"] == "/run-dir/fleet.yaml"
-    assert "sensor9=198.19.29.2,198.19.29.3" in settings["SENSOR_NODES"].split()
+    assert "sensor9=198.19.25.2,198.19.25.3" in settings["SENSOR_NODES"].split()
     command = mission_command(plan, "mavlink")
     assert command[command.index("--fleet") + 1] == "1:1,2,3;2:4,5,6;3:7,8,9"
     assert command[command.index("--mavlink") + 1].endswith("udpin://127.0.0.1:14549")

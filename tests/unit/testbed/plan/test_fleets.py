@@ -30,6 +30,7 @@ def test_nothing_asks_for_another_fleet() -> None:
         ({"FOGS": "1", "DRONES": "2"}, "1:1,2"),
         ({"FOGS": "4"}, "1:1,2;2:3,4;3:5;4:6"),
         ({"DRONES": "7"}, "1:1,2,3,4;2:5,6,7"),
+        ({"DRONES": "1"}, "1:1"),
     ],
 )
 def test_drones_are_spread_over_the_fogs_evenly(asked: dict[str, str], flown: str) -> None:
@@ -69,17 +70,16 @@ def test_a_fleet_that_was_written_down_is_read_as_it_was(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
+        ({"FOGS": "2", "DRONES": "1"}, "FOGS=2: expected a whole number from 1 to 1 and no more fogs than drones"),
+        ({"DRONES": "0"}, "DRONES=0: expected a whole number from 1 to 250"),
         ({"FOGS": "0"}, "FOGS=0: expected a whole number from 1 to 6 and no more fogs than drones"),
         ({"FOGS": "7"}, "FOGS=7: expected a whole number from 1 to 6 and no more fogs than drones"),
         ({"DRONES": "many"}, "DRONES=many: expected a whole number from 1 to 250"),
         ({"DRONES": "251"}, "DRONES=251: expected a whole number from 1 to 250"),
         (
-            {"DRONES": "235"},
-            "DRONES=235: sensor235 would be in 198.19.255.0/24, which is kept free: expected another one for it",
-        ),
-        (
             {"FOGS": "11", "DRONES": "22"},
-            "FOGS=11 DRONES=22: uav1 would be in 198.18.21.0/24, which is fog11's: expected another one for it",
+            "FOGS=11 DRONES=22: uav1 would be in 198.18.21.0/24, which is fog11's: "
+            "expected fewer, or other addresses in a file (FLEET)",
         ),
     ],
 )
@@ -97,6 +97,12 @@ def test_a_wrong_size_ends_the_command_before_anything_is_written(
     assert result.exit_code == 2
     assert result.stderr == "testbed: DRONES=300: expected a whole number from 1 to 250\n"
     assert not (tmp_path / "results").exists()
+
+
+def test_ten_fogs_and_every_drone_that_mavlink_has_an_id_for_have_addresses() -> None:
+    fleet = fleet_of({"FOGS": "10", "DRONES": "250"})
+    assert (fleet.address("fog10"), fleet.address("uav250")) == ("198.18.20.3", "198.19.14.3")
+    assert fleet.address("sensor250") == "198.19.145.131"
 
 
 def test_mavlink_has_system_ids_for_48_drones_and_their_routers() -> None:
@@ -137,12 +143,26 @@ def _changed(*path: Any, to: Any = None) -> dict[str, Any]:
         (_changed("drones", 5), "drones.5: missing: expected what the file says of each drone of a fog"),
         (_changed("drones", 5, "latitude_deg", to="north"), "drones.5.latitude_deg: 'north': expected degrees from"),
         (_changed("drones", 5, "point"), "drones.5.point: missing: expected a place: latitude_deg, longitude_deg and"),
+        (_changed("drones", 5, "latitude_deg", to=float("nan")), "drones.5.latitude_deg: '.nan': expected degrees"),
+        (
+            _changed("parameters", to={"MPC_SPEED": 3}),
+            "parameters.MPC_SPEED: 3: unknown parameter: expected one of BAT",
+        ),
+        (
+            _changed("drones", 5, "parameters", "MPC_XY_CRUISE", to=99),
+            "drones.5.parameters.MPC_XY_CRUISE: 99: expected 0.5 to 20",
+        ),
         (_changed("drones", 5, "endurance_s", to=0.5), "drones.5.endurance_s: 0.5: expected whole seconds from 1"),
         (
             _changed("addresses", "gs", to="10.0.0.0/24"),
             "addresses.gs: '10.0.0.0/24': expected a network within 198.18",
         ),
         (_changed("addresses", "gs", to="198.18.0.1/24"), "addresses.gs: '198.18.0.1/24': expected a network ("),
+        (_changed("addresses", "gs", to="198.18.0.0/24\n"), r"addresses.gs: '198.18.0.0/24\n': expected a network ("),
+        (
+            _changed("addresses", "fogs", to="198.19.254.128/25") | {"fogs": {9: [1]}},
+            "addresses: fog9 would be in 198.20.2.128/25, which is outside of 198.18.0.0/15: expected another one",
+        ),
         (
             _changed("addresses", "drones", to="198.18.12.0/24"),
             "addresses: uav1 would be in 198.18.12.0/24, which is fog2's: expected another one for it",
@@ -160,6 +180,12 @@ def test_a_mistake_in_a_file_is_one_line(tmp_path: Path, document: dict[str, Any
         read_fleet(path)
     assert str(error.value).startswith(f"{path}: {said}")
     assert "\n" not in str(error.value)
+
+
+def test_a_whole_number_with_a_point_is_the_same_number(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(_changed("fogs", 1, to=[1.0, 2, 3])))
+    assert read_fleet(path).flown == standard_fleet().flown
 
 
 @pytest.mark.parametrize("text", ["[", "\udcff", "fogs: {1: [1], 1: [2]}"])

@@ -29,7 +29,7 @@ def test_mavlinks_sensors_publish_to_plain_brokers_and_mqttxts_to_the_uav_client
     assert carried["SENSORS_FLAG"].startswith("--sensors 0.0.0.0:1883 ")
     same = ("SAMPLES", "SENSOR_NODES", "SENSOR_LINKS")
     assert {name: plain[name] for name in same} == {name: carried[name] for name in same}
-    assert "sensor2=198.19.22.2,198.19.22.3" in plain["SENSOR_NODES"].split()
+    assert "sensor2=198.19.21.130,198.19.21.131" in plain["SENSOR_NODES"].split()
     assert "uav2-sensor2" in plain["SENSOR_LINKS"].split()
 
 
