@@ -37,6 +37,11 @@ def in_words(count: int) -> str:
     return _IN_WORDS[count] if count < len(_IN_WORDS) else str(count)
 
 
+def fleet(fogs: int, drones: int) -> str:
+    """'six drones on two fogs'"""
+    return f"{plural(in_words(drones), 'drone')} on {plural(in_words(fogs), 'fog')}"
+
+
 def listed(parts: list[str]) -> str:
     """'a', 'a and b', 'a, b and c'; nothing of nothing."""
     if not parts:

@@ -33,13 +33,13 @@ _QUANTITIES = (PACKETS, SIZE, MISSION)
 
 
 def rows(metrics: dict[str, Any]) -> list[Row]:
-    """Empty where the thesis has no figures of this experiment and so many drones, or nothing was completed here.
+    """Empty where the thesis has no figures of this experiment and a fleet of this size, or nothing was completed here.
 
     A ratio to a printed size that is a slip is none of the thesis's.
     """
     printed = thesis.of_scenario(metrics["experiment"])
     sides = {p: side for p, side in observe(metrics["protocols"]).items() if side.completed}
-    if not printed or not sides or not thesis.flew_as_many(metrics):
+    if not printed or not sides or not thesis.flew_alike(metrics):
         return []
     table = []
     for quantity in _QUANTITIES:

@@ -22,6 +22,12 @@ def completed(side: dict[str, Any]) -> list[Attempt]:
     return [attempt for attempt in side["attempts"] if attempt["status"] == "completed"]
 
 
+def fleet_size(attempt: Attempt) -> tuple[int, int]:
+    """How many fogs and drones a completed attempt had, by what was measured."""
+    fogs = {link.split(":")[1] for link in attempt["links"] if link.startswith("backhaul:")}
+    return len(fogs), len(attempt["outcomes"])
+
+
 @dataclass(frozen=True)
 class Completion:
     """How many attempts of a protocol were flown and what became of them; a reason and its attempts each."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from ...plan import wording
 from ...plan.experiments import ARMS, FACTORS
+from . import thesis
 
 _SAID = {
     "mqttxt": {
@@ -118,9 +119,12 @@ def fairness(configuration: dict[str, Any], one_drone: bool = False) -> list[str
     for name, instead in (("AUTOPILOT", "the stand-in's place"), ("ROUTER", "the place of mavp2p as it is built here")):
         if configuration.get(name):
             said.append(f"Flown with {name}={configuration[name]} in {instead}.")
-    if "drones" in configuration:
-        fogs, drones = (wording.plural(configuration[f"{what}s"], what) for what in ("fog", "drone"))
-        said.append(f"Flown by another fleet than the thesis's, {fogs} with {drones}: its figures are not set beside.")
+    if "fogs" in configuration and not one_drone:
+        size = (configuration["fogs"], configuration["drones"])
+        without = (
+            "" if size == thesis.FLEET else f" The thesis's figures, of {wording.fleet(*thesis.FLEET)}, are left out."
+        )
+        said.append(f"Another fleet than the thesis's flew: {wording.fleet(*size)}.{without}")
     return said
 
 

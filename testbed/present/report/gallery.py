@@ -174,7 +174,7 @@ def _missions(
         flown = [Mission(a["attempt"], a["mission_s"], a["status"], a["reason"]) for a in side["attempts"]]
         flown += [Mission(void["attempt"], None, "void", void["reason"]) for void in side["void"]]
         sides[protocol] = sorted(flown, key=lambda one: one.attempt)
-    printed = thesis.of_scenario(metrics["experiment"]).get("mission_s", {}) if thesis.flew_as_many(metrics) else {}
+    printed = thesis.of_scenario(metrics["experiment"]).get("mission_s", {}) if thesis.flew_alike(metrics) else {}
     figures = {protocol: MISSION.figure(side) for protocol, side in observed.items()}
     return sides, figures, {p: value for p, value in printed.items() if p in sides}
 
@@ -182,7 +182,7 @@ def _missions(
 def _scenarios(metrics: dict[str, Any], done: dict[str, list[dict[str, Any]]]) -> Figure | None:
     """All scenarios of the thesis, with this one's attempts on its line; none for another experiment or fleet."""
     names = thesis.scenarios()
-    if metrics["experiment"] not in names or not thesis.flew_as_many(metrics):
+    if metrics["experiment"] not in names or not thesis.flew_alike(metrics):
         return None
     made = {}
     for field in ("packets", "size_bytes"):

@@ -8,7 +8,7 @@ from ...numbers import words
 from ...numbers.quantities import COMMANDS_LOST, DELAY, FRAMES_LOST, MISSION, PACKETS, SIZE, STATES_LOST
 from ...plan import wording
 from . import message_sentences
-from .comparison import completed, rows
+from .comparison import completed, fleet_size, rows
 from .figures.losses import Lost
 from .message_set import is_message_set
 
@@ -46,7 +46,7 @@ def basis(metrics: dict[str, Any]) -> str | None:
     else:
         parts = [f"{done} of {of} over {wording.name_of(protocol)}" for protocol, (done, of) in flown.items()]
         how = f"medians of the completed attempts, {wording.listed(parts)}"
-    fleet = _fleet(completed(sides["mqttxt"])[0]).capitalize()
+    fleet = wording.fleet(*fleet_size(completed(sides["mqttxt"])[0])).capitalize()
     return (
         f"MQTT-XT took {mission}, {packets} packets and {bytes_}.{_delays(metrics)}{_losses(metrics)} "
         f"{fleet} flew {_experiment(metrics)} on links of profile {metrics['profile']}; {how}."
@@ -144,7 +144,7 @@ def _one_side(metrics: dict[str, Any], protocol: str) -> str:
     much = "" if len(done) == 1 else " (medians)"
     how = "" if len(done) == len(flown) else f", in {len(done)} of {len(flown)} attempts"
     return (
-        f"over {name} {_fleet(done[0])} flew {_experiment(metrics)} in {mission}, "
+        f"over {name} {wording.fleet(*fleet_size(done[0]))} flew {_experiment(metrics)} in {mission}, "
         f"with {packets} packets and {size} on all links{much}{how}"
     )
 
@@ -152,10 +152,3 @@ def _one_side(metrics: dict[str, Any], protocol: str) -> str:
 def _experiment(metrics: dict[str, Any]) -> str:
     name: str = metrics["experiment"]
     return "the message set" if is_message_set(metrics) else wording.EXPERIMENT_NAMES.get(name, name).lower()
-
-
-def _fleet(attempt: dict[str, Any]) -> str:
-    """'6 drones on two fogs', by what was measured."""
-    fogs = len({link.split(":")[1] for link in attempt["links"] if link.startswith("backhaul:")})
-    drones = wording.plural(wording.in_words(len(attempt["outcomes"])), "drone")
-    return f"{drones} on {wording.plural(wording.in_words(fogs), 'fog')}"

@@ -8,12 +8,14 @@ from typing import Any
 
 import yaml
 
+from .comparison import completed, fleet_size
+
 FIGURES = Path(__file__).parent / "thesis.yaml"
 _UNITS = {"size_mb": ("size_bytes", 1e6), "packets": ("packets", 1), "mission_s": ("mission_s", 1)}
 _UNITS |= {"loss_pct": ("wire_loss", 0.01)}
 MESSAGE_SET = "messages"
-DRONES = 6
-"""How many of them flew its scenarios."""
+FLEET = (2, 6)
+"""The fogs and the drones that flew its scenarios."""
 MESSAGES = 100
 """How many of each kind of message its table 5.3 is about."""
 _COMPUTED = (66.0, 68.0)
@@ -40,11 +42,9 @@ def of_scenario(experiment: str) -> dict[str, dict[str, float]]:
     return found
 
 
-def flew_as_many(metrics: dict[str, Any]) -> bool:
-    """Whether a scenario was flown by as many drones as its own, so that its figures can stand beside."""
-    attempts = [attempt for side in metrics["protocols"].values() for attempt in side["attempts"]]
-    drones = {len(attempt["outcomes"]) for attempt in attempts if attempt["status"] == "completed"}
-    return drones <= {DRONES}
+def flew_alike(metrics: dict[str, Any]) -> bool:
+    """Whether every completed attempt had as many fogs and drones as its scenarios, so that its figures compare."""
+    return {fleet_size(one) for side in metrics["protocols"].values() for one in completed(side)} <= {FLEET}
 
 
 def packet_sizes() -> dict[str, dict[str, int]]:

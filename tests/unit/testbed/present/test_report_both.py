@@ -306,7 +306,14 @@ def test_factors_are_said_in_words_and_what_they_mean() -> None:
     assert "compare the same content" in factors.fairness(same)[0]
     assert "mission times compare directly" in factors.fairness(same)[1]
     assert not any("QoS 0" in said for said in factors.fairness(same))
-    assert "3 fogs with 1 drone: its figures" in factors.fairness({"fogs": 3, "drones": 1})[0]
+    assert factors.fairness({"fogs": 3, "drones": 6}) == [
+        "Another fleet than the thesis's flew: six drones on three fogs. "
+        "The thesis's figures, of six drones on two fogs, are left out."
+    ]
+    assert factors.fairness({"fogs": 2, "drones": 6}) == [
+        "Another fleet than the thesis's flew: six drones on two fogs."
+    ]
+    assert factors.fairness({"fogs": 3, "drones": 1}, one_drone=True) == []
     assert factors.fairness({}) == factors.factors_of({}, "mqttxt") == []
 
 

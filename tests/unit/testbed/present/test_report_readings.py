@@ -108,6 +108,7 @@ def test_without_sensors_there_is_nothing_of_them(series: Series) -> None:
 
 def test_frames_that_found_a_sensors_link_closed_are_not_among_the_lost(series: Series) -> None:
     links = {"sense:uav1:up": {"packets": 300, "bytes": 30_000, "lost": 200}}
+    links |= {f"backhaul:fog{fog}:up": {"packets": 0, "bytes": 0, "lost": 0} for fog in (1, 2)}
     one = sensed("mqttxt", links=links, out_of_range=200)
     metrics = make_series(series, ("mqttxt", one), experiment="scenario-4")
     lost = comparison.rows(metrics)["wire_loss"].cells["mqttxt"]
@@ -129,13 +130,20 @@ def test_each_scenario_has_the_thesiss_figures_and_its_caveats_beside(tmp_path: 
     assert "scenarios" in page.sections
 
 
-def test_another_fleet_has_no_figures_of_the_thesis_beside_it(series: Series) -> None:
-    words = entry("mqttxt")["outcomes"]["1"]
-    nine = {"outcomes": {str(drone): words for drone in range(1, 10)}}
-    metrics = make_series(series, ("mqttxt", entry("mqttxt", **nine)), ("mavlink", entry("mavlink", **nine)))
+@pytest.mark.parametrize("fogs", [1, 2, 3])
+@pytest.mark.parametrize("drones", [6, 9])
+def test_only_a_fleet_of_its_size_has_the_thesiss_figures_beside_it(series: Series, fogs: int, drones: int) -> None:
+    one = entry("mqttxt")
+    words, share = one["outcomes"]["1"], one["links"]["wan:gs:up"]
+    other = {
+        "outcomes": {str(drone): words for drone in range(1, drones + 1)},
+        "links": {"wan:gs:up": share, **{f"backhaul:fog{fog}:up": share for fog in range(1, fogs + 1)}},
+    }
+    metrics = make_series(series, ("mqttxt", entry("mqttxt", **other)), ("mavlink", entry("mavlink", **other)))
     page = page_of(series, metrics)
-    assert beside.rows(metrics) == []
-    assert not {"thesis", "scenarios"} & set(page.sections)
+    alike = (fogs, drones) == (2, 6)
+    assert bool(beside.rows(metrics)) is alike
+    assert {"thesis", "scenarios"} & set(page.sections) == ({"thesis", "scenarios"} if alike else set())
 
 
 def test_a_printed_size_that_is_a_slip_makes_no_ratio_of_the_thesis(series: Series) -> None:
