@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
+Names = tuple[int | str, ...]
 LINK_CLASSES = ("wan", "backhaul", "air", "sense")
 """How the names of links begin, from the ground station outwards."""
 
@@ -45,8 +47,13 @@ class Topology:
         return None
 
 
-def place_of_link(name: str) -> tuple[int, str]:
+def place_of_link(name: str) -> tuple[int, Names]:
     """Where a link or one of its directions comes in a list: wan, backhaul, air, sense; up before down."""
     kind = name.split(":")[0]
     place = LINK_CLASSES.index(kind) if kind in LINK_CLASSES else len(LINK_CLASSES)
-    return place, name.replace(":down", ":~")
+    return place, by_number(name.replace(":down", ":~"))
+
+
+def by_number(name: str) -> Names:
+    """The key that sorts uav2 before uav10."""
+    return tuple(int(part) if part.isdecimal() else part for part in re.split("([0-9]+)", name))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from ...plan.topology import place_of_link
+from ...plan.topology import by_number, place_of_link
 from . import thesis
 
 Shown = dict[str, dict[str, Any]]
@@ -111,7 +111,7 @@ def mix_of(attempt: dict[str, Any]) -> dict[str, Any] | None:
 def routers_of(attempt: dict[str, Any]) -> list[tuple[str, dict[str, dict[str, Any]]]]:
     """For each node what its routers were given, let through and dropped, by way; ground station first."""
     entries = (attempt["mavlink"] or _NO_ROUTERS)["routers"]
-    nodes = sorted({entry["node"] for entry in entries}, key=lambda node: (_place(node, _NODES), node))
+    nodes = sorted({entry["node"] for entry in entries}, key=lambda node: (_place(node, _NODES), by_number(node)))
     return [(node, {entry["way"]: entry for entry in entries if entry["node"] == node}) for node in nodes]
 
 
@@ -207,7 +207,7 @@ def states_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]]]]:
 
 def _by_role(seconds: dict[str, float]) -> dict[str, list[tuple[str, float]]]:
     found: dict[str, list[tuple[str, float]]] = {}
-    for service in sorted(seconds, key=lambda name: (_place(name.removeprefix("router-"), _NODES), name)):
+    for service in sorted(seconds, key=lambda name: (_place(name.removeprefix("router-"), _NODES), by_number(name))):
         matching = [role for role, starts in _ROLES if service.startswith(starts)]
         found.setdefault(matching[-1] if matching else "other", []).append((service, seconds[service]))
     return found
