@@ -10,7 +10,10 @@ import pytest
 
 import mqttxt
 
-HEAVY = ("paho", "pymavlink", "rich", "cryptography", "numpy", "mqttxt_conformance", "mqttxt.station.process")
+HEAVY = (
+    *("asyncio", "ssl", "paho", "pymavlink", "rich", "cryptography", "numpy"),
+    *("mqttxt_conformance", "mqttxt.station.process"),
+)
 COMMAND = """
 import json, sys
 from mqttxt.cli import main
@@ -31,7 +34,8 @@ def loaded(program: str) -> tuple[int, set[str], str]:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"), [(["--version"], f"mqttxt {mqttxt.__version__}"), (["--help"], "conformance")]
+    ("arguments", "said"),
+    [(["--version"], f"mqttxt {mqttxt.__version__}"), (["--help"], "conformance"), (["gs", "--help"], "watch")],
 )
 def test_version_and_help_load_nothing_heavy(arguments: list[str], said: str) -> None:
     code, modules, text = loaded(COMMAND.format(arguments=arguments))
