@@ -69,8 +69,8 @@ test: containers tools ## Run every check and every test, WORKERS= at a time; of
 check: venv lint ## Format, lint, types, import rules and unit tests, in under a minute
 	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long' --hypothesis-profile quick --numprocesses 2 --dist loadfile
 
-soak: containers tools ## Run what `make test` leaves out until what it tests has changed; then commit tests/soak.json
-	@$(PYTHON) -m pytest -m soak
+soak: containers tools ## Run long tests of what has changed since they passed, or ALL=1; then commit tests/soak.json
+	@$(PYTHON) -m pytest -m soak $(if $(ALL),--soak-all)
 
 lint: venv
 	@.venv/bin/ruff format --check --quiet . && .venv/bin/ruff check --quiet .

@@ -1,7 +1,8 @@
-"""Long tests: `make soak` runs them, `make test` only those that test something that has changed since they passed.
+"""Long tests run only when something that they test has changed since they passed.
 
-A test marked `soak` names the files and folders that it tests. Once `make soak` has passed, PASSED has a hash of them
-for each test; it belongs to the repository. `make test` leaves a test out while its hash is the same, and says so.
+A test marked `soak` names the files and folders that it tests. When it has passed in `make soak`, PASSED has a hash of
+them; that file belongs to the repository. While the hash is the same, `make test` and `make soak` leave the test
+out and say so. `make soak ALL=1` runs every one.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from xdist import is_xdist_controller, is_xdist_worker
 
 MARK = "soak"
 PASSED = Path(__file__).with_suffix(".json")
-UNCHANGED = "nothing that it tests has changed since `make soak` passed"
+UNCHANGED = "nothing that it tests has changed since it passed in `make soak`"
 _DIGEST = pytest.StashKey[str]()
 _reports: dict[str, list[pytest.TestReport]] = {}
 _left_out: set[str] = set()
@@ -47,8 +48,8 @@ def _passed() -> dict[str, str]:
     return found
 
 
-def _is_soak(config: pytest.Config) -> bool:
-    return bool(config.option.markexpr == MARK)
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--soak-all", action="store_true", help="run long tests though nothing that they test has changed")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -60,7 +61,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         sources = (str(item.path.relative_to(config.rootpath)), *mark.args)
         digests.setdefault(sources, digest_of(config.rootpath, sources))
         item.stash[_DIGEST] = digests[sources]
-        if passed.get(_name(item)) == digests[sources] and not _is_soak(config):
+        if passed.get(_name(item)) == digests[sources] and not config.option.soak_all:
             item.add_marker(pytest.mark.skip(reason=UNCHANGED))
 
 
@@ -82,17 +83,23 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write down what passed, of files that were asked for as a whole, in this process."""
+    """Write down what passed in this process, of tests that were asked for with all their parameters."""
     config = session.config
     several = is_xdist_worker(session) or is_xdist_controller(session)
-    if several or not _is_soak(config) or any("::" in argument for argument in config.args):
+    if several or config.option.markexpr != MARK or any("[" in argument for argument in config.args):
         return
     passed = _passed()
     for name in _reports.keys() - _left_out:
+        if _is_left_out(_reports[name]):
+            continue
         passed.pop(name, None)
         if all(report.passed for report in _reports[name]):
             passed[name] = _reports[name][0].soak[1]
     PASSED.write_text(json.dumps(passed, indent=2, sort_keys=True) + "\n")
+
+
+def _is_left_out(reports: list[pytest.TestReport]) -> bool:
+    return any(report.skipped and UNCHANGED in str(report.longrepr) for report in reports)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -100,5 +107,5 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Genera
     """After everything else a line for each test that was left out."""
     yield
     for name, reports in sorted(_reports.items()):
-        if any(report.skipped and UNCHANGED in str(report.longrepr) for report in reports):
+        if _is_left_out(reports):
             terminalreporter.line(f"NOT RUN {name}: {UNCHANGED}", yellow=True)

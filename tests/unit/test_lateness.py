@@ -102,7 +102,7 @@ def test_each_test_of_a_file_whose_fixture_stays_late_is_named_and_the_fixture_i
 
 def _run(source: str, late: str, folder: Path) -> list[str]:
     """The lines of a run of tests whose fixture finds the machine late or not."""
-    for name in ("conftest.py", "lateness.py", "soak.py"):
+    for name in ("conftest.py", "workers.py", "lateness.py", "soak.py"):
         (folder / name).write_text((TESTS / name).read_text())
     (folder / "pyproject.toml").write_text(CONFIGURATION)
     (folder / "test_it.py").write_text(source.replace("LATE and", f"{late} and"))

@@ -75,11 +75,23 @@ def test_what_failed_or_was_run_in_part_is_not_written_down(project: Path) -> No
     assert "2 failed, 1 passed" in run(project, "-m", "soak")[-1]
     assert written(project) == {"test_it.py::test_other"}
     (project / "product" / "module.py").write_text("sound")
-    for part in (["-k", "0 or other"], ["test_it.py::test_long"], ["--numprocesses", "2"]):
+    for part in (["-k", "0 or other"], ["test_it.py::test_long[0]"], ["--numprocesses", "2"]):
         assert "passed" in run(project, "-m", "soak", *part)[-1]
         assert written(project) == {"test_it.py::test_other"}, part
-    assert "3 passed" in run(project, "-m", "soak", "test_it.py")[-1]
+    assert "2 passed" in run(project, "-m", "soak", "test_it.py::test_long")[-1]
     assert written(project) == {"test_it.py::test_long", "test_it.py::test_other"}
+
+
+@pytest.mark.long
+def test_make_soak_runs_what_has_not_passed_and_what_it_leaves_out_stays_written_down(project: Path) -> None:
+    assert "3 passed, 1 deselected" in run(project, "-m", "soak")[-1]
+    (project / "other.py").write_text("changed")
+    lines = run(project, "-m", "soak")
+    assert not_run(lines) == ["test_it.py::test_long"]
+    assert any("1 passed, 2 skipped, 1 deselected" in line for line in lines)
+    assert written(project) == {"test_it.py::test_long", "test_it.py::test_other"}
+    assert not_run(run(project)) == ["test_it.py::test_long", "test_it.py::test_other"]
+    assert "3 passed, 1 deselected" in run(project, "-m", "soak", "--soak-all")[-1]
 
 
 def test_a_renamed_file_and_a_changed_one_change_the_hash_and_a_compiled_one_does_not(project: Path) -> None:

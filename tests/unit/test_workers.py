@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 
 pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
-TESTS_OWN = [Path(__file__).parents[1] / name for name in ("conftest.py", "lateness.py", "soak.py")]
+TESTS_OWN = [Path(__file__).parents[1] / name for name in ("conftest.py", "workers.py", "lateness.py", "soak.py")]
 WORDS = ["--numprocesses", "3", "--no-loadscope-reorder", "-p", "no:cacheprovider"]
 TESTS = """
 import json, os, time
@@ -24,7 +24,7 @@ pytestmark = [MARKS]
 @pytest.mark.parametrize("n", range(4))
 def test_some(n):
     began_ns = time.monotonic_ns()
-    sum(range(1_000_000))
+    sum(range(LOAD))
     worker, nice = os.environ["PYTEST_XDIST_WORKER"], os.getpriority(os.PRIO_PROCESS, 0)
     ran = [Path(__file__).stem, worker, nice, began_ns, time.monotonic_ns()]
     with (Path(__file__).parent / "log").open("a") as log:
@@ -58,7 +58,8 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> list[Ran]:
     (folder / "pyproject.toml").write_text(f"[tool.pytest.ini_options]\nmarkers = {json.dumps(marks)}\n")
     for name, own_marks in FILES.items():
         named = ", ".join(f"pytest.mark.{mark}" for mark in own_marks)
-        (folder / f"{name}.py").write_text(TESTS.replace("MARKS", named))
+        load = 5_000_000 if "integration" in own_marks else 1_000_000
+        (folder / f"{name}.py").write_text(TESTS.replace("MARKS", named).replace("LOAD", str(load)))
     command = [sys.executable, "-m", "pytest", *WORDS]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
@@ -75,13 +76,14 @@ def test_a_file_is_on_one_worker_and_all_that_flies_or_is_alone_on_one_too(ran: 
 
 
 @pytest.mark.long
-def test_what_flies_comes_one_after_another_and_what_is_alone_is_beside_no_other_integration(ran: list[Ran]) -> None:
+def test_what_flies_comes_one_after_another_and_what_is_alone_when_no_integration_is_left(ran: list[Ran]) -> None:
     flights = sorted((one for one in ran if {"alone", "e2e"} & set(one.marks)), key=lambda one: one.began_ns)
     assert all(after.began_ns >= before.ended_ns for before, after in pairwise(flights))
     assert [one.file for one in flights] == ["test_y"] * 4 + ["test_x"] * 4 + ["test_z"] * 4
-    for alone in (one for one in ran if "alone" in one.marks):
-        beside = [one for one in ran if one.began_ns < alone.ended_ns and alone.began_ns < one.ended_ns]
-        assert not any("integration" in one.marks for one in beside)
+    integration = [one for one in ran if "integration" in one.marks]
+    assert next(one for one in flights if one.file == "test_y").began_ns < max(one.ended_ns for one in integration)
+    alone = next(one for one in flights if one.file == "test_x")
+    assert all(one.ended_ns <= alone.began_ns for one in integration)
 
 
 @pytest.mark.long

@@ -1,0 +1,173 @@
+"""How `make test` shares out tests: one worker flies, the others have first what waits, then what needs only time."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+from collections.abc import Callable, Generator
+from functools import cache
+from pathlib import Path
+
+import pytest
+from xdist import is_xdist_worker
+from xdist.scheduler import LoadFileScheduling
+from xdist.workermanage import WorkerController
+
+import lateness
+
+NICE, NICEST = 5, 10
+"""Of tests beside flights: of those with brokers and processes, and of those that need nothing but time. More would
+leave them no time on a machine that others load."""
+FLIGHTS = "flights"
+
+
+def _is_flight(item: pytest.Item) -> bool:
+    return any(item.get_closest_marker(name) for name in ("alone", "e2e"))
+
+
+def _is_alone(item: pytest.Item) -> bool:
+    return item.get_closest_marker("alone") is not None
+
+
+def _is_integration(item: pytest.Item) -> bool:
+    return item.get_closest_marker("integration") is not None
+
+
+def _order(item: pytest.Item) -> tuple[bool, bool, bool, bool]:
+    """Flights first, those that are to be alone last of them; then what waits for others, whole files before what can
+    be shared out; then what needs nothing but time.
+    """
+    return (
+        not _is_flight(item),
+        _is_alone(item),
+        not _is_integration(item),
+        item.get_closest_marker("apart") is not None,
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=_order)
+
+
+@cache
+def _marks(file: Path) -> set[str]:
+    """The marks that a file's text names: the process that shares out tests has not collected them."""
+    return set(re.findall(r"pytest\.mark\.(\w+)", file.read_text()))
+
+
+class Lock:
+    """A lock that all workers know by a file; it is free when the process that has it has ended."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = os.open(file, os.O_RDONLY)
+
+    def share(self) -> None:
+        fcntl.flock(self._file, fcntl.LOCK_SH)
+
+    def take(self) -> None:
+        fcntl.flock(self._file, fcntl.LOCK_EX)
+
+    def leave(self) -> None:
+        fcntl.flock(self._file, fcntl.LOCK_UN)
+
+
+_INTEGRATION = Path(__file__)
+"""The lock of the process that shares out tests, for as long as another worker than the flying one has integration
+tests left."""
+
+
+class Scheduling(LoadFileScheduling):  # type: ignore[misc]
+    """A worker takes file after file, one of them all flights; of a file marked `apart` each takes test after test."""
+
+    def schedule(self) -> None:
+        if self.collection is None:
+            self._lock = Lock(_INTEGRATION)
+            self._lock.take()
+            collected = next(iter(self.registered_collections.values()))
+            self._left = {nodeid for nodeid in collected if self._is_integration(nodeid)}
+            self._leave_once_none_is_left()
+        super().schedule()
+
+    def mark_test_complete(self, node: WorkerController, item_index: int, duration: float = 0) -> None:
+        self._left.discard(self.registered_collections[node][item_index])
+        self._leave_once_none_is_left()
+        super().mark_test_complete(node, item_index, duration)
+
+    def _leave_once_none_is_left(self) -> None:
+        if not self._left:
+            self._lock.leave()
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.partition("::")[0]
+        marks = _marks(self.config.rootpath / file)
+        return FLIGHTS if marks & {"alone", "e2e"} else nodeid if "apart" in marks else file
+
+    def _is_integration(self, nodeid: str) -> bool:
+        scope = self._split_scope(nodeid)
+        return scope != FLIGHTS and "integration" in _marks(self.config.rootpath / nodeid.partition("::")[0])
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> Scheduling:
+    return Scheduling(config, log)
+
+
+class Turn:
+    """What a worker waits for before a test.
+
+    Integration tests and flights share the room; one that runs again has it for itself, and who waits for that comes
+    next. A test that is to be alone comes when no integration test is left.
+    """
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._door, self._room = Lock(config.rootpath), Lock(config.rootpath / "pyproject.toml")
+        self._integration = Lock(_INTEGRATION)
+
+    def take(self, item: pytest.Item) -> None:
+        if _is_alone(item):
+            self._integration.share()
+        if lateness.is_again(item):
+            self._enter(self._room.take)
+        elif _is_integration(item) or _is_flight(item):
+            self._enter(self._room.share)
+
+    def leave(self) -> None:
+        self._room.leave()
+
+    def _enter(self, enter: Callable[[], None]) -> None:
+        """Who waits for the room keeps the door, and has left the room before."""
+        self.leave()
+        self._door.take()
+        enter()
+        self._door.leave()
+
+
+_turn: Turn | None = None
+_has_flights = False
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    global _turn, _has_flights
+    if is_xdist_worker(session):
+        _turn = Turn(session.config)
+        _has_flights = any(_is_flight(item) for item in session.items)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Before the fixtures and the time limit of a test begin, its worker waits for its turn and gives way."""
+    if _turn is None:
+        return (yield)
+    if _has_flights and not _is_flight(item):
+        _give_way(NICE if _is_integration(item) else NICEST)
+    _turn.take(item)
+    try:
+        return (yield)
+    finally:
+        _turn.leave()
+
+
+def _give_way(nice: int) -> None:
+    """Never back: what comes later in the order needs to give way no less."""
+    os.setpriority(os.PRIO_PROCESS, 0, max(nice, os.getpriority(os.PRIO_PROCESS, 0)))
