@@ -67,7 +67,7 @@ test: containers tools ## Run every check and every test, WORKERS= at a time; of
 	@$(PYTHON) -m pytest --numprocesses '$(WORKERS)' --dist loadfile --no-loadscope-reorder
 
 check: venv lint ## Format, lint, types, import rules and unit tests, in under a minute
-	@$(PYTHON) -m pytest -q -m 'not integration and not e2e and not long' --hypothesis-profile quick --numprocesses 2 --dist loadfile
+	@$(PYTHON) -m pytest -q tests/unit -m 'not long' --hypothesis-profile quick --numprocesses 2 --dist loadfile
 
 soak: containers tools ## Run long tests of what has changed since they passed, or ALL=1; then commit tests/soak.json
 	@$(PYTHON) -m pytest -m soak $(if $(ALL),--soak-all)

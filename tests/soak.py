@@ -59,7 +59,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if mark is None:
             continue
         sources = (str(item.path.relative_to(config.rootpath)), *mark.args)
-        digests.setdefault(sources, digest_of(config.rootpath, sources))
+        if sources not in digests:
+            digests[sources] = digest_of(config.rootpath, sources)
         item.stash[_DIGEST] = digests[sources]
         if passed.get(_name(item)) == digests[sources] and not config.option.soak_all:
             item.add_marker(pytest.mark.skip(reason=UNCHANGED))

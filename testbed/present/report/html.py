@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +92,9 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
     return target
 
 
+@cache
 def environment() -> jinja2.Environment:
-    """Templates with the filters and limits that all pages share."""
+    """Templates, each compiled once, with the filters and limits that all pages share."""
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
