@@ -1,0 +1,303 @@
+"""A fleet's authority: a folder with the key that says who belongs to the fleet, kept where no node is.
+
+FLEET/authority.pem   the key (mode 0600)
+FLEET/fleet.pem       its certificate, which every node has
+FLEET/revoked.pem     the revocation list, which every node has
+FLEET/issued/         every certificate that was ever issued
+FLEET/NAME/           the identity of a node, to be brought to it
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+import shutil
+from collections.abc import Iterable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import NameOID
+
+from ..errors import ConfigurationError
+from ..protocol.topics import NAME, NAME_EXPECTED
+from . import files
+from .certificate import Certificate, usage_of
+from .fleet import FLEET_FILE, REVOKED_FILE, Fleet
+from .identity import CERTIFICATE_FILE, KEY_FILE, check_pair, read_key
+from .names import Kind, NodeName
+from .rights import FLEET, Rights
+
+AUTHORITY_FILE = "authority.pem"
+MEMBERS_FILE = "members.pem"
+"""In a broker's identity: the fleet's valid certificates, of which its access list is made."""
+ISSUED = "issued"
+AUTHORITY_DAYS = 10_957
+"""30 years: an authority is not renewed; a new fleet is made instead."""
+NODE_DAYS = 365.0
+STATION_DAYS = 90.0
+_BACKDATED = timedelta(minutes=5)
+"""The clocks of a fleet's machines differ."""
+_HOST = re.compile(r"[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*")
+_LOOPBACK = ("127.0.0.1", "::1")
+
+
+class Authority:
+    """Issues and revokes certificates. Each method raises ConfigurationError for what cannot be."""
+
+    def __init__(self, folder: Path, key: Ed25519PrivateKey, fleet: Fleet) -> None:
+        self.folder = folder
+        self.fleet = fleet
+        self._key = key
+
+    @classmethod
+    def create(cls, folder: Path, fleet: str) -> Authority:
+        """A new fleet, in a folder that does not exist yet."""
+        if not re.fullmatch(NAME, fleet):
+            raise ConfigurationError(f"fleet name {fleet[:80]!r}: expected {NAME_EXPECTED}")
+        try:
+            folder.mkdir(mode=0o700, parents=True)
+            (folder / ISSUED).mkdir()
+        except OSError as error:
+            raise ConfigurationError(f"{folder}: {error.strerror or error}; expected a new folder") from error
+        key = Ed25519PrivateKey.generate()
+        authority = _self_signed(key, fleet)
+        files.write(folder / AUTHORITY_FILE, _pem_of(key), 0o600)
+        files.write(folder / FLEET_FILE, authority.public_bytes(Encoding.PEM))
+        files.write(folder / REVOKED_FILE, _signed_list(key, authority, 1, {}))
+        return cls.load(folder)
+
+    @classmethod
+    def load(cls, folder: Path) -> Authority:
+        """The fleet of a folder that `create` made."""
+        if not (folder / AUTHORITY_FILE).exists():
+            raise ConfigurationError(f"{folder}: no {AUTHORITY_FILE}; expected a folder of `mqttxt keys init`")
+        key = read_key(folder / AUTHORITY_FILE)
+        fleet = Fleet.load(folder)
+        if fleet.authority.public_key() != key.public_key():
+            raise ConfigurationError(f"{folder / AUTHORITY_FILE}: not the key of {FLEET_FILE}")
+        return cls(folder, key, fleet)
+
+    def issue(
+        self,
+        name: str,
+        rights: Rights | None = None,
+        days: float = NODE_DAYS,
+        hosts: Iterable[str] = (),
+        not_before: datetime | None = None,
+    ) -> Path:
+        """A node's identity, in a folder of its name below the authority's.
+
+        `hosts` are the names and addresses at which others reach a broker; loopback is always among them.
+        """
+        node = NodeName.parse(name)
+        folder = self.folder / str(node)
+        if folder.exists():
+            raise ConfigurationError(
+                f"{folder}: is there; expected a node that has no identity yet, or `mqttxt keys renew {node}`"
+            )
+        self._issue_into(folder, node, rights or Rights(), days, tuple(hosts), not_before)
+        self._bring_up_to_date()
+        return folder
+
+    def renew(self, name: str, days: float | None = None) -> Path:
+        """A new key and certificate with the same rights and hosts; the old certificate stays valid until it ends.
+
+        The old identity is kept as `NAME.before` until the next renewal.
+        """
+        node = NodeName.parse(name)
+        folder = self.folder / str(node)
+        if not folder.is_dir():
+            raise ConfigurationError(f"{folder}: no such folder; expected a node that `mqttxt keys issue` made")
+        old = Certificate.from_pem(files.read(folder / CERTIFICATE_FILE), str(folder / CERTIFICATE_FILE))
+        fresh, before = folder.with_name(f".{node}.new"), folder.with_name(f"{node}.before")
+        shutil.rmtree(fresh, ignore_errors=True)
+        lifetime = days if days is not None else (old.not_after_s - old.not_before_s) / 86_400
+        self._issue_into(fresh, node, old.rights, lifetime, hosts_of(old), None)
+        shutil.rmtree(before, ignore_errors=True)
+        folder.rename(before)
+        fresh.rename(folder)
+        self._bring_up_to_date()
+        return folder
+
+    def revoke(self, name: str, only_old: bool = False) -> int:
+        """Revoke every certificate of a node, or all but its newest; returns how many were not revoked before."""
+        node = NodeName.parse(name)
+        found = sorted((each for each in self.issued() if each.name == str(node)), key=lambda each: each.not_before_s)
+        if not found:
+            raise ConfigurationError(f"{node}: no certificate in {self.folder / ISSUED}; expected a node of this fleet")
+        if only_old:
+            current = Certificate.from_pem(
+                files.read(self.folder / str(node) / CERTIFICATE_FILE), str(self.folder / str(node) / CERTIFICATE_FILE)
+            )
+            found = [each for each in found if each != current]
+        new = {each.serial for each in found} - self.fleet.revoked.serials
+        if new:
+            entries = _entries(self.fleet)
+            entries |= dict.fromkeys(new, datetime.now(UTC))
+            number = self.fleet.revoked.number + 1
+            self.fleet.replace(_signed_list(self._key, self.fleet.authority, number, entries))
+            self._bring_up_to_date()
+        return len(new)
+
+    def issued(self) -> list[Certificate]:
+        """Every certificate that was ever issued, in no order."""
+        paths = sorted((self.folder / ISSUED).glob("*.pem"))
+        return [Certificate.from_pem(files.read(path), str(path)) for path in paths]
+
+    def members(self) -> list[Certificate]:
+        """The certificates that are not revoked and have not expired."""
+        now_s = datetime.now(UTC).timestamp()
+        return [each for each in self.issued() if self.fleet.verify(each, now_s) in (None, "not_yet_valid")]
+
+    def _issue_into(
+        self,
+        folder: Path,
+        node: NodeName,
+        rights: Rights,
+        days: float,
+        hosts: tuple[str, ...],
+        not_before: datetime | None,
+    ) -> None:
+        if rights != Rights() and node.kind is not Kind.STATION:
+            raise ConfigurationError(f"rights for {node}: expected a station")
+        if hosts and node.kind is not Kind.BROKER:
+            raise ConfigurationError(f"hosts for {node}: expected a broker")
+        start = not_before or datetime.now(UTC) - _BACKDATED
+        try:
+            end = min(start + timedelta(days=days), self.fleet.authority.not_valid_after_utc)
+        except OverflowError as error:
+            raise ConfigurationError(f"days {days:g}: expected at most {AUTHORITY_DAYS}") from error
+        if end <= start:
+            raise ConfigurationError(f"days {days:g}: expected more than 0")
+        key = Ed25519PrivateKey.generate()
+        certificate = self._sign(key, node, rights, hosts, start, end)
+        folder.mkdir(mode=0o700)
+        files.write(folder / KEY_FILE, _pem_of(key), 0o600)
+        files.write(folder / CERTIFICATE_FILE, certificate)
+        files.write(folder / FLEET_FILE, files.read(self.folder / FLEET_FILE))
+        files.write(folder / REVOKED_FILE, files.read(self.folder / REVOKED_FILE))
+        found = Certificate.from_pem(certificate)
+        check_pair(folder, key, found)
+        files.write(self.folder / ISSUED / f"{node}-{found.hash.hex()[:16]}.pem", certificate)
+
+    def _sign(
+        self,
+        key: Ed25519PrivateKey,
+        node: NodeName,
+        rights: Rights,
+        hosts: tuple[str, ...],
+        start: datetime,
+        end: datetime,
+    ) -> bytes:
+        uris = (FLEET + self.fleet.name, *rights.uris())
+        names: list[x509.GeneralName] = [x509.UniformResourceIdentifier(uri) for uri in uris]
+        if node.kind is Kind.BROKER:
+            names += [_host(host) for host in dict.fromkeys(("localhost", *_LOOPBACK, *hosts))]
+        authority_key = x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key())
+        builder = (
+            x509.CertificateBuilder()
+            .subject_name(_common_name(str(node)))
+            .issuer_name(self.fleet.authority.subject)
+            .public_key(key.public_key())
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(start)
+            .not_valid_after(end)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(_key_usage(digital_signature=True), critical=True)
+            .add_extension(x509.ExtendedKeyUsage([usage_of(node.kind)]), critical=False)
+            .add_extension(x509.SubjectAlternativeName(names), critical=False)
+            .add_extension(authority_key, critical=False)
+        )
+        return builder.sign(self._key, None).public_bytes(Encoding.PEM)
+
+    def _bring_up_to_date(self) -> None:
+        """Every identity below the authority's folder has the newest list; brokers also have the fleet's members."""
+        revoked = files.read(self.folder / REVOKED_FILE)
+        members = b"".join(each.parsed.public_bytes(Encoding.PEM) for each in self.members())
+        for certificate in sorted(self.folder.glob(f"*/{CERTIFICATE_FILE}")):
+            folder = certificate.parent
+            files.write(folder / REVOKED_FILE, revoked)
+            if Certificate.from_pem(files.read(certificate), str(certificate)).node.kind is Kind.BROKER:
+                files.write(folder / MEMBERS_FILE, members)
+
+
+def hosts_of(certificate: Certificate) -> tuple[str, ...]:
+    """The names and addresses in a broker's certificate."""
+    found = certificate.parsed.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    addresses = [str(address) for address in found.get_values_for_type(x509.IPAddress)]
+    return (*found.get_values_for_type(x509.DNSName), *addresses)
+
+
+def _host(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        if len(host) > 253 or not _HOST.fullmatch(host):
+            raise ConfigurationError(f"host {host!r}: expected a DNS name or an address") from None
+        return x509.DNSName(host)
+
+
+def _self_signed(key: Ed25519PrivateKey, fleet: str) -> x509.Certificate:
+    start = datetime.now(UTC) - _BACKDATED
+    key_id = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(_common_name(fleet))
+        .issuer_name(_common_name(fleet))
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(start)
+        .not_valid_after(start + timedelta(days=AUTHORITY_DAYS))
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(_key_usage(key_cert_sign=True, crl_sign=True), critical=True)
+        .add_extension(key_id, critical=False)
+    )
+    return builder.sign(key, None)
+
+
+def _signed_list(
+    key: Ed25519PrivateKey, authority: x509.Certificate, number: int, entries: dict[int, datetime]
+) -> bytes:
+    """Valid for as long as the authority: past `nextUpdate` OpenSSL would refuse everybody."""
+    builder = (
+        x509.CertificateRevocationListBuilder()
+        .issuer_name(authority.subject)
+        .last_update(datetime.now(UTC) - _BACKDATED)
+        .next_update(authority.not_valid_after_utc)
+        .add_extension(x509.CRLNumber(number), critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(key.public_key()), critical=False)
+    )
+    for serial, at in sorted(entries.items()):
+        entry = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(at)
+        builder = builder.add_revoked_certificate(entry.build())
+    return builder.sign(key, None).public_bytes(Encoding.PEM)
+
+
+def _entries(fleet: Fleet) -> dict[int, datetime]:
+    found = x509.load_der_x509_crl(fleet.revoked.der)
+    return {entry.serial_number: entry.revocation_date_utc for entry in found}
+
+
+def _common_name(name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+
+
+def _key_usage(digital_signature: bool = False, key_cert_sign: bool = False, crl_sign: bool = False) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=digital_signature,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=key_cert_sign,
+        crl_sign=crl_sign,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _pem_of(key: Ed25519PrivateKey) -> bytes:
+    return key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())

@@ -1,0 +1,52 @@
+"""Files of an identity: read with an error that names them, written so that nobody sees half of one."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+from ..errors import ConfigurationError
+
+MOST_BYTES = 4_000_000
+
+
+def read(path: Path, *, private: bool = False) -> bytes:
+    """A file's bytes; raises ConfigurationError, for a private one also where its group or others may use it."""
+    try:
+        with path.open("rb") as file:
+            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
+            if private and mode & 0o077:
+                raise ConfigurationError(
+                    f"{path}: mode {mode:04o}, so others can use the key; expected 0600: chmod 600 {path}"
+                )
+            found = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror or error}; expected a file that can be read") from error
+    if len(found) > MOST_BYTES:
+        raise ConfigurationError(f"{path}: longer than {MOST_BYTES} bytes; expected a PEM file")
+    return found
+
+
+def write(path: Path, content: bytes, mode: int = 0o644) -> None:
+    """Replace a file durably and in one step; raises ConfigurationError."""
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                os.fchmod(file.fileno(), mode)
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(name, path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror or error}; expected a file that can be written") from error

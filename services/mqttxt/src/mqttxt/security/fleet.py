@@ -1,0 +1,113 @@
+"""A fleet as each of its nodes knows it: the authority's certificate, and the newest revocation list."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+from cryptography.x509.oid import NameOID
+
+from ..errors import ConfigurationError
+from . import files
+from .certificate import UNREADABLE, Certificate
+from .revocation import RevocationList
+
+FLEET_FILE = "fleet.pem"
+REVOKED_FILE = "revoked.pem"
+_MOST_KNOWN = 4096
+
+
+class Fleet:
+    """Says of a certificate whether it is good. `name` is the fleet's, `key_hash` SHA-256 of the authority's key.
+
+    `load` reads both files of a folder and raises ConfigurationError for what is wrong with them.
+    """
+
+    def __init__(self, authority: x509.Certificate, revoked: RevocationList, file: Path | None = None) -> None:
+        key = authority.public_key()
+        assert isinstance(key, Ed25519PublicKey)
+        self.name = str(authority.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
+        self.key_hash = hashlib.sha256(key.public_bytes(Encoding.Raw, PublicFormat.Raw)).digest()
+        self.authority = authority
+        self.revoked = revoked
+        self._key = key
+        self._file = file
+        self._signed: set[bytes] = set()
+
+    @classmethod
+    def load(cls, folder: Path) -> Fleet:
+        path = folder / FLEET_FILE
+        authority = read_authority(files.read(path), str(path))
+        revoked = folder / REVOKED_FILE
+        key = authority.public_key()
+        assert isinstance(key, Ed25519PublicKey)
+        return cls(authority, RevocationList.of(files.read(revoked), key, str(revoked)), revoked)
+
+    @property
+    def not_after_s(self) -> int:
+        """When the authority's own certificate expires, in Unix seconds."""
+        return int(self.authority.not_valid_after_utc.timestamp())
+
+    def verify(self, certificate: Certificate, at_s: float) -> str | None:
+        """Why a certificate is not good at a Unix time; None where it is.
+
+        `other_fleet`, `not_yet_valid`, `expired` or `revoked`.
+        """
+        if not self._is_signed(certificate):
+            return "other_fleet"
+        if certificate.serial in self.revoked.serials:
+            return "revoked"
+        if at_s < certificate.not_before_s:
+            return "not_yet_valid"
+        if at_s > min(certificate.not_after_s, self.not_after_s):
+            return "expired"
+        return None
+
+    def replace(self, encoded: bytes) -> bool:
+        """Take a newer revocation list, in memory and in its file; False where it is not newer.
+
+        Raises ConfigurationError where it is not this fleet's, or cannot be written: then nothing has changed.
+        """
+        newer = RevocationList.of(encoded, self._key)
+        if newer.number <= self.revoked.number:
+            return False
+        if self._file is not None:
+            files.write(self._file, newer.pem())
+        self.revoked = newer
+        return True
+
+    def _is_signed(self, certificate: Certificate) -> bool:
+        """A signature is verified once: certificates stand in many messages."""
+        if certificate.hash in self._signed:
+            return True
+        if certificate.fleet != self.name:
+            return False
+        try:
+            certificate.parsed.verify_directly_issued_by(self.authority)
+        except (InvalidSignature, *UNREADABLE):
+            return False
+        if len(self._signed) >= _MOST_KNOWN:
+            self._signed.clear()
+        self._signed.add(certificate.hash)
+        return True
+
+
+def read_authority(pem: bytes, what: str) -> x509.Certificate:
+    """The authority's own certificate; raises ConfigurationError."""
+    try:
+        found = x509.load_pem_x509_certificates(pem)
+        if len(found) != 1:
+            raise ConfigurationError(f"{what}: {len(found)} certificates; expected the authority's alone")
+        authority, key = found[0], found[0].public_key()
+        constraints = [each.value for each in authority.extensions if isinstance(each.value, x509.BasicConstraints)]
+        names = authority.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+        authority.verify_directly_issued_by(authority)
+    except (InvalidSignature, *UNREADABLE) as error:
+        raise ConfigurationError(f"{what}: not a fleet authority's certificate ({error})") from error
+    if not (isinstance(key, Ed25519PublicKey) and len(names) == 1 and constraints and constraints[0].ca):
+        raise ConfigurationError(f"{what}: not a fleet authority's certificate; expected one of `mqttxt keys init`")
+    return authority

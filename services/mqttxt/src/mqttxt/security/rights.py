@@ -1,0 +1,88 @@
+"""What a ground station may do, as its certificate says it in URIs of the subject's alternative names.
+
+`mqttxt:may/command/1-3,7` (or `*`), `mqttxt:may/take-over`, `mqttxt:may/observe`; beside them stands the fleet,
+`mqttxt:fleet/NAME`, in every certificate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+from ..errors import ConfigurationError
+from ..protocol.topics import MAX_DRONE
+
+SCHEME = "mqttxt:"
+FLEET = SCHEME + "fleet/"
+COMMAND = SCHEME + "may/command/"
+TAKE_OVER = SCHEME + "may/take-over"
+OBSERVE = SCHEME + "may/observe"
+EVERY = "*"
+
+
+def parse_numbers(text: str, most: int, what: str) -> frozenset[int]:
+    """Whole numbers from 1 to `most` as `1-3,7`; raises ConfigurationError with `what` in front."""
+    numbers: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.partition("-")
+        ends = [first, last if dash else first]
+        if not all(end.isascii() and end.isdecimal() and len(end) <= len(str(most)) for end in ends):
+            raise _not_numbers(text, most, what)
+        low, high = (int(end) for end in ends)
+        if not 1 <= low <= high <= most:
+            raise _not_numbers(text, most, what)
+        numbers.update(range(low, high + 1))
+    return frozenset(numbers)
+
+
+def write_numbers(numbers: Iterable[int]) -> str:
+    """Numbers in their shortest form, as `1-3,7`."""
+    ordered = sorted(numbers)
+    starts = [number for before, number in pairwise([-1, *ordered]) if number != before + 1]
+    ends = [number for number, behind in pairwise([*ordered, -1]) if behind != number + 1]
+    return ",".join(f"{start}-{end}" if start != end else f"{start}" for start, end in zip(starts, ends, strict=True))
+
+
+def command_right(drone: int) -> str:
+    """The right that a station needs to command a drone."""
+    return f"{COMMAND}{drone}"
+
+
+@dataclass(frozen=True)
+class Rights:
+    """What a station may do. `command` is the drones that it may command: None is every drone of the fleet."""
+
+    command: frozenset[int] | None = frozenset()
+    take_over: bool = False
+    observe: bool = False
+
+    def may_command(self, drone: int) -> bool:
+        return self.command is None or drone in self.command
+
+    def uris(self) -> tuple[str, ...]:
+        """As a certificate carries them."""
+        command = EVERY if self.command is None else write_numbers(self.command)
+        given = ((COMMAND + command, command != ""), (TAKE_OVER, self.take_over), (OBSERVE, self.observe))
+        return tuple(uri for uri, has in given if has)
+
+    @classmethod
+    def of_uris(cls, uris: Iterable[str]) -> Rights:
+        """From a certificate's URIs; raises ConfigurationError for one that is unknown or given twice."""
+        command: frozenset[int] | None = frozenset()
+        seen: set[str] = set()
+        for uri in uris:
+            kind = COMMAND if uri.startswith(COMMAND) else uri
+            if kind not in (COMMAND, TAKE_OVER, OBSERVE) or kind in seen:
+                raise ConfigurationError(
+                    f"right {uri[:80]!r}: expected {COMMAND}1-3,7, {TAKE_OVER} or {OBSERVE}, each once"
+                )
+            seen.add(kind)
+            if kind == COMMAND:
+                drones = uri.removeprefix(COMMAND)
+                command = None if drones == EVERY else parse_numbers(drones, MAX_DRONE, f"right {uri[:80]!r}")
+        return cls(command, TAKE_OVER in seen, OBSERVE in seen)
+
+
+def _not_numbers(text: str, most: int, what: str) -> ConfigurationError:
+    return ConfigurationError(f"{what}: {text[:80]!r}: expected numbers from 1 to {most}, as 1-3,7")

@@ -1,0 +1,419 @@
+"""Identities, certificates and the fleet's authority (docs/protocol.md, section 11)."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric import ec
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mqttxt.errors import ConfigurationError
+from mqttxt.security.authority import MEMBERS_FILE, Authority, hosts_of
+from mqttxt.security.certificate import Certificate
+from mqttxt.security.fleet import Fleet
+from mqttxt.security.identity import Identity
+from mqttxt.security.names import Kind, NodeName
+from mqttxt.security.rights import Rights, command_right, parse_numbers, write_numbers
+from mqttxt.security.trusted_time import TrustedTime
+
+from .fleet_of_keys import CLIENT, SERVER, certificate_der
+
+DAY_S = 86_400.0
+OPS = Rights(frozenset({1, 2, 3, 7}), take_over=True, observe=True)
+
+
+@pytest.fixture
+def acme(tmp_path: Path) -> Authority:
+    return Authority.create(tmp_path / "acme", "acme")
+
+
+def now_s() -> float:
+    return datetime.now(UTC).timestamp()
+
+
+# Names and rights.
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "number", "label"),
+    [
+        ("fog1", Kind.FOG, 1, ""),
+        ("drone250", Kind.DRONE, 250, ""),
+        ("sensor999999999", Kind.SENSOR, 999_999_999, ""),
+        ("gs-" + "o" * 61, Kind.STATION, 0, "o" * 61),
+        ("broker-cloud", Kind.BROKER, 0, "cloud"),
+    ],
+)
+def test_a_name_is_read_and_written(text: str, kind: Kind, number: int, label: str) -> None:
+    name = NodeName.parse(text)
+    assert (name.kind, name.number, name.label, str(name)) == (kind, number, label, text)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "drone0", "drone251", "drone03", "drone-1", "gs-", "gs-" + "o" * 62, "gs-a/b", "fog1 ", "DRONE1", "+"]
+)
+def test_another_name_is_refused(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="expected fogX"):
+        NodeName.parse(text)
+
+
+@given(st.builds(Rights, st.none() | st.frozensets(st.integers(1, 250)), st.booleans(), st.booleans()))
+def test_rights_survive_their_certificate(rights: Rights) -> None:
+    assert Rights.of_uris(rights.uris()) == rights
+
+
+def test_rights_in_their_shortest_form() -> None:
+    assert OPS.uris() == ("mqttxt:may/command/1-3,7", "mqttxt:may/take-over", "mqttxt:may/observe")
+    assert Rights(None).uris() == ("mqttxt:may/command/*",)
+    assert Rights().uris() == ()
+    assert (OPS.may_command(3), OPS.may_command(4), Rights(None).may_command(250)) == (True, False, True)
+    assert command_right(3) == "mqttxt:may/command/3"
+
+
+@given(st.frozensets(st.integers(1, 250), min_size=1))
+def test_numbers_survive_their_text(numbers: frozenset[int]) -> None:
+    assert parse_numbers(write_numbers(numbers), 250, "drones") == numbers
+
+
+@pytest.mark.parametrize("text", ["", "0", "251", "3-1", "1-", "-1", "1,,2", "1-2-3", "a", "１", "1 ,2", "9" * 5000])
+def test_numbers_that_are_none(text: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"expected numbers from 1 to 250, as 1-3,7"):
+        parse_numbers(text, 250, "drones")
+
+
+@pytest.mark.parametrize(
+    "uris",
+    [
+        ("mqttxt:may/fly",),
+        ("mqttxt:may/observe", "mqttxt:may/observe"),
+        ("mqttxt:may/command/1", "mqttxt:may/command/2"),
+        ("mqttxt:may/command/",),
+        ("mqttxt:may/command/1-251",),
+    ],
+)
+def test_unknown_rights_are_refused_never_guessed(uris: tuple[str, ...]) -> None:
+    with pytest.raises(ConfigurationError):
+        Rights.of_uris(uris)
+
+
+# Certificates.
+
+
+def test_a_certificate_says_who_and_what(acme: Authority) -> None:
+    identity = Identity.load(acme.issue("gs-ops", OPS, 90))
+    found = identity.certificate
+    assert (found.name, found.fleet, found.rights) == ("gs-ops", "acme", OPS)
+    assert found.not_after_s - found.not_before_s == 90 * DAY_S
+    assert found.not_before_s <= now_s() - 299
+    assert Certificate.from_der(found.der) == found
+    found.public_key.verify(identity.sign(b"land"), b"land")
+    with pytest.raises(InvalidSignature):
+        found.public_key.verify(identity.sign(b"land"), b"arm")
+
+
+@pytest.mark.parametrize(
+    ("der", "said"),
+    [
+        (certificate_der("drone251"), "node name 'drone251'"),
+        (certificate_der("drone3", names=2), "2 common names; expected one"),
+        (certificate_der(uris=()), "0 fleets; expected one"),
+        (certificate_der(uris=("mqttxt:fleet/a", "mqttxt:fleet/b")), "2 fleets; expected one"),
+        (certificate_der(uris=("mqttxt:fleet/acme", "mqttxt:may/fly")), "right 'mqttxt:may/fly'"),
+        (
+            certificate_der(uris=("mqttxt:fleet/acme", "mqttxt:may/command/*")),
+            "rights of drone3",
+        ),
+        (certificate_der(usage=SERVER), "expected clientAuth alone"),
+        (certificate_der(usage=None), "expected clientAuth alone"),
+        (certificate_der("broker-cloud", usage=CLIENT), "expected serverAuth alone"),
+        (certificate_der(is_authority=True), "expected basic constraints CA:FALSE"),
+        (certificate_der(key=ec.generate_private_key(ec.SECP256R1())), "expected an Ed25519 key"),
+        (certificate_der().replace(b"\x0c\x06drone3", b"\x03\x06drone3"), "BitString"),
+        (b"", "not an X.509 certificate"),
+        (b"\x30\x80", "not an X.509 certificate"),
+    ],
+)
+def test_a_certificate_that_is_none(der: bytes, said: str) -> None:
+    with pytest.raises(ConfigurationError) as found:
+        Certificate.from_der(der, "birth of drone3")
+    assert str(found.value).startswith("birth of drone3: ")
+    assert said in str(found.value)
+    assert "\n" not in str(found.value)
+
+
+@given(at=st.integers(0, 400), value=st.integers(0, 255), cut=st.integers(0, 50))
+def test_no_bytes_do_more_than_be_refused(at: int, value: int, cut: int) -> None:
+    der = bytearray(_ANY)
+    der[at % len(der)] = value
+    try:
+        Certificate.from_der(bytes(der[: len(der) - cut]))
+    except ConfigurationError as error:
+        assert "\n" not in str(error)  # noqa: PT017 - most bytes leave a certificate as good as it was
+
+
+_ANY = certificate_der("gs-ops", ("mqttxt:fleet/acme", "mqttxt:may/command/1-3"))
+
+
+# The fleet.
+
+
+def test_a_fleet_knows_its_own(acme: Authority, tmp_path: Path) -> None:
+    theirs = Authority.create(tmp_path / "theirs", "acme")
+    ours = Identity.load(acme.issue("drone3", days=10)).certificate
+    verify = acme.fleet.verify
+    assert verify(ours, now_s()) is None
+    assert verify(ours, ours.not_before_s - 1) == "not_yet_valid"
+    assert verify(ours, ours.not_before_s) is None
+    assert verify(ours, ours.not_after_s) is None
+    assert verify(ours, ours.not_after_s + 1) == "expired"
+    assert verify(Identity.load(theirs.issue("drone3")).certificate, now_s()) == "other_fleet"
+    assert verify(Certificate.from_der(certificate_der()), now_s()) == "other_fleet"
+    assert acme.revoke("drone3") == 1
+    assert verify(ours, now_s()) == "revoked"
+
+
+def test_a_certificate_lasts_no_longer_than_its_authority(acme: Authority) -> None:
+    found = Identity.load(acme.issue("drone3", days=20_000)).certificate
+    assert found.not_after_s == acme.fleet.not_after_s
+
+
+def test_the_highest_revocation_list_counts_and_is_kept(acme: Authority, tmp_path: Path) -> None:
+    folder = acme.issue("drone3")
+    drone = Identity.load(folder)
+    lists = [acme.fleet.revoked.der]
+    for name in ("gs-a", "gs-b"):
+        acme.issue(name)
+        acme.revoke(name)
+        lists.append(acme.fleet.revoked.der)
+    assert [drone.fleet.replace(der) for der in (lists[2], lists[1], lists[0], lists[2])] == [True, False, False, False]
+    assert drone.fleet.revoked.number == 3
+    assert Fleet.load(folder).revoked == drone.fleet.revoked
+    theirs = Authority.create(tmp_path / "theirs", "acme")
+    theirs.issue("gs-a")
+    for _ in range(5):
+        theirs.renew("gs-a")
+        theirs.revoke("gs-a")
+    for wrong in (theirs.fleet.revoked.der, b"", b"-----BEGIN X509 CRL-----", lists[2][:-1]):
+        with pytest.raises(ConfigurationError, match=r"^revocation list: "):
+            drone.fleet.replace(wrong)
+    assert drone.fleet.revoked.number == 3
+
+
+def test_a_list_that_cannot_be_kept_is_not_taken(acme: Authority) -> None:
+    folder = acme.issue("drone3")
+    drone = Identity.load(folder)
+    acme.issue("gs-a")
+    acme.revoke("gs-a")
+    moved = folder.rename(folder.with_name("elsewhere"))
+    with pytest.raises(ConfigurationError, match="expected a file that can be written"):
+        drone.fleet.replace(acme.fleet.revoked.der)
+    assert drone.fleet.revoked.number == 1
+    moved.rename(folder)
+    assert drone.fleet.replace(acme.fleet.revoked.der)
+
+
+# An identity's folder.
+
+
+def _no_key(folder: Path) -> None:
+    (folder / "identity.pem").unlink()
+
+
+def _open_key(folder: Path) -> None:
+    (folder / "identity.pem").chmod(0o640)
+
+
+def _garbage_key(folder: Path) -> None:
+    (folder / "identity.pem").write_bytes(b"\0key")
+
+
+def _garbage_certificate(folder: Path) -> None:
+    (folder / "certificate.pem").write_bytes(b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n")
+
+
+def _two_certificates(folder: Path) -> None:
+    path = folder / "certificate.pem"
+    path.write_bytes(path.read_bytes() * 2)
+
+
+def _no_list(folder: Path) -> None:
+    (folder / "revoked.pem").unlink()
+
+
+def _empty_list(folder: Path) -> None:
+    (folder / "revoked.pem").write_bytes(b"")
+
+
+def _leaf_as_fleet(folder: Path) -> None:
+    (folder / "fleet.pem").write_bytes((folder / "certificate.pem").read_bytes())
+
+
+def _garbage_time(folder: Path) -> None:
+    (folder / "time").write_bytes(b"yesterday")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (_no_key, "identity.pem: No such file or directory"),
+        (_open_key, "identity.pem: mode 0640, so others can use the key; expected 0600: chmod 600 "),
+        (_garbage_key, "identity.pem: not a private key in PEM without a password"),
+        (_garbage_certificate, "certificate.pem: not a certificate in PEM"),
+        (_two_certificates, "certificate.pem: 2 certificates; expected one"),
+        (_no_list, "revoked.pem: No such file or directory"),
+        (_empty_list, "revoked.pem: not a certificate revocation list"),
+        (_leaf_as_fleet, "fleet.pem: not a fleet authority's certificate"),
+        (_garbage_time, "time: b'yesterday'; expected Unix seconds, or no such file"),
+    ],
+)
+def test_a_folder_with_something_wrong_is_refused(acme: Authority, spoil: Callable[[Path], None], said: str) -> None:
+    folder = acme.issue("drone3")
+    spoil(folder)
+    with pytest.raises(ConfigurationError) as found:
+        Identity.load(folder)
+    assert said in str(found.value)
+    assert str(folder) in str(found.value)
+    assert "\n" not in str(found.value)
+
+
+def _of(acme: Authority, other: Path, *files: str) -> Path:
+    """A drone's folder with these files of another identity's."""
+    folder = acme.issue("drone3")
+    for file in files:
+        (folder / file).write_bytes((other / file).read_bytes())
+    return folder
+
+
+def test_a_certificate_that_is_not_ones_own_is_refused(acme: Authority, tmp_path: Path) -> None:
+    other = acme.issue("drone4")
+    folder = _of(acme, other, "certificate.pem")
+    with pytest.raises(ConfigurationError, match=r"identity.pem: not the key of certificate.pem \(drone4\)"):
+        Identity.load(folder)
+
+
+def test_an_identity_of_another_fleet_is_refused(acme: Authority, tmp_path: Path) -> None:
+    theirs = Authority.create(tmp_path / "theirs", "acme").issue("drone3")
+    with pytest.raises(ConfigurationError, match=r"revoked.pem: not signed by this fleet's authority"):
+        Identity.load(_of(acme, theirs, "fleet.pem"))
+    folder = acme.folder / "drone3"
+    (folder / "revoked.pem").write_bytes((theirs / "revoked.pem").read_bytes())
+    with pytest.raises(ConfigurationError, match=r"drone3: not issued by the authority in fleet.pem"):
+        Identity.load(folder)
+
+
+def test_time_decides(acme: Authority) -> None:
+    folder = acme.issue("drone3", days=1)
+    later = acme.issue("drone4", not_before=datetime.now(UTC) + timedelta(days=1))
+    assert Identity.load(folder).name == "drone3"
+    with pytest.raises(ConfigurationError, match=r"drone3: expired at .*: `mqttxt keys renew drone3`"):
+        Identity.load(folder, system=lambda: now_s() + 2 * DAY_S)
+    with pytest.raises(ConfigurationError, match="drone4: not valid before"):
+        Identity.load(later)
+    acme.revoke("drone3")
+    with pytest.raises(ConfigurationError, match="drone3: revoked; expected another certificate"):
+        Identity.load(folder)
+
+
+def test_no_folder() -> None:
+    with pytest.raises(ConfigurationError, match="identity /nowhere: no such folder"):
+        Identity.load(Path("/nowhere"))
+
+
+# Time.
+
+
+def test_a_clock_at_1970_is_that_of_the_revocation_list(acme: Authority) -> None:
+    identity = Identity.load(acme.issue("drone3"), system=lambda: 12.0)
+    assert identity.time.now_s() == acme.fleet.revoked.this_update_s
+    acme.issue("gs-a")
+    acme.revoke("gs-a")
+    identity.fleet.replace(acme.fleet.revoked.der)
+    assert identity.time.now_s() == acme.fleet.revoked.this_update_s
+
+
+def test_time_never_goes_back_over_a_start(acme: Authority) -> None:
+    folder = acme.issue("drone3", days=1)
+    running = TrustedTime(folder, acme.fleet, system=lambda: now_s() + 2 * DAY_S)
+    running.keep()
+    with pytest.raises(ConfigurationError, match="expired"):
+        Identity.load(folder, system=lambda: 12.0)
+
+
+# The authority.
+
+
+def test_renewal_has_a_new_key_and_the_old_rights(acme: Authority) -> None:
+    folder = acme.issue("gs-ops", OPS, 90)
+    old = Identity.load(folder)
+    new = Identity.load(acme.renew("gs-ops"))
+    assert new.certificate.rights == OPS
+    assert new.certificate.public_key != old.certificate.public_key
+    assert new.certificate.not_after_s - new.certificate.not_before_s == 90 * DAY_S
+    assert [acme.fleet.verify(each.certificate, now_s()) for each in (old, new)] == [None, None]
+    assert acme.revoke("gs-ops", only_old=True) == 1
+    assert [acme.fleet.verify(each.certificate, now_s()) for each in (old, new)] == ["revoked", None]
+    assert acme.revoke("gs-ops", only_old=True) == 0
+
+
+def test_brokers_know_the_members(acme: Authority) -> None:
+    broker = acme.issue("broker-cloud", hosts=["cloud.example", "10.0.0.1"])
+    acme.issue("drone3")
+    acme.issue("gs-ops", OPS)
+    acme.revoke("drone3")
+    found = Certificate.all_from_pem((broker / MEMBERS_FILE).read_bytes(), "members")
+    assert sorted(each.name for each in found) == ["broker-cloud", "gs-ops"]
+    (own,) = (each for each in found if each.name == "broker-cloud")
+    assert hosts_of(own) == ("localhost", "cloud.example", "127.0.0.1", "::1", "10.0.0.1")
+
+
+def test_what_cannot_be_issued(acme: Authority) -> None:
+    acme.issue("drone3")
+    for call, said in [
+        (lambda: acme.issue("drone3"), "is there; expected a node that has no identity yet"),
+        (lambda: acme.issue("drone4", OPS), "rights for drone4: expected a station"),
+        (lambda: acme.issue("drone4", hosts=["a.example"]), "hosts for drone4: expected a broker"),
+        (lambda: acme.issue("broker-x", hosts=["a b"]), "host 'a b': expected a DNS name or an address"),
+        (lambda: acme.issue("broker-x", hosts=["a..b"]), r"host 'a\.\.b': expected"),
+        (lambda: acme.issue("drone4", days=0), "days 0: expected more than 0"),
+        (lambda: acme.issue("drone4", days=1e12), "expected at most 10957"),
+        (lambda: acme.renew("drone9"), "no such folder"),
+        (lambda: acme.revoke("drone9"), "drone9: no certificate in"),
+    ]:
+        with pytest.raises(ConfigurationError, match=said):
+            call()
+    assert not (acme.folder / "drone4").exists()
+
+
+def test_an_authority_is_made_once_and_its_key_is_private(acme: Authority) -> None:
+    with pytest.raises(ConfigurationError, match="File exists; expected a new folder"):
+        Authority.create(acme.folder, "acme")
+    assert os.stat(acme.folder / "authority.pem").st_mode & 0o777 == 0o600
+    assert os.stat(acme.issue("drone3") / "identity.pem").st_mode & 0o777 == 0o600
+    (acme.folder / "authority.pem").chmod(0o644)
+    with pytest.raises(ConfigurationError, match="mode 0644"):
+        Authority.load(acme.folder)
+    with pytest.raises(ConfigurationError, match=r"no authority.pem; expected a folder of `mqttxt keys init`"):
+        Authority.load(acme.folder / "drone3")
+
+
+def test_openssl_reads_what_we_wrote(acme: Authority) -> None:
+    """A second implementation has the last word on what X.509 is."""
+    for name in ("drone3", "gs-ops", "broker-cloud"):
+        acme.issue(name)
+    acme.revoke("drone3")
+    verdicts = {}
+    for name, purpose in (("drone3", "sslclient"), ("gs-ops", "sslclient"), ("broker-cloud", "sslserver")):
+        verify = ["openssl", "verify", "-x509_strict", "-purpose", purpose, "-crl_check"]
+        files = ["-CRLfile", "revoked.pem", "-CAfile", "fleet.pem", f"{name}/certificate.pem"]
+        done = subprocess.run([*verify, *files], cwd=acme.folder, capture_output=True, text=True, check=False)
+        verdicts[name] = (done.returncode == 0, done.stdout + done.stderr)
+    assert verdicts["gs-ops"][0], verdicts["gs-ops"][1]
+    assert verdicts["broker-cloud"][0], verdicts["broker-cloud"][1]
+    assert "certificate revoked" in verdicts["drone3"][1]
