@@ -94,7 +94,7 @@ async def test_a_velocity_is_flown_for_its_duration_and_then_held(system: System
     assert 10 < (_state(system)["latitude_deg"] - before) * 111_195 < 25
 
 
-async def test_a_pilots_mode_ends_what_runs_within_a_second(system: System, drone: Drone) -> None:
+async def test_a_pilots_mode_ends_what_runs_with_the_next_heartbeat(system: System, drone: Drone) -> None:
     await fly(drone, Arm(), Takeoff(10.0))
     for command in (NORTH_100_M, Offboard(30.0, velocity=Velocity(-1.0, 0.0, 0.0))):
         heard, task = await start(drone, command)

@@ -117,13 +117,13 @@ async def test_a_px4_that_disarms_as_it_lands_has_landed(flight: Flight, drone: 
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-async def test_a_pilots_mode_ends_what_runs_within_a_second(flight: Flight, drone: Drone, name: str) -> None:
+async def test_a_pilots_mode_ends_what_runs_with_the_next_heartbeat(flight: Flight, drone: Drone, name: str) -> None:
     heard, task = await _begin(flight, drone, name)
     mode = RETURN if name == "land" else LAND
     taken_at = time.monotonic()
     flight.pilot.set_mode(mode)
     await task
-    assert time.monotonic() - taken_at < 1.0
+    assert time.monotonic() - taken_at < 1.3  # heartbeats come once a second, by PX4's own clock
     assert (heard[-1].word, heard[-1].reason) == (Word.FAILED, "mode_changed")
     assert flight.pilot.mode == mode
     await fly(drone, Land())
