@@ -9,6 +9,7 @@ from typing import Any
 
 from ..errors import ResultsError
 from ..plan.experiments import Plan
+from ..plan.overrides import fleet_in
 from ..plan.profiles.run_plan import run_plan
 from ..plan.sensors import gates_of
 from .flights import settings_of
@@ -90,6 +91,14 @@ def has_amount(series: Series, plan: Plan) -> bool:
         except ResultsError:  # cut off before it could say
             continue
     return True
+
+
+def has_fleet(series: Series, plan: Plan) -> bool:
+    """Whether a plan's fleet flew all of a series: the file that FLEET names may say something else by now.
+
+    Raises UserError as `read_fleet` for an attempt's copy that cannot be read any more.
+    """
+    return all(fleet_in(attempt.path) == plan.fleet for attempt in series.attempts())
 
 
 def otherwise(series: Series, plan: Plan) -> str | None:

@@ -139,5 +139,5 @@ class Fleet:
             "addresses": {name: str(network) for name, network in self.networks.items()},
             "sensor_range_m": self.sensor_range_m,
             "parameters": dict(self.parameters),
-            "drones": {drone: dict(self.drones[drone]) for drone in sorted(self.fog_of)},
+            "drones": {drone: dict(entry) for drone, entry in sorted(self.drones.items())},
         }

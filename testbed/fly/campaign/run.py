@@ -14,7 +14,7 @@ from ...plan import wording
 from ...plan.experiments import Plan
 from ...plan.overrides import suffix
 from ..results import Series, new_series, series_folder
-from ..resume import begun_of, given_up, has_amount, is_measured, next_number, otherwise, settle, to_fly
+from ..resume import begun_of, given_up, has_amount, has_fleet, is_measured, next_number, otherwise, settle, to_fly
 from ..runner import Begun, Ended
 from .estimate import Durations, in_words
 
@@ -46,7 +46,7 @@ def job_of(plan: Plan, root: Path) -> Job:
     """What there is of a plan in a results folder: a finished series, whatever its revision, else a broken-off one."""
     folder = series_folder(root, plan.experiment, _label(plan), plan.profile.name)
     found = [Series(path) for path in folder.glob("*") if path.is_dir()]
-    alike = [series for series in found if series.attempts() and has_amount(series, plan)]
+    alike = [one for one in found if one.attempts() and has_amount(one, plan) and has_fleet(one, plan)]
     newest = sorted(alike, key=lambda one: one.path.name, reverse=True)
     jobs = [Job(plan, series, begun_of(series, plan)) for series in newest]
     whole = next((job for job in jobs if next_number(job.begun, plan) is None), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -34,7 +35,7 @@ class Wish:
         """What to type for it again."""
         own = Wish()
         changed = [name for name in vars(own) if getattr(self, name) != getattr(own, name)]
-        return " ".join(["make all", *(f"{name.upper()}={getattr(self, name)}" for name in changed)])
+        return " ".join(["make all", *(f"{name.upper()}={shlex.quote(getattr(self, name))}" for name in changed)])
 
 
 def plans_of(wish: Wish) -> list[Plan]:

@@ -11,6 +11,7 @@ from typing import Any
 from testbed.fly.calibration.calibrate import Calibration, Check
 from testbed.fly.containers import Usage
 from testbed.plan.fleets import standard_fleet
+from testbed.plan.overrides import compose_files
 
 SHAPER = {"shaper": "nfqueue", "why": "the kernel has no netem"}
 
@@ -50,6 +51,7 @@ class Fleet:
 
     def __call__(self, profile: str, run_dir: Path, settings: dict[str, str], fleet: Any) -> Any:
         self._run_dir = run_dir
+        compose_files(settings, fleet, run_dir)
         self.profiles.append(profile)
         self.settings = settings
         return self

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from finished import both, finished
 from made_up_fleet import CALIBRATED, Fleet, Quiet
 from rich.console import Console
@@ -25,6 +27,7 @@ from testbed.fly.campaign.targets import Wish, plans_of
 from testbed.fly.results import METRICS, Series, open_series, read_json, write_json
 from testbed.fly.runner import Begun, Ended, Interrupted, run_series
 from testbed.plan.experiments import ARMS, EXPERIMENTS, Plan
+from testbed.plan.fleets import FLEET_FILE
 
 HERE = {"commit": "c0ffee", "dirty": False}
 SMALL = Wish(attempts="2", experiments="scenario-3", arms="thesis,direct", profiles="ideal")
@@ -272,10 +275,25 @@ def test_what_to_type_to_go_on_has_what_was_asked_for() -> None:
     assert Wish().typed() == "make all"
     assert SMALL.typed() == "make all ATTEMPTS=2 EXPERIMENTS=scenario-3 ARMS=thesis,direct PROFILES=ideal"
     assert Wish(fogs="3", drones="12").typed() == "make all FOGS=3 DRONES=12"
+    assert Wish(fleet="my fleet.yaml").typed() == "make all FLEET='my fleet.yaml'"
 
 
 def test_a_campaign_flies_the_fleet_that_was_asked_for() -> None:
     assert {plan.fleet.flown for plan in plans_of(Wish(experiments="scenario-3", fogs="1", drones="2"))} == {"1:1,2"}
+
+
+def test_a_fleet_file_that_says_something_else_by_now_is_flown_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mine.yaml"
+    monkeypatch.setenv("FLEET", str(path))
+    document = yaml.safe_load(FLEET_FILE.read_text())
+    wish = replace(SMALL, attempts="1", arms="thesis", fleet=str(path))
+    flown_each_time = []
+    for fogs in ({1: [1, 2], 2: [3]}, {1: [1, 2], 2: [3]}, {1: [1], 2: [2, 3]}):
+        path.write_text(yaml.safe_dump(document | {"fogs": fogs}))
+        flown_each_time.append(len(campaign(tmp_path / "results", wish)[0]))
+    assert flown_each_time == [2, 0, 2]
 
 
 @pytest.mark.parametrize(("raised", "code"), [(Interrupted("interrupted"), 130), (DockerError("Docker is gone"), 1)])

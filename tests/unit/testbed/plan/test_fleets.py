@@ -61,10 +61,11 @@ def _apart_m(one: Any, other: Any) -> float:
 
 
 def test_a_fleet_that_was_written_down_is_read_as_it_was(tmp_path: Path) -> None:
-    fleet = fleet_of({"FOGS": "3", "DRONES": "7"})
     path = tmp_path / "fleet.yaml"
-    path.write_text(yaml.safe_dump(fleet.to_data()))
-    assert read_fleet(path) == fleet
+    path.write_text(yaml.safe_dump(_document() | {"fogs": {2: [5, 3]}}))
+    for fleet in (fleet_of({"FOGS": "3", "DRONES": "7"}), read_fleet(path)):
+        path.write_text(yaml.safe_dump(fleet.to_data()))
+        assert read_fleet(path) == fleet
 
 
 @pytest.mark.parametrize(
