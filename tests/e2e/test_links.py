@@ -73,7 +73,8 @@ def test_what_the_captures_miss_is_what_the_shaper_dropped(flown: tuple[Run, dic
 
 
 def test_a_kernel_without_netem_flies_nothing_where_netem_is_asked_for(tmp_path: Path) -> None:
-    run = Run(tmp_path / "results", "--profile", "lte", "--shaper", "netem")
+    options = ["--profile", "lte", "--shaper", "netem", "--protocols", "mqttxt"]
+    run = Run(tmp_path / "results", *options, experiment="scenario-3", environment=quick_drones(tmp_path))
     if run.wait() == 0:
         assert attempt_over(run, "mqttxt").manifest()["shaper"] == "netem"
         return

@@ -10,7 +10,10 @@ from flying import Run, attempt_over
 pytestmark = [
     pytest.mark.e2e,
     pytest.mark.timeout(300),
-    pytest.mark.soak("testbed", "services/mission/src", "compose.yaml", "services/fleet.yaml", "tests/e2e/flying.py"),
+    pytest.mark.soak(
+        *("testbed/cli", "testbed/fly", "testbed/plan/own_missions.py"),
+        *(f"services/mission/src/mission/{name}.py" for name in ("__main__", "own", "steps")),
+    ),
 ]
 
 MISSION = """

@@ -13,7 +13,7 @@ import pytest
 from testbed.fly.containers import PROJECT_LABEL, SERVICE_LABEL, compose_command, is_healthy, services_of
 from testbed.plan.documents import ROOT
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600), pytest.mark.soak("compose.yaml", "services/net/src")]
 PROJECT = "mqttxt-plain"
 HEALTHY_S = 180.0
 

@@ -13,7 +13,7 @@ from sitl.px4.streams import RATES_HZ
 
 pytestmark = [pytest.mark.e2e, pytest.mark.alone, pytest.mark.timeout(600)]
 
-ENDING_BADLY = pytest.mark.soak("testbed", "services", "compose.yaml", "tests/e2e/flying.py")
+ENDING_BADLY = pytest.mark.soak("testbed/cli", "testbed/fly", "services/router/src", "compose.yaml")
 KILL_ROUTER = """
 import os, pathlib, signal
 for found in pathlib.Path('/proc').glob('[0-9]*/cmdline'):

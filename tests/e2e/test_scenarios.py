@@ -35,8 +35,8 @@ FULL_STREAMS = pytest.param(
     marks=[
         pytest.mark.alone,
         pytest.mark.soak(
-            *("services/mission/src", "services/net/src", "services/router/src", "services/sensor/src"),
-            *("testbed/plan/sensors.py", "compose.yaml", "services/fleet.yaml", "tests/e2e/flying.py"),
+            *("services/router/src", "services/sensor/src", "testbed/plan/sensors.py"),
+            *(f"services/mission/src/mission/{name}.py" for name in ("plain_readings", "series")),
         ),
     ],
     id="scenario-4-thesis",

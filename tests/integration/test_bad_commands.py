@@ -204,7 +204,7 @@ def peak_memory_kb(process: Process) -> int:
     raise AssertionError("no VmHWM")
 
 
-@pytest.mark.soak("services/mqttxt/src", "tests/integration/processes.py")
+@pytest.mark.soak("services/mqttxt/src/mqttxt/core")
 @pytest.mark.timeout(400)  # a gigabyte in all, on a machine that has other things to do
 async def test_a_payload_of_256_mb_reaches_no_role(system: System) -> None:
     """The broker takes it; it is told by each role that packets this large are not for it."""

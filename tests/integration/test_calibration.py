@@ -19,7 +19,7 @@ pytestmark = [
     pytest.mark.alone,
     pytest.mark.timeout(120),
     pytest.mark.soak(
-        *("services/net/src", "testbed/fly/calibration", "testbed/plan/profiles", "testbed/plan/fleet.py"),
+        *("services/net/src", "testbed/fly/calibration", "testbed/plan/profiles/resolve.py"),
         *("tests/integration/shaped_link.py", "tests/integration/link_probe.py"),
     ),
 ]

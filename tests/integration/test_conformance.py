@@ -24,10 +24,7 @@ pytestmark = [
     pytest.mark.integration,
     pytest.mark.alone,
     pytest.mark.timeout(240),
-    pytest.mark.soak(
-        *("services/mqttxt/src", "requirements/testbed.txt"),
-        *("tests/integration/broken_roles.py", "tests/integration/processes.py"),
-    ),
+    pytest.mark.soak("services/mqttxt/src", "tests/integration/broken_roles.py"),
 ]
 
 BROKEN = str(Path(__file__).parent / "broken_roles.py")

@@ -22,9 +22,9 @@ pytestmark = [
     pytest.mark.alone,
     pytest.mark.timeout(120),
     pytest.mark.soak(
-        *("services/net/src", "services/sitl/src", "testbed/plan/profiles", "testbed/plan/fleet.py"),
-        *("compose.yaml", "services/fleet.yaml", "tc_profiles/thesis.yaml"),
-        *("tests/bench", "tests/integration/shaped_link.py"),
+        *("services/net/src", "services/sitl/src/sitl/px4/streams.py", "testbed/plan/profiles"),
+        *(f"tests/bench/fit_{name}.py" for name in ("sender", "simulation", "streams")),
+        *("tc_profiles/thesis.yaml", "tests/integration/shaped_link.py"),
     ),
 ]
 SENDER = "/repository/tests/bench/fit_sender.py"

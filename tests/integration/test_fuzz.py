@@ -46,7 +46,7 @@ def test_no_bytes_get_anything_but_a_message_or_a_reason_out_of_the_codecs(tmp_p
 
 
 @pytest.mark.soak(
-    *("services/mqttxt/src", "requirements/testbed.txt"),
+    *(f"services/mqttxt/src/mqttxt/{name}" for name in ("activator", "core", "drone", "protocol", "station")),
     *(f"tests/unit/mqttxt/{name}.py" for name in ("test_fuzz_roles", "strategies", "world")),
 )
 def test_roles_stand_ten_times_as_much(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ pytestmark = [
     pytest.mark.integration,
     pytest.mark.timeout(900),
     pytest.mark.soak(
-        *("services/net/src", "testbed/plan/profiles", "testbed/plan/fleet.py", "testbed/bootstrap/machine.py"),
-        *("services/fleet.yaml", "tc_profiles", "tests/shapers"),
+        *("services/net/src", "testbed/plan/profiles", "testbed/bootstrap/machine.py"),
+        *("tc_profiles", "tests/shapers"),
     ),
 ]
 ROUNDS = rounds()
