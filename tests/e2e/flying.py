@@ -17,10 +17,11 @@ import docker
 import yaml
 
 from lateness import Void
+from quick import FLYING, quick_fleet
 from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
 from testbed.fly.results import Attempt, open_series
 from testbed.plan.documents import ROOT
-from testbed.plan.fleets import FLEET_FILE, standard_fleet
+from testbed.plan.fleets import standard_fleet
 
 BUSY = ("did not keep up", "machine was too busy", "machine that is less busy", "captures dropped packets")
 """What the testbed says of an attempt that is void because of the machine."""
@@ -31,22 +32,9 @@ def containers() -> dict[str, object]:
     return {container.labels[SERVICE_LABEL]: container for container in found}
 
 
-QUICK = {
-    **{"MPC_TKO_RAMP_T": 0.5, "MPC_TKO_SPEED": 5, "MPC_LAND_SPEED": 3, "MPC_LAND_CRWL": 1},
-    **{"MPC_Z_VEL_MAX_UP": 8, "MPC_Z_VEL_MAX_DN": 4, "MPC_Z_V_AUTO_UP": 8, "MPC_Z_V_AUTO_DN": 4},
-    **{"MPC_ACC_HOR": 10, "MPC_ACC_UP_MAX": 10, "MPC_ACC_DOWN_MAX": 10, "MPC_JERK_AUTO": 40},
-    **{"MPC_XY_VEL_MAX": 20, "MPC_XY_CRUISE": 20},
-}
-"""PX4's parameters of drones that fly a scenario in half its time."""
-
-
 def quick_drones(folder: Path) -> dict[str, str]:
-    """The environment in which the fleet's stand-ins have those; what the testbed takes them from is in `folder`."""
-    fleet = yaml.safe_load(FLEET_FILE.read_text())
-    for drone in fleet["drones"].values():
-        drone["parameters"] |= QUICK
-    (folder / "fleet.yaml").write_text(yaml.safe_dump(fleet))
-    mounted = {"volumes": [f"{folder / 'fleet.yaml'}:/opt/services/fleet.yaml:ro"]}
+    """The environment in which the fleet flies quickly; what the testbed makes of it is in `folder`."""
+    mounted = {"volumes": [f"{quick_fleet(folder, FLYING)}:/opt/services/fleet.yaml:ro"]}
     services = {f"sitl{drone}": mounted for drone in standard_fleet().fog_of}
     (folder / "quick.yaml").write_text(yaml.safe_dump({"services": services}))
     return {"AUTOPILOT": str(folder / "quick.yaml")}

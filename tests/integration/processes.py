@@ -18,8 +18,9 @@ from typing import Any, Self
 
 import docker
 
+from quick import LANDING, quick_fleet
+
 ROOT = Path(__file__).resolve().parents[2]
-FLEET_FILE = ROOT / "services" / "fleet.yaml"
 NODE_IMAGE = "mqttxt-testbed/node:latest"
 PATIENCE_S = 30.0
 _WORKER, _WORKERS = (
@@ -275,13 +276,13 @@ class System:
         folder: Path,
         qos: int = 1,
         streams: str = "px4-normal",
-        fleet_file: Path = FLEET_FILE,
+        fleet_file: Path | None = None,
         like: str = "px4",
     ) -> None:
         self.folder = folder
         self.like = like
         self.streams = streams
-        self.fleet_file = fleet_file
+        self.fleet_file = fleet_file or quick_fleet(folder, LANDING)
         self.cloud = Broker(folder, "cloud")
         self.fog = Broker(folder, "fog")
         self.autopilots = {drone: free_port(socket.SOCK_DGRAM) for drone in (1, 2)}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import FLEET_FILE, Process, System, free_port
+from processes import Process, System, free_port
 
 from mission.events import EventLog
 from mission.fleet import MessageFleet, MissionError, Result
@@ -20,6 +20,7 @@ from mission.message_set import COMMANDS, STATES, MessageSet
 from mission.mqttxt_messages import MqttxtMessageFleet
 from mission.side_channel import SideChannel
 from mqttxt.protocol.states import STATES as KNOWN
+from quick import LANDING, quick_fleet
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 COUNT = 2
@@ -34,7 +35,7 @@ def autopilot(tmp_path: Path, streams: str) -> Iterator[int]:
     base = tmp_path / "sitl1"
     files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready", "--control", f"{base}.sock"]
     ends = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{port}", "--streams", streams]
-    sitl = Process(tmp_path, base.name, "sitl", "fly", "--fleet", str(FLEET_FILE), *ends, *files)
+    sitl = Process(tmp_path, base.name, "sitl", "fly", "--fleet", str(quick_fleet(tmp_path, LANDING)), *ends, *files)
     try:
         sitl.start()
         sitl.wait_ready()

@@ -7,6 +7,7 @@ import asyncio
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,16 @@ def fleet(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
     made = System(tmp_path, qos=request.param)
     try:
         yield made.start()
+    finally:
+        made.close()
+
+
+@pytest.fixture
+def silent(tmp_path: Path) -> Iterator[System]:
+    """The same, of which nothing runs: neither a broker nor an activator."""
+    made = System(tmp_path)
+    try:
+        yield made
     finally:
         made.close()
 
@@ -175,8 +186,8 @@ async def test_a_second_activator_of_a_fog_refuses_to_start(system: System) -> N
     assert system.activator.exit_code is None
 
 
-async def test_a_wrong_system_id_is_refused_before_anything_is_connected(system: System) -> None:
-    stranger = system.make_uav(7, system.fog.url, name="stranger", autopilot_port=_second_sitl(system)).start()
+async def test_a_wrong_system_id_is_refused_before_anything_is_connected(silent: System) -> None:
+    stranger = silent.make_uav(7, silent.fog.url, name="stranger", autopilot_port=_second_sitl(silent)).start()
     try:
         assert await asyncio.to_thread(stranger.wait) == 2
     finally:
@@ -184,9 +195,9 @@ async def test_a_wrong_system_id_is_refused_before_anything_is_connected(system:
     assert "has MAVLink system id 1; expected 7" in stranger.log.read_text()
 
 
-async def test_an_unknown_kind_of_autopilot_is_refused_before_anything_is_connected(system: System) -> None:
+async def test_an_unknown_kind_of_autopilot_is_refused_before_anything_is_connected(silent: System) -> None:
     port = free_port(socket.SOCK_DGRAM)
-    stranger = system.make_uav(7, system.fog.url, name="of-no-kind", autopilot_port=port).start()
+    stranger = silent.make_uav(7, silent.fog.url, name="of-no-kind", autopilot_port=port).start()
     codec = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
     heartbeat = mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_UDB, 0, 0, 4, 3).pack(codec)
     try:

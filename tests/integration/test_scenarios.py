@@ -14,7 +14,7 @@ from typing import Any, Self
 import docker
 import pytest
 import yaml
-from processes import FLEET_FILE, NODE_IMAGE, ROOT, Broker, Process, System, eventually, free_port, wait_until
+from processes import NODE_IMAGE, ROOT, Broker, Process, System, eventually, free_port, wait_until
 
 from mission import flight, scenarios
 from mission.events import EventLog
@@ -25,6 +25,7 @@ from mission.options import Options
 from mission.points import all_points
 from mqttxt.protocol.commands import haversine_m
 from mqttxt.protocol.readings import UNITS
+from quick import FLYING, quick_fleet
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 DRONES = (1, 2)
@@ -37,12 +38,8 @@ SHARE = 0.12
 
 @pytest.fixture
 def low_fleet(tmp_path: Path) -> Path:
-    """The fleet, returning at the height that is flown here."""
-    fleet = yaml.safe_load(FLEET_FILE.read_text())
-    fleet["parameters"]["RTL_RETURN_ALT"] = LOW_M
-    path = tmp_path / "fleet.yaml"
-    path.write_text(yaml.safe_dump(fleet))
-    return path
+    """The fleet with quick drones, which return at the height that is flown here."""
+    return quick_fleet(tmp_path, FLYING | {"RTL_RETURN_ALT": LOW_M})
 
 
 @pytest.fixture
