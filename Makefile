@@ -84,7 +84,7 @@ docs: venv ## Make schemas, tables and pictures anew from the code, and the site
 	@$(PYTHON) -m spec.schema services/mqttxt/src/mqttxt/protocol/schemas
 	@$(PYTHON) -m spec.tables docs/protocol.md
 	@$(PYTHON) -m spec.pictures docs/pictures
-	@$(PYTHON) -m spec.options docs/activator.md docs/conformance.md docs/ground-station.md docs/uav-client.md
+	@$(PYTHON) -m spec.options docs/activator.md docs/conformance.md docs/ground-station.md docs/security.md docs/uav-client.md
 	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict > .cache/site.log 2>&1 || (cat .cache/site.log; exit 1)
 	@echo "site: .cache/site/index.html"
 

@@ -98,11 +98,14 @@ class Container:
             self._said_before = self.log.read_bytes()
             container.remove(force=True)
 
+    def signal(self, name: str) -> None:
+        self._container.kill(signal=name)
+
     def stall(self) -> None:
-        self._container.kill(signal="SIGSTOP")
+        self.signal("SIGSTOP")
 
     def go_on(self) -> None:
-        self._container.kill(signal="SIGCONT")
+        self.signal("SIGCONT")
 
     def ended(self) -> int | None:
         """Its exit code, None while it runs."""

@@ -15,7 +15,9 @@ from mqttxt.cli.parameters import parse_command
 from spec import options
 
 ROOT = Path(__file__).resolve().parents[3]
-ROLE_PAGES = [ROOT / "docs" / f"{name}.md" for name in ("activator", "conformance", "ground-station", "uav-client")]
+ROLE_PAGES = [
+    ROOT / "docs" / f"{name}.md" for name in ("activator", "conformance", "ground-station", "security", "uav-client")
+]
 
 
 def test_the_site_builds_strictly_and_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
@@ -61,7 +63,7 @@ def command_lines() -> list[tuple[str, list[str]]]:
         text = page.read_text().replace("\\\n", " ")
         for line in re.findall(r"^(?:ExecStart=\S*/|docker exec -it \S+ )?mqttxt (\w.*)$", text, re.MULTILINE):
             words = shlex.split(line, comments=True)
-            depth = 2 if words[0] in ("gs", "conformance") else 1
+            depth = 2 if words[0] in ("gs", "conformance", "keys") else 1
             found.append(("-".join(words[:depth]), words[depth:]))
     return found
 

@@ -180,7 +180,7 @@ def test_a_fleet_knows_its_own(acme: Authority, tmp_path: Path) -> None:
 
 
 def test_a_certificate_lasts_no_longer_than_its_authority(acme: Authority) -> None:
-    found = Identity.load(acme.issue("drone3", days=20_000)).certificate
+    found = Identity.load(acme.issue("drone3", days=10_957)).certificate
     assert found.not_after_s == acme.fleet.not_after_s
 
 
@@ -382,7 +382,7 @@ def test_what_cannot_be_issued(acme: Authority) -> None:
         (lambda: acme.issue("broker-x", hosts=["a b"]), "host 'a b': expected a DNS name or an address"),
         (lambda: acme.issue("broker-x", hosts=["a..b"]), r"host 'a\.\.b': expected"),
         (lambda: acme.issue("drone4", days=0), "days 0: expected more than 0"),
-        (lambda: acme.issue("drone4", days=1e12), "expected at most 10957"),
+        (lambda: acme.issue("drone4", days=1e12), "at most 10957"),
         (lambda: acme.renew("drone9"), "no such folder"),
         (lambda: acme.revoke("drone9"), "drone9: no certificate in"),
     ]:

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import __version__
-from ..core.address import BrokerAddress, is_host, whole_number
+from ..core.address import BrokerAddress, whole_number
 from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
 from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_prefix
+from .broker import address_of, broker
 from .common import errors_as_lines, run_role, set_up_logging, settings
 from .conformance import conformance_app
 from .gs import gs_app
+from .keys import keys_app
 
 if TYPE_CHECKING:
     from ..activator.process import ActivatorRunner
@@ -33,6 +35,8 @@ app = typer.Typer(
 )
 app.add_typer(gs_app, name="gs")
 app.add_typer(conformance_app, name="conformance")
+app.add_typer(keys_app, name="keys")
+app.command()(broker)
 
 Qos = Annotated[int, typer.Option(help="QoS of commands and results: 0 or 1.")]
 Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")]
@@ -190,11 +194,7 @@ def sensor_options(listen: str | None, elsewhere: str | None, store: Path, limit
 def _embedded(listen: str, option: str = "--listen", instead: str = "--fog-broker") -> EmbeddedBroker:
     from ..core.embedded_broker import EmbeddedBroker
 
-    host, _, port = listen.rpartition(":")
-    number = whole_number(port, 65_535)
-    if not is_host(host) or number is None:
-        raise ConfigurationError(f"{option} {listen!r}: expected HOST:PORT")
-    return EmbeddedBroker(host, number, instead=instead)
+    return EmbeddedBroker(*address_of(listen, option), instead=instead)
 
 
 def _drone_numbers(text: str) -> tuple[int, ...]:

@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 
 from ..errors import ConfigurationError
+from ..security.broker import LIMITS
 
 logger = logging.getLogger("mqttxt.broker")
 
@@ -21,26 +22,7 @@ LONGEST_PAUSE_S = 5.0
 STEADY_S = 10.0
 """A broker that ran this long is started again without a longer pause."""
 
-CONFIGURATION = """\
-# Without persistence on purpose: a retained record of a drone that died with the broker would stay for good.
-persistence false
-listener {port} {host}
-allow_anonymous true
-set_tcp_nodelay true
-max_packet_size 65536
-# A topic for each state of 250 drones and more: one connection, the activator's, may publish them all.
-max_topic_alias 4096
-# The default, 20 unacknowledged messages a connection, would hold back broadcasts on slow links.
-max_inflight_messages 1000
-max_queued_messages 1000
-log_dest stderr
-log_type error
-log_type warning
-log_type notice
-# Among these is the line by which it is known to run.
-log_type information
-connection_messages true
-"""
+CONFIGURATION = LIMITS + "listener {port} {host}\nallow_anonymous true\n"
 RUNNING = " running"
 """How the line ends that Mosquitto 2 says once its listener is open."""
 

@@ -26,13 +26,11 @@ from ..protocol.topics import NAME, NAME_EXPECTED
 from . import files
 from .certificate import Certificate, usage_of
 from .fleet import FLEET_FILE, REVOKED_FILE, Fleet
-from .identity import CERTIFICATE_FILE, KEY_FILE, check_pair, read_key
+from .identity import CERTIFICATE_FILE, KEY_FILE, MEMBERS_FILE, check_pair, read_key
 from .names import Kind, NodeName
 from .rights import FLEET, Rights
 
 AUTHORITY_FILE = "authority.pem"
-MEMBERS_FILE = "members.pem"
-"""In a broker's identity: the fleet's valid certificates, of which its access list is made."""
 ISSUED = "issued"
 AUTHORITY_DAYS = 10_957
 """30 years: an authority is not renewed; a new fleet is made instead."""
@@ -165,13 +163,10 @@ class Authority:
             raise ConfigurationError(f"rights for {node}: expected a station")
         if hosts and node.kind is not Kind.BROKER:
             raise ConfigurationError(f"hosts for {node}: expected a broker")
+        if not 0 < days <= AUTHORITY_DAYS:
+            raise ConfigurationError(f"days {days:g}: expected more than 0 and at most {AUTHORITY_DAYS}")
         start = not_before or datetime.now(UTC) - _BACKDATED
-        try:
-            end = min(start + timedelta(days=days), self.fleet.authority.not_valid_after_utc)
-        except OverflowError as error:
-            raise ConfigurationError(f"days {days:g}: expected at most {AUTHORITY_DAYS}") from error
-        if end <= start:
-            raise ConfigurationError(f"days {days:g}: expected more than 0")
+        end = min(start + timedelta(days=days), self.fleet.authority.not_valid_after_utc)
         key = Ed25519PrivateKey.generate()
         certificate = self._sign(key, node, rights, hosts, start, end)
         folder.mkdir(mode=0o700)

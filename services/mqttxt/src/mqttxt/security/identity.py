@@ -18,6 +18,8 @@ from .trusted_time import TrustedTime
 
 KEY_FILE = "identity.pem"
 CERTIFICATE_FILE = "certificate.pem"
+MEMBERS_FILE = "members.pem"
+"""In a broker's identity: the fleet's valid certificates, of which its access list is made."""
 _WRONG = {
     "other_fleet": "not issued by the authority in fleet.pem; expected a certificate of this fleet",
     "not_yet_valid": "not valid before {not_before}; expected a certificate that is valid now, or another clock",

@@ -1,0 +1,56 @@
+"""`mqttxt broker`: the configuration of a broker of the fleet."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..core.address import is_host, whole_number
+from ..errors import ConfigurationError
+from ..protocol.topics import check_prefix
+from .common import errors_as_lines
+
+
+class BrokerKind(StrEnum):
+    """Whose broker it is."""
+
+    CLOUD = "cloud"
+    FOG = "fog"
+    DRONE = "drone"
+
+
+def broker(
+    kind: Annotated[BrokerKind, typer.Argument(help="Whose broker: the cloud's, a fog's, or a drone's for sensors.")],
+    identity: Annotated[Path, typer.Option(help="The broker's identity, of `mqttxt keys issue broker`.")],
+    out: Annotated[Path, typer.Option(help="The folder for mosquitto.conf and access.acl.")],
+    listen: Annotated[str, typer.Option(help="HOST:PORT at which it is to listen.")] = "0.0.0.0:8883",
+    prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
+) -> None:
+    """Write a complete configuration for Mosquitto 2: mutual TLS 1.3, who may publish and hear what, limits.
+
+    Run it again when somebody was issued or revoked, and send Mosquitto SIGHUP.
+    """
+    from ..security.broker import BrokerFiles
+
+    with errors_as_lines():
+        host, port = address_of(listen, "--listen")
+        files = BrokerFiles(identity, check_prefix(prefix))
+        if files.place.kind != kind:
+            raise ConfigurationError(
+                f"--identity {identity}: {files.identity.name}; expected the identity of a {kind} broker"
+            )
+        if prefix and kind is not BrokerKind.CLOUD:
+            raise ConfigurationError(f"--prefix {prefix!r}: expected at the cloud broker alone")
+        typer.echo(files.write(out, host, port))
+
+
+def address_of(text: str, option: str) -> tuple[str, int]:
+    """A HOST:PORT to listen at; raises ConfigurationError."""
+    host, _, port = text.rpartition(":")
+    number = whole_number(port, 65_535)
+    if not is_host(host) or number is None:
+        raise ConfigurationError(f"{option} {text!r}: expected HOST:PORT")
+    return host, number

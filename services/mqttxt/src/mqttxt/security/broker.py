@@ -1,0 +1,115 @@
+"""A broker of the fleet as files: a Mosquitto configuration with mutual TLS 1.3, and its access list."""
+
+from __future__ import annotations
+
+import contextlib
+import pwd
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import ConfigurationError
+from . import files
+from .access_list import Place, access_list
+from .certificate import Certificate
+from .fleet import FLEET_FILE, REVOKED_FILE
+from .identity import CERTIFICATE_FILE, KEY_FILE, MEMBERS_FILE, Identity
+from .names import Kind
+
+CONFIGURATION_FILE, ACCESS_FILE = "mosquitto.conf", "access.acl"
+TLS_PORT = 8883
+LIMITS = """\
+# Without persistence on purpose: a retained record of a drone that died with the broker would stay for good.
+persistence false
+set_tcp_nodelay true
+max_packet_size 65536
+# A topic for each state of 250 drones and more: one connection, the activator's, may publish them all.
+max_topic_alias 4096
+# The default, 20 unacknowledged messages a connection, would hold back broadcasts on slow links.
+max_inflight_messages 1000
+max_queued_messages 1000
+log_dest stderr
+log_type error
+log_type warning
+log_type notice
+# Among these is the line by which it is known to run.
+log_type information
+connection_messages true
+"""
+"""What every broker of ours has, with identities or without."""
+_CONFIGURATION = """\
+# Made by `mqttxt broker`: make it again instead of changing it.
+{limits}\
+# For one client that takes nothing 16 MB are kept; who is silent for a minute is gone.
+max_queued_bytes 16777216
+max_keepalive 60
+{user}\
+listener {port} {host}
+allow_anonymous false
+require_certificate true
+use_identity_as_username true
+tls_version tlsv1.3
+cafile {fleet}
+certfile {certificate}
+keyfile {key}
+crlfile {revoked}
+acl_file {access}
+"""
+
+
+class BrokerFiles:
+    """What a broker's identity makes of itself in a folder; raises ConfigurationError where it is not a broker's.
+
+    Nothing is copied: the configuration names the identity's own files, so that a renewed list counts at SIGHUP.
+    """
+
+    def __init__(self, folder: Path, prefix: str = "", system: Callable[[], float] = time.time) -> None:
+        self.identity = Identity.load(folder, system)
+        if self.identity.certificate.node.kind is not Kind.BROKER:
+            raise ConfigurationError(f"{folder}: the identity of {self.identity.name}; expected a broker's")
+        self.place = Place.of_broker(self.identity.certificate.node, prefix)
+        self.members()
+
+    def members(self) -> list[Certificate]:
+        """Those who may use the broker: whose certificates are of this fleet, valid now or later, and not revoked."""
+        path = self.identity.folder / MEMBERS_FILE
+        fleet, now_s = self.identity.fleet, self.identity.time.now_s()
+        found = Certificate.all_from_pem(files.read(path), str(path))
+        verdicts = [fleet.verify(each, now_s) for each in found]
+        if "other_fleet" in verdicts:
+            name = found[verdicts.index("other_fleet")].name
+            raise ConfigurationError(f"{path}: {name}: not issued by the authority in {FLEET_FILE}")
+        return [each for each, wrong in zip(found, verdicts, strict=True) if wrong in (None, "not_yet_valid")]
+
+    def write(self, out: Path, host: str, port: int) -> Path:
+        """Write configuration and access list into a folder; returns the configuration's path."""
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(f"{out}: {error.strerror or error}; expected a folder that can be made") from error
+        self.write_access(out)
+        folder = self.identity.folder.resolve()
+        text = _CONFIGURATION.format(
+            limits=LIMITS,
+            user=_user_of(folder / KEY_FILE),
+            host=host,
+            port=port,
+            fleet=folder / FLEET_FILE,
+            certificate=folder / CERTIFICATE_FILE,
+            key=folder / KEY_FILE,
+            revoked=folder / REVOKED_FILE,
+            access=(out / ACCESS_FILE).resolve(),
+        )
+        files.write(out / CONFIGURATION_FILE, text.encode())
+        return out / CONFIGURATION_FILE
+
+    def write_access(self, out: Path) -> None:
+        """Write the access list anew, for the members as they are now."""
+        files.write(out / ACCESS_FILE, access_list(self.place, self.members()).encode())
+
+
+def _user_of(key: Path) -> str:
+    """Mosquitto that was started by root gives up its rights before it reads the key: to who owns that."""
+    with contextlib.suppress(KeyError):
+        return f"user {pwd.getpwuid(key.stat().st_uid).pw_name}\n"
+    return ""

@@ -1,0 +1,154 @@
+"""`mqttxt keys` and `mqttxt broker` as a person types them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from mqttxt.cli.main import app
+from mqttxt.security.identity import Identity
+from mqttxt.security.rights import Rights
+
+THREE_COMMANDS = ("keys", "init", "acme", "--fogs", "1", "--drones", "1-2", "--station", "ops")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MQTTXT_FLEET", raising=False)
+    return tmp_path
+
+
+def typed(*words: str) -> Result:
+    return CliRunner().invoke(app, list(words))
+
+
+def well_typed(*words: str) -> str:
+    done = typed(*words)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_a_small_fleet_in_one_command(here: Path) -> None:
+    said = well_typed(*THREE_COMMANDS)
+    assert "keep acme/authority.pem offline" in said
+    identities = sorted(path.parent.name for path in here.glob("acme/*/identity.pem"))
+    assert identities == ["broker-cloud", "broker-fog1", "drone1", "drone2", "fog1", "gs-ops"]
+    for name in identities:
+        assert well_typed("keys", "check", f"acme/{name}").endswith("of fleet acme: good\n")
+    assert Identity.load(here / "acme/gs-ops").certificate.rights == Rights(None, take_over=True, observe=True)
+
+
+def test_issue_one_by_one(here: Path) -> None:
+    well_typed("keys", "init", "acme")
+    assert well_typed("keys", "issue", "drone", "1-2,9") == "acme/drone1\nacme/drone2\nacme/drone9\n"
+    assert well_typed("keys", "issue", "fog", "1", "--dns", "fog1.example") == "acme/broker-fog1\nacme/fog1\n"
+    assert well_typed("keys", "issue", "broker", "cloud", "--address", "10.0.0.1") == "acme/broker-cloud\n"
+    well_typed("keys", "issue", "station", "ops", "--may", "command", "--drones", "1-2", "--days", "90")
+    assert "command/1-2" in well_typed("keys", "show", "acme/gs-ops")
+    assert len(well_typed("keys", "show").splitlines()) == 7
+
+
+def test_revoke_and_renew(here: Path) -> None:
+    well_typed(*THREE_COMMANDS)
+    well_typed("keys", "renew", "drone1")
+    assert "drone1: 1 revoked; list 2: acme/revoked.pem" in well_typed("keys", "revoke", "drone1", "--old")
+    well_typed("keys", "check", "acme/drone1")
+    assert "drone1: 1 revoked; list 3" in well_typed("keys", "revoke", "drone1")
+    assert "drone1: revoked" in typed("keys", "check", "acme/drone1").output
+    assert well_typed("keys", "show").count("revoked") == 2
+
+
+def test_check_has_a_line_for_each_thing_that_is_wrong(here: Path) -> None:
+    well_typed(*THREE_COMMANDS)
+    folder = here / "acme/broker-fog1"
+    (folder / "identity.pem").write_bytes((here / "acme/fog1/identity.pem").read_bytes())
+    (folder / "revoked.pem").write_bytes(b"none")
+    (folder / "members.pem").unlink()
+    done = typed("keys", "check", "acme/broker-fog1")
+    assert done.exit_code == 2
+    assert [line.partition(": ")[2].partition(": ")[0] for line in done.output.splitlines()] == [
+        "acme/broker-fog1/revoked.pem",
+        "acme/broker-fog1/identity.pem",
+    ]
+    (folder / "revoked.pem").write_bytes((here / "acme/revoked.pem").read_bytes())
+    assert "not the key of certificate.pem (broker-fog1)" in typed("keys", "check", "acme/broker-fog1").output
+    well_typed("keys", "renew", "broker-fog1")
+    (folder / "members.pem").unlink()
+    assert "members.pem: No such file" in typed("keys", "check", "acme/broker-fog1").output
+
+
+def test_the_configuration_names_the_identitys_files(here: Path) -> None:
+    well_typed(*THREE_COMMANDS)
+    path = well_typed(
+        "broker", "cloud", "--identity", "acme/broker-cloud", "--out", "out", "--listen", "127.0.0.1:8890"
+    )
+    text = Path(path.strip()).read_text()
+    for line in (
+        "listener 8890 127.0.0.1",
+        "allow_anonymous false",
+        "require_certificate true",
+        "use_identity_as_username true",
+        "tls_version tlsv1.3",
+        f"crlfile {here}/acme/broker-cloud/revoked.pem",
+        f"acl_file {here}/out/access.acl",
+    ):
+        assert line in text.splitlines()
+    access = (here / "out/access.acl").read_text()
+    assert "user fog1\n" in access
+    assert "user drone1\n" not in access
+    well_typed("keys", "revoke", "gs-ops")
+    well_typed("broker", "cloud", "--identity", "acme/broker-cloud", "--out", "out")
+    assert "user gs-ops\n" in access
+    assert "user gs-ops\n" not in (here / "out/access.acl").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("keys init a/b", "fleet name 'a/b': expected 1 to 64"),
+        ("keys init acme", "acme: File exists; expected a new folder"),
+        ("keys init other --drones 251", "drone: '251': expected numbers from 1 to 250"),
+        ("keys issue drone x", "drone: 'x': expected numbers"),
+        ("keys issue drone 1", "acme/drone1: is there; expected a node that has no identity yet"),
+        ("keys issue drone 3 --may command", "drone: expected --may and --drones for stations alone"),
+        ("keys issue drone 3 --dns a.example", "drone 3: expected --dns and --address for fogs and brokers alone"),
+        ("keys issue drone 3 --days 0", "days 0: expected more than 0"),
+        ("keys issue drone 3 --days nan", "days nan: expected"),
+        ("keys issue station x", "station: expected --may command, --may take-over or --may observe"),
+        ("keys issue station x --may command", "--may command: expected --drones beside it"),
+        ("keys issue station x --may command --drones 0", "--drones: '0': expected numbers from 1 to 250"),
+        ("keys issue station a/b --may observe", "node name 'gs-a/b': expected"),
+        ("keys issue broker moon", "node name 'moon': expected"),
+        ("keys issue broker sensor1", "broker-sensor1: expected broker-cloud, broker-fogX or broker-droneY"),
+        ("keys revoke drone9", "drone9: no certificate in acme/issued"),
+        ("keys renew drone9", "acme/drone9: no such folder"),
+        ("keys revoke drone1 --fleet nowhere", "nowhere: no authority.pem"),
+        ("keys show nowhere", "nowhere: No such file or directory"),
+        ("keys check nowhere", "identity nowhere: no such folder"),
+        ("broker fog --identity acme/drone1 --out out", "acme/drone1: the identity of drone1; expected a broker's"),
+        ("broker fog --identity acme/broker-cloud --out out", "expected the identity of a fog broker"),
+        ("broker cloud --identity acme/broker-cloud --out acme/fleet.pem", "expected a folder that can be made"),
+        ("broker cloud --identity acme/broker-cloud --out out --listen x", "--listen 'x': expected HOST:PORT"),
+        ("broker fog --identity acme/broker-fog1 --out out --prefix a", "--prefix 'a': expected at the cloud broker"),
+        ("broker cloud --identity acme/broker-cloud --out out --prefix +", "topic prefix '+'"),
+    ],
+)
+def test_bad_input_is_one_line(here: Path, words: str, said: str) -> None:
+    well_typed(*THREE_COMMANDS)
+    before = sorted(os.walk(here))
+    done = typed(*words.split())
+    assert done.exit_code == 2, done.output
+    assert said in done.output
+    assert done.output.count("\n") == 1
+    assert sorted(os.walk(here)) == before
+
+
+def test_two_fleets_need_a_choice(here: Path) -> None:
+    well_typed("keys", "init", "one")
+    well_typed("keys", "init", "two")
+    assert "--fleet: 2 fleets in this folder" in typed("keys", "issue", "drone", "1").output
+    assert well_typed("keys", "issue", "drone", "1", "--fleet", "two") == "two/drone1\n"
