@@ -108,9 +108,9 @@ def expected(broker: str, node: str, topic: Topic) -> tuple[bool, bool]:
 
 
 def _both(row: TopicRow, owns: list[bool]) -> tuple[bool, bool]:
-    """Who owns a retained topic hears it too (R9.1)."""
+    """Who owns a retained topic hears it too (R9.1), and an activator its own beacon (R9.6)."""
     publish, hear = owns
-    return publish, hear or (publish and row.retained)
+    return publish, hear or (publish and (row.retained or row.topic == "fogX/clock"))
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from ..errors import ConfigurationError
-from ..protocol.messages import CommandMessage
+from ..protocol.messages import BeaconMessage, CommandMessage
 from ..protocol.rankings import SelectMessage
 from ..protocol.topic_table import (
     ACTIVATOR,
@@ -89,10 +89,14 @@ def entries(place: Place, node: NodeName, rights: Rights, fogs: Iterable[NodeNam
     found: dict[str, Entry] = {}
     for row in place.rows:
         publish, hear = row.sender in names, row.receiver in names
-        # Who owns a retained topic watches it (R9.1).
         for topic in _filters(row, node, rights, fogs) if publish or hear else ():
-            found[topic] = Entry(place.prefix + topic, publish, hear or row.retained)
+            found[topic] = Entry(place.prefix + topic, publish, hear or _is_watched(row))
     return list(found.values())
+
+
+def _is_watched(row: TopicRow) -> bool:
+    """Whether its sender hears it too: what it retains (R9.1), and an activator its beacon (R9.6)."""
+    return row.retained or (row.sender == ACTIVATOR and row.payload is BeaconMessage)
 
 
 def access_list(place: Place, members: Iterable[Certificate]) -> str:
