@@ -16,7 +16,8 @@ from ..fly.containers import only_run
 from ..fly.flights import settings_of
 from ..fly.progress import ConsoleProgress
 from ..fly.results import Series
-from ..fly.runner import Begun, Ended, Interrupted, run_series, signals_interrupt
+from ..fly.runner import Begun, Interrupted, run_series, signals_interrupt
+from ..fly.validity import Verdict
 from ..plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, PROTOCOLS, Plan
 from ..plan.profiles.run_plan import SHAPERS
 from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker
@@ -47,7 +48,7 @@ def fly_everything(
     only_run()
     console = make_console()
 
-    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Ended]:
+    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
         with reported_without_docker(series, console):
             return run_series(plan, series, ConsoleProgress(console), begun=begun)
 

@@ -91,17 +91,9 @@ def _newest_log(folder: Path) -> Path:
     return logs[-1]
 
 
-def disagreement(found: dict[str, Comparison]) -> str | None:
-    """What makes an attempt void, of the first drone of which something does."""
-    return next((f"{node}: {one.off}" for node, one in found.items() if one.off is not None), None)
-
-
-def void_reason(attempt: Attempt) -> str | None:
-    """As `disagreement`, and where logs cannot be compared, why not."""
-    try:
-        return disagreement(compare_flights(attempt))
-    except ResultsError as error:
-        return str(error)
+def against(attempt: Attempt) -> str | None:
+    """What flight logs say against the events, of the first drone of which one does. Raises as `compare_flights`."""
+    return next((f"{node}: {one.off}" for node, one in compare_flights(attempt).items() if one.off is not None), None)
 
 
 def simulation_reason(attempt: Attempt) -> str | None:

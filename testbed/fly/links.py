@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import ResultsError
 from ..plan.experiments import Plan
 from ..plan.profiles.resolve import Plan as LinkPlan
 from ..plan.profiles.resolve import resolve
@@ -65,29 +64,21 @@ def write_calibration(folder: Path, calibration: Calibration) -> dict[str, Any]:
     return found
 
 
-def void_reason(folder: Path, links: LinkPlan) -> str | None:
-    """As `off_reason`, and where that cannot be told, why not."""
-    try:
-        return off_reason(folder, links)
-    except ResultsError as error:
-        return f"what the links did cannot be read: {error}"
-
-
-def off_reason(folder: Path, links: LinkPlan) -> str | None:
-    """Why the links of a flown attempt were not those of its plan; None when they were, or none was shaped.
+def off_lines(folder: Path, links: LinkPlan) -> tuple[str, ...]:
+    """How the links of a flight differed from its plan, a line each; empty when they did not, or none was shaped.
 
     The shaper kept up, and what it lost at random is what the plan says, as far as chance allows; it is kept beside
-    what the probes found. Raises ResultsError where a file that tells it is missing or damaged.
+    what the probes measured. Raises ResultsError where a file that tells it is missing or damaged.
     """
     if read_shaper(folder)["shaper"] == "none":
-        return None
+        return ()
     counters = read_counters(folder)
     changes = read_json_lines(folder / LINKS_EVENTS, frozenset({"t_ns"}))
     by_hand = {event["link"] for event in changes if event.get("cause") == "hand"}
     losses = measure_losses(links, counters, by_hand)
     _keep_losses(folder, losses)
-    void: str | None = counters["void"]
-    return void or "; ".join(loss.off for loss in losses if loss.off is not None) or None
+    lines = (counters["void"], *(loss.off for loss in losses))
+    return tuple(line for line in lines if line is not None)
 
 
 def _keep_losses(folder: Path, losses: Sequence[Loss]) -> None:

@@ -15,8 +15,9 @@ from ..plan.sensors import gates_of
 from .flights import settings_of
 from .links import plan_links
 from .manifest import configuration_of, revision
-from .results import CUT_OFF, INTERRUPTED, LINKS, LINKS_PLAN, METRICS, Attempt, Series, read_json, write_json
-from .runner import MOST_REPEATS, Begun, Ended, void_together
+from .results import LINKS, LINKS_PLAN, METRICS, Attempt, Series, read_json, write_json
+from .runner import MOST_REPEATS, Begun, write_paired
+from .validity import CUT_OFF, NOT_ENDED, Verdict, as_measured, written
 
 _LAST_REPEAT = 9
 """A repeat's folder has one digit."""
@@ -31,19 +32,19 @@ def begun_of(series: Series, plan: Plan) -> dict[int, Begun]:
     made_void = _made_void(series)
     found = {}
     for number in range(1, plan.attempts + 1):
-        left, at, flown = MOST_REPEATS + 1, 0, dict[Attempt, Ended]()
+        left, at, flown = MOST_REPEATS + 1, 0, dict[Attempt, Verdict]()
         for repeat, attempts in _repeats(series, plan, number):
             endings = {attempt: _ending(attempt, made_void) for attempt in attempts}
             flown = {attempt: ended for attempt, ended in endings.items() if ended is not None}
             at = repeat
             if _was_cut(endings):
                 flown, at = {}, repeat + 1
-            elif any(ended.status == "void" for ended in flown.values()):
+            elif any(verdict.is_void for verdict in flown.values()):
                 left -= 1
                 at = repeat + 1
         left = min(left, _LAST_REPEAT + 1 - at)
         if flown or at:
-            void = any(ended.status == "void" for ended in flown.values())
+            void = any(verdict.is_void for verdict in flown.values())
             found[number] = Begun(at, flown if left == 0 or not void else {}, left)
     return found
 
@@ -57,7 +58,7 @@ def next_number(begun: dict[int, Begun], plan: Plan) -> int | None:
 def given_up(begun: dict[int, Begun]) -> dict[int, str]:
     """The numbers that were void as often as they may be repeated, and why they were so at last."""
     return {
-        number: next((str(ended.reason) for ended in one.flown.values() if ended.status == "void"), CUT_OFF)
+        number: next((str(verdict.reason) for verdict in one.flown.values() if verdict.is_void), CUT_OFF)
         for number, one in begun.items()
         if one.left == 0
     }
@@ -136,8 +137,8 @@ def settle(series: Series, plan: Plan) -> None:
             for attempt, ended in endings.items():
                 path = attempt.path / "manifest.json"
                 if ended is None and path.exists():
-                    write_json(path, read_json(path) | {"status": "void", "reason": CUT_OFF})
-            void_together({attempt: ended or Ended("void", CUT_OFF) for attempt, ended in endings.items()})
+                    write_json(path, read_json(path) | NOT_ENDED.to_data())
+            write_paired({attempt: ended or NOT_ENDED for attempt, ended in endings.items()})
 
 
 def is_measured(series: Series) -> bool:
@@ -164,30 +165,29 @@ def _repeats(series: Series, plan: Plan, number: int) -> Iterator[tuple[int, lis
         yield repeat, list(attempts)
 
 
-def _ending(attempt: Attempt, made_void: dict[tuple[str, int, int], str]) -> Ended | None:
+def _ending(attempt: Attempt, made_void: dict[tuple[str, int, int], Verdict]) -> Verdict | None:
     """How an attempt ended; None for one that was cut off, or that does not say."""
     try:
-        manifest = attempt.manifest()
+        verdict = written(attempt.manifest())
     except ResultsError:
         return None
-    if manifest["status"] == "failed" and manifest["reason"] in (CUT_OFF, INTERRUPTED):
+    if verdict.was_cut and not verdict.is_void:
         return None
-    void = made_void.get((attempt.protocol, attempt.number, attempt.repeat))
-    return Ended("void", void) if void is not None else Ended(manifest["status"], manifest["reason"])
+    return made_void.get((attempt.protocol, attempt.number, attempt.repeat), verdict)
 
 
-def _was_cut(endings: dict[Attempt, Ended | None]) -> bool:
-    return any(ended is None or (ended.status == "void" and ended.reason == CUT_OFF) for ended in endings.values())
+def _was_cut(endings: dict[Attempt, Verdict | None]) -> bool:
+    return any(ended is None or ended.was_cut for ended in endings.values())
 
 
-def _made_void(series: Series) -> dict[tuple[str, int, int], str]:
+def _made_void(series: Series) -> dict[tuple[str, int, int], Verdict]:
     """What was flown well, by its manifest, and was found void when it was measured."""
     try:
         sides: dict[str, Any] = read_json(series.path / METRICS)["protocols"]
     except (ResultsError, KeyError):
         return {}
     return {
-        (protocol, void["attempt"], void.get("repeat", 0)): void["reason"]
+        (protocol, void["attempt"], void.get("repeat", 0)): as_measured(void)
         for protocol, side in sides.items()
         for void in side["void"]
     }

@@ -9,26 +9,26 @@ import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
-from ..errors import DockerError, FleetError, ProbesLate, ResultsError, TestbedError, UserError
+from ..errors import DockerError, FleetError, ProbesLate, TestbedError, UserError
 from ..plan.experiments import Plan
 from ..plan.profiles.resolve import Plan as LinkPlan
 from ..plan.profiles.run_plan import Gate
 from ..plan.sensors import closed_links, gates_of
-from . import flight_logs
 from . import links as link_files
 from .calibration import calibrate
 from .containers import Containers, Usage, start_network
 from .flights import limit_s_of, mission_command, profile_of, remove_sockets, settings_of
 from .manifest import describe, mosquitto_version
+from .observations import observe
 from .quiet import LEAST_IDLE, LIMIT_S, Waited, wait_for_quiet
-from .results import INTERRUPTED, Attempt, Series, new_attempt, point_latest, read_json, write_json
-from .validity import void_reason, with_failure
+from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
+from .validity import INTERRUPTED, Observed, Verdict, judge, paired
 
-MISSION_OVER = {0: "completed", 1: "failed"}
-BAD_INPUT = 2
+COMPLETED_CODE, FAILED_CODE, BAD_INPUT = 0, 1, 2
+"""What the mission's process ends with."""
 MOST_REPEATS = 2
 """How often the attempts of a number are flown again, because one of them was void."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
@@ -44,14 +44,6 @@ class Progress(Protocol):
 
 
 @dataclass(frozen=True)
-class Ended:
-    """How an attempt ended."""
-
-    status: str
-    reason: str | None = None
-
-
-@dataclass(frozen=True)
 class Begun:
     """What there is of a number's attempts: with which repeat to go on, what of it was flown and how it ended.
 
@@ -59,7 +51,7 @@ class Begun:
     """
 
     repeat: int = 0
-    flown: Mapping[Attempt, Ended] = field(default_factory=dict)
+    flown: Mapping[Attempt, Verdict] = field(default_factory=dict)
     left: int = MOST_REPEATS + 1
 
 
@@ -79,7 +71,7 @@ def run_series(
     progress: Progress,
     make_containers: Callable[..., Containers] = Containers,
     begun: Mapping[int, Begun] | None = None,
-) -> list[Ended]:
+) -> list[Verdict]:
     """Fly every attempt of a plan, over one protocol after the other; who is first alternates.
 
     Both attempts of a number met the same links, or neither counts: with one of them the other is void, and both are
@@ -88,7 +80,7 @@ def run_series(
     `begun` is what there is of a series that was broken off, by number. Returns how each number's attempts ended at
     last, in the order in which they were flown.
     """
-    endings: list[Ended] = []
+    endings: list[Verdict] = []
     with signals_interrupt(f"what was captured is kept in {series.path}"):
         for number in range(1, plan.attempts + 1):
             there = (begun or {}).get(number, Begun())
@@ -104,10 +96,10 @@ def run_series(
                         flown[attempt] = _fly(plan, attempt, progress, make_containers, waited)
                     progress.ended(flown[attempt].status, flown[attempt].reason)
                     point_latest(series)
-                    if flown[attempt].status == "void":
+                    if flown[attempt].is_void:
                         break
-                void_together(flown)
-                if all(ended.status != "void" for ended in flown.values()):
+                flown = write_paired(flown)
+                if not any(verdict.is_void for verdict in flown.values()):
                     break
             endings += flown.values()
     return endings
@@ -129,17 +121,14 @@ def _disk_errors_named(attempt: Attempt) -> Iterator[None]:
         ) from error
 
 
-def void_together(flown: dict[Attempt, Ended]) -> None:
-    """Where one attempt of a number is void, the others are, in their manifests too."""
-    void = next((attempt for attempt, ended in flown.items() if ended.status == "void"), None)
-    if void is None:
-        return
-    for attempt, ended in flown.items():
-        if ended.status != "void":
-            reason = with_failure(f"{void.protocol} was void in the same attempt", ended.status, ended.reason)
-            flown[attempt] = Ended("void", reason)
+def write_paired(flown: Mapping[Attempt, Verdict]) -> dict[Attempt, Verdict]:
+    """The verdicts of a number's attempts held together, in their manifests too."""
+    found = paired(flown)
+    for attempt, verdict in found.items():
+        if verdict != flown[attempt]:
             path = attempt.path / "manifest.json"
-            write_json(path, read_json(path) | {"status": "void", "reason": flown[attempt].reason})
+            write_json(path, read_json(path) | verdict.to_data())
+    return found
 
 
 def _fly(
@@ -148,7 +137,7 @@ def _fly(
     progress: Progress,
     make_containers: Callable[..., Containers],
     waited: Waited | None,
-) -> Ended:
+) -> Verdict:
     settings = settings_of(plan, attempt.protocol)
     if plan.mission is not None:
         shutil.copyfile(plan.mission, attempt.path / plan.mission.name)
@@ -160,46 +149,34 @@ def _fly(
     if waited is not None:
         manifest["host"] |= {"waited_s": waited.seconds, "idle": waited.idle}
     write_json(attempt.path / "manifest.json", manifest)
-    ended, begun_s = Ended("failed", INTERRUPTED), time.monotonic()
+    failure: str | None = INTERRUPTED
+    off_before, begun_s = None, time.monotonic()
     try:
         containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings, plan.fleet)
         with _fleet_up(containers, attempt, manifest, links, gates, progress):
             command = mission_command(plan, attempt.protocol)
-            ended = _mission(command, limit_s_of(plan), containers, attempt, progress)
-        if ended.status == "failed":
-            ended = _held_to_its_conditions(ended, attempt, links)
+            failure = _mission(command, limit_s_of(plan), containers, attempt, progress)
     except Interrupted:
         raise
     except (LinksOff, ProbesLate) as error:
-        ended = Ended("void", str(error))
+        off_before = str(error)
     except (TestbedError, OSError) as error:
-        ended = Ended("failed", str(error))
+        failure = str(error)
         fleets_own = isinstance(error, FleetError)
         if not (fleets_own or (isinstance(error, DockerError) and attempt.was_flown)):
             raise
     finally:
         manifest["captures"] = attempt.captures()
-        nodes = [node["name"] for node in manifest["topology"]["nodes"]]
-        if ended.status == "completed":
-            reason = void_reason(manifest["captures"], nodes) or link_files.void_reason(folder, links)
-            reason = reason or flight_logs.void_reason(attempt)
-            ended = Ended("void", reason) if reason is not None else ended
-        manifest |= {"status": ended.status, "reason": ended.reason, "took_s": round(time.monotonic() - begun_s, 1)}
+        seen = (
+            Observed(failure, off_before)
+            if off_before is not None
+            else observe(attempt, manifest, failure, lambda: link_files.off_lines(folder, links))
+        )
+        verdict = judge(seen)
+        manifest |= {**verdict.to_data(), "observed": asdict(seen), "took_s": round(time.monotonic() - begun_s, 1)}
         manifest["host"]["load_after"] = os.getloadavg()[0]
         write_json(attempt.path / "manifest.json", manifest)
-    return ended
-
-
-def _held_to_its_conditions(failed: Ended, attempt: Attempt, links: LinkPlan) -> Ended:
-    """A mission that failed on other links than planned, or with autopilots that were slowed down, is void.
-
-    The failure may be theirs; its own words stay.
-    """
-    try:
-        reason = link_files.off_reason(attempt.path / "links", links) or flight_logs.simulation_reason(attempt)
-    except ResultsError:
-        return failed
-    return failed if reason is None else Ended("void", with_failure(reason, failed.status, failed.reason))
+    return verdict
 
 
 @contextlib.contextmanager
@@ -244,8 +221,10 @@ def _fleet_up(
             manifest["memory_bytes"] = {service: count for service, count in memory.items() if count is not None}
 
 
-def _mission(command: list[str], limit_s: float, containers: Containers, attempt: Attempt, progress: Progress) -> Ended:
-    """Fly it; what it prints beside its progress is in logs/mission.log."""
+def _mission(
+    command: list[str], limit_s: float, containers: Containers, attempt: Attempt, progress: Progress
+) -> str | None:
+    """Fly it; what it prints beside its progress is in logs/mission.log. Returns why it was not completed, or None."""
     lines = containers.execute("gs", command, limit_s=limit_s)
     said = last = ""
     with (attempt.path / "logs" / "mission.log").open("w", encoding="utf-8") as log:
@@ -265,9 +244,11 @@ def _mission(command: list[str], limit_s: float, containers: Containers, attempt
                 said = line.removeprefix("mission: ")
     if code == BAD_INPUT:
         raise UserError(f"the mission could not be flown: {said or last}")
-    if code in MISSION_OVER and (said or code == 0):
-        return Ended(MISSION_OVER[code], said or None)
-    return Ended("failed", f"the mission's process ended with exit code {code}" + (f": {said or last}" if last else ""))
+    if code == COMPLETED_CODE:
+        return None
+    if code == FAILED_CODE and said:
+        return said
+    return f"the mission's process ended with exit code {code}" + (f": {said or last}" if last else "")
 
 
 def _progress_line(line: str) -> dict[str, Any] | None:

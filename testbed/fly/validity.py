@@ -1,45 +1,157 @@
-"""Whether the numbers of an attempt can stand: every capture whole, every event there that they are made from."""
+"""What counts: the one place where an attempt is judged completed, failed or void.
+
+`observations` looks at a flight's folder once, after its containers have ended; `judge` makes a verdict of what was
+observed, `paired` holds the attempts of a number together. The run writes both into the attempt's manifest. Whoever
+comes after (repeats, metrics, reports) reads the verdict there.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from .results import Attempt
 
-
-def void_reason(captures: list[dict[str, Any]], nodes: list[str]) -> str | None:
-    """Why a completed attempt proves nothing: a capture is missing, or dropped packets; None when it is sound."""
-    missing = sorted(set(nodes) - {capture["node"] for capture in captures})
-    if missing:
-        return f"no capture at {', '.join(missing)}"
-    dropped = [f"{c['node']} {'?' if c['dropped'] is None else c['dropped']}" for c in captures if c["dropped"] != 0]
-    return f"captures dropped packets: {', '.join(dropped)}" if dropped else None
+COMPLETED, FAILED, VOID = "completed", "failed", "void"
+RUNNING = "running"
+"""A manifest's status until its attempt is judged."""
+CUT_OFF, INTERRUPTED = "the run was cut off", "interrupted"
 
 
-def unsound_reason(attempt: Attempt, manifest: dict[str, Any], events: list[dict[str, Any]]) -> str | None:
-    """What is missing for the numbers of a completed attempt; None when everything is there.
+@dataclass(frozen=True)
+class Observed:
+    """What a flight left behind, as far as it bears on the verdict. The defaults are those of a flight without fault.
 
-    A failed attempt is never void: it stays in the table with what there is.
+    failure: why the mission was not completed, in its own words; None when it was.
+    off_before: why nothing was flown: how the probed links differ from the profile, or why they could not be probed.
+    off_links: how the links of the flight differ from the plan, a line each: the shaper's lateness, random losses.
+    flights: what the autopilots' records say against the flight: a slow clock, sensors that stood still, a flight log
+        with other events.
+    uncaptured: the nodes without a capture.
+    dropped: packets that captures dropped, by node, without those that dropped none; None where one does not say.
+    has_end: whether the mission's events have its end.
+    silent: the drones without an event of disarming.
+    set_back: the file in which the clock was set back the furthest, and by how many seconds.
+    unreadable: files that decide one of these and cannot be read, with the reason.
     """
-    nodes = [node["name"] for node in manifest["topology"]["nodes"]]
-    captured = [c for c in attempt.captures() if (attempt.path / "pcap" / f"{c['node']}.pcap").exists()]
-    reason = void_reason(captured, nodes)
-    if reason is not None:
-        return reason
-    if not any(event["event"] == "mission_end" for event in events):
-        return "events.jsonl does not have the mission's end"
-    logs = attempt.autopilot_events()
-    flown = [f"uav{drone}" for event in events if event["event"] == "mission_start" for drone in event["drones"]]
-    silent = [node for node in flown if not any(event["event"] == "disarmed" for event in logs.get(node, []))]
-    return f"no autopilot's own word of disarming: {', '.join(silent)}" if silent else None
+
+    failure: str | None = None
+    off_before: str | None = None
+    off_links: tuple[str, ...] = ()
+    flights: tuple[str, ...] = ()
+    uncaptured: tuple[str, ...] = ()
+    dropped: Mapping[str, int | None] = field(default_factory=dict)
+    has_end: bool = True
+    silent: tuple[str, ...] = ()
+    set_back: tuple[str, float] | None = None
+    unreadable: tuple[str, ...] = ()
 
 
-def common_revision(manifests: list[dict[str, Any]]) -> str | None:
-    """The commit at which every attempt was flown; None where there is not one."""
-    commits = {manifest["revision"].get("commit") for manifest in manifests}
-    return commits.pop() if len(commits) == 1 else None
+@dataclass(frozen=True)
+class Verdict:
+    """`status` is completed, failed or void; `failure` is how the mission of a void attempt had failed, if it had."""
+
+    status: str
+    reasons: tuple[str, ...] = ()
+    failure: str | None = None
+
+    @property
+    def reason(self) -> str | None:
+        """The reasons in one line; None for a completed attempt."""
+        failure = () if self.failure is None else (f"this one had failed: {self.failure}",)
+        return "; ".join((*self.reasons, *failure)) or None
+
+    @property
+    def is_void(self) -> bool:
+        return self.status == VOID
+
+    @property
+    def was_cut(self) -> bool:
+        """Whether the run ended before the attempt did: it is flown again, and is none of a number's repeats."""
+        return self.status != COMPLETED and self.reasons in ((CUT_OFF,), (INTERRUPTED,))
+
+    def to_data(self) -> dict[str, Any]:
+        """As a manifest has it."""
+        return {"status": self.status, "reason": self.reason}
 
 
-def with_failure(reason: str, status: str, failure: str | None) -> str:
-    """Why an attempt is void; where it had failed as well, that too."""
-    return f"{reason}; this one had failed: {failure}" if status == "failed" else reason
+NOT_ENDED = Verdict(VOID, (CUT_OFF,))
+"""Of an attempt that was cut off, once its series goes on without it."""
+
+
+def written(manifest: Mapping[str, Any]) -> Verdict:
+    """The verdict that a manifest has; of one that nobody was left to complete, that its run was cut off."""
+    if manifest["status"] == RUNNING:
+        return Verdict(FAILED, (CUT_OFF,))
+    return Verdict(manifest["status"], () if manifest["reason"] is None else (manifest["reason"],))
+
+
+def as_measured(void: Mapping[str, Any]) -> Verdict:
+    """The verdict of a void attempt, as metrics.json has it."""
+    return Verdict(VOID, (void["reason"],))
+
+
+def unread(reason: str) -> Verdict:
+    """The verdict of an attempt whose manifest cannot be read."""
+    return Verdict(VOID, (reason,))
+
+
+def judge(seen: Observed) -> Verdict:
+    """The verdict of a flight.
+
+    Links that are not as planned, and autopilots that were slowed down, make any attempt void: where its mission
+    failed, they may be the cause. Whatever else its numbers need makes only a completed attempt void: a failed one
+    stays in the tables with the numbers that it has.
+    """
+    if seen.off_before is not None:
+        return Verdict(VOID, (seen.off_before,))
+    conditions = (*seen.off_links, *seen.flights)
+    if seen.failure is not None:
+        was_ended = seen.failure in (CUT_OFF, INTERRUPTED)
+        return (
+            Verdict(VOID, conditions, seen.failure)
+            if conditions and not was_ended
+            else Verdict(FAILED, (seen.failure,))
+        )
+    reasons = (*_of_captures(seen), *conditions, *_of_events(seen), *seen.unreadable)
+    return Verdict(VOID, reasons) if reasons else Verdict(COMPLETED)
+
+
+def paired(verdicts: Mapping[Attempt, Verdict]) -> dict[Attempt, Verdict]:
+    """The same, with every attempt void whose other protocol's attempt of the same number and repeat is void."""
+    found = {}
+    for attempt, verdict in verdicts.items():
+        void = next((other for other in verdicts if _are_paired(attempt, other) and verdicts[other].is_void), None)
+        if void is not None and not verdict.is_void:
+            failure = verdict.reason if verdict.status == FAILED else None
+            verdict = Verdict(VOID, (f"{void.protocol} was void in the same attempt",), failure)
+        found[attempt] = verdict
+    return found
+
+
+def unmeasured(verdict: Verdict, reason: str) -> Verdict:
+    """The verdict of an attempt whose files cannot be measured any more: without numbers a completed one is void."""
+    return Verdict(VOID, (reason,)) if verdict.status == COMPLETED else verdict
+
+
+def _are_paired(one: Attempt, other: Attempt) -> bool:
+    return (one.number, one.repeat) == (other.number, other.repeat) and one.protocol != other.protocol
+
+
+def _of_captures(seen: Observed) -> list[str]:
+    dropped = [f"{node} {'?' if count is None else count}" for node, count in seen.dropped.items()]
+    return [
+        *([f"no capture at {', '.join(seen.uncaptured)}"] if seen.uncaptured else []),
+        *([f"captures dropped packets: {', '.join(dropped)}"] if dropped else []),
+    ]
+
+
+def _of_events(seen: Observed) -> list[str]:
+    reasons = [] if seen.has_end else ["events.jsonl does not have the mission's end"]
+    if seen.silent:
+        reasons.append(f"no autopilot's own word of disarming: {', '.join(seen.silent)}")
+    if seen.set_back is not None:
+        file, seconds = seen.set_back
+        reasons.append(f"the clock was set back by {seconds:.3f} s during the attempt ({file})")
+    return reasons

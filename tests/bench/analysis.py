@@ -19,6 +19,7 @@ from typing import Any
 from scapy.layers.l2 import Ether
 from scapy.utils import RawPcapReader
 
+from testbed.fly.observations import verdict_of
 from testbed.fly.results import Attempt, Series
 from testbed.numbers.dissect import mavlink, mqtt5
 from testbed.numbers.metrics.attempt import measure_attempt
@@ -121,7 +122,8 @@ def analyse(attempt: Attempt) -> Analysed:
     del built, on_links
     load(attempt)  # what the metrics are made from is kept from here on
     wall = time.perf_counter()
-    measure_attempt(attempt, attempt.manifest())
+    manifest = attempt.manifest()
+    measure_attempt(attempt, manifest, verdict_of(attempt, manifest))
     metrics_s = time.perf_counter() - wall
     return Analysed(records, frames, attempt_s, table_cpu_s, table_s, metrics_s, idle / _MIB, _most_kib() / _MIB)
 

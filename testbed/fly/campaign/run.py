@@ -15,10 +15,11 @@ from ...plan.experiments import Plan
 from ...plan.overrides import suffix
 from ..results import Series, new_series, series_folder
 from ..resume import begun_of, given_up, has_amount, has_fleet, is_measured, next_number, otherwise, settle, to_fly
-from ..runner import Begun, Ended
+from ..runner import Begun
+from ..validity import Verdict
 from .estimate import Durations, in_words
 
-Fly = Callable[[Plan, Series, dict[int, Begun]], list[Ended]]
+Fly = Callable[[Plan, Series, dict[int, Begun]], list[Verdict]]
 """Flies what is left of a plan's series."""
 Report = Callable[[Path], object]
 """Measures a series and writes its report, from its folder alone."""

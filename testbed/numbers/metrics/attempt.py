@@ -7,16 +7,18 @@ from typing import Any
 
 import polars as pl
 
+from ...errors import ResultsError
 from ...fly import flight_logs
+from ...fly.observations import uncaptured
 from ...fly.results import Attempt
-from ...fly.validity import unsound_reason
+from ...fly.validity import COMPLETED, Verdict
 from ..observed import observe_attempt
 from ..packets import Packets, load
 from . import delays, mavlink, mqttxt, readings, timeline
 from .causes import losses
 from .exchange import count_messages
 from .message_set import measure_kinds
-from .notes import clock_step, notes, unsent_note
+from .notes import notes, unsent_note
 from .shaping import Shaping, read_shaping
 from .sizes import message_sizes
 from .traffic import count_before, count_foreign, count_links, count_mqtt
@@ -24,30 +26,21 @@ from .ways import Ways
 from .window import Window, arm_asked_ns, mission_window
 
 
-def measure_attempt(attempt: Attempt, manifest: dict[str, Any]) -> dict[str, Any]:
-    """One attempt's entry. Raises ResultsError for a file that cannot be read."""
+def measure_attempt(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict) -> dict[str, Any]:
+    """One attempt's entry. Raises ResultsError for a file that is missing or cannot be read."""
+    completed = verdict.status == COMPLETED
+    if completed and (lost := uncaptured(attempt, manifest)):
+        raise ResultsError(f"no capture at {', '.join(lost)}")
     events = attempt.events()
     shaping = read_shaping(attempt)
     packets = load(attempt) if arm_asked_ns(events) is not None else None
     window = mission_window(attempt, events, packets)
-    status, reason = manifest["status"], manifest["reason"]
-    flights = flight_logs.compare_flights(attempt) if status == "completed" else {}
-    unsound = unsound_reason(attempt, manifest, events) if status == "completed" else None
-    if status == "completed" and unsound is None:
-        logs = {"events.jsonl": events, **{f"sitl/{n}.jsonl": log for n, log in attempt.autopilot_events().items()}}
-        unsound = (
-            shaping.void
-            or flight_logs.disagreement(flights)
-            or (clock_step(packets, logs) if packets is not None else None)
-        )
-    if unsound is not None:
-        status, reason = "void", unsound
+    flights = flight_logs.compare_flights(attempt) if completed else {}
     entry = {
         "attempt": attempt.number,
         "repeat": attempt.repeat,
-        "status": status,
-        "reason": reason,
-        "mission_s": round(window.seconds, 3) if window is not None and status == "completed" else None,
+        **verdict.to_data(),
+        "mission_s": round(window.seconds, 3) if window is not None and completed else None,
         **(
             NOT_FLOWN | {"notes": list(shaping.notes)}
             if packets is None or window is None

@@ -28,6 +28,12 @@ def check_same(flown: Sequence[Flown], shapings: Sequence[Shaping]) -> None:
             raise ResultsError(f"{attempt.path}: its links were planned otherwise than in the first attempt")
 
 
+def common_revision(flown: Sequence[Flown]) -> str | None:
+    """The commit at which every attempt was flown; None where there is not one."""
+    commits = {manifest["revision"].get("commit") for _, manifest in flown}
+    return commits.pop() if len(commits) == 1 else None
+
+
 def differences(flown: Sequence[Flown]) -> list[str]:
     """One line for each thing that is not the same in all attempts, though it should be."""
     said = []

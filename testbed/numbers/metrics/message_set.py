@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from ...fly.pcap import Ints
 from ..packets import Packets
-from ..packets.pcap import Ints
 from ..statistics import loss_of
 from .exchange import Exchange, count_messages
 from .message_kinds import own_mavlink, own_mqttxt, setpoints

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ..packets.pcap import Ints
+from ...fly.pcap import Ints
 
 GOOD_WORDS = frozenset({"accepted", "in_progress", "completed"})
 """First words about a call that say the autopilot took the command."""

@@ -1,9 +1,8 @@
-"""What is said beside an attempt's numbers: files cut off, foreign traffic, a clock that steps, counts that differ."""
+"""What is said beside an attempt's numbers: files cut off, foreign traffic, counts that differ."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Mapping
 from typing import Any
 
 import polars as pl
@@ -15,8 +14,6 @@ from .window import Window
 
 _EVERYWHERE = {"arp", "ipv6", "igmp"}
 """What every network's own nodes send on their own ports."""
-_STEP_BACK_NS = 50_000_000
-"""A clock that goes back by more was set; less is the order in which a kernel hands frames or a program lines over."""
 
 
 def notes(
@@ -45,18 +42,3 @@ def unsent_note(unsent: Mapping[str, int]) -> list[str]:
     return (
         [f"messages dropped before they entered a link, by sequence numbers, of unknown kinds: {each}"] if each else []
     )
-
-
-def clock_step(packets: Packets, logs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str | None:
-    """By how much the clock was set back during the attempt, where captures or events show it; None if it was not.
-
-    `logs` are events by file, each in the order in which it was written.
-    """
-    steps = dict(packets.steps_back_ns)
-    for name, events in logs.items():
-        times = [int(event["t_ns"]) for event in events]
-        steps[name] = max((before - after for before, after in pairwise(times)), default=0)
-    worst = max(steps, key=lambda name: steps[name], default=None)
-    if worst is None or steps[worst] < _STEP_BACK_NS:
-        return None
-    return f"the clock was set back by {steps[worst] / 1e9:.3f} s during the attempt ({worst})"

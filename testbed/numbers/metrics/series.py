@@ -10,12 +10,13 @@ from typing import Any
 import jsonschema
 
 from ...errors import ResultsError
+from ...fly.observations import verdict_of
 from ...fly.results import METRICS, Attempt, Series, read_json, write_json
-from ...fly.validity import common_revision, with_failure
+from ...fly.validity import Verdict, paired, unmeasured, unread
 from ..observed import observe
 from ..quantities import ratios, statistics
 from .attempt import NOT_FLOWN, measure_attempt
-from .conditions import Flown, check_same, differences
+from .conditions import Flown, check_same, common_revision, differences
 from .shaping import read_shaping
 
 METRICS_VERSION = 2
@@ -36,32 +37,23 @@ def measure_series(series: Series) -> dict[str, Any]:
     document: dict[str, Any] = {
         "version": METRICS_VERSION,
         **{name: first[name] for name in ("experiment", "arm", "profile")},
-        "revision": common_revision([manifest for _, manifest in flown]),
+        "revision": common_revision(flown),
         "shaper": first["shaper"],
         "protocols": {},
         "ratios": {},
         "statistics": {},
         "notes": differences(flown),
     }
-    measured = _measure(series, flown, unreadable)
     loads = {attempt: manifest["host"]["load_after"] for attempt, manifest in flown if "load_after" in manifest["host"]}
-    links_void = {  # by folder: a repeated attempt makes a pair with the other side's repeated one
-        attempt.path.name: shaping.void
-        for (attempt, _), shaping in zip(flown, shapings, strict=True)
-        if shaping.void is not None
-    }
+    verdicts, entries = _measure(series, flown, unreadable)
     for attempt in series.attempts():
         side = document["protocols"].setdefault(attempt.protocol, {"attempts": [], "void": []})
-        entry = measured[attempt]
-        if entry["status"] != "void" and attempt.path.name in links_void:
-            reason = f"in its pair of attempts {links_void[attempt.path.name]}"
-            entry |= {"status": "void", "reason": with_failure(reason, entry["status"], entry["reason"])}
-        if entry["status"] == "void":
+        if verdicts[attempt].is_void:
             repeat = {"repeat": attempt.repeat} if attempt.repeat else {}
             load = {"load": loads[attempt]} if attempt in loads else {}
-            side["void"].append({"attempt": attempt.number, **repeat, "reason": entry["reason"], **load})
+            side["void"].append({"attempt": attempt.number, **repeat, "reason": verdicts[attempt].reason, **load})
         else:
-            side["attempts"].append(entry)
+            side["attempts"].append(entries[attempt])
     sides = observe(document["protocols"])
     document |= {"ratios": ratios(sides), "statistics": statistics(sides)}
     error = schema_error(document)
@@ -110,28 +102,33 @@ def _manifests(series: Series) -> tuple[list[Flown], dict[Attempt, str]]:
     return flown, {attempt: _relative(series, error) for attempt, error in errors.items()}
 
 
-def _measure(series: Series, flown: list[Flown], unreadable: dict[Attempt, str]) -> dict[Attempt, dict[str, Any]]:
-    """Every attempt's entry. One whose files cannot be read is void, but a failed one stays failed."""
-    found: dict[Attempt, dict[str, Any]] = {}
+def _measure(
+    series: Series, flown: list[Flown], unreadable: dict[Attempt, str]
+) -> tuple[dict[Attempt, Verdict], dict[Attempt, dict[str, Any]]]:
+    """Every attempt's verdict, and the entry of each that counts. Raises ResultsError where none can be measured."""
+    verdicts = {attempt: verdict_of(attempt, manifest) for attempt, manifest in flown}
+    verdicts |= {attempt: unread(reason) for attempt, reason in unreadable.items()}
+    entries: dict[Attempt, dict[str, Any]] = {}
     broken: list[ResultsError] = []
     for attempt, manifest in flown:
+        if paired(verdicts)[attempt].is_void:
+            continue
         try:
-            found[attempt] = measure_attempt(attempt, manifest)
+            entries[attempt] = measure_attempt(attempt, manifest, verdicts[attempt])
         except ResultsError as error:
             broken.append(error)
-            found[attempt] = _unread(attempt, manifest, _relative(series, error))
+            reason = _relative(series, error)
+            verdicts[attempt] = unmeasured(verdicts[attempt], reason)
+            entries[attempt] = _without_numbers(attempt, manifest, verdicts[attempt], reason)
     if len(broken) == len(flown):
         raise broken[0]
-    return found | {attempt: {"status": "void", "reason": reason} for attempt, reason in unreadable.items()}
+    return paired(verdicts), entries
 
 
-def _unread(attempt: Attempt, manifest: dict[str, Any], reason: str) -> dict[str, Any]:
-    if manifest["status"] != "failed":
-        return {"status": "void", "reason": reason}
-    told = {name: manifest.get(name, {}) for name in ("cpu_s", "memory_bytes")}
-    head = {"attempt": attempt.number, "repeat": attempt.repeat, "status": "failed", "reason": manifest["reason"]}
-    head |= {"mission_s": None}
-    return {**head, **NOT_FLOWN, "notes": [reason], "outcomes": {}, "links_measured": {}, **told}
+def _without_numbers(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict, note: str) -> dict[str, Any]:
+    used = {name: manifest.get(name, {}) for name in ("cpu_s", "memory_bytes")}
+    head = {"attempt": attempt.number, "repeat": attempt.repeat, **verdict.to_data(), "mission_s": None}
+    return {**head, **NOT_FLOWN, "notes": [note], "outcomes": {}, "links_measured": {}, **used}
 
 
 def _relative(series: Series, error: ResultsError) -> str:

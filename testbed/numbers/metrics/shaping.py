@@ -36,12 +36,6 @@ class Shaping:
     notes: tuple[str, ...] = ()
 
     @property
-    def void(self) -> str | None:
-        """Why the shaper says that the run proves nothing."""
-        reason = self.counters.get("void") if self.counters is not None else None
-        return str(reason) if reason else None
-
-    @property
     def is_shaped(self) -> bool:
         """Whether a shaper counted what the links lost."""
         return self.counters is not None and self.counters.get("shaper") != "none"

@@ -10,13 +10,13 @@ import numpy as np
 import polars as pl
 
 from ...errors import ResultsError
+from ...fly.pcap import Capture, Flags, Ints, Words, empty_capture, read_capture
 from ...fly.results import Attempt
 from . import purposes
 from .headers import MAVLINK, MQTT, MQTT_PORT, UDP, Headers, read_headers
 from .links import NOWHERE, Tree, match
 from .mavlink import Messages, find_messages
 from .mqtt import SYN, VERSION_5, Direction, Segment, read_direction
-from .pcap import Capture, Flags, Ints, Words, empty_capture, read_capture
 from .rows import MESSAGE_SCHEMA, Columns, frame_rows, mavlink_rows, mqtt_rows, stray_rows
 from .tcp import retransmissions
 
@@ -35,7 +35,6 @@ class Built:
     unmatched: int
     duplicates: int
     until_ns: dict[str, int]
-    steps_back_ns: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -60,12 +59,10 @@ def build(attempt: Attempt) -> Built:
     nodes: list[str] = []
     truncated: list[str] = []
     until_ns: dict[str, int] = {}
-    steps_back_ns: dict[str, int] = {}
     for path in sorted((attempt.path / "pcap").glob("*.pcap")):
         capture = read_capture(path)
         parts.append(_read_part(tree, path.stem, len(nodes), capture, macs.get(path.stem)))
         nodes.append(path.stem)
-        steps_back_ns[path.name] = int(-np.diff(capture.t_ns).min(initial=0))
         if capture.truncated:
             until_ns[path.stem] = int(capture.t_ns.max(initial=0))
         truncated += [path.name] if capture.truncated else []
@@ -122,7 +119,6 @@ def build(attempt: Attempt) -> Built:
         unmatched,
         duplicates,
         until_ns,
-        steps_back_ns,
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .pcap import Bytes, Capture, Flags, Ints, Words, big_endian, windows
+from ...fly.pcap import Bytes, Capture, Flags, Ints, Words, big_endian, windows
 
 PROTOCOLS = ("other", "arp", "ipv6", "icmp", "igmp", "tcp", "udp", "mqtt", "mavlink")
 """What a frame carries; the codes of `Headers.protocol` are places in it."""

@@ -6,9 +6,9 @@ import ipaddress
 
 import numpy as np
 
+from ...fly.pcap import Flags, Ints, Words
 from ...plan.topology import Topology
 from .headers import Headers
-from .pcap import Flags, Ints, Words
 
 NOWHERE = -1
 

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as dialect
 
 from sitl.unnamed import NAMES
 
-from .pcap import Bytes, Ints, windows
+from ...fly.pcap import Bytes, Ints, windows
 
 COMMANDS = {75: (28, 30), 76: (28, 30), 77: (0, 8)}
 """COMMAND_INT, COMMAND_LONG and COMMAND_ACK by id: where the MAV_CMD and the target system are in the payload."""

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from ...fly.pcap import Ints
 from .headers import MAVLINK, MQTT, PROTOCOLS
 from .links import NOWHERE, Tree
 from .mavlink import NONE, Messages, name_of
 from .mqtt import Direction
-from .pcap import Ints
 
 Columns = dict[str, npt.NDArray[Any]]
 

@@ -67,7 +67,7 @@ VERSION = 7
 """Rises with every change of a column's meaning or of how it is made."""
 FRAMES, MESSAGES = "packets.parquet", "messages.parquet"
 _ABOUT = "testbed"
-_TOLD = ("truncated", "unmatched", "duplicates", "until_ns", "steps_back_ns")
+_TOLD = ("truncated", "unmatched", "duplicates", "until_ns")
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,7 @@ class Packets:
     `strays` (`t_ns`, `node`, `protocol`, `size`) are frames on no link, such as ARP, once for each capture that has
     them; `foreign` counts them by protocol. `unmatched` are frames that left a link and were not seen entering it,
     `duplicates` those of them that are further copies of a frame that did. Up to `until_ns` the capture at each node
-    tells what came; 0 where there is none. `steps_back_ns` is the most by which the time of a file's frames fell from
-    one to the next.
+    tells what came; 0 where there is none.
     """
 
     frames: pl.DataFrame
@@ -89,7 +88,6 @@ class Packets:
     unmatched: int
     duplicates: int
     until_ns: dict[str, int]
-    steps_back_ns: dict[str, int]
 
 
 def load(attempt: Attempt) -> Packets:
@@ -149,5 +147,5 @@ def _packets(built: Built) -> Packets:
     frames = rows.head(len(rows) - len(strays))
     return Packets(
         *(frames, messages, tuple(built.truncated), dict(sorted(foreign.items())), strays),
-        *(built.unmatched, built.duplicates, built.until_ns, built.steps_back_ns),
+        *(built.unmatched, built.duplicates, built.until_ns),
     )

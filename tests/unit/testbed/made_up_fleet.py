@@ -72,7 +72,7 @@ class Fleet:
     def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
         self.did.append(f"mission in {service}")
         self.commands.append(command)
-        (self._run_dir / "events.jsonl").touch()
+        (self._run_dir / "events.jsonl").write_text(json.dumps({"t_ns": 1, "event": "mission_end"}) + "\n")
         yield from self._lines
         if self._raises is not None:
             raise self._raises
@@ -86,6 +86,8 @@ class Fleet:
         nodes = [node.name for node in standard_fleet().topology().nodes]
         counts = [{"node": node, "captured": 1, "dropped": self._dropped if node == "gs" else 0} for node in nodes]
         (self._run_dir / "pcap" / "captures.json").write_text(json.dumps(counts))
+        for node in nodes:
+            (self._run_dir / "pcap" / f"{node}.pcap").touch()
         self.count_links()
 
     def count_links(self, void: str | None = None) -> None:

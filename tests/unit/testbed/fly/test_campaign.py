@@ -25,7 +25,8 @@ from testbed.fly.campaign.estimate import Durations, in_words
 from testbed.fly.campaign.run import fly_all, job_of
 from testbed.fly.campaign.targets import Wish, plans_of
 from testbed.fly.results import METRICS, Series, open_series, read_json, write_json
-from testbed.fly.runner import Begun, Ended, Interrupted, run_series
+from testbed.fly.runner import Begun, Interrupted, run_series
+from testbed.fly.validity import Verdict
 from testbed.plan.experiments import ARMS, EXPERIMENTS, Plan
 from testbed.plan.fleets import FLEET_FILE
 
@@ -58,7 +59,7 @@ Flown = list[tuple[str, str, int]]
 def flying(flown: Flown, fleet: Callable[[], Fleet] = lambda: Fleet([])) -> run.Fly:
     """Flies with containers that are made up, and writes down arm, protocol and number."""
 
-    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Ended]:
+    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
         progress = Quiet()
         try:
             return run_series(plan, series, progress, fleet(), begun)
@@ -213,7 +214,7 @@ def test_a_series_that_cannot_be_flown_is_said_and_the_rest_goes_on(tmp_path: Pa
     flown: Flown = []
     well = flying(flown)
 
-    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Ended]:
+    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
         if plan.arm.name == "thesis":
             raise UserError("the mission could not be flown: --streams: none")
         return well(plan, series, begun)
@@ -300,7 +301,7 @@ def test_a_fleet_file_that_says_something_else_by_now_is_flown_again(
 def test_a_run_that_is_broken_off_says_what_to_type_and_leaves_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, raised: Exception, code: int
 ) -> None:
-    def broken(*_: Any, **__: Any) -> list[Ended]:
+    def broken(*_: Any, **__: Any) -> list[Verdict]:
         raise raised
 
     finished(tmp_path, *both())

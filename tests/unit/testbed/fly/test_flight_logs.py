@@ -10,7 +10,7 @@ import pytest
 from ulog_files import Flight, write_ulog
 
 from testbed.errors import ResultsError
-from testbed.fly.flight_logs import compare, compare_flights, disagreement, simulation_reason, void_reason
+from testbed.fly.flight_logs import against, compare, compare_flights, simulation_reason
 from testbed.fly.results import Attempt
 
 BOOTED_NS = 1_795_000_000_000_000_000
@@ -95,15 +95,15 @@ def _write_events(folder: Path, events: list[dict[str, Any]]) -> None:
 def test_every_drone_with_a_log_is_compared_and_the_first_that_is_off_is_named(attempt: Attempt) -> None:
     found = compare_flights(attempt)
     assert list(found) == ["uav1"]
-    assert disagreement(found) is None
+    assert against(attempt) is None
     assert json.loads(json.dumps(found["uav1"].to_data()))["changes"][0]["event"] == "armed"
     _write_events(attempt.path, events_of(Flight(), armed=-900.0))
-    assert str(void_reason(attempt)).startswith("uav1: events and flight log disagree: armed -901 ms")
+    assert str(against(attempt)).startswith("uav1: events and flight log disagree: armed -901 ms")
 
 
 def test_an_attempt_of_stand_ins_has_nothing_to_compare(tmp_path: Path) -> None:
     assert compare_flights(Attempt(tmp_path, "mqttxt", 1)) == {}
-    assert void_reason(Attempt(tmp_path, "mqttxt", 1)) is None
+    assert against(Attempt(tmp_path, "mqttxt", 1)) is None
     assert simulation_reason(Attempt(tmp_path, "mqttxt", 1)) is None
 
 
@@ -115,9 +115,7 @@ def test_an_attempt_of_stand_ins_has_nothing_to_compare(tmp_path: Path) -> None:
         ([], "no flight log; expected"),
     ],
 )
-def test_a_log_that_is_missing_or_damaged_makes_an_attempt_void(
-    attempt: Attempt, topics: list[str] | None, said: str
-) -> None:
+def test_a_log_that_is_missing_or_damaged_is_an_error(attempt: Attempt, topics: list[str] | None, said: str) -> None:
     (path,) = (attempt.path / "sitl").glob("*/*/*.ulg")
     if topics is None:
         path.write_bytes(b"no log at all, but long enough to have a head")
@@ -125,7 +123,8 @@ def test_a_log_that_is_missing_or_damaged_makes_an_attempt_void(
         write_ulog(path, Flight(topics=topics))
     else:
         path.unlink()
-    assert said in str(void_reason(attempt))
+    with pytest.raises(ResultsError, match=said):
+        against(attempt)
 
 
 def test_events_without_clocks_cannot_be_compared(attempt: Attempt) -> None:
@@ -157,5 +156,5 @@ def test_a_simulation_whose_sensors_stood_still_is_no_flight(
     attempt: Attempt, silent_s: tuple[float, float], reason: str | None
 ) -> None:
     write_ulog(next((attempt.path / "sitl" / "uav1.log").glob("*/*.ulg")), Flight(silent_s=silent_s, logged_s=6.0))
-    assert void_reason(attempt) == reason
+    assert against(attempt) == reason
     assert simulation_reason(attempt) == reason

@@ -14,11 +14,12 @@ import pytest
 from made_up_fleet import CALIBRATED, OFF, Fleet, Quiet
 
 from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, ProbesLate, TestbedError, UserError
-from testbed.fly import runner
+from testbed.fly import flight_logs, runner
 from testbed.fly.calibration.calibrate import Calibration
 from testbed.fly.quiet import Waited
 from testbed.fly.results import Series, new_series, read_json
-from testbed.fly.runner import Ended, Interrupted, run_series
+from testbed.fly.runner import Interrupted, run_series
+from testbed.fly.validity import Verdict
 from testbed.plan.experiments import make_plan
 
 
@@ -35,7 +36,7 @@ TAKEOFF = json.dumps({"step": "takeoff", "drones": {"1": "armed, 3.0 m"}})
 
 def _fly(
     root: Path, fleet: Fleet, attempts: str = "1", protocols: str = "mqttxt", **factors: str
-) -> tuple[Path, list[Ended], Quiet]:
+) -> tuple[Path, list[Verdict], Quiet]:
     progress = Quiet()
     plan = make_plan("scenario-1", attempts, "thesis", "ideal", protocols, factors)
     series = new_series(root, plan.experiment, plan.label, plan.profile.name)
@@ -53,7 +54,7 @@ def test_a_run_goes_up_flies_and_ends_the_captures_before_the_rest(tmp_path: Pat
     fleet = Fleet([TAKEOFF, "something else"])
     path, endings, progress = _fly(tmp_path, fleet)
     assert fleet.did == ["down", "network", "fleet", "mission in gs", "stop net", "logs", "down"]
-    assert endings == [Ended("completed")]
+    assert endings == [Verdict("completed")]
     assert ("takeoff", {"1": "armed, 3.0 m"}) in progress.said
     manifest = _manifest(tmp_path)
     assert manifest["status"] == "completed"
@@ -67,7 +68,7 @@ def test_a_mission_of_ones_own_is_copied_to_where_its_node_sees_it(tmp_path: Pat
     mission.write_text("async def mission(fleet, steps): ...\n")
     plan, fleet = make_plan(str(mission), protocols="mqttxt"), Fleet([])
     series = new_series(tmp_path, plan.experiment, plan.label, plan.profile.name)
-    assert run_series(plan, series, Quiet(), fleet) == [Ended("completed")]
+    assert run_series(plan, series, Quiet(), fleet) == [Verdict("completed")]
     (copy,) = tmp_path.glob("search/*/*/mqttxt/attempt-01/search.py")
     assert copy.read_text() == mission.read_text()
     assert fleet.commands[0][2] == "/run-dir/search.py"
@@ -90,7 +91,7 @@ def test_with_sensors_their_nodes_run_their_links_are_gated_and_not_probed(
 
 def test_a_failed_mission_keeps_its_reason_and_the_series_goes_on(tmp_path: Path) -> None:
     _, endings, _ = _fly(tmp_path, Fleet(["mission: scenario-1 failed: arm: drone 3: denied"], code=1), attempts="2")
-    assert endings == [Ended("failed", "scenario-1 failed: arm: drone 3: denied")] * 2
+    assert endings == [Verdict("failed", ("scenario-1 failed: arm: drone 3: denied",))] * 2
 
 
 def test_a_container_that_dies_fails_the_attempt_by_its_name(tmp_path: Path) -> None:
@@ -103,7 +104,7 @@ def test_a_container_that_dies_fails_the_attempt_by_its_name(tmp_path: Path) -> 
 
 def test_a_capture_that_dropped_makes_the_attempt_void_and_it_is_repeated_twice(tmp_path: Path) -> None:
     path, endings, progress = _fly(tmp_path, Fleet([TAKEOFF], dropped=2))
-    assert endings == [Ended("void", "captures dropped packets: gs 2")]
+    assert endings == [Verdict("void", ("captures dropped packets: gs 2",))]
     folders = ["attempt-01", "attempt-01-repeat-1", "attempt-01-repeat-2"]
     assert sorted(folder.name for folder in (path / "mqttxt").iterdir()) == folders
     assert [entry for entry in progress.said if entry[0] == "mqttxt"] == [("mqttxt", 1, 1, n) for n in range(3)]
@@ -122,15 +123,15 @@ def test_before_each_repeat_it_is_waited_for_a_quieter_machine_and_the_manifest_
 
 
 def test_a_flight_whose_log_says_otherwise_is_void(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner.flight_logs, "void_reason", lambda _: "uav3: events and flight log disagree: landed")
+    monkeypatch.setattr(flight_logs, "against", lambda _: "uav3: events and flight log disagree: landed")
     _, endings, _ = _fly(tmp_path, Fleet([TAKEOFF]))
-    assert endings == [Ended("void", "uav3: events and flight log disagree: landed")]
+    assert endings == [Verdict("void", ("uav3: events and flight log disagree: landed",))]
 
 
 def test_a_mission_that_failed_with_autopilots_that_were_slowed_down_is_void(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(runner.flight_logs, "simulation_reason", lambda _: "uav1: the autopilot's clock ran at 0.70")
+    monkeypatch.setattr(flight_logs, "simulation_reason", lambda _: "uav1: the autopilot's clock ran at 0.70")
     _, endings, _ = _fly(tmp_path, Fleet(["mission: scenario-1 failed: takeoff: denied"], code=1))
     assert endings[0].status == "void"
     assert str(endings[0].reason).startswith("uav1: the autopilot's clock ran at 0.70; this one had failed: ")
@@ -143,7 +144,7 @@ def test_where_one_protocol_is_void_its_pair_is_and_both_are_flown_again(tmp_pat
             super().count_links("the emulator did not keep up" if second else None)
 
     path, endings, _ = _fly(tmp_path, Late([TAKEOFF]), protocols="mqttxt,mavlink")
-    assert endings == [Ended("completed")] * 2
+    assert endings == [Verdict("completed")] * 2
     told = {
         str(attempt.path.relative_to(path)): (attempt.manifest()["status"], attempt.manifest()["reason"])
         for attempt in Series(path).attempts()
@@ -163,7 +164,7 @@ def test_nothing_is_flown_on_links_that_are_not_what_the_profile_says(
     fleet = Fleet([TAKEOFF])
     path, endings, _ = _fly(tmp_path, fleet)
     assert fleet.did[:5] == ["down", "network", "stop net", "logs", "down"]
-    assert endings == [Ended("completed")]
+    assert endings == [Verdict("completed")]
     void, flown = (attempt.manifest() for attempt in Series(path).attempts())
     assert void["status"] == "void"
     assert void["reason"].startswith("wan:gs:up delay: configured 0 ms, measured 9 ms (10 of 10 probes arrived)")
@@ -181,7 +182,7 @@ def test_a_machine_too_busy_to_measure_its_links_fails_nobody(tmp_path: Path, mo
 
     monkeypatch.setattr(runner, "calibrate", calibrated)
     path, endings, _ = _fly(tmp_path, Fleet([TAKEOFF]))
-    assert endings == [Ended("completed")]
+    assert endings == [Verdict("completed")]
     void, _ = (attempt.manifest() for attempt in Series(path).attempts())
     assert (void["status"], void["reason"]) == ("void", "gs: the probe began 25 ms late")
 
@@ -223,7 +224,7 @@ def test_a_failure_beside_a_void_attempt_is_void_and_says_so(tmp_path: Path) -> 
         late = ("mqttxt", "mavlink")
 
     path, endings, _ = _fly(tmp_path, LateAfterwards([TAKEOFF]), protocols="mqttxt,mavlink")
-    assert endings == [Ended("completed")] * 2
+    assert endings == [Verdict("completed")] * 2
     first = Series(path).attempts()[2].manifest()
     assert first["status"] == "void"
     assert first["reason"] == (
@@ -233,7 +234,7 @@ def test_a_failure_beside_a_void_attempt_is_void_and_says_so(tmp_path: Path) -> 
 
 def test_a_mission_that_failed_on_other_links_than_planned_is_void_says_so_and_is_repeated(tmp_path: Path) -> None:
     path, endings, _ = _fly(tmp_path, FailsFirst([TAKEOFF]), protocols="mqttxt,mavlink")
-    assert endings == [Ended("completed")] * 2
+    assert endings == [Verdict("completed")] * 2
     told = Series(path).attempts()
     reasons = {str(attempt.path.relative_to(path)): attempt.manifest()["reason"] for attempt in told}
     assert reasons == {
@@ -252,7 +253,7 @@ def test_a_failed_mission_whose_links_left_no_record_stays_failed(tmp_path: Path
             (self._run_dir / "links" / "counters.json").unlink()
 
     _, (ended,), _ = _fly(tmp_path, Silent([TAKEOFF]))
-    assert ended == Ended("failed", "scenario-1 failed: arm: drone 3: denied")
+    assert ended == Verdict("failed", ("scenario-1 failed: arm: drone 3: denied",))
 
 
 def test_a_void_attempt_is_repeated_before_its_other_protocol_is_flown_for_nothing(tmp_path: Path) -> None:
@@ -324,12 +325,12 @@ def test_a_completed_mission_without_captures_is_void(tmp_path: Path) -> None:
 
 def test_a_mission_that_is_killed_fails_its_attempt_only(tmp_path: Path) -> None:
     _, endings, _ = _fly(tmp_path, Fleet([TAKEOFF], code=137), attempts="2")
-    assert endings == [Ended("failed", "the mission's process ended with exit code 137")] * 2
+    assert endings == [Verdict("failed", ("the mission's process ended with exit code 137",))] * 2
 
 
 def test_a_mission_that_breaks_says_with_what(tmp_path: Path) -> None:
     path, endings, _ = _fly(tmp_path, Fleet(["Traceback (most recent call last):", "KeyError: 7", ""], code=1))
-    assert endings == [Ended("failed", "the mission's process ended with exit code 1: KeyError: 7")]
+    assert endings == [Verdict("failed", ("the mission's process ended with exit code 1: KeyError: 7",))]
     log = path / "mqttxt" / "attempt-01" / "logs" / "mission.log"
     assert log.read_text().splitlines()[:2] == ["Traceback (most recent call last):", "KeyError: 7"]
 
@@ -359,7 +360,7 @@ def test_a_fleet_that_never_comes_up_fails_its_attempt_and_the_run_goes_on(tmp_p
 
     fleet = Broken([TAKEOFF])
     _, endings, _ = _fly(tmp_path, fleet, protocols="mavlink,mqttxt")
-    assert endings == [Ended("failed", "router-uav3 not healthy within 90 s"), Ended("completed")]
+    assert endings == [Verdict("failed", ("router-uav3 not healthy within 90 s",)), Verdict("completed")]
     ends = ["stop net", "logs", "down"]
     assert fleet.did == ["down", "network", "fleet", *ends, "down", "network", "fleet", "mission in gs", *ends]
     assert _manifest(tmp_path, "mavlink")["reason"] == "router-uav3 not healthy within 90 s"
@@ -372,7 +373,7 @@ def test_a_router_that_dies_fails_its_attempt_by_its_name(tmp_path: Path) -> Non
             self._raises = ContainerDied("router-fog1 ended with exit code 1") if "mavlink" in self.profiles else None
 
     _, endings, _ = _fly(tmp_path, Dying([TAKEOFF]), protocols="mqttxt,mavlink")
-    assert endings == [Ended("completed"), Ended("failed", "router-fog1 ended with exit code 1")]
+    assert endings == [Verdict("completed"), Verdict("failed", ("router-fog1 ended with exit code 1",))]
 
 
 def test_a_lost_docker_ends_the_run_and_what_was_flown_is_kept(tmp_path: Path) -> None:
@@ -394,7 +395,7 @@ def test_both_protocols_fly_in_each_attempt_and_who_is_first_alternates(tmp_path
     fleet = Fleet([TAKEOFF])
     _, endings, progress = _fly(tmp_path, fleet, "2", "mqttxt,mavlink")
     assert fleet.profiles == ["mqttxt", "mavlink", "mavlink", "mqttxt"]
-    assert endings == [Ended("completed")] * 4
+    assert endings == [Verdict("completed")] * 4
     assert [entry for entry in progress.said if entry[1:] == (2, 2, 0)] == [("mavlink", 2, 2, 0), ("mqttxt", 2, 2, 0)]
     assert _manifest(tmp_path, "mqttxt", 1)["order"] == ["mqttxt", "mavlink"]
     assert _manifest(tmp_path, "mqttxt", 2)["order"] == ["mavlink", "mqttxt"]

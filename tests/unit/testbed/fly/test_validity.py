@@ -1,58 +1,135 @@
-"""Whether an attempt's numbers can stand, over either protocol: every capture whole, every drone's own word there."""
+"""What counts: a table of observations and their verdicts, and that nothing else in the testbed makes a verdict."""
 
 from __future__ import annotations
 
-import json
+import ast
 from pathlib import Path
 
 import pytest
-from attempts import SECOND, T0
-from mavlink_attempts import Chain, make_mavlink_attempt
 
-from testbed.fly.results import Attempt, new_series
-from testbed.fly.validity import unsound_reason, void_reason
+import testbed
+from testbed.fly.results import Attempt
+from testbed.fly.validity import (
+    CUT_OFF,
+    INTERRUPTED,
+    Observed,
+    Verdict,
+    as_measured,
+    judge,
+    paired,
+    unmeasured,
+    unread,
+    written,
+)
 
-EVENTS = [
-    {"t_ns": T0, "event": "mission_start", "scenario": "scenario-1", "drones": [1, 2]},
-    {"t_ns": T0 + 9 * SECOND, "event": "mission_end", "status": "completed", "reason": None},
-]
-
-
-@pytest.fixture
-def flown(tmp_path: Path) -> Attempt:
-    """Two drones over MAVLink."""
-    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
-    return make_mavlink_attempt(series, 1, Chain((1, 2)), EVENTS, disarmed_s=8)
-
-
-def _reason(attempt: Attempt) -> str | None:
-    return unsound_reason(attempt, attempt.manifest(), attempt.events())
-
-
-def test_an_attempt_with_everything_is_sound(flown: Attempt) -> None:
-    assert _reason(flown) is None
+LATE = "the emulator did not keep up"
+SLOW = "uav1: the autopilot's clock ran at 0.70 of the time"
+DENIED = "arm: drone 3: denied"
 
 
 @pytest.mark.parametrize(
-    ("lost", "reason"),
+    ("seen", "verdict"),
     [
-        ("pcap/uav2.pcap", "no capture at uav2"),
-        ("events.jsonl", "events.jsonl does not have the mission's end"),
-        ("sitl/uav2.jsonl", "no autopilot's own word of disarming: uav2"),
+        (Observed(), Verdict("completed")),
+        (Observed(failure=DENIED), Verdict("failed", (DENIED,))),
+        (Observed(off_before="wan:gs:up delay: 9 ms"), Verdict("void", ("wan:gs:up delay: 9 ms",))),
+        (Observed(failure=INTERRUPTED, off_before="wan"), Verdict("void", ("wan",))),
+        # conditions under which any mission proves nothing
+        (Observed(off_links=(LATE,)), Verdict("void", (LATE,))),
+        (Observed(flights=(SLOW,)), Verdict("void", (SLOW,))),
+        (Observed(failure=DENIED, off_links=(LATE,)), Verdict("void", (LATE,), DENIED)),
+        (Observed(failure=DENIED, flights=(SLOW,)), Verdict("void", (SLOW,), DENIED)),
+        (Observed(failure=INTERRUPTED, off_links=(LATE,)), Verdict("failed", (INTERRUPTED,))),
+        (Observed(failure=CUT_OFF, flights=(SLOW,)), Verdict("failed", (CUT_OFF,))),
+        # what only the numbers of a completed mission need
+        (Observed(uncaptured=("fog1", "uav2")), Verdict("void", ("no capture at fog1, uav2",))),
+        (Observed(dropped={"gs": 3, "uav1": None}), Verdict("void", ("captures dropped packets: gs 3, uav1 ?",))),
+        (Observed(has_end=False), Verdict("void", ("events.jsonl does not have the mission's end",))),
+        (Observed(silent=("uav2",)), Verdict("void", ("no autopilot's own word of disarming: uav2",))),
+        (
+            Observed(set_back=("gs.pcap", 3.0)),
+            Verdict("void", ("the clock was set back by 3.000 s during the attempt (gs.pcap)",)),
+        ),
+        (
+            Observed(unreadable=("events.jsonl, line 1: not JSON",)),
+            Verdict("void", ("events.jsonl, line 1: not JSON",)),
+        ),
+        (
+            Observed(DENIED, None, (), (), ("uav2",), {"gs": 3}, False, ("uav2",), ("gs.pcap", 3.0), ("x: not JSON",)),
+            Verdict("failed", (DENIED,)),
+        ),
+        # every reason is given
+        (
+            Observed(off_links=(LATE, "air:uav1:up loss"), flights=(SLOW,), uncaptured=("gs",)),
+            Verdict("void", ("no capture at gs", LATE, "air:uav1:up loss", SLOW)),
+        ),
     ],
 )
-def test_what_is_lost_is_named(flown: Attempt, lost: str, reason: str) -> None:
-    (flown.path / lost).unlink()
-    assert _reason(flown) == reason
+def test_observations_and_their_verdict(seen: Observed, verdict: Verdict) -> None:
+    assert judge(seen) == verdict
 
 
-def test_a_drone_that_never_disarmed_leaves_no_end(flown: Attempt) -> None:
-    path = flown.path / "sitl" / "uav1.jsonl"
-    path.write_text(json.dumps({"t_ns": T0, "event": "armed"}) + "\n")
-    assert _reason(flown) == "no autopilot's own word of disarming: uav1"
+def test_a_verdict_is_written_as_its_status_and_one_line_and_read_back() -> None:
+    assert Verdict("completed").to_data() == {"status": "completed", "reason": None}
+    void = Verdict("void", (LATE, SLOW), DENIED)
+    assert void.reason == f"{LATE}; {SLOW}; this one had failed: {DENIED}"
+    assert written(void.to_data()).to_data() == void.to_data()
+    assert written({"status": "running", "reason": None}) == Verdict("failed", (CUT_OFF,))
 
 
-def test_captures_that_dropped_or_did_not_say_so_are_named() -> None:
-    counts = [{"node": "gs", "dropped": 3}, {"node": "fog1", "dropped": 0}, {"node": "uav1", "dropped": None}]
-    assert void_reason(counts, ["gs", "fog1", "uav1"]) == "captures dropped packets: gs 3, uav1 ?"
-    assert void_reason(counts, ["cloud", "fog1"]) == "no capture at cloud"
+def test_with_one_attempt_of_a_pair_the_other_is_void_and_no_third() -> None:
+    mqttxt, mavlink, again, other = (
+        Attempt(Path(), protocol, number, repeat)
+        for protocol, number, repeat in (("mqttxt", 1, 0), ("mavlink", 1, 0), ("mavlink", 1, 1), ("mqttxt", 2, 0))
+    )
+    verdicts = {
+        mqttxt: Verdict("failed", (DENIED,)),
+        mavlink: Verdict("void", (LATE,)),
+        again: Verdict("completed"),
+        other: Verdict("completed"),
+    }
+    with_it = Verdict("void", ("mavlink was void in the same attempt",), DENIED)
+    assert paired(verdicts) == verdicts | {mqttxt: with_it}
+
+
+def test_what_can_no_longer_be_measured_is_void_unless_it_failed() -> None:
+    assert unmeasured(Verdict("completed"), "gs.pcap: not a capture") == Verdict("void", ("gs.pcap: not a capture",))
+    assert unmeasured(Verdict("failed", (DENIED,)), "gs.pcap: not a capture") == Verdict("failed", (DENIED,))
+    assert unread("manifest.json: not JSON") == as_measured({"reason": "manifest.json: not JSON"})
+
+
+@pytest.mark.parametrize(
+    ("verdict", "cut"),
+    [
+        (Verdict("completed"), False),
+        (Verdict("failed", (DENIED,)), False),
+        (Verdict("failed", (INTERRUPTED,)), True),
+        (Verdict("void", (CUT_OFF,)), True),
+        (Verdict("void", (LATE, CUT_OFF)), False),
+    ],
+)
+def test_an_attempt_was_cut_when_its_run_ended_first(verdict: Verdict, cut: bool) -> None:
+    assert verdict.was_cut is cut
+
+
+def test_no_other_module_of_the_testbed_makes_a_verdict() -> None:
+    """Neither by the class nor by a status that it writes itself, but for a manifest's before it is judged."""
+    makers = {}
+    for path in sorted(Path(str(testbed.__file__)).parent.rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        made = [
+            node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        ]
+        found = [f"{name}(" for name in made if name in ("Verdict", "Observed")]
+        for node in ast.walk(tree):
+            for key, value in zip(node.keys, node.values, strict=True) if isinstance(node, ast.Dict) else ():
+                if isinstance(key, ast.Constant) and key.value == "status" and isinstance(value, ast.Constant):
+                    found.append(f"status: {value.value}")
+        if found:
+            makers[path.name] = set(found)
+    assert makers == {
+        "validity.py": {"Verdict("},
+        "observations.py": {"Observed("},
+        "runner.py": {"Observed("},
+        "manifest.py": {"status: running"},
+    }

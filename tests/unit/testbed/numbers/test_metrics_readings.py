@@ -30,6 +30,7 @@ from sensor_attempts import (
 )
 
 from testbed.errors import ResultsError
+from testbed.fly.observations import verdict_of
 from testbed.fly.results import Attempt, Series, new_series
 from testbed.numbers.metrics import measure_series
 from testbed.numbers.metrics.attempt import measure_attempt
@@ -71,7 +72,8 @@ def told(reading: dict[str, Any], after_ms: int, **changed: Any) -> dict[str, An
 
 
 def entry_of(attempt: Attempt) -> dict[str, Any]:
-    return measure_attempt(attempt, attempt.manifest())
+    manifest = attempt.manifest()
+    return measure_attempt(attempt, manifest, verdict_of(attempt, manifest))
 
 
 def test_every_series_that_there_should_be_is_held_to_its_sensors_own_record(series: Series) -> None:
@@ -112,7 +114,7 @@ def test_a_series_that_measured_less_than_it_was_to_is_not_whole(series: Series)
 def test_a_sensors_record_that_is_damaged_makes_the_attempt_void_with_the_file(series: Series) -> None:
     attempt = make_attempt(series, carried(), [], {1: [{"sensor": 1}]})
     with pytest.raises(ResultsError, match=r"sensor1\.jsonl: a reading without boot"):
-        measure_attempt(attempt, attempt.manifest())
+        entry_of(attempt)
 
 
 def test_metrics_with_sensors_keep_their_schema(series: Series) -> None:

@@ -32,11 +32,11 @@ from scapy.packet import Raw
 
 from sitl.unnamed import Unnamed
 from testbed.errors import ResultsError
+from testbed.fly.pcap import PADDING, read_capture
 from testbed.fly.results import Attempt, Series, new_series
 from testbed.numbers.packets import Packets, load
 from testbed.numbers.packets.links import match
 from testbed.numbers.packets.mavlink import find_messages
-from testbed.numbers.packets.pcap import PADDING, read_capture
 from testbed.numbers.packets.purposes import of_messages
 
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)

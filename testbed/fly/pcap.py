@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import ResultsError
+from ..errors import ResultsError
 
 Bytes = npt.NDArray[np.uint8]
 Ints = npt.NDArray[np.int64]

@@ -1,0 +1,131 @@
+"""What a flight's folder says of whether the attempt counts: captures, events, links and flight logs as observations.
+
+The run observes once its containers have ended; for a series of an older run, its reader does. What follows from the
+observations is decided in `validity`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..errors import ResultsError
+from . import flight_logs
+from .pcap import read_capture
+from .results import LINKS, LINKS_COUNTERS, Attempt, read_json
+from .validity import FAILED, VOID, Observed, Verdict, judge, written
+
+_STEP_BACK_NS = 50_000_000
+"""A clock that goes back by more was set; less is the order in which a kernel hands frames or a program lines over."""
+
+Found = TypeVar("Found")
+
+
+def verdict_of(attempt: Attempt, manifest: Mapping[str, Any]) -> Verdict:
+    """The verdict that the run wrote into the manifest; of a run that wrote no observations, one made now."""
+    verdict = written(manifest)
+    if "observed" in manifest or verdict.status == VOID:
+        return verdict
+    if verdict.status == FAILED:  # its run had looked at its flights, by the rules of its time
+        return judge(Observed(verdict.reason, off_links=_shapers_word(attempt)))
+    return judge(observe(attempt, manifest, None))
+
+
+def observe(
+    attempt: Attempt,
+    manifest: Mapping[str, Any],
+    failure: str | None,
+    off_links: Callable[[], tuple[str, ...]] | None = None,
+) -> Observed:
+    """What a flight left behind whose containers have ended.
+
+    `failure` is why its mission was not completed. `off_links` reads how the links differed from their plan; without
+    it the shaper's own word stands for that.
+    """
+    reader = _Reader(attempt)
+    off = reader.read(off_links or (lambda: _shapers_word(attempt))) or ()
+    flights = reader.read(lambda: _flights(attempt, failure)) or ()
+    if failure is not None:
+        return Observed(failure, off_links=off, flights=flights)
+    counts = reader.read(attempt.captures)
+    events = reader.read(attempt.events)
+    logs = reader.read(attempt.autopilot_events)
+    set_back = reader.read(lambda: _set_back(attempt, events or [], logs or {}))
+    return Observed(
+        off_links=off,
+        flights=flights,
+        uncaptured=uncaptured(attempt, manifest) if counts is not None else (),
+        dropped={count["node"]: count["dropped"] for count in counts or () if count["dropped"] != 0},
+        has_end=events is None or any(event["event"] == "mission_end" for event in events),
+        silent=_silent(events or [], logs) if logs is not None else (),
+        set_back=set_back,
+        unreadable=tuple(reader.unreadable),
+    )
+
+
+def uncaptured(attempt: Attempt, manifest: Mapping[str, Any]) -> tuple[str, ...]:
+    """The nodes without a capture: no file, or none that was ended well. Raises ResultsError."""
+    captured = {
+        count["node"] for count in attempt.captures() if (attempt.path / "pcap" / f"{count['node']}.pcap").exists()
+    }
+    return tuple(sorted({node["name"] for node in manifest["topology"]["nodes"]} - captured))
+
+
+class _Reader:
+    """Reads files, and collects those that cannot be read, named by their place in the series."""
+
+    def __init__(self, attempt: Attempt) -> None:
+        self._series = f"{attempt.path.parent.parent}/"
+        self.unreadable: dict[str, None] = {}
+
+    def read(self, read: Callable[[], Found]) -> Found | None:
+        """What `read` returns; None where a file that it needs cannot be read."""
+        try:
+            return read()
+        except ResultsError as error:
+            self.unreadable[str(error).replace(self._series, "")] = None
+            return None
+
+
+def _shapers_word(attempt: Attempt) -> tuple[str, ...]:
+    """Why the shaper did not keep up; empty when it did, where nothing shaped the links, and where it left no word.
+
+    An older run has judged its links itself when it flew.
+    """
+    try:
+        late = read_json(attempt.path / LINKS / LINKS_COUNTERS).get("void")
+    except ResultsError:
+        return ()
+    return (str(late),) if late else ()
+
+
+def _flights(attempt: Attempt, failure: str | None) -> tuple[str, ...]:
+    """What the autopilots' records say against a flight; of a failed one only what its simulation can have caused."""
+    found = flight_logs.against(attempt) if failure is None else flight_logs.simulation_reason(attempt)
+    return () if found is None else (found,)
+
+
+def _silent(events: Iterable[Mapping[str, Any]], logs: Mapping[str, Sequence[Mapping[str, Any]]]) -> tuple[str, ...]:
+    flown = [f"uav{drone}" for event in events if event["event"] == "mission_start" for drone in event["drones"]]
+    return tuple(node for node in flown if not any(event["event"] == "disarmed" for event in logs.get(node, ())))
+
+
+def _set_back(
+    attempt: Attempt, events: Sequence[Mapping[str, Any]], logs: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> tuple[str, float] | None:
+    """The file in which times fall the furthest from one entry to the next, and by how many seconds."""
+    steps_ns = {
+        path.name: int(-np.diff(read_capture(path).t_ns).min(initial=0))
+        for path in sorted((attempt.path / "pcap").glob("*.pcap"))
+    }
+    for name, written_down in {
+        "events.jsonl": events,
+        **{f"sitl/{node}.jsonl": log for node, log in logs.items()},
+    }.items():
+        times = [int(event["t_ns"]) for event in written_down]
+        steps_ns[name] = max((before - after for before, after in pairwise(times)), default=0)
+    worst = max(steps_ns, key=lambda name: steps_ns[name])
+    return (worst, steps_ns[worst] / 1e9) if steps_ns[worst] >= _STEP_BACK_NS else None
