@@ -93,6 +93,7 @@ sitl: venv ## Fly one simulated autopilot on loopback; prints how to connect to 
 
 doctor: ## Say what is there, what is missing, and what to type
 	@$(BOOTSTRAP) doctor
+	@python3 -m tests.tools doctor
 
 lock: venv ## Pin what is new in requirements/*.in, and leave the other pins as they are
 	@$(BOOTSTRAP) lock
@@ -107,7 +108,7 @@ venv:
 	@$(BOOTSTRAP) venv
 
 tools:
-	@$(BOOTSTRAP) tools
+	@python3 -m tests.tools make
 
 containers: venv
 	@$(BOOTSTRAP) containers

@@ -1,4 +1,4 @@
-"""`python3 -m testbed.bootstrap venv | containers | tools | doctor | lock | upgrade`: what `make` calls first."""
+"""`python3 -m testbed.bootstrap venv | containers | doctor | lock | upgrade`: what `make` calls first."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ import sys
 
 from .docker import compose_command, daemon_answers, ensure_docker, version
 from .images import BASE, IMAGES_NEED_MIB, NODE, ensure_images, has_image, node_is_current
-from .machine import ensure_machine, has_qemu, machine_is_current
-from .steps import ROOT, BootstrapError, check_python
-from .tools import chromium, ensure_chromium, ensure_tshark, has_tshark, tshark_version
+from .steps import ROOT, BootstrapError, check_python, print_rows
 from .venv import ensure_venv, lock, upgrade, venv_is_current
 
 
@@ -19,15 +17,8 @@ def containers() -> None:
     ensure_images()
 
 
-def tools() -> None:
-    """What only the tests need."""
-    ensure_tshark()
-    ensure_chromium()
-    ensure_machine()
-
-
 def doctor() -> None:
-    """Say what is there, what is missing, and what to type."""
+    """Print what is there, what is missing, and what to type."""
     check_python()
     daemon = daemon_answers()
     compose = compose_command()
@@ -39,13 +30,8 @@ def doctor() -> None:
         ("compose", compose is not None, " ".join(compose or ()), "apt-get install docker-compose"),
         ("base image", daemon and has_image(BASE), BASE, "make containers"),
         ("node image", daemon and node_is_current(), NODE, "make containers"),
-        ("tshark, for tests", has_tshark(), tshark_version() if has_tshark() else "", "apt-get install tshark"),
-        ("Chromium, for tests", chromium() is not None, chromium() or "", "apt-get install chromium"),
-        ("QEMU, for tests", has_qemu(), "", "apt-get install qemu-system-x86"),
-        ("kernel for tests", machine_is_current(), ".cache/machine", "make tools"),
     ]
-    for name, there, found, hint in rows:
-        print(f"  {name:<20} {'ok      ' if there else 'missing '} {found if there else 'type: ' + hint}")
+    print_rows(rows)
     if not all(there for _, there, _, _ in rows):
         print("  make scenario-1 and make test get what is missing by themselves.")
 
@@ -61,7 +47,7 @@ def _docker_hint() -> str:
 
 
 def main() -> int:
-    makes = {"venv": ensure_venv, "containers": containers, "tools": tools}
+    makes = {"venv": ensure_venv, "containers": containers}
     actions = {**makes, "doctor": doctor, "lock": lock, "upgrade": upgrade}
     if len(sys.argv) != 2 or sys.argv[1] not in actions:
         print(f"usage: python3 -m testbed.bootstrap {' | '.join(actions)}", file=sys.stderr)

@@ -112,3 +112,9 @@ def check_disk(path: Path, need_mib: int) -> None:
     left_mib = shutil.disk_usage(path).free // 2**20
     if left_mib < need_mib:
         raise BootstrapError(f"disk of {path}: {left_mib} MiB free, expected at least {need_mib} MiB")
+
+
+def print_rows(rows: Sequence[tuple[str, bool, str, str]]) -> None:
+    """A line for each name: whether it is there, and what was found of it, else what to type."""
+    for name, there, found, hint in rows:
+        print(f"  {name:<20} {'ok      ' if there else 'missing '} {found if there else 'type: ' + hint}")

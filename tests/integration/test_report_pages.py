@@ -14,11 +14,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "testbed"))
 
 from both_sides import entry, failed, make_series, rich_entry
 
-from testbed.bootstrap.tools import chromium
 from testbed.fly.results import new_series
 from testbed.present.report.compare import result_of
 from testbed.present.report.compare_page import write_comparison
 from testbed.present.report.html import write_report
+from tests.tools.programs import chromium
 
 pytestmark = [
     pytest.mark.integration,

@@ -19,7 +19,7 @@ pytestmark = [
     pytest.mark.integration,
     pytest.mark.timeout(900),
     pytest.mark.soak(
-        *("services/net/src", "testbed/plan/profiles", "testbed/bootstrap/machine.py"),
+        *("services/net/src", "testbed/plan/profiles", "tests/tools/machine.py"),
         *("tc_profiles", "tests/shapers"),
     ),
 ]

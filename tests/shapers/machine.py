@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from testbed.bootstrap.cpio import Archive
-from testbed.bootstrap.machine import INITRAMFS, KERNEL, QEMU
+from tests.tools.cpio import Archive
+from tests.tools.machine import INITRAMFS, KERNEL, QEMU
 
 ROOT = Path(__file__).resolve().parents[2]
 GUEST = Path(__file__).with_name("guest.py")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from testbed.bootstrap import docker as bootstrap_docker
-from testbed.bootstrap import steps, tools, venv
+from testbed.bootstrap import steps, venv
 from testbed.bootstrap.images import node_inputs
 from testbed.bootstrap.steps import BootstrapError, check_disk, check_python, known_cause, run, succeeds
 
@@ -136,34 +136,6 @@ def test_pins_stay_unless_an_upgrade_is_asked_for(
     compiled = [words for words in typed if "compile" in words]
     assert len(compiled) == len(list((steps.ROOT / "requirements").glob("*.in")))
     assert all(("--upgrade" in words) == upgrades for words in compiled)
-
-
-def test_tshark_is_installed_only_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[list[str]] = []
-    monkeypatch.setattr(tools, "apt_install", lambda packages, why: asked.append(packages))
-    monkeypatch.setattr(tools.shutil, "which", lambda _: "/usr/bin/tshark")
-    tools.ensure_tshark()
-    assert asked == []
-    monkeypatch.setattr(tools.shutil, "which", lambda _: None)
-    tools.ensure_tshark()
-    assert asked == [["tshark"]]
-
-
-def test_chromium_is_installed_only_where_it_has_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[list[str]] = []
-    monkeypatch.setattr(tools, "apt_install", lambda packages, why: asked.append(packages))
-    monkeypatch.setattr(tools.shutil, "which", lambda name: "/usr/bin/it" if name == "google-chrome" else None)
-    tools.ensure_chromium()
-    assert asked == []
-    monkeypatch.setattr(tools.shutil, "which", lambda _: None)
-    tools.ensure_chromium()
-    assert asked == [["chromium"]]
-
-
-def test_tsharks_version_is_found_behind_what_it_tells_root(monkeypatch: pytest.MonkeyPatch) -> None:
-    said = 'Running as user "root" and group "root". This could be dangerous.\nTShark (Wireshark) 4.4.7 (Git v4).\n'
-    monkeypatch.setattr(tools, "run", lambda _: said)
-    assert tools.tshark_version() == "4.4.7"
 
 
 def test_dockers_containers_get_real_time_where_the_kernel_gives_it_by_cgroup(tmp_path: Path) -> None:

@@ -16,8 +16,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from testbed.bootstrap.steps import CACHE, BootstrapError, apt_install, check_disk, run, step
+
 from .cpio import Archive
-from .steps import CACHE, BootstrapError, apt_install, check_disk, run, step
 
 QEMU = "qemu-system-x86_64"
 RELEASE = "trixie"

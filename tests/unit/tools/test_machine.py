@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from testbed.bootstrap import machine
-from testbed.bootstrap.cpio import Archive
 from testbed.bootstrap.steps import BootstrapError
+from tests.tools import machine
+from tests.tools.cpio import Archive
 
 
 def module(tree: Path, name: str, needs: str = "") -> bytes:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import shutil
 
-from .steps import apt_install, run
+from testbed.bootstrap.steps import apt_install, run
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 """The names that it has, on one system or another."""
