@@ -9,6 +9,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from net.link_plan import SHAPERS
+
 from ..errors import DockerError
 from ..fly.campaign.run import fly_all
 from ..fly.campaign.targets import Wish, plans_of
@@ -19,7 +21,6 @@ from ..fly.results import Series
 from ..fly.runner import Begun, Interrupted, run_series, signals_interrupt
 from ..fly.validity import Verdict
 from ..plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, PROTOCOLS, Plan
-from ..plan.profiles.run_plan import SHAPERS
 from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker
 from ..present.summary.cells import find_cells
 from ..present.summary.page import PAGE, write_summary

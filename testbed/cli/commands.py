@@ -13,6 +13,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from net.link_plan import SHAPERS
+
 from ..errors import TestbedError, UserError
 from ..fly.containers import Containers, only_run
 from ..fly.flights import by_hand, settings_of
@@ -36,7 +38,6 @@ from ..plan.experiments import (
 )
 from ..plan.fleets import fleet_of
 from ..plan.overrides import files_of_standard_fleet, fleet_in, suffix
-from ..plan.profiles.run_plan import SHAPERS
 from ..present.report.compare import result_of
 from ..present.report.compare_page import print_comparison, write_comparison
 from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker, shown_path

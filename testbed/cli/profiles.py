@@ -11,13 +11,15 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from net.link_plan import LinkPlan
+
 from ..errors import UserError
 from ..plan.experiments import MOST_ATTEMPTS, WITH_SENSORS
 from ..plan.fleets import fleet_of
 from ..plan.profiles.directed import directed_links
 from ..plan.profiles.kernel import Commands, commands_of
 from ..plan.profiles.reading import Profile, profile_names, read_profile
-from ..plan.profiles.resolve import LinkPlan, Plan, resolve
+from ..plan.profiles.resolve import Plan, resolve
 from ..plan.profiles.units import parse_time_us, show_rate, show_share, show_time
 
 COLUMNS = ("link", "rate", "queue", "delay", "jitter", "loss", "duplicate", "corrupt", "reorder")

@@ -10,10 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from net.link_plan import Gate
+
 from ..plan.experiments import Plan
 from ..plan.profiles.resolve import Plan as LinkPlan
 from ..plan.profiles.resolve import resolve
-from ..plan.profiles.run_plan import Gate, run_plan
+from ..plan.profiles.run_plan import run_plan
 from ..plan.topology import Topology
 from .calibration import Calibration, Loss, measure_losses
 from .results import (

@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from net.link_plan import DIRECTIONS, LinkPlan
+
 from ..errors import DockerError, UserError
 from ..plan.profiles.checks import unfitting
 from ..plan.profiles.kernel import change_words
-from ..plan.profiles.reading import DIRECTIONS, PARSERS, read_figure
-from ..plan.profiles.resolve import LinkPlan
+from ..plan.profiles.reading import PARSERS, read_figure
 from ..plan.profiles.resolve import Plan as LinksPlan
 from ..plan.topology import Topology
 

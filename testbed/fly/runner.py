@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
+from net.link_plan import Gate
+
 from ..errors import DockerError, FleetError, ProbesLate, TestbedError, UserError
 from ..plan.experiments import Plan
 from ..plan.profiles.resolve import Plan as LinkPlan
-from ..plan.profiles.run_plan import Gate
 from ..plan.sensors import closed_links, gates_of
 from . import links as link_files
 from .calibration import calibrate

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+from net.link_plan import SHAPERS
+
 from ..errors import UserError
 from .fleet import MOST_ROUTED, Fleet
 from .fleets import standard_fleet
 from .own_missions import check_mission
 from .profiles.reading import Profile, read_profile
 from .profiles.resolve import resolve
-from .profiles.run_plan import SHAPERS
 from .topology import Topology
 from .typed import one_of, whole_number
 

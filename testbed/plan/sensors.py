@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from net.link_plan import Gate
+
 from .fleet import Fleet
-from .profiles.run_plan import Gate
 
 FOLDER, SERIES = "/run-dir/sensors", "/run-dir/series.json"
 UAV_BROKER = "0.0.0.0:1883"

@@ -10,8 +10,8 @@ import random
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from net.link_plan import LinkPlan
 from testbed.plan.fleets import standard_fleet
-from testbed.plan.profiles.resolve import LinkPlan
 from tests.bench.fit_simulation import DOWN, Crossed, Moving, Offered, cross
 from tests.bench.fit_streams import Frame, Streams
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
+from net.link_plan import LinkPlan
 from testbed.plan.fleets import standard_fleet
-from testbed.plan.profiles.resolve import LinkPlan
 from tests.bench.fit_calls import unanswered, with_calls
 from tests.bench.fit_simulation import DOWN, Crossed, Losses, Offered, finish, losses, to_cloud
 from tests.bench.fit_streams import Streams, load_of

@@ -15,7 +15,7 @@ from operator import itemgetter
 from typing import TypeVar
 
 from net.emulator.jitter import make_jitter
-from testbed.plan.profiles.resolve import LinkPlan
+from net.link_plan import LinkPlan
 from tests.bench.fit_streams import Streams
 
 DOWN = "wan:gs:down"

@@ -8,10 +8,11 @@ from dataclasses import asdict
 import pytest
 from shaped_link import DOWN, PYTHON, SUBNETS, UP, ShapedLink
 
+from net.link_plan import LinkPlan
 from testbed.fly.calibration import Calibration, calibrate, check_losses
 from testbed.fly.calibration.calibrate import run_schedule
 from testbed.fly.calibration.schedule import make_load
-from testbed.plan.profiles.resolve import LinkPlan, Plan
+from testbed.plan.profiles.resolve import Plan
 from testbed.plan.topology import Link, Node, Topology
 
 pytestmark = [

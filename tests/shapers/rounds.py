@@ -10,10 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from net.link_plan import EventPlan, LinkPlan
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.kernel import commands_of
 from testbed.plan.profiles.reading import read_profile
-from testbed.plan.profiles.resolve import EventPlan, LinkPlan, Plan, resolve
+from testbed.plan.profiles.resolve import Plan, resolve
 from testbed.plan.topology import Topology
 
 NODES = ("gs", "cloud", "fog1", "uav1", "uav2", "uav3")

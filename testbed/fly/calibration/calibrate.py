@@ -11,13 +11,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
+from net.link_plan import SLOT_JITTERS, LinkPlan
+
 from ...errors import FleetError, ProbesLate
-from ...plan.profiles.resolve import LinkPlan, Plan
+from ...plan.profiles.resolve import Plan
 from ...plan.profiles.units import show_rate
 from ...plan.topology import Topology
 from . import estimate
 from .estimate import Row
-from .expected import SLOT_JITTERS, VALUES_A_SLOT, Delays, Interval, arriving, rate_bps
+from .expected import VALUES_A_SLOT, Delays, Interval, arriving, rate_bps
 from .schedule import DELAY, RATE, Flow, Schedule, make_schedule
 
 VERSION = 1

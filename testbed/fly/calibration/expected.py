@@ -19,7 +19,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from ...plan.profiles.resolve import LinkPlan
+from net.link_plan import SLOT_JITTERS, LinkPlan
 
 WIDTH = 3.29
 """Standard errors to each side: 99.9 % of right links are within, so that one figure in a thousand is probed again."""
@@ -27,7 +27,6 @@ SHARE = 0.1
 """What is left out at each end."""
 EARLY_MS, LATE_MS, RELATIVE = 0.3, 2.0, 0.01
 """Beyond chance: a frame does not leave early, a busy machine lets it go late, and clocks and rounding."""
-SLOT_JITTERS = {"normal": 5, "uniform": 5, "pareto": 10}
 VALUES_A_SLOT = (math.pi / 4) ** 2
 _POINTS = 4_000
 _WIDEST = 4.0

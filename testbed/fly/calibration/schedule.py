@@ -15,9 +15,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...plan.profiles.resolve import LinkPlan, Plan
+from net.link_plan import SLOT_JITTERS, LinkPlan
+
+from ...plan.profiles.resolve import Plan
 from ...plan.topology import Topology
-from .expected import SLOT_JITTERS, arriving
+from .expected import arriving
 
 SMALLEST_FRAME, LARGEST_FRAME = 62, 1_514
 """Bytes of an Ethernet frame with an empty probe, and of a full one."""

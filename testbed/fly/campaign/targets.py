@@ -6,12 +6,13 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from net.link_plan import SHAPERS
+
 from ...errors import UserError
 from ...plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, Plan, make_plan
 from ...plan.fleets import fleet_of
 from ...plan.order import FIRST_PROFILES, arms_in_order, experiments_in_order, profiles_in_order
 from ...plan.profiles.reading import profile_names
-from ...plan.profiles.run_plan import SHAPERS
 
 _ASKED_FIRST = FIRST_PROFILES[:2]
 

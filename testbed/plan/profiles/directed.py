@@ -8,9 +8,10 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
+from net.link_plan import DIRECTIONS, EventPlan, LinkPlan
+
 from ..topology import Topology
-from .reading import DIRECTIONS
-from .resolve import EventPlan, LinkPlan, Plan
+from .resolve import Plan
 
 SMALLEST_FRAME_BITS = 60 * 8
 MOST_FRAMES_S = 100_000

@@ -27,10 +27,12 @@ from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
+from net.link_plan import LinkPlan
+
 from ..topology import Topology
 from .directed import Directed, directed_links, frames_in_flight
 from .draws import link_seed
-from .resolve import LinkPlan, Plan
+from .resolve import Plan
 
 RATE_DEVICE = "rate"
 IN_ORDER_BPS = 10_000_000_000

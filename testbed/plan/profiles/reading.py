@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from net.link_plan import DIRECTIONS
+
 from ...errors import UserError
 from ..documents import ROOT, read_document, shown
 from . import units
 
 FOLDER = ROOT / "tc_profiles"
 SCHEMA_FILE = FOLDER / "profile.schema.json"
-DIRECTIONS = ("up", "down")
 
 PARSERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "rate": ("rate_bps", units.parse_rate_bps),

@@ -5,80 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from random import Random
-from typing import Any
+
+from net import link_plan
+from net.link_plan import DIRECTIONS, EventPlan, LinkPlan
 
 from ...errors import UserError
 from ..topology import Link, Topology
 from .checks import check_event, check_link
 from .draws import link_seed, occurrences, plan_seed
-from .reading import DIRECTIONS, Entry, Figure, Profile, Rule
+from .reading import Entry, Figure, Profile, Rule
 from .units import show_time
 
-VERSION = 1
 LONGEST_S = 900
 """How long a plan reaches where nobody says otherwise: longer than any mission is allowed to take."""
 
 
 @dataclass(frozen=True)
-class LinkPlan:
-    """What a shaper does to one directed link: `rate_bps` with its queue first, then delay and all the rest.
-
-    rate_bps       bits of Ethernet frames a second; None: unlimited
-    queue_packets  frames that wait for the rate; one more is dropped
-    shared_with    the other direction, where both share the one rate
-    delay_us       the mean
-    jitter_us      what the distribution is scaled by: its deviation (normal, pareto), or either side (uniform)
-    reordering     whether jitter may let a frame overtake another
-    loss, duplicate, corrupt, reorder  shares of frames
-    """
-
-    rate_bps: int | None = None
-    queue_packets: int | None = None
-    shared_with: str | None = None
-    delay_us: int = 0
-    jitter_us: int = 0
-    distribution: str = "normal"
-    reordering: bool = False
-    loss: float = 0.0
-    duplicate: float = 0.0
-    corrupt: float = 0.0
-    reorder: float = 0.0
-
-    @property
-    def is_shaped(self) -> bool:
-        """Whether anything at all is done to its frames."""
-        return self != LinkPlan(distribution=self.distribution, reordering=self.reordering)
-
-
-@dataclass(frozen=True)
-class EventPlan:
-    """From `at_s` on, for `for_s` seconds, `change` stands above a link's figures; `closed` lets nothing through."""
-
-    at_s: float
-    link: str
-    for_s: float
-    change: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Plan:
+class Plan(link_plan.Plan):
     """What every shaper takes. `figures` says where each link's figures come from; it is not part of the data."""
 
-    profile: str
-    seed: int
-    links: Mapping[str, LinkPlan]
-    events: tuple[EventPlan, ...]
     figures: Mapping[str, Mapping[str, Figure]] = field(default_factory=dict, compare=False)
-
-    def to_data(self) -> dict[str, Any]:
-        """As JSON has it."""
-        return {
-            "version": VERSION,
-            "profile": self.profile,
-            "seed": self.seed,
-            "links": {name: asdict(link) for name, link in self.links.items()},
-            "events": [asdict(event) for event in self.events],
-        }
 
 
 def resolve(profile: Profile, topology: Topology, experiment: str, attempt: int, length_s: float = LONGEST_S) -> Plan:

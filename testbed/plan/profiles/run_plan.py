@@ -3,26 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
+
+from net.link_plan import RUN_VERSION, Gate
 
 from ..topology import Topology
 from .kernel import commands_of
 from .resolve import Plan
-
-VERSION = 1
-SHAPERS = ("auto", "netem", "nfqueue")
-
-
-@dataclass(frozen=True)
-class Gate:
-    """A link, both ways, that is open while a drone is within `range_m` of a place on the ground."""
-
-    link: str
-    drone: int
-    latitude_deg: float
-    longitude_deg: float
-    range_m: float = 50.0
 
 
 def run_plan(
@@ -34,7 +22,7 @@ def run_plan(
     changed by hand during the run. A gate's link has no direction, as `sense:uav1`.
     """
     return {
-        "version": VERSION,
+        "version": RUN_VERSION,
         "shaper": shaper,
         "always": always,
         "plan": plan.to_data(),

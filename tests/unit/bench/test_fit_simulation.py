@@ -6,7 +6,7 @@ import pytest
 
 from net.emulator.link import PASS, Link
 from net.emulator.plan import Settings
-from testbed.plan.profiles.resolve import LinkPlan
+from net.link_plan import LinkPlan
 from tests.bench.fit_calls import ANSWER, unanswered, with_calls
 from tests.bench.fit_search import lowest
 from tests.bench.fit_simulation import DOWN, Offered, cross, delay, losses, run, send

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from net.interfaces import NetError
+from net.link_plan import Gate
 from net.shaping.gates import distance_m, is_open, position_file, read_position
-from net.shaping.run_plan import Gate
 
 GATE = Gate("sense:uav1", 1, 47.397742, 8.545594, 50.0)
 DEGREE_M = 111_195.08

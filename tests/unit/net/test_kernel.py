@@ -14,6 +14,7 @@ from fake_tc import FakeTc
 
 from net.emulator.plan import PlanError
 from net.interfaces import Cable, NetError, Port
+from net.link_plan import EventPlan, LinkPlan
 from net.shaping.choice import choose, try_netem
 from net.shaping.commands import Done, carry_out
 from net.shaping.journal import Journal
@@ -23,7 +24,7 @@ from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles import run_plan as host
 from testbed.plan.profiles.kernel import change_words
 from testbed.plan.profiles.reading import profile_names, read_profile
-from testbed.plan.profiles.resolve import EventPlan, LinkPlan, Plan, resolve
+from testbed.plan.profiles.resolve import Plan, resolve
 
 TOPOLOGY = standard_fleet().topology()
 PORTS = [Port(node.name, Cable("", node.address), f"eth{number}", "") for number, node in enumerate(TOPOLOGY.nodes)]

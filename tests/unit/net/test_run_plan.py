@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from net.emulator.plan import PlanError
-from net.shaping.run_plan import Gate, RunPlan, read_run_plan
+from net.link_plan import Gate
+from net.shaping.run_plan import RunPlan, read_run_plan
 from testbed.plan.documents import ROOT
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles import run_plan as host

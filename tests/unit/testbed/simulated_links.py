@@ -12,7 +12,8 @@ from typing import Any
 from net.emulator.link import CORRUPT, DROP, WAIT
 from net.emulator.network import Network
 from net.emulator.plan import parse_plan
-from testbed.plan.profiles.resolve import LinkPlan, Plan
+from net.link_plan import LinkPlan
+from testbed.plan.profiles.resolve import Plan
 from testbed.plan.topology import Link, Node, Topology
 
 TWO = Topology((Node("gs", "198.18.0.3"), Node("cloud", "198.18.1.3")), (Link("wan:gs", "gs", "cloud"),))

@@ -109,7 +109,7 @@ def test_a_frame_chosen_by_reorder_skips_its_delay_and_overtakes() -> None:
 
 SETTINGS = st.builds(
     lambda rate, queue, delay, share, distribution, loss, reordering: Settings(
-        rate, queue if rate else None, delay, int(delay * share), distribution, reordering, loss
+        rate, queue if rate else None, None, delay, int(delay * share), distribution, reordering, loss
     ),
     st.none() | st.integers(1000, 10**9),
     st.none() | st.integers(1, 50),

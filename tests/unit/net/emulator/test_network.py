@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from net.emulator.link import DROP, PASS, WAIT
 from net.emulator.network import Network, Step, steps
-from net.emulator.plan import Event, LinkPlan, Plan, Settings
+from net.emulator.plan import Settings, ShapedPlan
+from net.link_plan import EventPlan
 
 UP, DOWN = "air:uav1:up", "air:uav1:down"
 S = 1_000_000_000
 
 
-def network(*events: Event, up: Settings | None = None, shared: bool = False) -> tuple[Plan, Network]:
-    links = {UP: LinkPlan(up or Settings(loss=0.1), DOWN if shared else None), DOWN: LinkPlan(up or Settings())}
-    plan = Plan("p", 1, links, events)
+def network(*events: EventPlan, up: Settings | None = None, shared: bool = False) -> tuple[ShapedPlan, Network]:
+    first = replace(up or Settings(loss=0.1), shared_with=DOWN if shared else None)
+    links = {UP: first, DOWN: up or Settings()}
+    plan = ShapedPlan("p", 1, links, events)
     made = Network(plan)
     made.start(0)
     return plan, made
 
 
 def test_an_event_begins_and_ends_at_its_times() -> None:
-    _, made = network(Event(20.0, UP, 5.0, {"closed": True}))
+    _, made = network(EventPlan(20.0, UP, 5.0, {"closed": True}))
     seen = []
     while (moment := made.next_change_ns) is not None:
         made.change_until(moment - 1)
@@ -31,7 +35,7 @@ def test_an_event_begins_and_ends_at_its_times() -> None:
 
 
 def test_where_events_overlap_the_later_decides_each_field() -> None:
-    plan, _ = network(Event(1.0, UP, 4.0, {"loss": 0.5, "delay_us": 7}), Event(2.0, UP, 1.0, {"loss": 0.9}))
+    plan, _ = network(EventPlan(1.0, UP, 4.0, {"loss": 0.5, "delay_us": 7}), EventPlan(2.0, UP, 1.0, {"loss": 0.9}))
     assert list(steps(plan)) == [
         Step(1 * S, UP, Settings(loss=0.5, delay_us=7), {"loss": 0.5, "delay_us": 7}),
         Step(2 * S, UP, Settings(loss=0.9, delay_us=7), {"loss": 0.9, "delay_us": 7}),
@@ -41,14 +45,14 @@ def test_where_events_overlap_the_later_decides_each_field() -> None:
 
 
 def test_an_event_that_follows_another_at_once_leaves_no_gap() -> None:
-    plan, _ = network(Event(1.0, UP, 1.0, {"closed": True}), Event(2.0, UP, 1.0, {"closed": True}))
+    plan, _ = network(EventPlan(1.0, UP, 1.0, {"closed": True}), EventPlan(2.0, UP, 1.0, {"closed": True}))
     assert [step.settings.closed for step in steps(plan)] == [True, True, False]
 
 
 def test_an_outage_is_the_same_however_much_is_sent() -> None:
     fates = []
     for step in (S // 4, S // 100):
-        _, made = network(Event(1.0, UP, 0.5, {"closed": True}), up=Settings())
+        _, made = network(EventPlan(1.0, UP, 0.5, {"closed": True}), up=Settings())
         found = {}
         for now in range(0, 3 * S, step):
             made.change_until(now)
@@ -67,7 +71,7 @@ def test_a_shared_rate_is_one_whichever_link_names_the_other() -> None:
 
 
 def test_until_the_start_links_have_their_steady_figures_and_events_count_from_it() -> None:
-    plan, _ = network(Event(1.0, UP, 1.0, {"closed": True}))
+    plan, _ = network(EventPlan(1.0, UP, 1.0, {"closed": True}))
     made = Network(plan)
     assert made.change_until(100 * S) == []
     assert made.next_change_ns is None
@@ -93,7 +97,7 @@ def test_jitter_and_draws_are_the_same_that_long_after_a_start() -> None:
 
 
 def test_a_change_by_hand_stands_over_the_steady_figures_and_hides_events_until_it_is_let_go() -> None:
-    _, made = network(Event(1.0, UP, 2.0, {"delay_us": 9}))
+    _, made = network(EventPlan(1.0, UP, 2.0, {"delay_us": 9}))
     link = made.links[UP]
     made.hold(UP, {"loss": 0.7})
     assert link.settings == Settings(loss=0.7)
@@ -106,7 +110,7 @@ def test_a_change_by_hand_stands_over_the_steady_figures_and_hides_events_until_
 
 
 def test_a_link_that_is_shut_lets_nothing_through_whatever_else_it_is_told() -> None:
-    _, made = network(Event(1.0, UP, 2.0, {"closed": False}))
+    _, made = network(EventPlan(1.0, UP, 2.0, {"closed": False}))
     made.shut(UP, True)
     made.hold(UP, {"loss": 0.0})
     made.change_until(S)

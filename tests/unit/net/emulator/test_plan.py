@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from net.emulator.plan import Event, PlanError, Settings, changed, parse_plan, read_plan
+from net.emulator.plan import PlanError, Settings, changed, parse_plan, read_plan
+from net.link_plan import EventPlan
 
 UP, DOWN = "air:uav1:up", "air:uav1:down"
 LINK = f"f: links.{UP}"
@@ -33,10 +34,9 @@ def test_every_field_of_a_link_is_read() -> None:
     given = {
         "rate_bps": 64_000, "queue_packets": 60, "delay_us": 40_000, "jitter_us": 20_000, "distribution": "pareto",
         "reordering": True, "loss": 0.01, "duplicate": 0.02, "corrupt": 0.03, "reorder": 0.04,
+        "shared_with": DOWN,
     }  # fmt: skip
-    link = parse_plan(with_link(**given, shared_with=DOWN), "f").links[UP]
-    assert link.shared_with == DOWN
-    assert link.settings == Settings(**given)
+    assert parse_plan(with_link(**given), "f").links[UP] == Settings(**given)
 
 
 def test_events_are_in_the_order_of_their_times() -> None:
@@ -45,7 +45,7 @@ def test_events_are_in_the_order_of_their_times() -> None:
         {"at_s": 2.5, "link": DOWN, "for_s": 0.5, "change": {"closed": True}},
     ]
     found = parse_plan(plan(events=events), "f").events
-    assert found == (Event(2.5, DOWN, 0.5, {"closed": True}), Event(9.0, UP, 1.0, {"loss": 0.2}))
+    assert found == (EventPlan(2.5, DOWN, 0.5, {"closed": True}), EventPlan(9.0, UP, 1.0, {"loss": 0.2}))
     assert changed(Settings(loss=0.1, delay_us=5), found[1].change) == Settings(loss=0.2, delay_us=5)
 
 
@@ -94,4 +94,4 @@ def test_a_file_that_is_no_plan_is_named(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match=r"plan\.json: Expecting property name .*; expected a plan in JSON$"):
         read_plan(path)
     path.write_text(json.dumps(plan()))
-    assert read_plan(path).links[UP].settings == Settings()
+    assert read_plan(path).links[UP] == Settings()

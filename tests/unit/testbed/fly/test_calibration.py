@@ -8,12 +8,13 @@ import random
 import pytest
 from simulated_links import DOWN, TWO, UP, SimulatedNodes, changed, plan_of
 
+from net.link_plan import LinkPlan
 from net.probe import HEAD
 from testbed.errors import FleetError, ProbesLate
 from testbed.fly.calibration import Calibration, calibrate
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import profile_names, read_profile
-from testbed.plan.profiles.resolve import LinkPlan, Plan, resolve
+from testbed.plan.profiles.resolve import Plan, resolve
 
 TOPOLOGY = standard_fleet().topology()
 RADIO = LinkPlan(64_000, 30, DOWN, 40_000, 20_000, loss=0.01)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from net.emulator.jitter import make_jitter
+from net.link_plan import LinkPlan
 from testbed.fly.calibration.estimate import Row, delay_figures, first_copies, rate_when_overfilled, rate_when_received
 from testbed.fly.calibration.expected import Delays, arriving, rate_bps
-from testbed.plan.profiles.resolve import LinkPlan
 
 MS = 1_000_000
 

@@ -8,11 +8,12 @@ from itertools import pairwise
 import pytest
 from simulated_links import DOWN, TWO, UP, plan_of
 
+from net.link_plan import LinkPlan
 from net.probe import parse_schedule
 from testbed.fly.calibration.schedule import DELAY, RATE, Flow, Schedule, make_schedule
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import profile_names, read_profile
-from testbed.plan.profiles.resolve import LinkPlan, Plan, resolve
+from testbed.plan.profiles.resolve import Plan, resolve
 
 TOPOLOGY = standard_fleet().topology()
 

@@ -8,11 +8,12 @@ from random import Random
 
 import pytest
 
+from net.link_plan import EventPlan
 from testbed.errors import UserError
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.draws import link_seed, occurrences, plan_seed
 from testbed.plan.profiles.reading import Rule, read_profile
-from testbed.plan.profiles.resolve import EventPlan, Plan, resolve
+from testbed.plan.profiles.resolve import Plan, resolve
 
 TOPOLOGY = standard_fleet().topology()
 

@@ -12,12 +12,13 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from net.link_plan import LinkPlan
 from testbed.errors import UserError
 from testbed.plan.documents import ROOT
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles import units
 from testbed.plan.profiles.reading import FOLDER, PARSERS, SCHEMA_FILE, profile_names, read_profile
-from testbed.plan.profiles.resolve import LinkPlan, Plan, resolve
+from testbed.plan.profiles.resolve import Plan, resolve
 
 TOPOLOGY = standard_fleet().topology()
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from mission.points import all_points
+from net.link_plan import Gate
 from testbed.fly.containers import services_of
 from testbed.plan.fleets import standard_fleet
-from testbed.plan.profiles.run_plan import Gate
 from testbed.plan.sensors import closed_links, gates_of, sensor_profiles, sensor_settings, sensor_words
 
 

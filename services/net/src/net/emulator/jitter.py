@@ -22,12 +22,12 @@ from collections.abc import Callable
 from functools import cache
 from statistics import NormalDist
 
+from ..link_plan import SLOT_JITTERS
+
 TABLE_SIZE = 1 << 14
 _MASK = TABLE_SIZE - 1
 CUT = 4.0
 """netem's tables hold 16 bits, 8192 to the unit."""
-SLOT_JITTERS = {"normal": 5, "uniform": 5, "pareto": 10}
-"""A slot's length in jitters: so that the delay falls slower than time passes, also in a steep tail."""
 FAST_SLOT_NS = 50_000
 PARETO_SHAPE = 3.0
 

@@ -12,9 +12,10 @@ from itertools import groupby
 from operator import attrgetter, itemgetter
 from typing import Any
 
+from ..link_plan import EventPlan
 from .jitter import make_jitter
 from .link import Link
-from .plan import Event, Plan, Settings, changed
+from .plan import Settings, ShapedPlan, changed
 from .turns import Turns
 
 _NS = 1_000_000_000
@@ -33,16 +34,16 @@ class Step:
 class Network:
     """The links by name; `change_until` carries out the events once `start` was called. Times are ns of one clock."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: ShapedPlan) -> None:
         self.seed = plan.seed
         shared: dict[str, Turns] = {}
         for name, link in plan.links.items():
             if link.shared_with is not None and name not in shared:
                 shared[name] = shared[link.shared_with] = Turns()
         self.turns = list({id(turns): turns for turns in shared.values()}.values())
-        self.links = {name: Link(name, link.settings, plan.seed, shared.get(name)) for name, link in plan.links.items()}
-        self._steady = {name: link.settings for name, link in plan.links.items()}
-        self._planned = {name: Step(0, name, link.settings, {}) for name, link in plan.links.items()}
+        self.links = {name: Link(name, link, plan.seed, shared.get(name)) for name, link in plan.links.items()}
+        self._steady = plan.links
+        self._planned = {name: Step(0, name, link, {}) for name, link in plan.links.items()}
         self._held: dict[str, Mapping[str, Any]] = {}
         self._shut: set[str] = set()
         self._start_ns: int | None = None
@@ -96,7 +97,7 @@ class Network:
         self.links[name].change(replace(settings, closed=True) if name in self._shut else settings)
 
 
-def steps(plan: Plan) -> Iterator[Step]:
+def steps(plan: ShapedPlan) -> Iterator[Step]:
     """What the events do, in the order of time: where they overlap, the one that began last decides each field."""
     found: list[Step] = []
     for name, link in plan.links.items():
@@ -108,10 +109,10 @@ def steps(plan: Plan) -> Iterator[Step]:
             change: dict[str, Any] = {}
             for place in sorted(active):
                 change |= own[place].change
-            found.append(Step(moment_ns, name, changed(link.settings, change), change))
+            found.append(Step(moment_ns, name, changed(link, change), change))
     yield from sorted(found, key=attrgetter("at_ns"))
 
 
-def _bounds(event: Event) -> tuple[int, int]:
+def _bounds(event: EventPlan) -> tuple[int, int]:
     begin_ns = round(event.at_s * _NS)
     return begin_ns, begin_ns + max(1, round(event.for_s * _NS))

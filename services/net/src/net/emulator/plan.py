@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from ..interfaces import NetError
+from ..link_plan import DISTRIBUTIONS, VERSION, EventPlan, LinkPlan, Plan
 
-VERSION = 1
-DIRECTIONS = ("up", "down")
-DISTRIBUTIONS = ("normal", "uniform", "pareto")
 MAX_DELAY_US = 60_000_000
 MAX_QUEUE_PACKETS = 1_000_000
 MIN_RATE_BPS, MAX_RATE_BPS = 1_000, 100_000_000_000
@@ -34,55 +32,20 @@ class PlanError(NetError):
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What a directed link does; `closed` comes from events only.
+class Settings(LinkPlan):
+    """What a directed link does at a time; `closed` comes from events only, and lets nothing through."""
 
-    The rate counts whole Ethernet frames without FCS. `queue_packets` is what the rate stage holds, the frame that is
-    being sent included; None is without bound. `loss`, `duplicate`, `corrupt` and `reorder` are shares of frames.
-    """
-
-    rate_bps: int | None = None
-    queue_packets: int | None = None
-    delay_us: int = 0
-    jitter_us: int = 0
-    distribution: str = "normal"
-    reordering: bool = False
-    loss: float = 0.0
-    duplicate: float = 0.0
-    corrupt: float = 0.0
-    reorder: float = 0.0
     closed: bool = False
 
 
 @dataclass(frozen=True)
-class LinkPlan:
-    """A directed link; `shared_with` names the link with which it takes turns in sending."""
+class ShapedPlan(Plan):
+    """A plan that was read and checked."""
 
-    settings: Settings
-    shared_with: str | None = None
-
-
-@dataclass(frozen=True)
-class Event:
-    """From `at_s` on, for `for_s` seconds, the link has other settings; times are since the shaping began."""
-
-    at_s: float
-    link: str
-    for_s: float
-    change: Mapping[str, Any]
+    links: Mapping[str, Settings]
 
 
-@dataclass(frozen=True)
-class Plan:
-    """All links of a run by name, `air:uav1:up`, and the events in the order of their times."""
-
-    profile: str
-    seed: int
-    links: Mapping[str, LinkPlan]
-    events: tuple[Event, ...] = ()
-
-
-def read_plan(path: Path) -> Plan:
+def read_plan(path: Path) -> ShapedPlan:
     """A file with a plan, or with one under `plan` beside what else a run has. Raises PlanError."""
     data = read_json(path)
     if isinstance(data, dict) and "plan" in data:
@@ -100,7 +63,7 @@ def read_json(path: Path) -> object:
         raise PlanError(f"{path}: {error}; expected a plan in JSON") from error
 
 
-def parse_plan(data: object, source: str) -> Plan:
+def parse_plan(data: object, source: str) -> ShapedPlan:
     """The plan in parsed JSON; `source` is named in what PlanError says."""
     top = mapping(data, source, ("version", "profile", "seed", "links", "events"))
     if top.get("version") != VERSION:
@@ -121,7 +84,7 @@ def parse_plan(data: object, source: str) -> Plan:
     if not isinstance(found, list):
         raise wrong(f"{source}: events", found, "a list")
     events = [_event(value, links, f"{source}: events[{number}]") for number, value in enumerate(found)]
-    return Plan(profile, seed, links, tuple(sorted(events, key=lambda event: event.at_s)))
+    return ShapedPlan(profile, seed, links, tuple(sorted(events, key=lambda event: event.at_s)))
 
 
 def changed(settings: Settings, change: Mapping[str, Any]) -> Settings:
@@ -129,20 +92,16 @@ def changed(settings: Settings, change: Mapping[str, Any]) -> Settings:
     return replace(settings, **change)
 
 
-def _link(value: object, where: str) -> LinkPlan:
-    known = [field.name for field in fields(Settings) if field.name != "closed"]
-    found = dict(mapping(value, where, ("shared_with", *known)))
-    partner = found.pop("shared_with", None)
-    if partner is not None and not isinstance(partner, str):
-        raise wrong(f"{where}.shared_with", partner, "the name of a link, or null")
+def _link(value: object, where: str) -> Settings:
+    found = mapping(value, where, [field.name for field in fields(LinkPlan)])
     for name, given in found.items():
         _check_value(name, given, f"{where}.{name}")
     settings = Settings(**found)
     _check_together(settings, where)
-    return LinkPlan(settings, partner)
+    return settings
 
 
-def _event(value: object, links: Mapping[str, LinkPlan], where: str) -> Event:
+def _event(value: object, links: Mapping[str, Settings], where: str) -> EventPlan:
     found = mapping(value, where, ("at_s", "link", "for_s", "change"))
     for name in ("at_s", "for_s"):
         if not is_number(found.get(name)) or not 0 <= found[name] <= MAX_TIME_S:
@@ -151,29 +110,29 @@ def _event(value: object, links: Mapping[str, LinkPlan], where: str) -> Event:
         raise wrong(f"{where}.for_s", found["for_s"], "more than 0")
     link = found.get("link")
     change = parse_change(links, link, found.get("change"), where)
-    return Event(float(found["at_s"]), str(link), float(found["for_s"]), change)
+    return EventPlan(float(found["at_s"]), str(link), float(found["for_s"]), change)
 
 
-def parse_change(links: Mapping[str, LinkPlan], link: object, change: object, where: str) -> dict[str, Any]:
+def parse_change(links: Mapping[str, Settings], link: object, change: object, where: str) -> dict[str, Any]:
     """The fields of a change of that link, checked as the plan's own. Raises PlanError."""
     if not isinstance(link, str) or link not in links:
         raise wrong(f"{where}.link", link, f"one of {', '.join(links)}")
-    found = mapping(change, f"{where}.change", [field.name for field in fields(Settings)])
+    found = mapping(change, f"{where}.change", [one.name for one in fields(Settings) if one.name != "shared_with"])
     if not found:
         raise wrong(f"{where}.change", found, "at least one field of a link")
     for name, given in found.items():
         _check_value(name, given, f"{where}.change.{name}")
-    _check_together(changed(links[link].settings, found), f"{where}.change")
+    _check_together(changed(links[link], found), f"{where}.change")
     return dict(found)
 
 
-def _check_partner(name: str, link: LinkPlan, links: Mapping[str, LinkPlan], where: str) -> None:
+def _check_partner(name: str, link: Settings, links: Mapping[str, Settings], where: str) -> None:
     if link.shared_with is None:
         return
     partner = links.get(link.shared_with)
     if partner is None or link.shared_with == name or partner.shared_with not in (None, name):
         raise wrong(where, link.shared_with, "another link, which shares with no third one")
-    if link.settings.rate_bps is None or partner.settings.rate_bps is None:
+    if link.rate_bps is None or partner.rate_bps is None:
         raise wrong(where, link.shared_with, "a rate_bps on both: it is what they share")
 
 
@@ -190,6 +149,9 @@ def _check_value(name: str, value: object, where: str) -> None:
     elif name in _FLAGS:
         if not isinstance(value, bool):
             raise wrong(where, value, "true or false")
+    elif name == "shared_with":
+        if value is not None and not isinstance(value, str):
+            raise wrong(where, value, "the name of a link, or null")
     elif value not in DISTRIBUTIONS:
         raise wrong(where, value, f"one of {', '.join(DISTRIBUTIONS)}")
 

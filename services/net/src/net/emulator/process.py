@@ -19,14 +19,14 @@ from . import counts, nfqueue, rules
 from .control import Channel
 from .network import Network, Step
 from .nfqueue import Queues
-from .plan import Plan
+from .plan import ShapedPlan
 from .shaper import Shaper
 from .timing import Lateness
 from .urgency import hurry
 
 
 def shape(
-    plan: Plan, ports: Sequence[Port], pairs: Sequence[Pair], counters_file: Path, said: Path | Channel | None
+    plan: ShapedPlan, ports: Sequence[Port], pairs: Sequence[Pair], counters_file: Path, said: Path | Channel | None
 ) -> None:
     """Shape every link until SIGTERM or SIGINT, with counters written each second and at the end. Raises NetError.
 
@@ -85,9 +85,9 @@ def shape(
                 writer.finish(report())
 
 
-def queues_of_whole_packets(plan: Plan) -> frozenset[int]:
+def queues_of_whole_packets(plan: ShapedPlan) -> frozenset[int]:
     """The places of links that corrupt or duplicate at any time, for which a packet's head is not enough."""
-    touching = {name for name, link in plan.links.items() if link.settings.corrupt or link.settings.duplicate}
+    touching = {name for name, link in plan.links.items() if link.corrupt or link.duplicate}
     touching |= {event.link for event in plan.events if event.change.get("corrupt") or event.change.get("duplicate")}
     return frozenset(queue for queue, name in enumerate(plan.links) if name in touching)
 

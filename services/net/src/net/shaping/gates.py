@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..emulator.plan import is_number
 from ..interfaces import NetError
-from .run_plan import Gate
+from ..link_plan import Gate
 
 EARTH_RADIUS_M = 6_371_008.8
 """The mean radius of WGS 84 (IUGG)."""

@@ -7,27 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..emulator.plan import DIRECTIONS, Plan, Settings, is_number, mapping, parse_plan, read_json, wrong
+from ..emulator.plan import ShapedPlan, is_number, mapping, parse_plan, read_json, wrong
+from ..link_plan import DIRECTIONS, RUN_VERSION, SHAPERS, Gate
 
-VERSION = 1
-SHAPERS = ("auto", "netem", "nfqueue")
 FIELDS = ("version", "shaper", "always", "plan", "kernel", "gates")
-
-
-@dataclass(frozen=True)
-class Gate:
-    """A link, both ways, that is open while a drone is within `range_m` of a place on the ground."""
-
-    link: str
-    drone: int
-    latitude_deg: float
-    longitude_deg: float
-    range_m: float
-
-    @property
-    def ways(self) -> tuple[str, ...]:
-        """The directed links."""
-        return tuple(f"{self.link}:{direction}" for direction in DIRECTIONS)
 
 
 @dataclass(frozen=True)
@@ -36,22 +19,22 @@ class RunPlan:
 
     shaper: str
     always: bool
-    plan: Plan
+    plan: ShapedPlan
     kernel: Mapping[str, Any]
     gates: tuple[Gate, ...]
 
     @property
     def is_shaped(self) -> bool:
         """Whether anything is ever done to a frame."""
-        plain = all(_is_plain(link.settings) for link in self.plan.links.values())
-        return self.always or bool(self.gates) or bool(self.plan.events) or not plain
+        shaped = any(link.is_shaped for link in self.plan.links.values())
+        return self.always or bool(self.gates) or bool(self.plan.events) or shaped
 
 
 def read_run_plan(path: Path) -> RunPlan:
     """Raises PlanError naming file, field, value and what was expected."""
     top = mapping(read_json(path), str(path), FIELDS)
-    if top.get("version") != VERSION:
-        raise wrong(f"{path}: version", top.get("version"), f"{VERSION}")
+    if top.get("version") != RUN_VERSION:
+        raise wrong(f"{path}: version", top.get("version"), f"{RUN_VERSION}")
     if top.get("shaper") not in SHAPERS:
         raise wrong(f"{path}: shaper", top.get("shaper"), f"one of {', '.join(SHAPERS)}")
     always = top.get("always", False)
@@ -65,7 +48,7 @@ def read_run_plan(path: Path) -> RunPlan:
     return RunPlan(top["shaper"], always, plan, mapping(top.get("kernel", {}), f"{path}: kernel", None), found)
 
 
-def _gate(value: object, plan: Plan, where: str) -> Gate:
+def _gate(value: object, plan: ShapedPlan, where: str) -> Gate:
     given = mapping(value, where, ("link", "drone", "latitude_deg", "longitude_deg", "range_m"))
     link = given.get("link")
     if not isinstance(link, str) or not {f"{link}:{direction}" for direction in DIRECTIONS} <= set(plan.links):
@@ -78,7 +61,3 @@ def _gate(value: object, plan: Plan, where: str) -> Gate:
         if not is_number(number) or not low <= number <= high:
             raise wrong(f"{where}.{name}", number, f"a number from {low} to {high}")
     return Gate(link, drone, *(float(given[name]) for name in ("latitude_deg", "longitude_deg", "range_m")))
-
-
-def _is_plain(settings: Settings) -> bool:
-    return settings == Settings(distribution=settings.distribution, reordering=settings.reordering)
