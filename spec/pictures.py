@@ -5,11 +5,16 @@ A test holds the pictures in docs/pictures to this.
 
 from __future__ import annotations
 
+import io
+import json
+import re
 import sys
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from statistics import mean
+
+from rich.console import Console
 
 from mqttxt.core.clock import BEACON_INTERVAL_MS, DEFAULT_TTL_MS
 from mqttxt.core.settings import GRACE_MS
@@ -18,8 +23,11 @@ from mqttxt.protocol.commands import Takeoff
 from mqttxt.protocol.topics import CloudSide, FogSide
 from testbed.fly.results import METRICS, REPORT
 from testbed.plan.compose import read_services
+from testbed.plan.documents import ROOT
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.wording import PROTOCOL_NAMES
+from testbed.present.report import sentences
+from testbed.present.report import terminal as report_terminal
 from testbed.present.summary.page import PAGE
 
 from .svg import Drawing
@@ -27,6 +35,7 @@ from .svg import Drawing
 _MISSION = {"mqttxt": "mission (mqttxt)", "mavlink": "mission (MAVSDK)"}
 """What the runner starts on the ground station itself; compose.yaml has the programs of all other nodes."""
 _NAMES = {"sitl fly": "sitl (autopilot)", "router": "mavp2p", "mosquitto": "Mosquitto"}
+SHOWN = "five-states-bundled-lte"
 _COLUMNS = {"gs": 100, "cloud": 325, "fog": 560, "uav": 795}
 _WIDTH, _ROW, _TALL = 150, 52, 40
 
@@ -176,17 +185,32 @@ def command() -> Drawing:
     return drawing
 
 
-PICTURES: dict[str, Callable[[], Drawing]] = {
-    "topology": topology,
-    "data-flow": data_flow,
-    "command": command,
+def terminal() -> str:
+    """What a run's last lines on the terminal are: the newest kept series of scenario 1 that has SHOWN's conditions."""
+    series = max((ROOT / "docs" / "findings" / "scenario-1" / SHOWN).iterdir())
+    metrics = json.loads((series / METRICS).read_text(encoding="utf-8"))
+    console = Console(record=True, width=106, file=io.StringIO(), force_terminal=True, highlight=False)
+    console.print(f"$ make scenario-1 ARM={metrics['arm']} PROFILE={metrics['profile']} ATTEMPTS=3", style="bold")
+    console.print("…\n")
+    console.print(f"{sentences.finding(metrics)} {sentences.basis(metrics)}", markup=False)
+    for table in (report_terminal.comparison_table(metrics), report_terminal.attempts_table(metrics)):
+        console.print(table)
+    drawn = console.export_svg(title="make scenario-1", unique_id="terminal")
+    return re.sub(r"@font-face {.*?}\s*", "", drawn, flags=re.DOTALL)  # nothing is loaded from another host
+
+
+PICTURES: dict[str, Callable[[], str]] = {
+    "topology": lambda: topology().svg(),
+    "data-flow": lambda: data_flow().svg(),
+    "command": lambda: command().svg(),
+    "terminal": terminal,
 }
 
 
 def main(folder: str) -> None:
     """Write every picture into `folder`."""
     for name, draw in PICTURES.items():
-        (Path(folder) / f"{name}.svg").write_text(draw().svg(), encoding="utf-8")
+        (Path(folder) / f"{name}.svg").write_text(draw(), encoding="utf-8")
 
 
 if __name__ == "__main__":
