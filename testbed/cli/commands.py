@@ -36,7 +36,7 @@ from ..plan.experiments import (
     make_plan,
     one_protocol,
 )
-from ..plan.fleets import fleet_of
+from ..plan.fleets import fleet_of, standard_fleet
 from ..plan.overrides import files_of_standard_fleet, fleet_in, suffix
 from ..present.report.compare import result_of
 from ..present.report.compare_page import print_comparison, write_comparison
@@ -245,9 +245,9 @@ def make_fleet_files() -> None:
 
 @app.command()
 def down() -> None:
-    """End what `up` started, over whatever protocol."""
+    """End what `up` started, over whatever protocol and with whatever fleet."""
     with _errors_as_lines(), ConsoleProgress(make_console()).phase("ending the containers"):
-        Containers(PROTOCOLS[0], LIVE, {}, fleet_in(LIVE)).down()
+        Containers(PROTOCOLS[0], LIVE, {}, standard_fleet()).down()
 
 
 def _run(plan: Plan, results: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 from testbed.cli import commands as cli
 from testbed.errors import DockerError
 from testbed.fly.results import Series, new_attempt
+from testbed.plan.overrides import FLEET_COPY
 from testbed.present import reporting
 
 
@@ -59,3 +61,12 @@ def test_what_was_flown_is_reported_when_docker_is_lost(
     code, _, said = _run("run", "scenario-1", "--results", str(tmp_path), "--qos", "1")
     assert (code, said) == (1, "testbed: Docker does not answer\n")
     assert [path.parent.name for path in reported] == (["thesis+qos-1-ideal"] if was_flown else [])
+
+
+def test_a_fleet_is_ended_though_its_own_file_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = []
+    monkeypatch.setattr(cli, "LIVE", tmp_path)
+    monkeypatch.setattr(cli, "Containers", lambda *_: SimpleNamespace(down=lambda: ended.append(True)))
+    (tmp_path / FLEET_COPY).write_text("fogs: [")
+    assert _run("down")[0] == 0
+    assert ended == [True]
