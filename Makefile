@@ -41,7 +41,7 @@ scenario-4: ## As 2, and at its point each collects what a sensor measures there
 messages scenario-1 scenario-2 scenario-3 scenario-4: containers
 	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' --samples '$(SAMPLES)' --count '$(COUNT)' $(FACTORS)
 
-all: containers ## Fly everything, or go on where that was broken off (ATTEMPTS= EXPERIMENTS= ARMS= PROFILES= COUNT= SAMPLES=)
+all: containers ## Fly everything, or go on where that was broken off (ATTEMPTS= EXPERIMENTS= ARMS= PROFILES= FOGS= DRONES=)
 	@$(PYTHON) -m testbed all --attempts '$(ATTEMPTS)' --experiments '$(EXPERIMENTS)' --arms '$(ARMS)' --profiles '$(PROFILES)' --shaper '$(SHAPER)' --samples '$(SAMPLES)' --count '$(COUNT)'
 
 summary: venv ## All experiments, arms and profiles beside each other, from the results folder: a page

@@ -58,6 +58,7 @@ def compose_files(settings: Mapping[str, str], fleet: Fleet, folder: Path) -> li
     files |= {folder / path.name: laid_over(path.read_text(encoding="utf-8"), fleet) for path in laid if _is_own(path)}
     for path, text in {**files, folder / FLEET_COPY: yaml.safe_dump(fleet.to_data(), sort_keys=False)}.items():
         path.write_text(text, encoding="utf-8")
+        path.chmod(0o644)  # in the containers another user reads it
     return [folder / COMPOSE_FILE.name, *(folder / path.name if _is_own(path) else path for path in laid)]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from testbed.plan.compose import COMPOSE_FILE
 from testbed.plan.documents import ROOT
 from testbed.plan.experiments import make_plan
 from testbed.plan.fleets import fleet_of, standard_fleet
-from testbed.plan.overrides import OVERRIDES, chosen, compose_files, fleet_in, suffix
+from testbed.plan.overrides import FLEET_COPY, OVERRIDES, chosen, compose_files, fleet_in, suffix
 
 
 def test_without_a_variable_nothing_is_laid_over(tmp_path: Path) -> None:
@@ -62,6 +63,15 @@ def test_a_folder_of_another_fleet_is_the_experiments_again_once_that_is_up(tmp_
     assert fleet_in(tmp_path) != standard_fleet()
     compose_files({}, standard_fleet(), tmp_path)
     assert fleet_in(tmp_path) == standard_fleet()
+
+
+def test_what_the_containers_read_of_another_fleet_is_theirs_to_read(tmp_path: Path) -> None:
+    before = os.umask(0o077)
+    try:
+        compose_files({}, fleet_of({"DRONES": "3"}), tmp_path)
+    finally:
+        os.umask(before)
+    assert (tmp_path / FLEET_COPY).stat().st_mode & 0o004
 
 
 def test_a_wrong_autopilot_is_one_line_and_exit_code_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
