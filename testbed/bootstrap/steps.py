@@ -115,6 +115,6 @@ def check_disk(path: Path, need_mib: int) -> None:
 
 
 def print_rows(rows: Sequence[tuple[str, bool, str, str]]) -> None:
-    """A line for each name: whether it is there, and what was found of it, else what to type."""
+    """A line for each name: whether it is there, and which, else what to type."""
     for name, there, found, hint in rows:
         print(f"  {name:<20} {'ok      ' if there else 'missing '} {found if there else 'type: ' + hint}")

@@ -45,7 +45,7 @@ def fly_everything(
     plans = plans_of(wish)
     for plan in plans:
         for protocol in PROTOCOLS:
-            settings_of(plan, protocol)  # what is wrong with it is said before anything is written
+            settings_of(plan, protocol)  # its errors are raised before anything is written
     only_run()
     console = make_console()
 

@@ -253,7 +253,7 @@ def down() -> None:
 def _run(plan: Plan, results: Path) -> None:
     """Fly, measure and report a plan."""
     for protocol in plan.protocols:
-        settings_of(plan, protocol)  # what is wrong with it is said before anything is written
+        settings_of(plan, protocol)  # its errors are raised before anything is written
     console = make_console()
     only_run()
     series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile.name)

@@ -21,7 +21,7 @@ from ..present.packets_view.words import said_by_frame, said_by_publish
 RESULTS = ROOT / "results"
 ROWS = 40
 _SAID = 3
-"""Messages of a frame that are told in its row."""
+"""Messages of a frame that its row shows."""
 _NARROWEST = 20
 """Characters that what a frame says has at least, however narrow the terminal is."""
 

@@ -1,4 +1,4 @@
-"""`testbed profiles`: which there are; `testbed profiles show NAME`: its links, and exactly what the kernel is told."""
+"""`testbed profiles`: which there are; `testbed profiles show NAME`: its links, and the kernel's exact commands."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LONGEST_S = 3_600
 
 
 def profiles(context: typer.Context) -> None:
-    """Say which link profiles there are; `show` tells one in full."""
+    """List the link profiles; `show` prints one in full."""
     if context.invoked_subcommand is not None:
         return
     table = Table(box=None, show_header=False, pad_edge=False)

@@ -52,7 +52,7 @@ def real_time_us(given: Path = REAL_TIME) -> int:
 
 @dataclass(frozen=True)
 class Usage:
-    """What a service has used: CPU seconds, and bytes of memory at the time of asking (None: the daemon tells none)."""
+    """What a service has used: CPU seconds, and bytes of memory at the time of asking (None: unknown to the daemon)."""
 
     cpu_s: float
     memory_bytes: int | None
@@ -153,7 +153,7 @@ class Containers:
             (folder / f"{container.labels[SERVICE_LABEL]}.log").write_bytes(container.logs(timestamps=True))
 
     def last_words(self, service: str) -> str | None:
-        """The last line that a service logged before it ended; None while it runs, or when it said nothing."""
+        """The last line that a service logged before it ended; None while it runs, or when it logged nothing."""
         container = self._service(service)
         if container.status not in ("exited", "dead"):
             return None

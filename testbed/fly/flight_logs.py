@@ -29,7 +29,7 @@ comes every 50 ms, and a busy machine adds to that.
 """
 TOLERANCE_M = 0.5
 HOME_S = 0.5
-"""How long after PX4 moved its home a height may still be told from the one before."""
+"""How long after PX4 moved its home a height may still be above the one before."""
 LEAST_SPEED = 0.95
 """Slower than this against the host's clock, and the drone flew through another time than the network.
 
@@ -60,7 +60,7 @@ class Comparison:
     """What one drone's events and its log have to say about each other.
 
     `clock_ms` is how uncertain the log's times are in the host's, `speed` how fast the autopilot's clock ran against
-    it, `height_m` by how much a height that was told differs from the log's at most (None: none was told).
+    it, `height_m` by how much a reported height differs from the log's at most (None: none was reported).
     """
 
     version: str
@@ -225,9 +225,9 @@ def _steadiness(boot_s: Values, host_s: Values, path: Path) -> tuple[float, floa
 
 
 def _height_m(log: ULog, events: Sequence[dict[str, Any]], first_s: float, last_s: float) -> float | None:
-    """By how much heights above home that were told differ at most from the log's, at the autopilot's own times.
+    """By how much reported heights above home differ at most from the log's, at the autopilot's own times.
 
-    PX4 moves its home: for a moment what is told is above the one before.
+    PX4 moves its home: for a moment reported heights are above the one before.
     """
     topics = {one.name: one.data for one in log.data_list}
     if not {"vehicle_global_position", "home_position"} <= set(topics):

@@ -102,7 +102,7 @@ def mavlink_urls(chain: str, drones: Iterable[int]) -> tuple[str, ...]:
 
 
 def by_hand(plan: Plan, protocol: str, name_of: Callable[[str], str]) -> str:
-    """What to type to look at a fleet and to fly it; `name_of` tells the name of a service's container."""
+    """What to type to look at a fleet and to fly it; `name_of` returns the name of a service's container."""
     here = f"docker exec -it {name_of('gs')}"
     drones = wording.plural(len(plan.fleet.fog_of), "drone")
     fog, drone, fogs = next(iter(plan.fleet.fogs)), _one(plan), " ".join(f"--fog {fog}" for fog in plan.fleet.fogs)

@@ -1,7 +1,7 @@
 """`testbed links`: are the links of every profile as they say? Network and nodes only; nothing flies.
 
 For each profile: the containers start, the links are calibrated as before a run, those that lose frames are sent enough
-for their loss to be seen, the containers end, and the shaper's counters tell what was lost.
+for their loss to be seen, the containers end, and the shaper's counters have what was lost.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ DOCUMENT = "links.json"
 
 @dataclass(frozen=True)
 class Checked:
-    """What was found of one profile's links."""
+    """What was measured of one profile's links."""
 
     plan: Plan
     shaper: dict[str, Any]

@@ -1,6 +1,6 @@
-"""The links of an attempt: what `net` is told of them before a run, and what it says of them afterwards.
+"""The links of an attempt: what `net` gets of them before a run, and what it counts in it.
 
-Everything is in the attempt's folder `links/`: plan.json and calibration.json (what probes found) are written here;
+Everything is in the attempt's folder `links/`: plan.json and calibration.json (what probes measured) are written here;
 shaper.json (what shapes), counters.json (what each link did) and events.jsonl (what changed, and when) are `net`'s.
 """
 
@@ -45,7 +45,7 @@ def write_plan(
     always: bool = False,
     gates: Sequence[Gate] = (),
 ) -> None:
-    """Tell `net`; `always` lets it take every link in hand, also those that it has nothing to do with yet."""
+    """Write the plan for `net`; with `always` it shapes every link, also those on which nothing is planned."""
     write_json(folder / LINKS_PLAN, run_plan(links, topology, shaper=shaper, always=always, gates=gates))
 
 
@@ -60,7 +60,7 @@ def read_shaper(folder: Path) -> dict[str, Any]:
 
 
 def write_calibration(folder: Path, calibration: Calibration) -> dict[str, Any]:
-    """Keep what the probes found; returns it as it is kept."""
+    """Keep what the probes measured; returns it as it is kept."""
     found = calibration.to_data()
     write_json(folder / LINKS_CALIBRATION, found)
     return found
@@ -70,7 +70,7 @@ def off_lines(folder: Path, links: LinkPlan) -> tuple[str, ...]:
     """How the links of a flight differed from its plan, a line each; empty when they did not, or none was shaped.
 
     The shaper kept up, and what it lost at random is what the plan says, as far as chance allows; it is kept beside
-    what the probes measured. Raises ResultsError where a file that tells it is missing or damaged.
+    what the probes measured. Raises ResultsError where a file that has it is missing or damaged.
     """
     if read_shaper(folder)["shaper"] == "none":
         return ()

@@ -1,4 +1,4 @@
-"""Links of a fleet that is up, changed by hand: what was typed -> what `net` is told for each direction."""
+"""Links of a fleet that is up, changed by hand: what was typed -> what `net` gets for each direction."""
 
 from __future__ import annotations
 

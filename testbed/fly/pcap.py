@@ -34,7 +34,7 @@ class Capture:
     """The frames of one file, in its order.
 
     `data` is the whole file; frame i is `data[starts[i]:starts[i] + lengths[i]]`; `sizes` are the bytes on the wire
-    without the FCS, `t_ns` nanoseconds since the epoch. `truncated` tells that the file ends within a frame.
+    without the FCS, `t_ns` nanoseconds since the epoch. `truncated`: the file ends within a frame.
     """
 
     data: Bytes
@@ -87,7 +87,7 @@ def big_endian(rows: Bytes, start: int, width: int) -> Ints:
 
 
 def _record_starts(data: memoryview, size: int, order: str) -> tuple[Ints, int]:
-    """Where each frame begins, and where the last whole one ends; each record only tells where the next one is."""
+    """Where each frame begins, and where the last whole one ends; each record has only the place of the next one."""
     length_at = struct.Struct(f"{order}8xI").unpack_from
     starts = []
     at = _FILE_HEADER

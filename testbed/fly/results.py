@@ -136,7 +136,7 @@ def new_attempt(series: Series, protocol: str, number: int, repeat: int = 0) -> 
 def live_attempt(path: Path, protocol: str) -> Attempt:
     """A folder for what is no attempt of a series, as a fleet flown by hand.
 
-    Nothing is left in it of what was said of links before.
+    Nothing of earlier links is left in it.
     """
     _make_folders(path)
     for left in (path / LINKS).iterdir():

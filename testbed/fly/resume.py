@@ -181,7 +181,7 @@ def _was_cut(endings: dict[Attempt, Verdict | None]) -> bool:
 
 
 def _made_void(series: Series) -> dict[tuple[str, int, int], Verdict]:
-    """What was flown well, by its manifest, and was found void when it was measured."""
+    """What metrics.json has as void."""
     try:
         sides: dict[str, Any] = read_json(series.path / METRICS)["protocols"]
     except (ResultsError, KeyError):
@@ -194,7 +194,7 @@ def _made_void(series: Series) -> dict[tuple[str, int, int], Verdict]:
 
 
 def _same_links(attempt: Attempt, plan: Plan) -> bool:
-    """Whether `net` would be told the same of the links."""
+    """Whether `net` would get the same plan of the links."""
     gates = gates_of(plan.fleet) if plan.has_sensors else ()
     now = run_plan(plan_links(plan, attempt.number), plan.topology, shaper=plan.shaper, gates=gates)
     path = attempt.path / LINKS / LINKS_PLAN

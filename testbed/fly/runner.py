@@ -36,7 +36,7 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 class Progress(Protocol):
-    """Who is told how a run goes."""
+    """Shows how a run goes."""
 
     def attempt(self, protocol: str, number: int, of: int, repeat: int) -> None: ...
     def phase(self, text: str) -> contextlib.AbstractContextManager[None]: ...

@@ -1,6 +1,6 @@
 """What was observed in a series, typed: the one reader of what `metrics.json` says of attempts.
 
-Everything that is said of a quantity is made from this, by `quantities` and `kinds`.
+Every figure of a quantity is made from this, by `quantities` and `kinds`.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ class Kind:
 class Attempt:
     """A completed or failed attempt, in the window of its mission; `mission_s` is None where it failed.
 
-    `window_s` is how long was counted, None where the mission never began. `frames` leaves out what found a sensor's
-    link closed, its drone being too far: that tells when a drone came near, and nothing of the links.
+    `window_s` is how long was counted, None where the mission never began. `frames` leaves out what met a sensor's
+    closed link, its drone being too far: that shows when a drone came near, and nothing of the links.
     """
 
     number: int

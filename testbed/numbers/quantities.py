@@ -1,6 +1,6 @@
 """The registry of quantities: each with its name, its unit, how it is made of a side's attempts, and how it is written.
 
-What is said of a quantity anywhere, in `metrics.json`, on the terminal, on a page or in a summary, is a `Figure` of
+Every figure of a quantity, in `metrics.json`, on the terminal, on a page or in a summary, is a `Figure` of
 here. A figure is the median of the completed attempts, a share is of all of them together; beside a median stand the
 mean and, from six attempts on, the mean's 95 % bootstrap interval, both of the same points.
 """

@@ -1,4 +1,4 @@
-"""Real autopilots in the stand-ins' place: which there are, where each is found, and whether it can run here."""
+"""Real autopilots in the stand-ins' place: which there are, where each is, and whether it can run here."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from ..errors import UserError
 
 DIR, IMAGE = "AUTOPILOT_DIR", "AUTOPILOT_IMAGE"
-"""What compose files and containers are told: a folder of this machine, or the image out of which it is to be had."""
+"""The settings of compose files and containers: a folder of this machine, or the image that has the autopilot."""
 _MACHINES = {"x86_64": 62, "aarch64": 183}
 """ELF's e_machine (System V ABI) by what the kernel calls it."""
 _ELF = struct.Struct("<4s14xH")

@@ -168,7 +168,7 @@ def make_plan(
     flown = tuple(dict.fromkeys(chosen))
     values = (ARMS[arm], factors, links, flown, shaper, values_each, mission, messages_each, fleet)
     plan = Plan(experiment, how_often, *values)
-    resolve(links, plan.topology, experiment, 1)  # a link that does not exist is said now
+    resolve(links, plan.topology, experiment, 1)  # a link that does not exist is an error now
     return plan
 
 

@@ -50,7 +50,7 @@ class Fleet:
 
     @property
     def flown(self) -> str:
-        """Fogs and drones as a mission is told them: 1:1,2,3;2:4,5,6."""
+        """Fogs and drones as a mission's option has them: 1:1,2,3;2:4,5,6."""
         return ";".join(f"{fog}:{','.join(str(drone) for drone in drones)}" for fog, drones in self.fogs.items())
 
     @property

@@ -1,4 +1,4 @@
-"""The sensors of scenario 4: where they stand, how far they reach, and what their containers and missions are told."""
+"""The sensors of scenario 4: where they stand, how far they reach, and their settings."""
 
 from __future__ import annotations
 
@@ -48,6 +48,6 @@ def sensor_settings(fleet: Fleet, protocol: str, samples: int) -> dict[str, str]
 
 
 def sensor_words(fleet: Fleet, protocol: str, samples: int) -> list[str]:
-    """What `mission fly` is told beside the rest."""
+    """The options of `mission fly` for them."""
     words = ["--samples", str(samples), "--sensors", FOLDER, "--series", SERIES]
     return [*words, "--sensor-broker", fleet.cloud_url] if protocol == "mavlink" else words

@@ -15,7 +15,7 @@ EXPERIMENT_WHAT = {
     "scenario-4": "as scenario 2, with readings of a sensor carried to the ground station from each point",
 }
 _ITS_OWN_NAME = re.compile(r"^scenario-\d+ failed: ")
-"""With what the mission begins a reason; where it is shown this has been said."""
+"""With what the mission begins a reason; where it is shown, the page has this already."""
 _IN_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 

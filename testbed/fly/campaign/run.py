@@ -60,7 +60,7 @@ def job_of(plan: Plan, root: Path) -> Job:
 def fly_all(plans: Sequence[Plan], root: Path, console: Console, fly: Fly, report: Report) -> bool:
     """Fly every plan that has no finished series; returns whether all numbers of all plans are counted.
 
-    A series that cannot be flown is said, and the rest goes on. Raises what ends everything: Interrupted, a Docker
+    A series that cannot be flown is reported, and the rest goes on. Raises what ends everything: Interrupted, a Docker
     that is gone, a disk that is full.
     """
     jobs = [job_of(plan, root) for plan in plans]
@@ -84,14 +84,14 @@ def fly_all(plans: Sequence[Plan], root: Path, console: Console, fly: Fly, repor
 
 
 def _fly_job(job: Job, root: Path, fly: Fly, report: Report) -> list[str]:
-    """Fly and measure until every number counts or was given up; returns what is to be said of those given up."""
+    """Fly and measure until every number counts or was given up; returns a line for each of those given up."""
     plan, begun = job.plan, job.begun
     series = job.series or new_series(root, plan.experiment, _label(plan), plan.profile.name)
     while True:
         settle(series, plan)
         fly(plan, series, begun)
         report(series.path)
-        begun = begun_of(series, plan)  # what was flown well may have been found void when it was measured
+        begun = begun_of(series, plan)  # a completed attempt may be void once it is measured
         if next_number(begun, plan) is None:
             return _given_up(plan, begun)
 

@@ -104,7 +104,7 @@ KINDS: dict[int, type[MQTT]] = {}
 
 
 def whole_length(data: bytes) -> int | None:
-    """How long the packet is that `data` begins with, its fixed header included; None where that cannot be told."""
+    """How long the packet is that `data` begins with, its fixed header included; None where that is not known."""
     try:
         remaining, start = read_variable(data, 1)
     except MalformedError:

@@ -1,4 +1,4 @@
-"""Under which conditions a series was flown, and where its attempts differ: refused where it matters, else said."""
+"""Under which conditions a series was flown, and where its attempts differ: refused where it matters, else noted."""
 
 from __future__ import annotations
 

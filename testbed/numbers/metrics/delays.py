@@ -89,7 +89,7 @@ def received_ms(
 
 def states_ms(states: pl.DataFrame, events: list[dict[str, Any]], window: Window) -> dict[str, dict[str, Any]]:
     """By state both ways: `captures` from the drone to the station, `app` the age (an upper bound) that the ground
-    station's program was told with it, null where the protocol tells none."""
+    station's program got with it, null where the protocol has none."""
     by_capture = by_capture_ms(states)
     ages: dict[str, list[float]] = defaultdict(list)
     for event in events:

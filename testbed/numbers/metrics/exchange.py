@@ -1,4 +1,4 @@
-"""What an attempt said end to end, for either protocol: each command and each state, when it left and when it came."""
+"""An attempt's messages end to end, for either protocol: each command and each state, when it left and when it came."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def with_arrivals(sent: pl.DataFrame, arrived: pl.DataFrame, by: list[str], repe
     """`sent` with the column `arrived_ns`: when the first copy of each message came, null where none did.
 
     `sent` has the columns `by` and `t_ns`, `arrived` has `by` and `arrived_ns`; each copy belongs to the last message
-    of its key that was sent before it. `repeats` tells that a key which is sent again soon is the same message.
+    of its key that was sent before it. `repeats`: a key that is sent again soon is the same message.
     """
     sent = sent.sort("t_ns", maintain_order=True)
     if repeats:

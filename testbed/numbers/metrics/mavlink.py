@@ -28,7 +28,7 @@ _STATION_SYSTEM = 245
 
 @dataclass(frozen=True)
 class Call:
-    """How a call is told by its command: MAV_CMD, and what its first parameters must be (None: anything)."""
+    """How a call is recognised by its command: MAV_CMD, and what its first parameters must be (None: anything)."""
 
     command: int
     params: tuple[float | None, ...] = ()

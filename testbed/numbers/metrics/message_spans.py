@@ -15,7 +15,7 @@ from ...fly.pcap import Ints
 GOOD_WORDS = frozenset({"accepted", "in_progress", "completed"})
 """First words about a call that say the autopilot took the command."""
 NO_WORD = "no word about it"
-NOT_IN_TIME = "not told in time"
+NOT_IN_TIME = "did not come in time"
 
 Event = dict[str, Any]
 Span = tuple[int, int]
@@ -56,7 +56,7 @@ class Kind:
     spans: tuple[Span, ...]
     calls: tuple[Call, ...] = ()
     ages_ms: tuple[float, ...] = ()
-    """Of a state's values how old each was at most when the program was told it, where the protocol tells."""
+    """Of a state's values how old each was at most when it reached the program, where the protocol has that."""
 
     @property
     def seconds(self) -> float:

@@ -1,4 +1,4 @@
-"""What is said beside an attempt's numbers: files cut off, foreign traffic, counts that differ."""
+"""Notes beside an attempt's numbers: files cut off, foreign traffic, counts that differ."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def measure(
     attempt: Attempt, manifest: dict[str, Any], packets: Packets | None, window: Window | None, shaping: Shaping
 ) -> dict[str, Any]:
     """An attempt's part of `metrics.json`: its series, the delay of their values, the frames that carried them, and
-    those that found a sensor's link closed. Raises ResultsError for a sensor's record that cannot be read.
+    those that met a closed sensor link. Raises ResultsError for a sensor's record that cannot be read.
     """
     readings = readings_of(attempt, packets)
     if readings is None:

@@ -42,7 +42,7 @@ class Shaping:
 
     @property
     def start_ns(self) -> int | None:
-        """When the links' clock began, if the shaper counted until then too; None where it told neither."""
+        """When the links' clock began, if the shaper counted until then too; None where it has neither."""
         if not (self.counters or {}).get("at_start"):
             return None
         return next((int(event["t_ns"]) for event in self.events if event.get("event") == "start"), None)
@@ -60,7 +60,7 @@ _OF_EVENT = ("link", "change", "cause")
 
 
 def read_shaping(attempt: Attempt) -> Shaping:
-    """Never raises: a file that is damaged is said in `notes`, and left out."""
+    """Never raises: a damaged file is named in `notes`, and left out."""
     folder = attempt.path / LINKS
     notes: list[str] = []
     counters = _links_of(folder / LINKS_COUNTERS, notes)

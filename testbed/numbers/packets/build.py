@@ -146,7 +146,7 @@ def _lost(tree: Tree, entered: Columns, until_ns: dict[str, int]) -> Flags:
 
 
 def _macs(attempt: Attempt) -> dict[str, int]:
-    """`net`'s own address on each port, where `captures.json` tells it."""
+    """`net`'s own address on each port, where `captures.json` has it."""
     told = {str(capture["node"]): str(capture["mac"]) for capture in attempt.captures() if capture.get("mac")}
     for node, mac in told.items():
         if re.fullmatch(r"(?:[0-9a-fA-F]{2}:){5}[0-9a-fA-F]{2}", mac) is None:
@@ -208,7 +208,7 @@ def _mqtt_segments(entered: Columns, bodies: dict[int, bytes]) -> dict[tuple[int
 
 
 def _mqtt_directions(segments: dict[tuple[int, ...], list[Segment]]) -> list[Direction]:
-    """Each direction of each connection; what a client asked for in its CONNECT tells how its broker's is read."""
+    """Each direction of each connection; what a client asked for in its CONNECT decides how its broker's is read."""
     found = []
     versions: dict[tuple[int, ...], int] = {}
     for flow in sorted(segments, key=lambda flow: flow[4] != MQTT_PORT):  # those towards a broker first

@@ -26,7 +26,7 @@ class Headers:
     """An array for each field, an entry for each frame. Addresses are IPv4 as numbers, -1 for what is not IPv4.
 
     `ethernet` (padding included), `ip` and `transport` are bytes of headers; what TCP, UDP or IP carries is
-    `data[body:body_end]`. `sequence` and `flags` are TCP's. `key` tells one frame of a link from another and is the
+    `data[body:body_end]`. `sequence` and `flags` are TCP's. `key` distinguishes the frames of a link and is the
     same at both ends of it as long as nothing that it carries has changed: no TTL is in it, nor a checksum.
     """
 

@@ -50,7 +50,7 @@ class Tree:
 
         `mac` is net's own on that port: what it sent goes to the node. A frame that leaves a node enters the link to
         the next hop towards its destination, one that arrives has left the link from the previous hop. Without `mac`
-        both are told by addresses, and only neighbours have a link.
+        addresses distinguish both, and only neighbours have a link.
         """
         source, destination = self.node_of(headers.source), self.node_of(headers.destination)
         links = np.full(len(source), NOWHERE, dtype=np.int64)

@@ -36,7 +36,7 @@ class Packet:
     """An MQTT packet: the frame with its first byte, and when its last byte had left the link (None if never).
 
     `topic` and `payload` are those of a PUBLISH; the topic is the one that an alias stands for (MQTT 5.0, 3.3.2.3.4),
-    empty where the capture does not tell it. `size` is bytes of MQTT, or None for a packet that was cut off. `copies`
+    empty where the capture does not have it. `size` is bytes of MQTT, or None for a packet that was cut off. `copies`
     counts the frames that carried its first byte.
     """
 
@@ -51,10 +51,10 @@ class Packet:
 
 @dataclass
 class Direction:
-    """What was found in one direction of the connections between two ports.
+    """What one direction of the connections between two ports carried.
 
     For each frame with a body `payload_bytes` are the bytes of PUBLISHes' payloads in it, and `carried` is the packet
-    to which its first byte belongs. `version` is what the last CONNECT asked for; it tells how both directions are to
+    to which its first byte belongs. `version` is what the last CONNECT asked for; it decides how both directions are to
     be read.
     """
 
@@ -229,7 +229,7 @@ def _connect_version(rest: bytes) -> int:
 
 
 def _publish(rest: bytes, qos: int, aliases: dict[int, str], version: int) -> tuple[str | None, int | None]:
-    """A PUBLISH's topic, and where in `rest` its payload begins; None for what cannot be told."""
+    """A PUBLISH's topic, and where in `rest` its payload begins; None where it is not known."""
     if len(rest) < 2:
         return None, None
     topic_end = 2 + int.from_bytes(rest[:2], "big")

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import polars as pl
 
 PURPOSES = ("command", "result", "state", "presence", "sensor", "upkeep", "acknowledgement", "other")
-"""Commands to drones and what becomes of them; what drones tell by themselves; who is there, and rankings of them;
+"""Commands to drones and what becomes of them; what drones send by themselves; who is there, and rankings of them;
 sensors' readings; what keeps connections and clocks; acknowledgements of TCP, of MQTT and of readings; none of these.
 """
 _COMMAND, _RESULT, _STATE, _PRESENCE, _SENSOR, _UPKEEP, _ACKNOWLEDGEMENT, _OTHER = PURPOSES
@@ -28,8 +28,8 @@ _MAVLINK = {
     **dict.fromkeys(("PARAM_EXT_REQUEST_READ", "PARAM_EXT_VALUE", "COMPONENT_METADATA"), _UPKEEP),
 }
 _ASKING = (511, 512, 519, 520, 521)
-"""MAV_CMDs by which a station only asks a vehicle to tell something: SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, and
-REQUEST_*_VERSION, _CAPABILITIES. MAVSDK sends them by itself whenever it has found a vehicle, or found it again.
+"""MAV_CMDs by which a station only asks a vehicle for messages: SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, and
+REQUEST_*_VERSION, _CAPABILITIES. MAVSDK sends them by itself whenever a vehicle appears, or appears again.
 """
 
 

@@ -20,7 +20,7 @@ version of the table has changed. Times are nanoseconds since the epoch, sizes b
 | `flow` | categorical | `uav1:14540>fog1:14541`; without ports where there are none |
 | `messages` | i64 | how many messages begin in it; 0 for a bare TCP acknowledgement |
 | `kind` | categorical or null | the first of them |
-| `key` | u64 | what tells it from the other frames of its link, the same at both ends |
+| `key` | u64 | what distinguishes it from the other frames of its link, the same at both ends |
 | `node` | categorical | whose capture has it where it entered: `pcap/<node>.pcap` … |
 | `offset` | i64 | … and where in that file its first byte is |
 | `purpose` | categorical | of its first message, else of the one that it goes on with, or of TCP itself |
@@ -77,7 +77,7 @@ class Packets:
     `strays` (`t_ns`, `node`, `protocol`, `size`) are frames on no link, such as ARP, once for each capture that has
     them; `foreign` counts them by protocol. `unmatched` are frames that left a link and were not seen entering it,
     `duplicates` those of them that are further copies of a frame that did. Up to `until_ns` the capture at each node
-    tells what came; 0 where there is none.
+    is whole; 0 where there is none.
     """
 
     frames: pl.DataFrame

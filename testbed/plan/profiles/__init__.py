@@ -7,5 +7,5 @@ resolve   profile, topology, experiment, attempt -> `Plan`, which every shaper t
 checks    what the schema cannot say: figures that do not fit together
 directed  plan -> the directed links that are shaped, each with its states
 kernel    plan -> `ip` and `tc` commands
-run_plan  plan -> what `net` is told of a run's links
+run_plan  plan -> what `net` gets of a run's links
 """

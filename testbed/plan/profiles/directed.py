@@ -51,7 +51,7 @@ class Directed:
 
     @cached_property
     def limit(self) -> int:
-        """Room for all that can be on its way at any time: a frame that found none would be lost by mistake."""
+        """Room for all that can be on its way at any time: a frame without room would be lost by mistake."""
         return max(frames_in_flight(state) for _, state, _ in self.states)
 
     @property

@@ -1,6 +1,6 @@
 """A plan as `ip` and `tc` commands for a kernel that has netem: two stages for each directed link.
 
-A frame that enters link S>D comes into `net` on its interface towards S. There its destination tells which link it
+A frame that enters link S>D comes into `net` on its interface towards S. There its destination shows which link it
 takes, since the next hop does; a filter writes the link's number on it (skb mark) and hands it to the first stage:
 
 - **rate**: one IFB device, `rate`, for all links. Its HTB parts them by class, and where both directions share a rate a
@@ -114,7 +114,7 @@ def commands_of(plan: Plan, topology: Topology, always: bool = False) -> Command
 def change_words(plan: Plan, topology: Topology, name: str, link_plan: LinkPlan, closed: bool) -> tuple[Words, ...]:
     """What gives the directed link `name` other figures during a run whose links were made with `always`.
 
-    Both directions of a shared rate have to be told. Raises KeyError for a link that the plan does not have.
+    Both directions of a shared rate have to be changed. Raises KeyError for a link that the plan does not have.
     """
     link = {each.name: each for each in directed_links(plan, topology, always=True)}[name]
     other = replace(link, states=(*link.states, (0.0, link_plan, closed)))
@@ -199,7 +199,7 @@ def _queue_handle(link: Directed) -> str:
 
 
 def _impairments(link: Directed, step: int) -> str:
-    """What netem is told; a change leaves corruption and rate as they are unless they are named, so they always are.
+    """netem's words; a change leaves corruption and rate as they are unless they are named, so they always are.
 
     A closed link doubles nothing: of a frame that is lost and doubled at once, netem sends one on.
     """

@@ -70,7 +70,7 @@ def _check_names(profile: Profile, topology: Topology) -> None:
 
 
 def _entries(profile: Profile, link: Link) -> Iterator[Entry]:
-    """What is said of a link, the least specific first: its class in every file, then itself in every file."""
+    """A link's entries, the least specific first: its class in every file, then itself in every file."""
     for section, name in (("classes", link.name.partition(":")[0]), ("overrides", link.name)):
         for layer in profile.layers:
             entry = getattr(layer, section).get(name)

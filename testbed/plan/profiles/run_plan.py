@@ -1,4 +1,4 @@
-"""`plan.json`: what the container `net` is told of a run's links, before anything runs on the nodes."""
+"""`plan.json`: what the container `net` gets of a run's links, before anything runs on the nodes."""
 
 from __future__ import annotations
 

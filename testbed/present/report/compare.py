@@ -107,7 +107,7 @@ def _table(metrics: dict[str, Any]) -> list[quantities.Row]:
 
 
 def sentences(first: Result, second: Result) -> list[str]:
-    """In what they differ, by how much, and whether that can be told apart."""
+    """In what they differ, by how much, and whether that can be distinguished."""
     differing = [c for c in conditions(first, second) if c.differs and c.shapes]
     if not differing:
         said = ["Both were flown in the same way: what differs is chance, or the machine."]
@@ -125,7 +125,7 @@ def sentences(first: Result, second: Result) -> list[str]:
         said.append("These are different experiments, so their totals do not compare.")
     causes = {c.name for c in differing} - {"arm"}
     if len(causes) > 1:
-        said.append("More than one thing differs, so what made the numbers differ cannot be told from these two alone.")
+        said.append("More than one thing differs, so these two alone do not show what made the numbers differ.")
     return said
 
 
@@ -186,5 +186,5 @@ def _version(name: str) -> Callable[[Result], str]:
 
 
 def _each(values: Iterable[str]) -> str:
-    """Every value once: more than one is a mix, and is said as one."""
+    """Every value once: more than one is a mix, and is shown as one."""
     return wording.listed(sorted(set(values)))

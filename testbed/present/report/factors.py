@@ -12,9 +12,9 @@ from . import thesis
 _SAID = {
     "mqttxt": {
         "states": {
-            "on-change": "a drone tells a state when it changes",
-            "fixed": "a drone tells each state once a second, each in a message of its own",
-            "bundle": "a drone tells its states once a second, all in one message",
+            "on-change": "a drone publishes a state when it changes",
+            "fixed": "a drone publishes each state once per second, each in a message of its own",
+            "bundle": "a drone publishes its states once per second, all in one message",
         },
         "qos": {
             "0": "commands, results and states go at QoS 0, without MQTT's acknowledgements",
@@ -44,11 +44,11 @@ _BROADCAST = "a command for all drones is one broadcast a fog"
 
 _STREAMS_BESIDE = (
     "Beside each kind MAVLink goes on streaming PX4's whole set. The state asked about comes at its rate, of which "
-    "the program takes the newest value once a second; MQTT-XT's drone tells it once a second. So all frames together "
-    "compare two ways of working, and a kind's own frames compare what each sends for it."
+    "the program takes the newest value once per second; MQTT-XT's drone publishes it once per second. So all "
+    "frames together compare two ways of working, and a kind's own frames compare what each sends for it."
 )
 _MESSAGES_BESIDE = (
-    "Both sides tell the state asked about once a second and are kept from telling the others, so what goes beside a "
+    "Both sides send the state asked about once per second and are kept from sending the others, so what goes beside a "
     "kind is what each protocol cannot do without."
 )
 
@@ -65,7 +65,7 @@ class Factor:
 def factors_of(configuration: dict[str, Any], protocol: str, one_drone: bool = False) -> list[Factor]:
     """The factors that shape a side, as far as the manifest has them; unknown values stay as they are.
 
-    With `one_drone` it is not said how several are commanded.
+    With `one_drone`, how several are commanded is left out.
     """
     said = []
     for name, values in _SAID.get(protocol, {}).items():
@@ -79,7 +79,7 @@ def factors_of(configuration: dict[str, Any], protocol: str, one_drone: bool = F
 
 
 def fairness(configuration: dict[str, Any], one_drone: bool = False) -> list[str]:
-    """What the factors mean for a comparison; nothing is said of a factor that the manifest does not have.
+    """What the factors mean for a comparison; a factor that the manifest does not have is left out.
 
     With `one_drone` the experiment is the message set.
     """

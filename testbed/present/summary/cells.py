@@ -1,4 +1,4 @@
-"""Which series counts for each experiment, arm and profile, found in results folders."""
+"""Which series counts for each experiment, arm and profile, of results folders."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def series_of(overview: Overview) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of table: its parts, and how to read it, which is said below the first of it in a document."""
+    """A kind of table: its parts, and how to read it, which stands below the first of it in a document."""
 
     write: Callable[[Overview], Iterator[str]]
     reading: str = ""

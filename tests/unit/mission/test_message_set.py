@@ -137,7 +137,7 @@ async def test_a_kind_of_which_nothing_succeeds_fails_the_mission_when_all_other
     monkeypatch.setattr(message_set, "SPARE_S", 0.1)
     _, events, reason = await fly({"land": ["denied", "unconfirmed"]}, silent=("battery",), refused=("heading",))
     assert reason == (
-        "land: none of 2 (1 denied, 1 unconfirmed); battery: none of 2 (2 not told in time); "
+        "land: none of 2 (1 denied, 1 unconfirmed); battery: none of 2 (2 did not come in time); "
         "heading: none of 2 (2 stream heading: denied (unknown_state))"
     )
     done = _done(events)

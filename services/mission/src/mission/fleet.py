@@ -70,7 +70,7 @@ class Fleet(Protocol):
     def drones(self) -> tuple[int, ...]: ...
 
     async def connect(self, limit_s: float) -> None:
-        """Wait until every drone is reachable and has told its states; raises MissionError."""
+        """Wait until every drone is reachable and has published its states; raises MissionError."""
 
     async def close(self) -> None: ...
 
@@ -103,7 +103,7 @@ class Fleet(Protocol):
 
 
 class Told(NamedTuple):
-    """A state's value, and how old it was at most when it came, in ms; None where nobody tells that."""
+    """A state's value, and how old it was at most when it came, in ms; None where it is unknown."""
 
     value: dict[str, Any]
     age_ms: int | None
@@ -113,7 +113,7 @@ class MessageFleet(Fleet, Protocol):
     """One drone, that is asked and listened to message by message."""
 
     tells_faster: bool
-    """Whether states are told at the vehicle's own rates, which are not those that `tell` asks for."""
+    """Whether states come at the vehicle's own rates, which are not those that `tell` asks for."""
 
     async def call(self, call: int, name: str) -> Result:
         """One API call of a command by its name, returning when the autopilot has acknowledged it or the call failed.
@@ -128,10 +128,10 @@ class MessageFleet(Fleet, Protocol):
         """Whether the ground station knows that the drone is in hold, and armed or not."""
 
     async def quieten(self) -> None:
-        """End the states that the arm has told at a fixed rate; raises MissionError."""
+        """End the states that the arm has at a fixed rate; raises MissionError."""
 
     async def tell(self, name: str) -> asyncio.Queue[Told]:
-        """Have a state told at 1 Hz; returns where its values arrive. Raises MissionError."""
+        """Ask for a state at 1 Hz; returns where its values arrive. Raises MissionError."""
 
     async def untell(self, name: str) -> None:
         """End what `tell` began."""

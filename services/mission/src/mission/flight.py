@@ -34,7 +34,7 @@ async def fly(options: Options, mission: Mission, fleet: Fleet, log: EventLog) -
 
 
 def _reached(options: Options) -> Callable[[int], bool]:
-    """Of a drone: whether its sensor has measured anything; where no sensors write anything down nobody can tell."""
+    """Of a drone: whether its sensor has measured anything; unknown where no sensors keep a record."""
     folder = options.sensors
     return lambda drone: folder is None or has_measured(folder, drone)
 

@@ -32,7 +32,7 @@ LOCATION_LOG_S = 0.75
 FIVE_STATES_HZ = 1.0
 _AGAIN = (
     *(TelemetryResult.TIMEOUT, TelemetryResult.BUSY, ActionResult.TIMEOUT, ActionResult.BUSY),
-    ActionResult.PARAMETER_ERROR,  # MAVSDK's Action says so of a parameter that was not told in time, too
+    ActionResult.PARAMETER_ERROR,  # MAVSDK's Action gives this also for a parameter that did not come in time
 )
 
 
@@ -61,7 +61,7 @@ class Calls:
 
 
 class MavsdkDrone:
-    """A vehicle by its MAVLink system id, which is the drone's number. `on_news` is called when something was told."""
+    """A vehicle by its MAVLink system id, which is the drone's number. `on_news` is called when a message has come."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class MavsdkDrone:
         self._tell()
 
     async def ask_rate(self, state: str, rate_hz: float) -> None:
-        """Have a state told so often, 0 as often as the vehicle tells it by itself; errors as `set_up`.
+        """Ask for a state at a rate, 0: the vehicle's own; errors as `set_up`.
 
         A flight mode comes with every heartbeat, whose rate nobody sets; a heading with the location.
         """
@@ -187,7 +187,7 @@ class MavsdkDrone:
         return found
 
     def _on_armed(self, armed: bool) -> None:
-        """MAVSDK tells it with every heartbeat of the autopilot, changed or not."""
+        """MAVSDK reports it with every heartbeat of the autopilot, changed or not."""
         now_s = self._clock()
         self.heartbeats.heard(now_s)
         before, self.view.armed = self.view.armed, Told(armed, now_s)

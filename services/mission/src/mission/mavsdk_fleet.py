@@ -84,7 +84,7 @@ class MavsdkFleet:
         return tuple(drone for drones in self._fogs.values() for drone in drones)
 
     async def connect(self, limit_s: float) -> None:
-        """Wait until every drone is there, does what it was asked for and has told its states; raises MissionError."""
+        """Wait until every drone is there, does what it was asked for and has sent its states; raises MissionError."""
         asyncio.get_running_loop().set_default_executor(
             ThreadPoolExecutor(THREADS_PER_DRONE * max(1, len(self.drones)), "mavsdk")
         )
@@ -191,7 +191,7 @@ class MavsdkFleet:
         self._setting_up.add(asyncio.create_task(drone.set_up()))
 
     def _missing(self) -> list[str]:
-        """What is not there yet of the drones that are wanted."""
+        """What is not there yet of the mission's drones."""
         found = self._sensors.missing if self._sensors is not None else []
         heard = f" (heard system {', '.join(map(str, sorted(self._others)))})" if self._others else ""
         for number in self.drones:

@@ -136,7 +136,7 @@ class MavsdkMessageFleet(MavsdkFleet):
         await self._offboard.start()
 
     def _subscription(self, name: str) -> tuple[AsyncGenerator[Any, None], Callable[[Any], dict[str, Any]]]:
-        """Where MAVSDK tells a state, and its value as MQTT-XT's states have it."""
+        """Where MAVSDK reports a state, and its value as MQTT-XT's states have it."""
         telemetry = self._drone.telemetry
         if name == "battery":
             return telemetry.subscribe_battery(), lambda told: {"remaining_pct": round(told.remaining_percent)}
@@ -153,7 +153,7 @@ class MavsdkMessageFleet(MavsdkFleet):
             async with asyncio.timeout(RATE_LIMIT_S):
                 with self._noting_copies():
                     await self._drone.ask_rate(name, rate_hz)
-                await self._wait_for_copies()  # each makes the autopilot tell a value at once
+                await self._wait_for_copies()  # each makes the autopilot send a value at once
         except TimeoutError:
             raise MissionError(f"rate of {name}: no answer within {RATE_LIMIT_S:g} s") from None
 

@@ -1,4 +1,4 @@
-"""MAVSDK's results and telemetry in MQTT-XT's words: what was told of a drone, and what shows a command's effect."""
+"""MAVSDK's results and telemetry in MQTT-XT's words: what is known of a drone, and what shows a command's effect."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class Told(Generic[Value]):
 
 @dataclass
 class View:
-    """What telemetry has told of a drone. `tells_landed`: its streams carry EXTENDED_SYS_STATE."""
+    """A drone's newest telemetry. `tells_landed`: its streams carry EXTENDED_SYS_STATE."""
 
     tells_landed: bool
     armed: Told[bool] | None = None
@@ -124,7 +124,7 @@ class View:
 
     @property
     def missing(self) -> list[str]:
-        """The states that were not told yet, by MQTT-XT's names."""
+        """The states that have not come yet, by MQTT-XT's names."""
         told: dict[str, object] = {"armed": self.armed, "flight_mode": self.mode, "location": self.place}
         if self.tells_landed:
             told["landed_state"] = self.landed
@@ -146,12 +146,12 @@ class View:
         )
 
     def is_landed_as(self, wanted: Landed, since_s: float) -> bool:
-        """Whether it was told so since then; true where the streams do not tell it."""
+        """Whether telemetry has shown it since then; true where the streams do not carry it."""
         return not self.tells_landed or since(self.landed, since_s) == wanted
 
 
 def since(told: Told[Value] | None, since_s: float) -> Value | None:
-    """What was told, if that was since a time."""
+    """The telemetry, if it came after a time."""
     return told.value if told is not None and told.at_s >= since_s else None
 
 
@@ -159,7 +159,7 @@ def since(told: Told[Value] | None, since_s: float) -> Value | None:
 class Goal:
     """A command's effect: what shows it, the modes it runs in, and how long it may take.
 
-    `reached(view, since_s)` looks only at what was told since the call. `passing` are modes that may follow its own.
+    `reached(view, since_s)` looks only at telemetry since the call. `passing` are modes that may follow its own.
     """
 
     reached: Callable[[View, float], bool]
@@ -169,7 +169,7 @@ class Goal:
     needs_armed: bool = False
 
     def failure(self, view: View, accepted_s: float, entered: bool) -> str | None:
-        """Why the effect will not come any more, None while it can. `entered`: one of its modes has been told."""
+        """Why the effect will not come any more, None while it can. `entered`: one of its modes has been shown."""
         if self.needs_armed and since(view.armed, accepted_s) is False:
             return "disarmed"
         mode = since(view.mode, accepted_s)
@@ -228,7 +228,7 @@ MOST_IN_WINDOW = 6
 
 
 class HeartbeatCount:
-    """Tells two vehicles with one system id by their heartbeats, of which each sends one a second (MAVLink).
+    """Distinguishes two vehicles with one system id by their heartbeats, of which each sends one a second (MAVLink).
 
     MAVSDK does not say over which connection or from which address a message came. Two windows running must have too
     many, so that a queue that empties is not taken for a vehicle. It cannot see a second vehicle of which half the

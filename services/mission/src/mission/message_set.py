@@ -96,7 +96,7 @@ class MessageSet:
         return tally
 
     async def _values(self, name: str) -> Tally:
-        """COUNT values of a state, which is told at 1 Hz for so long."""
+        """COUNT values of a state, which comes at 1 Hz meanwhile."""
         tally = Tally()
         try:
             values = await self._fleet.tell(name)
@@ -114,7 +114,7 @@ class MessageSet:
             try:
                 value, age_ms = await self._next(values, taken_s)
             except TimeoutError:
-                tally.reasons["not told in time"] += 1
+                tally.reasons["did not come in time"] += 1
             else:
                 tally.received += 1
                 self._log.write("value", name=name, number=number, value=value, age_ms=age_ms)
@@ -132,7 +132,7 @@ class MessageSet:
                 await values.get()
 
     async def _next(self, values: asyncio.Queue[Told], taken_s: float) -> Told:
-        """The next value that is told; of a state that is told faster, the newest once a second."""
+        """The next value that comes; of a state that comes faster, the newest once per second."""
         async with asyncio.timeout_at(taken_s + TURN_S + SPARE_S):
             if self._fleet.tells_faster:
                 await asyncio.sleep(taken_s + TURN_S - asyncio.get_running_loop().time())
@@ -157,7 +157,7 @@ class MessageSet:
         return followed and settled
 
     async def _shown(self, name: str) -> None:
-        """An armed drone tells so with its next heartbeat, up to a second later: put back before, it never does."""
+        """An armed drone shows that in its next heartbeat, up to a second later: put back before, it never does."""
         if name == "arm":
             await self._follow(armed=True)
 

@@ -83,7 +83,7 @@ class MqttxtFleet:
             raise MissionError(f"connect: within {limit_s:g} s not there: {'; '.join(self._missing())}") from None
 
     async def close(self) -> None:
-        """Leave the broker; what the station ended with is the mission's to tell, and only logged here."""
+        """Leave the broker; why the station ended is the mission's to report, and only logged here."""
         if self._listening is not None:
             self._listening.cancel()
         try:
@@ -160,7 +160,7 @@ class MqttxtFleet:
         return [result for part in parts for result in part]
 
     async def _stream(self, fog: Fog, name: str) -> None:
-        """Have a state told at its fixed rate; part of setting up, so no call of the mission."""
+        """Ask for a state at its fixed rate; part of setting up, so no call of the mission."""
         answers = {outcome.drone: outcome for outcome in await fog.broadcast(Stream(name, FIVE_STATES_HZ))}
         wanted = self._wanted[fog.number]
         for drone in wanted:
@@ -180,7 +180,7 @@ class MqttxtFleet:
     async def _follow(
         self, fog: Fog, drone: int | None, command: Command, send: Callable[[Command], AsyncIterable[Outcome]]
     ) -> list[Result]:
-        """A call and what is said of it; `drone` None for all of the fog."""
+        """A call and its words; `drone` None for all of the fog."""
         call = self._log.next_call()
         self._log.write("command", call=call, command=command.name, fog=fog.number, drone=drone)
         results = []
@@ -219,7 +219,7 @@ class MqttxtFleet:
         self._heard.set()
 
     def _missing(self) -> list[str]:
-        """What is not there yet of the drones that are wanted."""
+        """What is not there yet of the mission's drones."""
         found = []
         for number, drones in self._wanted.items():
             for drone in drones:

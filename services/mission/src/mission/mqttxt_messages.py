@@ -115,7 +115,7 @@ class MqttxtMessageFleet(MqttxtFleet):
         return self._fog_of(self._number).drone(self._number)
 
     async def _follow_call(self, call: int, name: str, command: Command, first: asyncio.Future[Result]) -> None:
-        """Send a command and write down what is said of it up to its last word; its first one is `first`."""
+        """Send a command and write its words down up to the last; its first one is `first`."""
         try:
             async for outcome in self._drone().send(command):
                 self._note(call, outcome)
@@ -127,7 +127,7 @@ class MqttxtMessageFleet(MqttxtFleet):
             first.set_result(self._own_word(call, name, Word.UNREACHABLE, "not_sent"))
 
     def _own_word(self, call: int, name: str, word: Word, reason: str) -> Result:
-        """The ground station's own word about a call of which nobody said one."""
+        """The ground station's own word about a call that got none."""
         fog = self._fog_of(self._number).number
         told = {"id": None, "word": word.label, "reason": reason, "final": word.is_last}
         self._log.write("outcome", call=call, command=name, fog=fog, drone=self._number, **told)
@@ -140,7 +140,7 @@ class MqttxtMessageFleet(MqttxtFleet):
                 told.put_nowait(Told(value, event.age_ms))
 
     async def _ask_rate(self, name: str, rate_hz: float) -> None:
-        """Have a state told so often, in three tries; raises MissionError where it is refused or not done."""
+        """Ask for a state at a rate, in three tries; raises MissionError where it is refused or not done."""
         said = ""
         try:
             for _ in range(STREAM_TRIES):

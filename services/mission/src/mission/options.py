@@ -1,4 +1,4 @@
-"""What a mission is told at its start, checked: one line names the option, its value and what was expected."""
+"""A mission's options at its start, checked: one line names the option, its value and what was expected."""
 
 from __future__ import annotations
 

@@ -14,13 +14,13 @@ from .series import KINDS
 PROGRESS_S = 1.0
 SAMPLES = 30
 COLLECT_SPARE_S = 60.0
-"""For a sensor to be found and for its last values to arrive."""
+"""For a drone to reach a sensor and for its last values to arrive."""
 
 
 class Steps:
     """The steps of one mission on one fleet.
 
-    `samples` are the values of each series that it collects, one a second; `was_reached` tells of a drone whether its
+    `samples` are the values of each series that it collects, one per second; `was_reached`: of a drone whether its
     sensor, which has its number, has measured anything.
     """
 

@@ -1,4 +1,4 @@
-"""The end, as a process is told it: by a signal, which has to wake whoever waits."""
+"""The end of a process, by a signal, which has to wake whoever waits."""
 
 from __future__ import annotations
 

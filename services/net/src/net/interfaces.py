@@ -1,4 +1,4 @@
-"""Interfaces found by their address: in a container with many, neither their names nor their order are stable."""
+"""Interfaces by their address: in a container with many, neither their names nor their order are stable."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Cable:
 
 @dataclass(frozen=True)
 class Port:
-    """`net`'s interface towards a node; `mac` is its own, so that a captured frame tells which way it went."""
+    """`net`'s interface towards a node; `mac` is its own, so that a captured frame shows which way it went."""
 
     node: str
     cable: Cable

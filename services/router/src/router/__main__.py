@@ -1,4 +1,4 @@
-"""The `router` command: run a node's mavp2p processes until told to end, or until one of them ends."""
+"""The `router` command: run a node's mavp2p processes until a signal, or until one of them ends."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def main(
 
 
 async def _until_signal(node: Node) -> str | None:
-    """Why the node ended by itself; None when it was told to."""
+    """Why the node ended by itself; None when a signal ended it."""
     running = asyncio.create_task(node.run())
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, running.cancel)

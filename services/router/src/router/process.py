@@ -37,7 +37,7 @@ class Turn:
                 await asyncio.sleep(LOOK_S)
 
     def tell(self) -> str | None:
-        """Say that all listen; returns why it could not be said."""
+        """Report that all listen; returns why that failed."""
         try:
             if self.listening is not None:
                 self.listening.touch()

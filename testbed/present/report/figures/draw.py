@@ -93,7 +93,7 @@ class Drawing:
         self.area(corners, role, opacity, tip)
 
     def dot(self, at: Point, role: str, radius: float = 3.2, hollow: bool = False, tip: str = "") -> None:
-        """MAVLink's marks are diamonds, so that no one needs the colour to tell the sides apart."""
+        """MAVLink's marks are diamonds, so that the sides differ without colour too."""
         self.marks.append(Dot(*at, radius, role, diamond=role == "mavlink", hollow=hollow, tip=tip))
 
     def text(

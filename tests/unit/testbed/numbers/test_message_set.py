@@ -164,7 +164,7 @@ def test_what_failed_is_counted_with_its_reason_and_stays_in_its_place(series: S
     assert kinds["arm"]["delay_ms"] == [2.5, 2.5]
     assert (kinds["takeoff"]["received"], kinds["takeoff"]["reasons"]) == (1, {"no word about it": 1})
     assert kinds["takeoff"]["seconds"] == pytest.approx(ANSWERED_MS / 1000 + 2.0, abs=1e-3)
-    assert (kinds["battery"]["received"], kinds["battery"]["reasons"]) == (1, {"not told in time": 1})
+    assert (kinds["battery"]["received"], kinds["battery"]["reasons"]) == (1, {"did not come in time": 1})
     assert (kinds["land"]["sent"], kinds["land"]["lost"]) == (3, 1)
     assert kinds["land"]["delay_ms"] == [2.5, 2.5, None]
     assert kinds["land"]["reasons"] == {"unconfirmed (timeout)": 1}

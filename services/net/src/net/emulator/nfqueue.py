@@ -1,6 +1,6 @@
 """NFQUEUE by netlink (linux/netfilter/nfnetlink_queue.h): the packets of many queues over one socket.
 
-A queue stands for a link, so a packet's queue number tells its link and nothing has to be looked up; and the kernel,
+A queue stands for a link, so a packet's queue number is its link and nothing has to be looked up; and the kernel,
 which looks for a packet from the oldest of its queue on, finds those of a link that keeps order at once. Of a packet
 only the first four bytes are copied, which hold its length, but for queues that need all of it.
 """

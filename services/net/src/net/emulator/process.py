@@ -30,7 +30,7 @@ def shape(
 ) -> None:
     """Shape every link until SIGTERM or SIGINT, with counters written each second and at the end. Raises NetError.
 
-    That all is shaped is `said` by a file that is made, or on a channel; on a channel also every event.
+    Once all is shaped, a file is made or a line is written to the channel `said`; a channel also gets every event.
     """
     ways = rules.ways_of(list(plan.links), ports, pairs)
     network = Network(plan)

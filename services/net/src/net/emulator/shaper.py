@@ -43,7 +43,7 @@ _Held = tuple[int, int, Counters | None, bytes, tuple[Injector, bytes] | None]
 
 
 class Shaper:
-    """`run` until told to end; `tick` is called about once a second, and `said` with each event, between packets."""
+    """`run` until it is to end; `tick` is called about once per second, and `said` with each event, between packets."""
 
     def __init__(
         self,

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Protocol
 
 QUANTUM_BYTES = 1514
-"""What a turn lets a link send: a full frame, as the kernel's classes are told."""
+"""What a turn lets a link send: a full frame, as in the kernel's classes."""
 
 
 class Sender(Protocol):

@@ -3,7 +3,7 @@
 SCHED_FIFO, which any ordinary program makes way for, needs CAP_SYS_NICE, and a kernel that gives a container real time
 (one with CONFIG_RT_GROUP_SCHED does not). A nice value below 0 needs CAP_SYS_NICE too; it counts within the container
 only, against the captures: between containers it is `cpu_shares` that counts. Without either it goes on as it is, and
-the counters tell how late packets were.
+the counters have how late packets were.
 """
 
 from __future__ import annotations

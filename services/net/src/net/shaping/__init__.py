@@ -1,4 +1,4 @@
-"""What `net route` does about links: chooses a shaper, starts it, tells it when the mission starts and what changes.
+"""What `net route` does about links: chooses a shaper, starts it, passes on when the mission starts and what changes.
 
 run_plan   the file that the host wrote
 choice     which shaper there can be

@@ -18,7 +18,7 @@ _PLACE = re.compile(r"Command failed -:(\d+)")
 
 
 class Done:
-    """How a command ended and what it said."""
+    """How a command ended, and its output."""
 
     def __init__(self, code: int, out: str, err: str) -> None:
         self.code, self.out, self.err = code, out, " ".join(err.split())

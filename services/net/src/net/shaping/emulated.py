@@ -1,4 +1,4 @@
-"""The emulator as a process of its own, so that nothing else holds up its packets: started, told, watched, ended."""
+"""The emulator as a process of its own, so that nothing else holds up its packets."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class EmulatedLinks:
         return self._channel.socket
 
     def attend(self) -> float | None:
-        """Note what the emulator said; it does the rest by itself. Raises NetError where it has ended."""
+        """Note the emulator's lines; it does the rest by itself. Raises NetError where it has ended."""
         while (message := self._channel.receive()) is not None:
             self._note(message)
         return None

@@ -1,7 +1,7 @@
 """Links by netem: the plan's commands, read back once they were carried out, and again at their times.
 
-Every change is one process of `tc`, which first shows what the link has counted: so what a closed link dropped is told
-from what was drawn.
+Every change is one process of `tc`, which first shows what the link has counted: so what a closed link dropped is
+distinguished from what was drawn.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ class KernelLinks:
 
 
 def _object(words: Words) -> tuple[str, ...]:
-    """What a command makes or changes: everything up to what it is told."""
+    """What a command makes or changes: everything up to its figures."""
     ends = [place for place, word in enumerate(words) if word in ("netem", "htb", "action")]
     return (words[0], words[1], *words[3 : ends[0] if ends else len(words)])
 

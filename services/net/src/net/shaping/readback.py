@@ -1,4 +1,4 @@
-"""What the kernel was told against what it says it does: qdiscs, classes and filters, field by field.
+"""What the kernel was given against what it reports: qdiscs, classes and filters, field by field.
 
 What `tc` shows as JSON (iproute2 6.15): rates in bytes a second, times in seconds, shares as fractions, all rounded to
 six digits. A netem's distribution is not shown, and its seed only by kernels that have one (6.6).

@@ -1,4 +1,4 @@
-"""`plan.json` of a run's folder of links: the plan, which shaper is wanted, the kernel's commands, and gates."""
+"""`plan.json` of a run's folder of links: the plan, which shaper to use, the kernel's commands, and gates."""
 
 from __future__ import annotations
 
