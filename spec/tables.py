@@ -19,7 +19,8 @@ from mqttxt.protocol.codec import Layout, layout_of
 from mqttxt.protocol.commands import BROADCASTABLE, COMMAND
 from mqttxt.protocol.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.protocol.messages import Word
-from mqttxt.protocol.states import POLICIES, STATE, STATES, Policy
+from mqttxt.protocol.policies import POLICIES, Policy
+from mqttxt.protocol.states import STATE, STATES
 from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, TopicRow, topics_of
 from mqttxt.protocol.values import item_of, mark_of
 

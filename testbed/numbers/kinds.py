@@ -11,7 +11,8 @@ from statistics import mean
 
 from . import words
 from .observed import NOTHING_SENT, Amount, Kind, Loss, Sides
-from .quantities import Figure, Row
+from .quantities import Row
+from .quantity import Figure
 
 COMMANDS = ("arm", "takeoff", "land", "offboard", "goto")
 STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")

@@ -10,7 +10,7 @@ from mqttxt.core.mqtt.link import BrokerAddress
 from mqttxt.drone.journal import JournalFile
 from mqttxt.drone.mavlink.link import AutopilotAddress
 from mqttxt.drone.process import UavRunner
-from mqttxt.protocol.states import Policy
+from mqttxt.protocol.policies import Policy
 from tests.bench.fleet import FIVE
 
 STEADY = Policy(lambda _old, _new: True, min_interval_ms=1000)

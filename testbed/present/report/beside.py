@@ -7,7 +7,8 @@ from typing import Any
 
 from ...numbers import words
 from ...numbers.observed import observe
-from ...numbers.quantities import FRAMES_LOST, MISSION, PACKETS, SIZE, Figure, quotient
+from ...numbers.quantities import FRAMES_LOST, MISSION, PACKETS, SIZE
+from ...numbers.quantity import Figure, quotient
 from . import thesis
 from .gallery import SLIPS
 

@@ -9,7 +9,8 @@ from typing import Any
 from ...fly.results import Series
 from ...numbers import kinds, quantities, words
 from ...numbers.observed import observe
-from ...numbers.quantities import DELAY, MISSION, PACKETS, SIZE, Figure, quotient
+from ...numbers.quantities import DELAY, MISSION, PACKETS, SIZE
+from ...numbers.quantity import Figure, quotient
 from ...plan import wording
 from ...plan.experiments import FACTORS
 from . import comparison, factors, message_set

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ...numbers import quantities, words
+from ...numbers import quantity, words
 from ...numbers.metrics.detail import PerLink
 from ...numbers.observed import observe
 from ...numbers.quantities import MISSION
@@ -167,7 +167,7 @@ def _purposes(shown: details.Shown) -> dict[str, dict[str, int]]:
 
 def _missions(
     metrics: dict[str, Any],
-) -> tuple[dict[str, list[Mission]], dict[str, quantities.Figure], dict[str, float]]:
+) -> tuple[dict[str, list[Mission]], dict[str, quantity.Figure], dict[str, float]]:
     observed = observe(metrics["protocols"])
     sides = {}
     for protocol, side in words.sides(metrics):

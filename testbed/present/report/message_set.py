@@ -9,7 +9,7 @@ from typing import Any
 
 from ...numbers.kinds import Side, form_of, kinds_of, means_of
 from ...numbers.observed import observe
-from ...numbers.quantities import quotient
+from ...numbers.quantity import quotient
 from . import thesis
 
 EXPERIMENT = thesis.MESSAGE_SET

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ...numbers import words
-from ...numbers.quantities import COMMAND_BYTES, MESSAGES_LOST, MISSION, STATE_BYTES_PER_S, Quantity, row
+from ...numbers.quantities import COMMAND_BYTES, MESSAGES_LOST, MISSION, STATE_BYTES_PER_S, row
+from ...numbers.quantity import Quantity
 from ...plan.experiments import MESSAGES
 from ..report import thesis
 from .cells import Cell

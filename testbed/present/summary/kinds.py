@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from ...numbers import words
 from ...numbers.kinds import DELAY, OWN_PACKETS, OWN_SIZE, PACKETS, SIZE, Quantity, Side, kinds_of
-from ...numbers.quantities import quotient
+from ...numbers.quantity import quotient
 from .cells import SIDES, Cell
 from .numbers import Pair
 

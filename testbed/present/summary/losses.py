@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ...numbers import words
-from ...numbers.quantities import COMMANDS_LOST, FRAMES_LOST, STATES_LOST, Share
+from ...numbers.quantities import COMMANDS_LOST, FRAMES_LOST, STATES_LOST
+from ...numbers.quantity import Share
 from .cells import Cell
 
 QUANTITIES = (COMMANDS_LOST, STATES_LOST, FRAMES_LOST)

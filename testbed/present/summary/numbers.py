@@ -5,16 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...numbers import words
-from ...numbers.quantities import (
-    COMPLETED,
-    COUNTED_BYTES_PER_S,
-    DELAY,
-    MISSION,
-    PACKETS,
-    SIZE,
-    Quantity,
-    row,
-)
+from ...numbers.quantities import COMPLETED, COUNTED_BYTES_PER_S, DELAY, MISSION, PACKETS, SIZE, row
+from ...numbers.quantity import Quantity
 from ...plan import wording
 from ..report import comparison
 from ..report.compare import change

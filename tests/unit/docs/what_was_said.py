@@ -8,7 +8,8 @@ from typing import Any
 
 from testbed.numbers import words
 from testbed.numbers.observed import Loss, observe_attempt
-from testbed.numbers.quantities import COMMANDS_LOST, STATES_LOST, Figure, Share
+from testbed.numbers.quantities import COMMANDS_LOST, STATES_LOST
+from testbed.numbers.quantity import Figure, Share
 from testbed.plan import wording
 from testbed.present.report.comparison import completed
 from testbed.present.summary.cells import SIDES, Cell

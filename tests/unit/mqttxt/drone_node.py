@@ -16,7 +16,7 @@ from mqttxt.drone.effects import Journal, Transmit
 from mqttxt.drone.mavlink.px4 import Px4
 from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient
-from mqttxt.protocol.states import POLICIES
+from mqttxt.protocol.policies import POLICIES
 
 if TYPE_CHECKING:
     from adversary import Simulation

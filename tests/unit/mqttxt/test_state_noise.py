@@ -18,7 +18,8 @@ from world import from_autopilot
 
 from mqttxt.drone.mavlink.vehicle import SOURCES, Vehicle
 from mqttxt.protocol.mavlink_states import kinds
-from mqttxt.protocol.states import Armed, Location, State, Throttle
+from mqttxt.protocol.policies import Throttle
+from mqttxt.protocol.states import Armed, Location, State
 
 RECORDINGS = ("px4-1.15", "px4-main")
 TICK_MS = 100

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from mqttxt.protocol.policies import Policy, Throttle
 from mqttxt.protocol.states import (
     Armed,
     Battery,
@@ -13,9 +14,7 @@ from mqttxt.protocol.states import (
     Heading,
     Home,
     Location,
-    Policy,
     State,
-    Throttle,
 )
 
 

@@ -14,7 +14,8 @@ import pytest
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import CommandMessage, Word
-from mqttxt.protocol.states import POLICIES, STATES, Battery, Groundspeed, Heading, Home, Location, VitalState
+from mqttxt.protocol.policies import POLICIES
+from mqttxt.protocol.states import STATES, Battery, Groundspeed, Heading, Home, Location, VitalState
 from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, topics_of
 from mqttxt.protocol.topics import CloudSide, FogSide, SensorSide, station_reachable
 from spec import schema, tables

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ....numbers import quantities, words
+from ....numbers import quantity, words
 from ....plan import wording
 from .axes import Scale, bottom, decades, legend, log_bounds, side, steps
 from .draw import TEXT, Drawing
@@ -21,7 +21,7 @@ class Mission:
     reason: str | None
 
 
-Times = dict[str, quantities.Figure]
+Times = dict[str, quantity.Figure]
 """Mission times by protocol."""
 
 

@@ -12,7 +12,7 @@ import pytest
 from both_sides import entry, failed, make_series, rich_entry
 
 from testbed.fly.results import Series, new_series
-from testbed.numbers.quantities import Figure as Quantity
+from testbed.numbers.quantity import Figure as Quantity
 from testbed.present.report.figures import attempts, axes, delays, files, losses, parts, sizes, topology, traffic
 from testbed.present.report.figures.draw import NARROW, ROLES, WIDE, Drawing, svg
 from testbed.present.report.figures.figure import Figure

@@ -26,11 +26,9 @@ from testbed.numbers.quantities import (
     QUANTITIES,
     SIZE,
     SPREAD,
-    Figure,
-    Quantity,
-    Share,
     row,
 )
+from testbed.numbers.quantity import Figure, Quantity, Share
 from testbed.numbers.statistics import significant
 from testbed.plan.documents import ROOT
 from testbed.present.report import compare, message_set, terminal

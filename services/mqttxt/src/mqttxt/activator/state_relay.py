@@ -9,9 +9,9 @@ from ..core.effects import Effect, Publish
 from ..core.settings import Settings, next_turn_ms
 from ..protocol.bundles import DroneBundle, fog_bundles
 from ..protocol.codec import decode, encode
+from ..protocol.policies import URGENT
 from ..protocol.rankings import QodsMessage
 from ..protocol.state_payload import StampedState, decode_state, encode_state
-from ..protocol.states import URGENT
 from ..protocol.topics import MAVLINK_STATE, CloudSide
 from . import qods
 from .drones import CLOUD, DroneLink, Drones

@@ -14,7 +14,7 @@ from ..core.mqtt.link import BrokerAddress, MqttLink
 from ..core.runner import Runner
 from ..core.settings import Settings
 from ..errors import ConfigurationError
-from ..protocol.states import Policy
+from ..protocol.policies import Policy
 from ..protocol.topics import FogSide
 from .commands import LINK
 from .effects import Journal, Transmit

@@ -13,8 +13,9 @@ from ..errors import PayloadError
 from ..protocol.bundles import drone_bundle
 from ..protocol.codec import decode, encode
 from ..protocol.messages import BeaconMessage, CommandId, DroneLease, Presence
+from ..protocol.policies import URGENT, Policy, Throttle
 from ..protocol.state_payload import StampedState, encode_state
-from ..protocol.states import URGENT, Policy, State, Throttle
+from ..protocol.states import State
 from ..protocol.topics import DroneTopic, FogSide
 from .commands import LINK, CommandDesk, Unfinished
 from .effects import Effect, Transmit

@@ -1,15 +1,13 @@
-"""The states of a drone: their values, and when a change is worth publishing (docs/protocol.md, section 3)."""
+"""The states of a drone and their values (docs/protocol.md, section 3)."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Annotated, Any, ClassVar, get_type_hints
+from typing import Annotated, ClassVar, get_type_hints
 
 from ..errors import PayloadError
-from .commands import haversine_m
 from .fields import U32, Altitude, Integer, Latitude, Longitude, Named, Scaled, Variant
 from .values import mark_of
 
@@ -239,137 +237,3 @@ def check_range(state: State) -> None:
         value = getattr(state, field)
         if not mark.low <= value <= mark.high:
             raise PayloadError(f"{state.name}.{field}: expected {mark.low:g} to {mark.high:g}, got {value!r}")
-
-
-def _any_change(old: State, new: State) -> bool:
-    return old != new
-
-
-@dataclass(frozen=True)
-class Policy:
-    """When a state is published: beyond its deadband, at most at its rate, at least once a heartbeat interval.
-
-    `exceeds(old, new)` tells whether the change is larger than the deadband; `deadband` says it in words. Where it
-    `is_for_rest`, that holds for a drone that is disarmed, and an armed one publishes any change.
-    """
-
-    exceeds: Callable[[Any, Any], bool]
-    min_interval_ms: int
-    heartbeat_ms: int = 30_000
-    deadband: str = "any change"
-    is_for_rest: bool = False
-
-
-def _beyond(
-    limit: float, unit: str, change: Callable[[Any, Any], float], words: str = "", rest: bool = False
-) -> Policy:
-    """Once a change is larger than `limit`; `words` go with it in the specification's table."""
-    said = f"{limit:g}{unit}{words}"
-    return Policy(lambda old, new: change(old, new) > limit, 1000, deadband=said, is_for_rest=rest)
-
-
-def _across_m(old: Location | Home, new: Location | Home) -> float:
-    return haversine_m(old.latitude_deg, old.longitude_deg, new.latitude_deg, new.longitude_deg)
-
-
-def _up_m(old: Location | Home, new: Location | Home) -> float:
-    return abs(old.altitude_amsl_m - new.altitude_amsl_m)
-
-
-def _moved_m(old: Location, new: Location) -> float:
-    return max(_across_m(old, new), _up_m(old, new), abs(old.altitude_m - new.altitude_m))
-
-
-def _home_moved_m(old: Home, new: Home) -> float:
-    return max(_across_m(old, new), _up_m(old, new))
-
-
-def _gained_pct(old: Battery, new: Battery) -> float:
-    """A battery under load is told a percent lower and higher by turns: each figure is told once while it drains."""
-    gained = new.remaining_pct - old.remaining_pct
-    return math.inf if gained < 0 else gained
-
-
-def _turned_deg(old: Heading, new: Heading) -> float:
-    turn = abs(old.heading_deg - new.heading_deg) % 360
-    return min(turn, 360 - turn)
-
-
-def _sped_m_s(old: Groundspeed, new: Groundspeed) -> float:
-    return abs(old.groundspeed_m_s - new.groundspeed_m_s)
-
-
-_URGENTLY = Policy(_any_change, min_interval_ms=100)
-_AT_ONCE = Policy(_any_change, min_interval_ms=1000)
-HOME_M = 1.0
-"""Home that is further from where it was is another place: PX4 moves it by up to 0.7 m across and 1.2 m up, every two
-seconds, while its position settles."""
-
-POLICIES: dict[str, Policy] = {
-    "battery": _beyond(1, " %", _gained_pct, " more, any less"),
-    "location": _beyond(0.5, " m", _moved_m),
-    "heading": _beyond(5, "°", _turned_deg),
-    "groundspeed": _beyond(0.5, " m/s", _sped_m_s),
-    "flight_mode": _URGENTLY,
-    "armed": _URGENTLY,
-    "landed_state": _URGENTLY,
-    "max_groundspeed": _AT_ONCE,
-    "home": _beyond(HOME_M, " m, any change while armed", _home_moved_m, rest=True),
-    "health": _AT_ONCE,
-    "endurance": _AT_ONCE,
-}
-"""The defaults."""
-
-
-def is_elsewhere(old: Home, new: Home) -> bool:
-    """Whether home was put to another place, and not only corrected in its altitude."""
-    return _across_m(old, new) > HOME_M
-
-
-URGENT = frozenset({"armed", "flight_mode", "landed_state"})
-"""What a bundle does not wait with."""
-
-
-class Throttle:
-    """Decides when each state of one drone is published, by its policy; `apart` are those that others publish."""
-
-    def __init__(self, policies: dict[str, Policy] | None = None) -> None:
-        self.apart: frozenset[str] = frozenset()
-        self._policies = {**POLICIES, **(policies or {})}
-        self._current: dict[str, State] = {}
-        self._published: dict[str, tuple[State, int]] = {}
-
-    def update(self, state: State) -> None:
-        """Take in the newest value of a state."""
-        self._current[state.name] = state
-
-    def due(self, now_ms: int) -> list[State]:
-        """The states to publish now, in the order of their first appearance; they count as published."""
-        found = [state for state in self._current.values() if self._is_due(state, now_ms)]
-        for state in found:
-            self._published[state.name] = (state, now_ms)
-        return found
-
-    def current(self, name: str) -> State | None:
-        """The newest value of a state."""
-        return self._current.get(name)
-
-    def is_due(self, names: Iterable[str], now_ms: int) -> bool:
-        """Whether any of some states would be published now."""
-        return any(name in self._current and self._is_due(self._current[name], now_ms) for name in names)
-
-    def forget_published(self) -> None:
-        """Publish everything anew at the next `due`: the other side lost what it knew."""
-        self._published.clear()
-
-    def _is_due(self, state: State, now_ms: int) -> bool:
-        if state.name in self.apart:
-            return False
-        if state.name not in self._published:
-            return True
-        policy = self._policies[state.name]
-        last, at_ms = self._published[state.name]
-        if now_ms - at_ms >= policy.heartbeat_ms:
-            return True
-        exceeds = _any_change if policy.is_for_rest and self.current(Armed.name) == Armed(True) else policy.exceeds
-        return now_ms - at_ms >= policy.min_interval_ms and exceeds(last, state)

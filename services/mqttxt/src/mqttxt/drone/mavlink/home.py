@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from ...protocol.states import Home, Location, State, is_elsewhere
+from ...protocol.policies import is_elsewhere
+from ...protocol.states import Home, Location, State
 
 
 class HomeOfArming:
