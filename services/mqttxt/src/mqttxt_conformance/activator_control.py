@@ -70,7 +70,7 @@ async def _take_over(kit: ActivatorKit, other: Station) -> str:
 
 @rule("activator", "R6.10", "R4.5")
 async def hands_the_lease_down(kit: ActivatorKit) -> str:
-    """The drone is told who is in control, and until when in its own clock: not after the station's lease."""
+    """The drone's lease names who is in control, and until when in its own clock: not after the station's lease."""
     await asyncio.sleep(QUIET_S)
     mark = len(kit.one.leases)
     sent_ms = kit.one.now_ms()

@@ -50,7 +50,7 @@ async def hands_a_nonce_down(kit: ActivatorKit) -> str:
 
 @rule("activator", "R9.2")
 async def says_who_is_reachable(kit: ActivatorKit) -> str:
-    """A drone that was born and echoed is told as reachable, retained, in the activator's and the drone's session."""
+    """A drone that was born and echoed has a retained record as reachable, in the activator's and its own session."""
     for number, drone in kit.drones.items():
         record = kit.record(number)
         expect(record, f"no record of drone {number} on {kit.topics.drone_reachable(number)}")
@@ -96,7 +96,7 @@ async def answers_a_registration(kit: ActivatorKit) -> str:
 
 @rule("activator", "R6.3")
 async def tells_the_last_known_states(kit: ActivatorKit) -> str:
-    """A station that registers is told the last known states."""
+    """A station that registers receives the last known states."""
     found = await kit.cloud.until(lambda: [h for h, name in kit.states(0) if name == "battery"], PATIENCE_S)
     expect(found, "the battery that drone 1 told before the registration did not come")
     state = shapes.read_state("battery", found[-1].payload, relayed=True)
@@ -171,7 +171,7 @@ async def passes_readings_on(kit: ActivatorKit) -> str:
 
 
 async def _keeps_for_stations(kit: ActivatorKit, reading: ReadingMessage) -> str:
-    """While no station is registered a reading passes, but its drone is not told that it may forget it."""
+    """While no station is registered a reading passes, but it is not acknowledged to its drone."""
     try:
         kit.station.register(lease_s=0)
         await asyncio.sleep(QUIET_S)
@@ -239,7 +239,7 @@ async def says_who_is_gone(kit: ActivatorKit) -> str:
 
 @rule("activator", "R9.5")
 async def refuses_a_second_uav_client(kit: ActivatorKit) -> str:
-    """A second session of a drone's number is told `bound: false` while the first one answers."""
+    """A second session of a drone's number gets `bound: false` while the first one answers."""
     other = secrets.randbelow(2**32 - 1) + 1
     mark = len(kit.one.leases)
     presence = encode(Presence(session=other, up=True))

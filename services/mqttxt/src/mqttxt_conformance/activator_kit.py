@@ -183,7 +183,7 @@ class ActivatorKit:
         self.cloud.publish(topic, encode(message), **options)
 
     def words(self, message: CommandMessage, drone: int = 1, mark: int = 0) -> Words:
-        """What was said so far of a command and a drone; raises Broken where a result is none."""
+        """The words so far about a command and a drone; raises Broken where a result is none."""
         below = f"{self.topics.root}drone{drone}/commands_result/"
         return words_of(self.cloud.since(mark, below=below), below, message.gs_session, message.seq)
 
@@ -195,7 +195,7 @@ class ActivatorKit:
         return self.words(message, drone, mark)
 
     def fog_results(self, message: CommandMessage, mark: int = 0) -> list[tuple[int, dict[str, Any]]]:
-        """What was said of a command as a whole, with its place in what was heard."""
+        """The words about a command as a whole, with their places in what came."""
         below = f"{self.topics.root}commands_result/"
         found = []
         for index, heard in enumerate(self.cloud.heard):

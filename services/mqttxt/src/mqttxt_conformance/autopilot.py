@@ -1,4 +1,4 @@
-"""The kit as an autopilot: it streams what PX4 streams, answers as it is told, and keeps what was written to it."""
+"""The kit as an autopilot: it streams what PX4 streams, answers as a check has it, and keeps what was written."""
 
 from __future__ import annotations
 

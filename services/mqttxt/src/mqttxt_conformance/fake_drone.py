@@ -1,4 +1,4 @@
-"""The kit as a UAV client, on the fog's broker: its clock is known exactly, its answers come as they are told to."""
+"""The kit as a UAV client, on the fog's broker: its clock is known exactly, its answers are those that a check sets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .registry import Broken
 from .tap import Heard, Tap
 
 QUESTION_HELD_S = 0.2
-"""How long a lease's nonce seems to be under way to the drone: nobody is told of it."""
+"""How long a lease's nonce seems to be under way to the drone, which no message shows."""
 
 
 @dataclass(frozen=True)

@@ -221,7 +221,7 @@ async def is_quiet_after_the_last_word(kit: GsKit) -> str:
 
 @rule("gs", "R6.8")
 async def names_the_newest_epoch(kit: GsKit) -> str:
-    """A command carries the newest epoch of control that the drone's record tells."""
+    """A command carries the newest epoch of control in the drone's record."""
     epochs = [command.fields["epoch"] for command in _first(kit)]
     expect(set(epochs) == {EPOCH}, f"the record says epoch {EPOCH}; commands carry {epochs}")
     return f"the record says epoch {EPOCH}; commands carry {epochs}"

@@ -21,7 +21,7 @@ class NotTested(Exception):
 
 
 class Verdict(Enum):
-    """What is said of a rule."""
+    """What became of a rule."""
 
     PASS = "pass"
     FAIL = "fail"

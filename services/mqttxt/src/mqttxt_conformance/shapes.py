@@ -30,7 +30,7 @@ CONTROLS = ("none", "want", "take")
 COMMANDS = ("", "arm", "disarm", "takeoff", "land", "goto", "hold", "return", "offboard", "stream", "mavlink")
 
 Judge = Callable[[Any, bool], bool]
-"""Whether a value may stand in a field; the flag tells that the payload is JSON."""
+"""Whether a value may stand in a field; the flag: the payload is JSON."""
 
 
 def _whole(low: int, high: int) -> Judge:

@@ -150,7 +150,7 @@ class UavKit:
         self.tap.publish(self.topics.commands(self.drone), payload, retain=retain)
 
     def words(self, gs_session: int, seq: int = 1, mark: int = 0) -> Words:
-        """What was said so far of a command; raises Broken where a result is none."""
+        """The words so far about a command; raises Broken where a result is none."""
         below = f"{self.topics.root}drone{self.drone}/commands_result/"
         return words_of(self.tap.since(mark, below=below), below, gs_session, seq)
 

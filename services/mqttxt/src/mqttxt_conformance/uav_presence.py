@@ -129,7 +129,7 @@ async def a_clean_stop_says_down(kit: UavKit) -> str:
 
 @rule("uav", "R9.5")
 async def stops_when_refused(kit: UavKit) -> str:
-    """Told `bound: false`, it stops."""
+    """After `bound: false` it stops."""
     kit.subject.need()
     await kit.subject.kill()
     mark = len(kit.tap.heard)

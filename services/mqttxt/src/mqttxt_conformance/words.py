@@ -1,4 +1,4 @@
-"""What was said of one command, as the kit heard it."""
+"""The words about one command, as the kit received them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .tap import Heard
 
 @dataclass
 class Words:
-    """What was said of one command, in its order; `at_ms` of each in the kit's clock."""
+    """The words about one command, in their order; `at_ms` of each in the kit's clock."""
 
     words: list[dict[str, Any]]
     at_ms: list[int]

@@ -149,7 +149,7 @@ class Leases:
         return self._assign(now_ms)
 
     def restore(self, drone: int, key: Key | None, epoch: int, now_ms: int) -> None:
-        """What an earlier session of this activator said of a drone: its station may come back for it."""
+        """A drone's record of an earlier session of this activator: its station may come back for it."""
         self._epochs[drone] = max(self.epoch(drone), epoch)
         self._epoch = max(self._epoch, epoch)
         if key is not None and drone not in self._holders:

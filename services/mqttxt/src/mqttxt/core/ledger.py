@@ -1,6 +1,6 @@
 """The command ledger: what an executor has been asked and what it answered (docs/protocol.md, section 5).
 
-Entries live until the deadline has passed, then with their outcomes for ten minutes. A duplicate is found,
+Entries live until the deadline has passed, then with their outcomes for ten minutes. A duplicate is recognised,
 not executed again; a full ledger denies and never evicts. Who is not in control can fill only a share of it, and what
 brings a drone to a halt finds room when nothing else does.
 """
@@ -133,7 +133,7 @@ class Ledger(Generic[Record]):
         return taken < self._capacity - outsiders - kept_free
 
     def close(self, entry: Entry[Record], now_ms: int) -> None:
-        """The last word is said: keep it for ten minutes from now or from the deadline, whichever is later."""
+        """The last word is out: keep it for ten minutes from now or from the deadline, whichever is later."""
         entry.is_open = False
         entry.keep_until_ms = max(entry.keep_until_ms, now_ms + self._keep_ms)
         self._open.pop(entry.id, None)

@@ -1,4 +1,4 @@
-"""What every role is told at its start."""
+"""The settings of every role at its start."""
 
 from __future__ import annotations
 

@@ -19,11 +19,11 @@ from .resting_numbers import AckKey, Kind
 from .runs import Output, Phase, Run, Runs, Said
 
 UNEXPLAINED = "autopilot"
-"""The reason of a refusal whose result alone tells nothing."""
+"""The reason of a refusal whose result alone does not give one."""
 WORDS_MS = 200
-"""So long after its refusal an autopilot may tell people why."""
+"""So long after its refusal an autopilot may send its reason as text."""
 PROGRESS_MS = 1000
-"""Percentages are told at most as often; of those in between the newest."""
+"""Percentages are published at most as often; of those in between the newest."""
 
 _FLIGHT_COMMANDS = frozenset(
     {
@@ -98,13 +98,13 @@ class Acknowledgements:
         return out
 
     def tell_progress(self, run: Run, now_ms: int) -> list[Output]:
-        """The newest percentage, where it is another one than was told, and not too soon after that."""
+        """The newest percentage, where it differs from the one published, and not too soon after that."""
         if not run.in_progress or run.percent == run.told_percent or now_ms < run.told_percent_ms + PROGRESS_MS:
             return []
         return [self._progress(run, now_ms)]
 
     def _refusal(self, run: Run, result: int) -> tuple[Word, str | None]:
-        """The last word for a refusal, with what the autopilot told people since the command was sent."""
+        """The last word for a refusal, with the autopilot's texts since the command was sent."""
         word, reason = refusal(result)
         if result == mavlink.MAV_RESULT_FAILED and self.vehicle.autopilot.refuses_as_failed:
             word = Word.DENIED
@@ -130,7 +130,7 @@ class Acknowledgements:
         return []
 
     def explained(self, now_ms: int) -> list[Output]:
-        """The last words that were held back, once the autopilot has told why, or has not for too long."""
+        """The last words that were held back, once the autopilot's reason has come, or has not for too long."""
         out: list[Output] = []
         for held in list(self._held):
             text = self.vehicle.text_since(held.number)
@@ -168,7 +168,7 @@ class Acknowledgements:
         return [self.runs.end(run, *self._refusal(run, result))]
 
     def _on_progress(self, run: Run, percent: int | None, now_ms: int) -> list[Output]:
-        """It is being done, and is not said again."""
+        """It is being done, and is not sent again."""
         run.percent = percent
         if run.in_progress:
             return self.tell_progress(run, now_ms)

@@ -1,4 +1,4 @@
-"""What comes and goes with a disk, told apart from what is wrong with the path that a person gave."""
+"""Faults that come and go with a disk, as against a path that a person gave wrongly."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class Journal:
     """Record durably, before the next effect, that a command is open or what its last word was.
 
     `word` None opens the id: `on_journalled` follows, or `on_not_journalled` where the disk did not take it. A last
-    word is said whether or not the disk took it. `done`: it was delivered.
+    word is published whether or not the disk took it. `done`: it was delivered.
     """
 
     id: CommandId

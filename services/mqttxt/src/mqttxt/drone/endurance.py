@@ -9,7 +9,7 @@ from .mavlink.vehicle import Vehicle
 from .options import LONGEST_S, SHORTEST_S
 
 ENOUGH_PCT = 3
-"""What has to drain before a measurement says anything: a percent is as fine as autopilots tell it."""
+"""What has to drain before a measurement counts: autopilots report whole percents."""
 _IN_AIR = (Landed.IN_AIR, Landed.TAKEOFF, Landed.LANDING)
 
 

@@ -1,4 +1,4 @@
-"""Asks the autopilot for what it does not tell by itself, and again when it no longer does.
+"""Asks the autopilot for messages that it does not send by itself, and again when it no longer does.
 
 An ArduPilot sends next to nothing unasked, and forgets after a restart what it was asked for.
 """

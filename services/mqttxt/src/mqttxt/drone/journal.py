@@ -37,7 +37,7 @@ _LAST_WORDS = {word.label: word for word in Word if word.is_last}
 
 class JournalFile:
     """The journal at `path`. `is_new`: there was none that could be read as a whole, so that of an id of the sessions
-    before that is not found nothing is known.
+    before that and is not in it, nothing is known.
 
     A disk that is full or fails does not end the client: `record` raises OSError until there is room again. Raises
     ConfigurationError for a path that no journal can have, and for the journal of another process: that one would go on
@@ -153,7 +153,7 @@ class JournalFile:
                 del self._delivered[next(iter(self._delivered))]
 
     def _read(self) -> bool:
-        """Whether nothing is missing. A line that cannot be read is left out and said.
+        """Whether nothing is missing. A line that cannot be read is left out and logged.
 
         Nothing is missing where that is the last one and has no end: it was being written when the power went, and what
         it says was not begun.
@@ -180,7 +180,7 @@ def _lock(path: Path) -> int | None:
     """
     try:
         file = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError:  # as of a full disk; what else is wrong with the path, the journal's own file tells
+    except OSError:  # as of a full disk; whatever else is wrong with the path shows at the journal's own file
         return None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -33,7 +33,7 @@ HOLD_AGAIN_MS = 500
 
 @dataclass
 class Ending:
-    """The last word of a run that is being stopped, said when the mode has changed back."""
+    """The last word of a run that is being stopped, given when the mode has changed back."""
 
     word: Word
     reason: str | None
@@ -107,7 +107,7 @@ class OffboardPilot:
         return None
 
     def stop(self, run: Run, word: Word, reason: str | None, now_ms: int) -> list[Output]:
-        """Command hold and brake; `word` is said when the mode has changed. A newer flight is not disturbed."""
+        """Command hold and brake; `word` is given when the mode has changed. A newer flight is not disturbed."""
         newer = self._runs.newer(run)
         if newer is not None and newer.is_under_way:
             return [self._runs.end(run, word, reason)]
@@ -159,7 +159,7 @@ class OffboardPilot:
         return [Transmit(message, None if started else run.deadline_ms)]
 
     def leave(self) -> list[Output]:
-        """The process ends: an autopilot that follows set-points is told to hold."""
+        """The process ends: an autopilot that follows set-points is commanded to hold."""
         if any(run.phase not in (Phase.WAITING, Phase.PRIMING) for run in self._offboards()):
             return [self._hold()]
         return []

@@ -1,4 +1,4 @@
-"""What one drone's UAV client is told about its drone."""
+"""The options of one drone's UAV client."""
 
 from __future__ import annotations
 

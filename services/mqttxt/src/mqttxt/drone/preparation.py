@@ -1,4 +1,4 @@
-"""The mode that an autopilot has to be in before a command is said to it (docs/protocol.md, R5.19).
+"""The mode that an autopilot has to be in before a command is written to it (docs/protocol.md, R5.19).
 
 A pilot who changes the mode after that was commanded wins: nothing is commanded again, and the command is over.
 """

@@ -17,7 +17,7 @@ SECOND_ACK_MS = 300
 """How long a key rests for a second acknowledgement; PX4 writes both at once. Less than the time between copies."""
 
 AckKey = tuple[int, Source]
-"""What an acknowledgement is told by: the MAV_CMD, and in whose name it was sent."""
+"""What identifies an acknowledgement: the MAV_CMD, and in whose name it was sent."""
 
 
 class Kind(Enum):
@@ -81,7 +81,7 @@ class Acks:
         self._earlier[key].insert(0, Expected(Kind.SECOND, owner, until_ms))
 
     def take(self, key: AckKey, now_ms: int) -> Expected | None:
-        """An acknowledgement found nobody waiting. The last one that was expected frees its key."""
+        """No run waits for this acknowledgement. The last one that was expected frees its key."""
         earlier, own = self._earlier.get(key, []), self._own.get(key, [])
         expected = [*earlier, *own]
         if not expected:

@@ -36,7 +36,7 @@ class Phase(Enum):
 
     WAITING for its MAV_CMD to be free; PREPARING: the autopilot is put into another mode before it is sent;
     PRIMING: set-points are streamed before it is sent; SENT and not acknowledged; RUNNING: accepted; STOPPING: on the
-    way to a safe end, its last word is known but not said.
+    way to a safe end, its last word is known but not given.
     """
 
     WAITING = auto()
@@ -84,10 +84,10 @@ class Preparation:
 class Run:
     """A command that has no last word yet. `refused`: what one copy of it was answered, while others are unanswered.
 
-    `refusals` counts the copies that were refused, `restarts` the autopilot's starts when it said that it does it.
+    `refusals` counts the copies that were refused, `restarts` the autopilot's starts when it accepted.
     `modes_before`: the modes that the autopilot may have been in when it accepted; `settled_number`: the newest message
     once it has left them, None until then. `is_outdated`: a newer command of its group was started, and this one is not
-    said again, whatever became of that.
+    sent again, whatever became of that.
     """
 
     id: CommandId
@@ -121,7 +121,7 @@ class Run:
 
     @property
     def ack_key(self) -> AckKey:
-        """What its acknowledgements are told by."""
+        """What identifies its acknowledgements."""
         return self.plan.mav_cmd, self.source
 
     def is_of_group(self, other: Run) -> bool:
@@ -130,7 +130,7 @@ class Run:
 
     @property
     def is_under_way(self) -> bool:
-        """Whether the autopilot said that it does it."""
+        """Whether the autopilot has accepted it."""
         return self.phase in (Phase.RUNNING, Phase.STOPPING) or (self.phase is Phase.SENT and self.in_progress)
 
 
@@ -181,6 +181,6 @@ class Runs:
         return [r for r in earlier if r.is_of_group(run)]
 
     def newer(self, run: Run) -> Run | None:
-        """A later command of the same group that was sent too: the older one must not be said again after it."""
+        """A later command of the same group that was sent too: the older one must not be sent again after it."""
         later = self._runs[self._runs.index(run) + 1 :]
         return next((r for r in later if r.is_of_group(run) and r.phase not in UNSENT), None)

@@ -20,7 +20,7 @@ from .mavlink.plans import CannotExecute, Plan, command_long
 from .mavlink.vehicle import SOURCES, Vehicle
 
 ENOUGH = 0.8
-"""A stream of this share of the wanted rate is not asked to be faster: rates are measured, and waver."""
+"""A stream of this share of the requested rate is not asked to be faster: rates are measured, and waver."""
 REMINDER_MS = 10_000
 """How long a rate may be less than half of what was asked for before it is asked for again."""
 
@@ -129,7 +129,7 @@ class Streams:
         return max([command.rate_hz, *(1000 / self._turns[name].interval_ms for name in others)])
 
     def _question(self, kind: str, wanted_hz: float, now_ms: int) -> float | None:
-        """The rate to ask the autopilot for: 0 is its own, None where nothing has to be said."""
+        """The rate to ask the autopilot for: 0 is its own, None where nothing has to be asked."""
         if kind not in self._asked_hz:
             own_hz = self._vehicle.rate_hz(kind, now_ms)
             if own_hz >= ENOUGH * wanted_hz:
@@ -148,7 +148,7 @@ class Streams:
 
 
 def source_of(name: str) -> str | None:
-    """The MAVLink message that tells a state, None where none is streamed; raises CannotExecute for no such state."""
+    """The MAVLink message that has a state, None where none is streamed; raises CannotExecute for no such state."""
     kind = kind_of(name)
     if kind is not None:
         return str(kind.msgname)

@@ -1,4 +1,4 @@
-"""A takeoff that found the motors disarmed must not fly off when somebody arms them later."""
+"""A takeoff that came while the motors were disarmed must not fly off when somebody arms them later."""
 
 from __future__ import annotations
 

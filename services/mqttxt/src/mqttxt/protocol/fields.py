@@ -77,7 +77,7 @@ class Items:
 
 @dataclass(frozen=True)
 class Variant:
-    """The last field of a message: one of several dataclasses, told apart by a code (CBOR) or name (JSON).
+    """The last field of a message: one of several dataclasses, distinguished by a code (CBOR) or name (JSON).
 
     Its own fields follow the tag on the same level.
     """

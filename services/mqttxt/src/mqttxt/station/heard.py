@@ -32,7 +32,7 @@ class Bell:
 
 
 class Record(Generic[Said]):
-    """What was said, in its order, for any number of waiting tasks."""
+    """The words so far, in their order, for any number of waiting tasks."""
 
     def __init__(self) -> None:
         self.said: deque[Said] = deque()
@@ -45,12 +45,12 @@ class Record(Generic[Said]):
         self._bell.ring()
 
     def end(self, error: BaseException | None = None) -> None:
-        """Nothing more will be said; `error` is why, where that is no proper end."""
+        """No more words come; `error` is why, where that is no proper end."""
         self._has_ended, self._error = True, error
         self._bell.ring()
 
     async def more_than(self, count: int) -> bool:
-        """Wait until more than `count` things were said; False at the end, or raises the error that was the end."""
+        """Wait until more than `count` words have come; False at the end, or raises the error that was the end."""
         while len(self.said) <= count:
             if self._error is not None:
                 raise self._error
@@ -61,14 +61,14 @@ class Record(Generic[Said]):
 
 
 class SentCommand(Generic[Answer, Said]):
-    """A command that was sent. Await it for its answer, or iterate over it to follow what is said of it.
+    """A command that was sent. Await it for its answer, or iterate over it to follow its words.
 
     The call that returns this object has sent the command, once. Nothing that is done with the object, or left undone,
     sends it again, takes it back or stops it:
 
     - `await` returns the answer, as the call that sent the command describes it. Every further `await`, in any task,
       returns the same answer.
-    - `async for` yields everything that is said of the command, up to its end. Every iteration begins with the first
+    - `async for` yields every word about the command, up to its end. Every iteration begins with the first
       word, whenever it is started.
     - A wait that is cancelled, by a timeout too, and an iteration that is left early or ends with an exception of its
       own, end the waiting alone. The command goes on, and can be awaited again. Send `Hold` to stop a drone.

@@ -16,7 +16,7 @@ class AliasTable:
         self._aliases: dict[str, int] = {}
 
     def shorten(self, topic: str) -> tuple[str, int | None]:
-        """The topic name and the alias to publish with; the caller has to send what it is told, in this order."""
+        """The topic name and the alias to publish with; the caller has to send what it gets, in this order."""
         alias = self._aliases.get(topic)
         if alias is not None:
             return "", alias

@@ -248,7 +248,7 @@ class Connection:
         if sock is None:
             return
         cork(sock, True)
-        # paho makes a reason code and properties for each QoS 0 publish that it tells of; nobody asks for them.
+        # paho makes a reason code and properties for each QoS 0 publish that it reports; nobody asks for them.
         self._client.on_publish = None
         try:
             self._client.loop_write()

@@ -1,4 +1,4 @@
-"""ArduCopter: its modes (after ArduPilot's Copter mode numbers), and how commands are said to it.
+"""ArduCopter: its modes (after ArduPilot's Copter mode numbers), and how commands are written to it.
 
 No field of any message is ever NaN: ArduCopter of May 2024 ends with a floating point exception on a NaN in
 NAV_TAKEOFF.

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 class Autopilot(ABC):
-    """One kind of autopilot: what its messages mean, and how commands are said to it. It keeps nothing.
+    """One kind of autopilot: what its messages mean, and how commands are written to it. It keeps nothing.
 
     `types` are the HEARTBEAT.type of those that fly so, None where modes and commands are the same for all.
     `max_speed` and `cruise_speed` are the parameters that have the largest horizontal speed and the cruise speed,
     any one of each, and what makes their values metres a second. `hold_mode` is the mode in which it stays where it
     is, `offboard_mode` the one in which it follows set-points; `is_offboard_alone`: it does nothing else there.
     `priming` set-points have to come before that mode. `refuses_as_failed`: it says MAV_RESULT_FAILED of what it does
-    not begin. `explains_afterwards`: it tells people why behind its refusal. `answers_twice` are the MAV_CMDs that it
+    not begin. `explains_afterwards`: its reason comes behind its refusal. `answers_twice` are the MAV_CMDs that it
     may accept first, and then say what became of them.
     """
 
@@ -42,11 +42,11 @@ class Autopilot(ABC):
 
     @abstractmethod
     def flight_mode(self, heartbeat: Any) -> FlightModeName:
-        """The mode that a HEARTBEAT tells; UNKNOWN for one that has no name here."""
+        """The mode in a HEARTBEAT; UNKNOWN for one that has no name here."""
 
     @abstractmethod
     def health(self, status: Any) -> Health:
-        """What SYS_STATUS tells."""
+        """The state in a SYS_STATUS."""
 
     @abstractmethod
     def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:

@@ -18,6 +18,6 @@ AUTOPILOTS: Final[dict[int, Autopilot]] = {
 
 
 def kind_of(heartbeat: Any) -> Autopilot | None:
-    """The kind that a HEARTBEAT tells, None for one that is not known: ArduPilot's planes have other modes."""
+    """The kind in a HEARTBEAT, None for one that is not known: ArduPilot's planes have other modes."""
     found = AUTOPILOTS.get(heartbeat.autopilot)
     return found if found is None or found.types is None or heartbeat.type in found.types else None

@@ -93,7 +93,7 @@ def _take(data: bytearray) -> Iterator[Any]:
             del data[0]
             continue
         if isinstance(message, mavlink.MAVLink_unknown) and size < len(data) and data[size] not in _MAGIC:
-            yield Malformed("bytes behind which no frame begins")  # without its checksum only its end tells
+            yield Malformed("bytes behind which no frame begins")  # without its checksum only its end shows
             del data[0]
             continue
         del data[:size]
@@ -108,7 +108,7 @@ def _check_flags(data: bytearray) -> None:
 
 
 def _size(data: bytearray) -> int | None:
-    """How long the frame at the front says that it is, None before it has said so."""
+    """The length in the head of the frame at the front, None before that has come."""
     if data[0] == mavlink.PROTOCOL_MARKER_V1:
         return _V1_BYTES + data[1] if len(data) > 1 else None
     if len(data) < 3:

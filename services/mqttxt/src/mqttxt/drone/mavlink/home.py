@@ -1,4 +1,4 @@
-"""The home of an arming, above which every height is told and flown (docs/protocol.md, R3.10)."""
+"""The home of an arming, above which every height is published and flown (docs/protocol.md, R3.10)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class HomeOfArming:
         self._home: Home | None = None
 
     def correct(self, told: Iterable[State], is_armed: bool) -> list[State]:
-        """What a message told, with heights above this home, and with home itself where it is another one now."""
+        """A message's states, with heights above this home, and with home itself where it is another one now."""
         if not is_armed:
             self._altitude_m = None
         return [corrected for state in told for corrected in self._correct(state, is_armed)]
@@ -46,5 +46,5 @@ class HomeOfArming:
 
 
 def _difference_m(one_m: float, other_m: float) -> float:
-    """As MAVLink tells altitudes: in whole millimetres."""
+    """As MAVLink has altitudes: in whole millimetres."""
     return round(one_m - other_m, 3)

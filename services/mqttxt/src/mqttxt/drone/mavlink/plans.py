@@ -39,16 +39,16 @@ class Group(Enum):
 
 
 class CannotExecute(Exception):
-    """Why a command cannot be said to this autopilot now; its text is the outcome's reason."""
+    """Why a command cannot be written to this autopilot now; its text is the outcome's reason."""
 
 
 @dataclass(frozen=True)
 class Plan:
     """A command as one MAVLink message, the modes in which it runs, and the proof of its effect.
 
-    `first_mode`: the mode that the autopilot is put into before the message is said, None where its mode is right.
+    `first_mode`: the mode that the autopilot is put into before the message is sent, None where its mode is right.
     `modes` None: the command is no flight. `passing` are modes that are right once the effect is `near`, and only
-    if it shows soon after. `message` None: nothing has to be said. `on_accepted(now_ms)` is called when the command
+    if it shows soon after. `message` None: nothing has to be sent. `on_accepted(now_ms)` is called when the command
     is accepted. `is_said_once`: it is never repeated, and its acceptance is all that will be known of it.
     """
 
@@ -82,7 +82,7 @@ def arming(command: Arm | Disarm, vehicle: Vehicle) -> Plan:
 
 
 def check(command: Command, vehicle: Vehicle, now_ms: int) -> None:
-    """Raises CannotExecute where an autopilot may accept a command that must not be said to it now.
+    """Raises CannotExecute where an autopilot may accept a command that must not be written to it now.
 
     On the ground, `goto` takes off, and `takeoff` without armed motors climbs as soon as somebody arms them.
     """

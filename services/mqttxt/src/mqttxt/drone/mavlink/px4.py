@@ -1,4 +1,4 @@
-"""PX4: its custom modes (main << 16 | sub << 24, after px4_custom_mode.h), and how commands are said to it."""
+"""PX4: its custom modes (main << 16 | sub << 24, after px4_custom_mode.h), and how commands are written to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MAV_CMDs that have no form of their own: said as they are, within limits (docs/protocol.md, section 5)."""
+"""MAV_CMDs that have no form of their own: sent as they are, within limits (docs/protocol.md, section 5)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ GUARDED: dict[int, str] = {
     mavlink.MAV_CMD_CAN_FORWARD: "opens the CAN bus",
     mavlink.MAV_CMD_FIXED_MAG_CAL_YAW: "overwrites calibrations",
 }
-"""What is denied unless the UAV client was told to allow it, and why."""
+"""What is denied unless an option of the UAV client allows it, and why."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Limits:
 
 
 def plan_raw(command: Mavlink, vehicle: Vehicle, limits: Limits) -> Plan:
-    """The plan of a MAV_CMD as it is; raises CannotExecute where it is not to be said."""
+    """The plan of a MAV_CMD as it is; raises CannotExecute where it is not to be sent."""
     number = command.mav_cmd
     if number not in MAV_CMDS:
         raise CannotExecute("unknown_mav_cmd")

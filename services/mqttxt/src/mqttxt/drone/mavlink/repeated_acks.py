@@ -1,6 +1,6 @@
 """Copies of acknowledgements that a link made: a doubled one would answer the next command.
 
-Of other messages nothing is dropped. A sender has 256 numbers, and PX4 uses them up in half a second: what is said
+Of other messages nothing is dropped. A sender has 256 numbers, and PX4 uses them up in half a second: what is sent
 again and again in the same words, as a heartbeat is, comes under the same number too.
 """
 

@@ -1,4 +1,4 @@
-"""What the autopilot last said of itself: MAVLink messages in, MQTT-XT's states out."""
+"""The autopilot's newest states: MAVLink messages in, MQTT-XT's states out."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ Value = TypeVar("Value", bound=VitalState)
 
 @dataclass(frozen=True)
 class Seen(Generic[Value]):
-    """A state and the number of the message that said it; a higher number was received later."""
+    """A state and the number of the message that had it; a higher number was received later."""
 
     state: Value
     number: int
@@ -133,7 +133,7 @@ class Vehicle:
         return 1000 / max(1.0, found.interval_ms, since_ms if since_ms > 3 * found.interval_ms else 0.0)
 
     def update(self, message: Any, now_ms: int) -> list[State]:
-        """Take in a message of this autopilot; returns the states that it told.
+        """Take in a message of this autopilot; returns the states in it.
 
         Raises PayloadError, and believes none of it, where a value is outside its state's range.
         """
@@ -162,14 +162,14 @@ class Vehicle:
         return told
 
     def _is_of_kind(self, heartbeat: Any) -> bool:
-        """Whether a heartbeat is of the kind that the first one told; one of another kind is nobody's."""
+        """Whether a heartbeat is of the first one's kind; one of another kind is ignored."""
         kind = kind_of(heartbeat)
         if self._autopilot is None:
             self._autopilot = kind
         return kind is not None and kind is self._autopilot
 
     def _read(self, kind: str, message: Any) -> list[State]:
-        """The states that a message tells; what kinds of autopilots mean differently is read once that is known."""
+        """The states in a message; what kinds of autopilots mean differently is read once the kind is known."""
         reader = _READERS.get(kind)
         if reader is not None:
             return reader(message)
@@ -262,4 +262,4 @@ SOURCES = {
     "home": "HOME_POSITION",
     "health": "SYS_STATUS",
 }
-"""The message that tells each state, but for those that come from parameters."""
+"""The message that has each state, but for those that come from parameters."""
