@@ -21,19 +21,20 @@ CLOUD = "mqtt://198.18.1.3:1883"
 CHECKS = {
     "gs": (
         *("gs", "--broker", CLOUD, "--fog", "8", "--drone", "1"),
-        *("--run", "mqttxt gs send hold --cloud {broker} --fog {fog} --drone {drone}"),
+        *("--run", "mqttxt gs send hold --cloud {broker} --fog {fog} --drone {drone} --insecure"),
     ),
     "fog1": (
         *("activator", "--broker", CLOUD, "--fog-broker", "mqtt://127.0.0.1:1883"),
         *("--fog", "9", "--fog-root", "fog9/local/"),
         "--run",
         "mqttxt activator --fog {fog} --cloud {broker} --fog-broker {fog_broker} --fog-root {fog_root} "
-        "--drones {drones}",
+        "--drones {drones} --insecure",
     ),
     "uav1": (
         *("uav", "--broker", CLOUD, "--drone", "77", "--autopilot", "udp:127.0.0.1:15540"),
         "--run",
-        "mqttxt uav --drone {drone} --broker {broker} --autopilot {autopilot} --journal /tmp/drone77.journal",
+        "mqttxt uav --drone {drone} --broker {broker} --autopilot {autopilot} --insecure "
+        "--journal /tmp/drone77.journal",
     ),
 }
 """In which container, and what: fogs and a drone that the fleet does not have."""

@@ -26,18 +26,19 @@ WITNESS = "gs-witness"
 class SecureBroker:
     """Mosquitto with the configuration of a broker's identity: the program on the PATH, else the testbed's image."""
 
-    def __init__(self, authority: Authority, name: str, prefix: str = "") -> None:
+    def __init__(self, authority: Authority, name: str, prefix: str = "", host: str = "127.0.0.1") -> None:
+        self.host = host
         self.port = free_port()
         self.files = BrokerFiles(authority.folder / name, prefix)
         self.out = authority.folder.parent / f"files-{name}"
-        self.configuration = self.files.write(self.out, "127.0.0.1", self.port)
+        self.configuration = self.files.write(self.out, host, self.port)
         self._log = self.out / "log"
         self._process: subprocess.Popen[bytes] | None = None
         self._container: Container | None = None
 
     @property
     def address(self) -> BrokerAddress:
-        return BrokerAddress("127.0.0.1", self.port, tls=True)
+        return BrokerAddress(self.host, self.port, tls=True)
 
     def let_witness(self) -> None:
         """One more entry in the access list, after all that the list has."""
@@ -80,7 +81,7 @@ class SecureBroker:
 
     def _listens(self) -> bool:
         with socket.socket() as sock:
-            return sock.connect_ex(("127.0.0.1", self.port)) == 0
+            return sock.connect_ex((self.host, self.port)) == 0
 
 
 class Node:

@@ -131,7 +131,7 @@ def test_a_fog_that_does_not_answer_is_one_line(broker: Broker) -> None:
         ),
         (["gs", "send", "arm", "--cloud", "mqtt://a..b"], "broker 'mqtt://a..b': expected mqtt://HOST[:PORT]"),
         (
-            ["uav", "--drone", "1", "--broker", "mqtt://x", "--autopilot", "serial:/dev/x:0"],
+            ["uav", "--drone", "1", "--broker", "mqtt://127.0.0.1", "--autopilot", "serial:/dev/x:0"],
             "expected a baud rate from 1",
         ),
         (["gs", "send", "goto", "1", "2"], "goto: expected LATITUDE_DEG LONGITUDE_DEG ALTITUDE_M, got 1 2"),
@@ -141,15 +141,34 @@ def test_a_fog_that_does_not_answer_is_one_line(broker: Broker) -> None:
         (["gs", "send", "arm", "--drone", "300"], "--drone 300: expected a whole number from 1 to 250"),
         (["uav", "--drone", "0", "--broker", "mqtt://x"], "--drone 0: expected a whole number from 1 to 250"),
         (
-            ["uav", "--drone", "1", "--broker", "mqtt://x", "--autopilot", "usb"],
+            ["uav", "--drone", "1", "--broker", "mqtt://127.0.0.1", "--autopilot", "usb"],
             "autopilot 'usb': expected udp:",
         ),
-        (["activator", "--fog", "1", "--cloud", "mqtt://x", "--listen", "x"], "--listen 'x': expected HOST:PORT"),
-        (["activator", "--fog", "1", "--cloud", "mqtt://x", "--drones", "a"], "--drones 'a': expected numbers"),
         (
-            ["activator", "--fog", "1", "--cloud", "mqtt://x", "--fog-broker", "mqtt://x", "--fog-root", ""],
+            ["activator", "--fog", "1", "--cloud", "mqtt://127.0.0.1", "--listen", "x"],
+            "--listen 'x': expected HOST:PORT",
+        ),
+        (
+            ["activator", "--fog", "1", "--cloud", "mqtt://127.0.0.1", "--listen", "127.0.0.1:1", "--drones", "a"],
+            "--drones 'a': expected numbers",
+        ),
+        (
+            ["activator", "--fog", "1", "--cloud", "mqtt://[::1]", "--fog-broker", "mqtt://[::1]", "--fog-root", ""],
             "fog root '': expected another root than the cloud side's",
         ),
+        (
+            ["uav", "--drone", "1", "--broker", "mqtt://fog.example"],
+            "--broker mqtt://fog.example:1883: not encrypted; expected mqtts:// with --identity DIR, or --insecure",
+        ),
+        (
+            ["activator", "--fog", "1", "--cloud", "mqtt://127.0.0.1"],
+            "--listen mqtt://0.0.0.0:1883: not encrypted; expected mqtts:// with --identity DIR, or --insecure",
+        ),
+        (
+            ["gs", "send", "arm", "--cloud", "mqtt://cloud.example"],
+            "broker mqtt://cloud.example:1883: not encrypted; expected mqtts:// with --identity DIR, or --insecure",
+        ),
+        (["gs", "send", "arm", "--identity", "/nowhere"], "identity /nowhere: no such folder"),
     ],
 )
 def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(arguments: list[str], said: str) -> None:

@@ -122,7 +122,17 @@ class Sensors:
         self._sensors = []
         for drone, broker in brokers.items():
             events = ["--events", str(self.folder / f"sensor{drone}.jsonl"), "--number", str(drone)]
-            options = ["--broker", broker, "--samples", str(SAMPLES), "--when-reached", "--stay", *events, *more]
+            options = [
+                "--broker",
+                broker,
+                "--samples",
+                str(SAMPLES),
+                "--when-reached",
+                "--stay",
+                "--insecure",
+                *events,
+                *more,
+            ]
             self._sensors.append(Process(folder, f"sensor{drone}", "sensor", *options))
 
     async def come_into_reach(self) -> None:

@@ -80,7 +80,11 @@ def test_every_command_that_the_pages_send_can_be_sent() -> None:
     sent = [words for name, words in command_lines() if name == "gs-send" and "20000" not in words]
     assert len(sent) > 8
     for words in sent:
-        valued = {index + 1 for index, word in enumerate(words) if word in ("--fog", "--drone", "--cloud", "--ttl")}
+        valued = {
+            index + 1
+            for index, word in enumerate(words)
+            if word in ("--fog", "--drone", "--cloud", "--ttl", "--identity")
+        }
         typed = [word for index, word in enumerate(words) if index not in valued and not word.startswith("--")]
         parse_command(typed[0], typed[1:])
 

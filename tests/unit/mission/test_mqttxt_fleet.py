@@ -143,7 +143,7 @@ async def test_a_station_that_the_broker_refuses_ends_the_mission_with_its_reaso
 async def test_on_change_asks_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     station = await _set_up(monkeypatch, "on-change")
     assert station.asked == []
-    assert station.options == {"qos": 0, "bundles": False}
+    assert station.options == {"qos": 0, "bundles": False, "insecure": True}
 
 
 @pytest.mark.parametrize(("states", "bundles"), [("fixed", False), ("bundle", True)])

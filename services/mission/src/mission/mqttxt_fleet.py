@@ -50,7 +50,7 @@ class MqttxtFleet:
     def __init__(
         self, cloud: str, fogs: dict[int, tuple[int, ...]], qos: int, log: EventLog, states: str = "on-change"
     ) -> None:
-        self._station = GroundStation(cloud, qos=qos, bundles=states == "bundle")
+        self._station = GroundStation(cloud, qos=qos, bundles=states == "bundle", insecure=True)
         self._at_fixed_rate = states in ("fixed", "bundle")
         self._wanted = fogs
         self._log = log

@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
-from mqttxt.cli.common import errors_as_lines, run_role, set_up_logging, settings
+from mqttxt.cli.common import IdentityFolder, Insecure, errors_as_lines, run_role, set_up_logging, settings
 from mqttxt.core.mqtt.link import BrokerAddress
+from mqttxt.core.transport import Transport
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.topics import check_number
 
@@ -45,6 +46,8 @@ def run(
     seed: Annotated[int, typer.Option(help="Seed of the noise: the same seed and time measure the same.")] = 1,
     events: Annotated[Path | None, typer.Option(help="File for every reading, JSON lines.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")] = False,
+    identity: IdentityFolder = None,
+    insecure: Insecure = False,
     ready_file: Annotated[Path | None, typer.Option(help="File touched every second while connected.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")] = False,
 ) -> None:
@@ -63,8 +66,10 @@ def run(
             stays=stay,
             plain=plain,
         )
-        address = BrokerAddress.parse(broker, "--broker")
-        return SensorRunner(address, options, settings(1, json), events=events, ready_file=ready_file)
+        transport = Transport.of(identity, insecure, f"sensor{number}")
+        address = transport.check(BrokerAddress.parse(broker, "--broker"), "--broker")
+        files = {"events": events, "ready_file": ready_file}
+        return SensorRunner(address, options, settings(1, json), **files, identity=transport.identity)
 
     run_role(make)
 

@@ -13,6 +13,7 @@ from mqttxt.core.runner import Runner
 from mqttxt.core.settings import Settings
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.readings import Reading
+from mqttxt.security.identity import Identity
 
 from .node import LINK, Dropped, Finished, Measured, SensorNode, SensorOptions
 
@@ -56,13 +57,16 @@ class SensorRunner(Runner):
         *,
         events: Path | None = None,
         ready_file: Path | None = None,
+        identity: Identity | None = None,
     ) -> None:
         clock = SessionClock()
         node = SensorNode(clock.session, options, settings, lambda: time.time_ns() // 1_000_000)
-        super().__init__(node, clock, ready_file)
+        super().__init__(node, clock, ready_file, identity)
         self._events = EventFile(events) if events is not None else None
         client_id = f"mqttxt-sensor{options.number}-{clock.session:08x}"
-        self.links[LINK] = MqttLink(LINK, broker, client_id, None, self, longest_pause_s=LONGEST_PAUSE_S)
+        self.links[LINK] = MqttLink(
+            LINK, broker, client_id, None, self, longest_pause_s=LONGEST_PAUSE_S, identity=identity
+        )
 
     def special(self, output: Any) -> None:
         if isinstance(output, Measured | Dropped):

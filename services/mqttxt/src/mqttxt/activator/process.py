@@ -12,6 +12,7 @@ from ..core.runner import Runner
 from ..core.settings import Settings
 from ..errors import ConfigurationError
 from ..protocol.topics import CloudSide, FogSide
+from ..security.identity import Identity
 from .drones import CLOUD, FOG
 from .role import Activator
 
@@ -19,7 +20,8 @@ from .role import Activator
 class ActivatorRunner(Runner):
     """Runs one fog's activator. `embedded` is its own broker, None where `fog_broker` runs elsewhere.
 
-    `advertised` is the fog broker's address as others reach it, where that is another than `fog_broker`.
+    `advertised` is the fog broker's address as others reach it, where that is another than `fog_broker`. `identity` is
+    the fog's, for `mqtts://` to both.
     """
 
     def __init__(
@@ -35,6 +37,7 @@ class ActivatorRunner(Runner):
         fog_root: str | None = None,
         prefix: str = "",
         ready_file: Path | None = None,
+        identity: Identity | None = None,
     ) -> None:
         cloud = CloudSide(fog, prefix)
         shared = (cloud_broker.host, cloud_broker.port) == (fog_broker.host, fog_broker.port)
@@ -53,11 +56,16 @@ class ActivatorRunner(Runner):
             cloud=cloud,
             fog_side=FogSide(root),
         )
-        super().__init__(self.activator, clock, ready_file)
+        super().__init__(self.activator, clock, ready_file, identity)
         self._embedded = embedded
         client_id = f"mqttxt-fog{fog}-{clock.session:08x}"
-        self.links[CLOUD] = MqttLink(CLOUD, cloud_broker, client_id, self.activator.will(), self)
-        self.links[FOG] = MqttLink(FOG, fog_broker, f"{client_id}-fog", None, self)
+        self.links[CLOUD] = MqttLink(CLOUD, cloud_broker, client_id, self.activator.will(), self, identity=identity)
+        self.links[FOG] = MqttLink(FOG, fog_broker, f"{client_id}-fog", None, self, identity=identity)
 
     def jobs(self) -> list[Any]:
         return [*([self._embedded.run()] if self._embedded is not None else []), *super().jobs()]
+
+    def read_again(self) -> None:
+        super().read_again()
+        if self._embedded is not None:
+            self._embedded.reload()

@@ -11,7 +11,8 @@ import logging
 import signal
 import sys
 from collections.abc import Callable, Coroutine, Iterator
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +23,14 @@ from ..protocol.values import Encoding
 
 if TYPE_CHECKING:
     from ..core.runner import Runner
+
+IdentityFolder = Annotated[
+    Path | None,
+    typer.Option("--identity", help="The folder of this node's identity, for mqtts:// (`mqttxt keys issue`)."),
+]
+Insecure = Annotated[
+    bool, typer.Option("--insecure", help="Allow mqtt:// to other machines: whoever is there commands the drones.")
+]
 
 
 @contextlib.contextmanager
@@ -57,7 +66,7 @@ def settings(qos: int, json: bool, bundles: bool = False) -> Settings:
 
 
 def run_role(make: Callable[[], Runner]) -> None:
-    """Run a role until SIGTERM or SIGINT, which end it cleanly (exit code 0)."""
+    """Run a role until SIGTERM or SIGINT, which end it cleanly (exit code 0); SIGHUP reads revocation lists anew."""
     import asyncio
 
     # A message makes many objects that live for microseconds, in no cycles: looking for those less often saves a tenth
@@ -71,10 +80,18 @@ def run_role(make: Callable[[], Runner]) -> None:
 async def _until_signal(make: Callable[[], Runner]) -> None:
     import asyncio
 
+    loop = asyncio.get_running_loop()
     runner = make()
     task = asyncio.create_task(runner.run())
     for number in (signal.SIGTERM, signal.SIGINT):
-        asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+        loop.add_signal_handler(number, task.cancel)
+    reloads: set[asyncio.Task[None]] = set()
+
+    def reload() -> None:
+        reloads.add(reloading := loop.create_task(runner.reload()))
+        reloading.add_done_callback(reloads.discard)
+
+    loop.add_signal_handler(signal.SIGHUP, reload)
     with contextlib.suppress(asyncio.CancelledError):
         await task
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -22,6 +23,20 @@ Cloud = Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT]."
 Qos = Annotated[int, typer.Option(help="QoS of commands: 0 or 1.")]
 Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON instead of CBOR.")]
 Prefix = Annotated[str, typer.Option(help="Prefix of every topic, as acme/.")]
+Identity = Annotated[
+    Path | None,
+    typer.Option(
+        help="The folder of the station's identity, for mqtts:// (`mqttxt keys issue`).", envvar="MQTTXT_IDENTITY"
+    ),
+]
+Insecure = Annotated[
+    bool,
+    typer.Option(
+        "--insecure",
+        help="Allow mqtt:// to other machines: whoever is there commands the drones.",
+        envvar="MQTTXT_INSECURE",
+    ),
+]
 Timeout = Annotated[float, typer.Option(help="Seconds to wait for the fog's activator.")]
 
 
@@ -29,6 +44,8 @@ Timeout = Annotated[float, typer.Option(help="Seconds to wait for the fog's acti
 def watch(
     fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
     cloud: Cloud = "mqtt://127.0.0.1:1883",
+    identity: Identity = None,
+    insecure: Insecure = False,
     prefix: Prefix = "",
     json: Json = False,
     bundles: Annotated[bool, typer.Option("--bundles", help="Ask for states together, once a second.")] = False,
@@ -45,6 +62,7 @@ def watch(
     async def job() -> int:
         chosen = settings(1, json)
         station_options: dict[str, Any] = {"encoding": chosen.encoding, "control": False, "bundles": bundles}
+        station_options |= {"identity": identity, "insecure": insecure}
         async with GroundStation(cloud, prefix=prefix, **station_options) as station:
             await watch_fogs(station, await station.connect(fog, timeout), Console())
         return 0
@@ -66,6 +84,8 @@ def send(
     best: Annotated[bool, typer.Option("--best", help="To the drone that arrives first (PSMI).")] = False,
     take_over: Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")] = False,
     cloud: Cloud = "mqtt://127.0.0.1:1883",
+    identity: Identity = None,
+    insecure: Insecure = False,
     ttl: Annotated[float, typer.Option(help="Seconds within which it must start (at most 60).")] = 5.0,
     limit: Annotated[float | None, typer.Option(help="Seconds within which it must end.")] = None,
     qos: Qos = 1,
@@ -83,7 +103,8 @@ def send(
         numbers = fog or [1]
         _check_target(wanted, numbers, drone, best)
         chosen = settings(qos, json)
-        async with GroundStation(cloud, prefix=prefix, qos=chosen.qos, encoding=chosen.encoding) as station:
+        how: dict[str, Any] = {"qos": chosen.qos, "encoding": chosen.encoding, "prefix": prefix}
+        async with GroundStation(cloud, **how, identity=identity, insecure=insecure) as station:
             fogs = await station.connect(numbers, timeout)
             if take_over:
                 for there in fogs:

@@ -14,7 +14,7 @@ from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
 from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_prefix
 from .broker import address_of, broker
-from .common import errors_as_lines, run_role, set_up_logging, settings
+from .common import IdentityFolder, Insecure, errors_as_lines, run_role, set_up_logging, settings
 from .conformance import conformance_app
 from .gs import gs_app
 from .keys import keys_app
@@ -22,6 +22,7 @@ from .keys import keys_app
 if TYPE_CHECKING:
     from ..activator.process import ActivatorRunner
     from ..core.embedded_broker import EmbeddedBroker
+    from ..core.transport import Transport
     from ..drone.process import UavRunner
     from ..drone.sensors.port import SensorOptions
 
@@ -45,6 +46,10 @@ Ready = Annotated[
     typer.Option(help="File that is touched every second while the role is ready, for health checks."),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")]
+BrokerIdentity = Annotated[
+    Path | None,
+    typer.Option(help="The folder of the embedded broker's identity; without: broker-NODE beside the node's."),
+]
 Prefix = Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")]
 
 
@@ -67,12 +72,18 @@ def _of_all(
 def activator(
     fog: Annotated[int, typer.Option(help="This fog's number.")],
     cloud: Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].")],
-    listen: Annotated[str, typer.Option(help="HOST:PORT of the embedded broker.")] = "0.0.0.0:1883",
+    listen: Annotated[
+        str | None,
+        typer.Option(help="HOST:PORT of the embedded broker; 0.0.0.0:8883 with an identity, else 0.0.0.0:1883."),
+    ] = None,
     fog_broker: Annotated[
         str | None, typer.Option(help="A broker that runs elsewhere, instead of the embedded one.")
     ] = None,
     fog_root: Annotated[str | None, typer.Option(help="Root of the fog side's topics, as fog1/local/.")] = None,
     drones: Annotated[str, typer.Option(help="Numbers of the fog's drones, as 1,2,3: they are in every roster.")] = "",
+    identity: IdentityFolder = None,
+    broker_identity: BrokerIdentity = None,
+    insecure: Insecure = False,
     qos: Qos = 1,
     json: Json = False,
     prefix: Prefix = "",
@@ -81,18 +92,26 @@ def activator(
 ) -> None:
     """Run a fog's activator and its embedded broker."""
     from ..activator.process import ActivatorRunner
+    from ..core.transport import Transport
 
     set_up_logging(verbose)
 
     def make() -> ActivatorRunner:
-        embedded = None if fog_broker is not None else _embedded(listen)
+        number = check_number("--fog", fog)
+        transport = Transport.of(identity, insecure, f"fog{number}")
+        cloud_broker = transport.check(BrokerAddress.parse(cloud, "--cloud"), "--cloud")
+        embedded = None
+        if fog_broker is None:
+            where = listen or ("0.0.0.0:8883" if transport.identity is not None else "0.0.0.0:1883")
+            embedded = _embedded(where, transport, broker_identity)
+        elif broker_identity is not None:
+            raise ConfigurationError(f"--broker-identity {broker_identity}: expected none beside --fog-broker")
         fog_url = fog_broker if fog_broker is not None else embedded.url if embedded is not None else ""
-        cloud_broker = BrokerAddress.parse(cloud, "--cloud")
         advertised = embedded.url_towards(cloud_broker.host, cloud_broker.port) if embedded is not None else None
         return ActivatorRunner(
-            check_number("--fog", fog),
+            number,
             cloud_broker,
-            BrokerAddress.parse(fog_url, "--fog-broker"),
+            transport.check(BrokerAddress.parse(fog_url, "--fog-broker"), "--fog-broker"),
             settings(qos, json),
             drones=_drone_numbers(drones),
             embedded=embedded,
@@ -100,6 +119,7 @@ def activator(
             fog_root=check_prefix(fog_root) if fog_root is not None else None,
             prefix=prefix,
             ready_file=ready_file,
+            identity=transport.identity,
         )
 
     run_role(make)
@@ -138,12 +158,16 @@ def uav(
         Path | None, typer.Option(help="File that keeps readings until the activator has acknowledged them.")
     ] = None,
     sensor_store_limit: Annotated[int, typer.Option(help="Readings that the file may hold.")] = DEFAULT_LIMIT,
+    identity: IdentityFolder = None,
+    broker_identity: BrokerIdentity = None,
+    insecure: Insecure = False,
     qos: Qos = 1,
     json: Json = False,
     ready_file: Ready = None,
     verbose: Verbose = False,
 ) -> None:
     """Run a drone's UAV client: the interpreter between its autopilot and MQTT."""
+    from ..core.transport import Transport
     from ..drone.journal import JournalFile
     from ..drone.mavlink.link import AutopilotAddress
     from ..drone.mavlink.raw import Limits
@@ -155,10 +179,11 @@ def uav(
     def make() -> UavRunner:
         number = check_number("--drone", drone, MAX_DRONE)
         store = sensor_store or _default_state(number, "sensors")
-        carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit)
+        transport = Transport.of(identity, insecure, f"drone{number}")
+        carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
         return UavRunner(
             number,
-            BrokerAddress.parse(broker, "--broker"),
+            transport.check(BrokerAddress.parse(broker, "--broker"), "--broker"),
             AutopilotAddress.parse(autopilot),
             JournalFile(journal or _default_state(number, "journal")),
             settings(qos, json, bundles),
@@ -170,12 +195,20 @@ def uav(
                 carries_sensors=carried is not None,
             ),
             sensors=carried,
+            identity=transport.identity,
         )
 
     run_role(make)
 
 
-def sensor_options(listen: str | None, elsewhere: str | None, store: Path, limit: int) -> SensorOptions | None:
+def sensor_options(
+    listen: str | None,
+    elsewhere: str | None,
+    store: Path,
+    limit: int,
+    transport: Transport,
+    broker_identity: Path | None = None,
+) -> SensorOptions | None:
     """Where sensors publish, None where nothing was asked for; raises ConfigurationError."""
     from ..drone.sensors.port import SensorOptions
 
@@ -183,18 +216,43 @@ def sensor_options(listen: str | None, elsewhere: str | None, store: Path, limit
         raise ConfigurationError(f"--sensor-broker {elsewhere!r}: expected no --sensors beside it")
     if limit < 1:
         raise ConfigurationError(f"--sensor-store-limit {limit}: expected 1 or more")
+    if broker_identity is not None and listen is None:
+        raise ConfigurationError(f"--broker-identity {broker_identity}: expected --sensors beside it")
     if elsewhere is not None:
-        return SensorOptions(BrokerAddress.parse(elsewhere, "--sensor-broker"), store, limit)
+        address = BrokerAddress.parse(elsewhere, "--sensor-broker")
+        return SensorOptions(transport.check(address, "--sensor-broker"), store, limit)
     if listen is None:
         return None
-    embedded = _embedded(listen, "--sensors", "--sensor-broker")
+    embedded = _embedded(listen, transport, broker_identity, "--sensors", "--sensor-broker")
     return SensorOptions(BrokerAddress.parse(embedded.url), store, limit, embedded)
 
 
-def _embedded(listen: str, option: str = "--listen", instead: str = "--fog-broker") -> EmbeddedBroker:
+def _embedded(
+    listen: str,
+    transport: Transport,
+    broker_identity: Path | None,
+    option: str = "--listen",
+    instead: str = "--fog-broker",
+) -> EmbeddedBroker:
+    """A broker of this node's own; with an identity of the node it has one too, raises ConfigurationError without."""
     from ..core.embedded_broker import EmbeddedBroker
+    from ..security.broker import BrokerFiles
 
-    return EmbeddedBroker(*address_of(listen, option), instead=instead)
+    host, port = address_of(listen, option)
+    identity = transport.identity
+    if identity is None:
+        if broker_identity is not None:
+            raise ConfigurationError(f"--broker-identity {broker_identity}: expected --identity beside it")
+        transport.check(BrokerAddress(host, port), option)
+        return EmbeddedBroker(host, port, instead=instead)
+    name = f"broker-{identity.name}"
+    folder = broker_identity or identity.folder.absolute().with_name(name)
+    files = BrokerFiles(folder)
+    if files.identity.name != name:
+        raise ConfigurationError(f"--broker-identity {folder}: {files.identity.name}; expected {name}")
+    if files.identity.fleet.key_hash != identity.fleet.key_hash:
+        raise ConfigurationError(f"--broker-identity {folder}: of another fleet; expected that of {identity.folder}")
+    return EmbeddedBroker(host, port, instead=instead, files=files)
 
 
 def _drone_numbers(text: str) -> tuple[int, ...]:

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from ..errors import ConfigurationError
-from ..security.broker import LIMITS
+from ..security.broker import LIMITS, BrokerFiles
 
 logger = logging.getLogger("mqttxt.broker")
 
@@ -40,11 +40,22 @@ def _end_with_parent() -> None:
 
 
 class EmbeddedBroker:
-    """One Mosquitto on `host:port`. `run` keeps it running until cancelled."""
+    """One Mosquitto on `host:port`, with `files` as a broker of the fleet. `run` keeps it running until cancelled."""
 
-    def __init__(self, host: str, port: int, program: str = "mosquitto", instead: str = "--fog-broker") -> None:
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        program: str = "mosquitto",
+        instead: str = "--fog-broker",
+        files: BrokerFiles | None = None,
+    ) -> None:
         self.host = host
         self.port = port
+        self._files = files
+        self._scheme = "mqtt" if files is None else "mqtts"
+        self._directory: Path | None = None
+        self._process: asyncio.subprocess.Process | None = None
         self._program = program
         self._instead = instead
         self._has_run = False
@@ -53,7 +64,7 @@ class EmbeddedBroker:
     def url(self) -> str:
         """Where the activator itself reaches the broker."""
         host = "127.0.0.1" if self.host in ("0.0.0.0", "") else self.host
-        return f"mqtt://{host}:{self.port}"
+        return f"{self._scheme}://{host}:{self.port}"
 
     def url_towards(self, host: str, port: int) -> str:
         """Where others reach the broker: on all interfaces, by the address of the one that leads to `host`.
@@ -68,7 +79,7 @@ class EmbeddedBroker:
                 name = str(probe.getsockname()[0])
             except OSError:
                 name = socket.gethostname()
-        return f"mqtt://{name}:{self.port}"
+        return f"{self._scheme}://{name}:{self.port}"
 
     async def run(self) -> None:
         """Start Mosquitto and start it again when it ends; raises ConfigurationError when it cannot start.
@@ -83,11 +94,24 @@ class EmbeddedBroker:
                 f"or {self._instead} with a broker that runs elsewhere"
             )
         with tempfile.TemporaryDirectory(prefix="mqttxt-broker-") as directory:
-            path = Path(directory) / "mosquitto.conf"
-            path.write_text(CONFIGURATION.format(host=self.host, port=self.port))
-            path.chmod(0o644)
-            Path(directory).chmod(0o755)
-            await self._keep_running(program, path)
+            self._directory = Path(directory)
+            self._directory.chmod(0o755)
+            await self._keep_running(program, self._write(self._directory))
+
+    def _write(self, directory: Path) -> Path:
+        if self._files is not None:
+            return self._files.write(directory, self.host, self.port)
+        path = directory / "mosquitto.conf"
+        path.write_text(CONFIGURATION.format(host=self.host, port=self.port))
+        path.chmod(0o644)
+        return path
+
+    def reload(self) -> None:
+        """Let Mosquitto read its access list and the revocation list anew; raises ConfigurationError for bad files."""
+        if self._files is not None and self._directory is not None:
+            self._files.write_access(self._directory)
+            if self._process is not None and self._process.returncode is None:
+                self._process.send_signal(signal.SIGHUP)
 
     async def _keep_running(self, program: str, configuration: Path) -> None:
         loop = asyncio.get_running_loop()
@@ -106,7 +130,7 @@ class EmbeddedBroker:
 
     async def _run_once(self, program: str, configuration: Path) -> tuple[int, str]:
         """Run Mosquitto to its end; returns its exit code and the last line it said."""
-        process = await asyncio.create_subprocess_exec(
+        process = self._process = await asyncio.create_subprocess_exec(
             program,
             "-c",
             str(configuration),

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..errors import ConfigurationError, Refused
+from ..security.identity import Identity
+from ..security.trusted_time import PERSIST_EVERY_S
 from .clock import SessionClock
 from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
 from .mqtt.link import MqttLink
@@ -35,16 +37,19 @@ class Role(Protocol):
 
 
 class Runner:
-    """The world around one role. Subclasses carry out the effects that only their role has.
+    """The world around one role, with its identity. Subclasses carry out the effects that only their role has.
 
     Raises ConfigurationError for a ready file that can nowhere be.
     """
 
-    def __init__(self, role: Role, clock: SessionClock, ready_file: Path | None = None) -> None:
+    def __init__(
+        self, role: Role, clock: SessionClock, ready_file: Path | None = None, identity: Identity | None = None
+    ) -> None:
         if ready_file is not None and not ready_file.parent.is_dir():
             raise ConfigurationError(f"--ready-file {ready_file}: expected a file in a folder that exists")
         self.role = role
         self.clock = clock
+        self.identity = identity
         self.links: dict[str, MqttLink] = {}
         self.counts: Counter[str] = Counter()
         self._ready_file = ready_file
@@ -54,7 +59,7 @@ class Runner:
     async def run(self) -> None:
         """Run until cancelled or stopped; raises Refused, or what a job failed with, behind the goodbye."""
         self._stopped = asyncio.get_running_loop().create_future()
-        tasks = [asyncio.create_task(job) for job in self.jobs()]
+        tasks = [asyncio.create_task(job) for job in (*self.jobs(), *self._identity_jobs())]
         for task in tasks:
             task.add_done_callback(self._job_ended)
         try:
@@ -81,6 +86,39 @@ class Runner:
     def jobs(self) -> list[Any]:
         """The coroutines that run as long as the role does."""
         return [*(link.run() for link in self.links.values()), self._tick()]
+
+    async def reload(self) -> None:
+        """Read the revocation list of the identity anew; a file that cannot be read changes nothing."""
+        if self.identity is None:
+            return
+        try:
+            await asyncio.to_thread(self.read_again)
+        except ConfigurationError as error:
+            logger.error("%s", error)
+        else:
+            logger.info("revocation list %d", self.identity.fleet.revoked.number)
+
+    def read_again(self) -> None:
+        """What `reload` reads, in a thread of its own; raises ConfigurationError."""
+        if self.identity is not None:
+            self.identity.fleet.read_again()
+
+    def _identity_jobs(self) -> list[Any]:
+        return [] if self.identity is None else [self._keep_time(self.identity)]
+
+    async def _keep_time(self, identity: Identity) -> None:
+        """Write the time down now and then, and say once that the certificate is no longer good."""
+        was_good = True
+        while True:
+            try:
+                await asyncio.to_thread(identity.time.keep)
+            except ConfigurationError as error:
+                self.count("time", str(error))
+            wrong = identity.wrong
+            if wrong is not None and was_good:
+                logger.error("the certificate of %s is %s", identity.name, wrong)
+            was_good = wrong is None
+            await asyncio.sleep(PERSIST_EVERY_S)
 
     def carry_out(self, outputs: Iterable[Any]) -> None:
         """Carry out effects in their order."""

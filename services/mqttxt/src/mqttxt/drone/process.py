@@ -16,6 +16,7 @@ from ..core.settings import Settings
 from ..errors import ConfigurationError
 from ..protocol.policies import Policy
 from ..protocol.topics import FogSide
+from ..security.identity import Identity
 from .commands import LINK
 from .effects import Journal, Transmit
 from .journal import JournalFile
@@ -47,12 +48,13 @@ class UavRunner(Runner):
         options: UavOptions | None = None,
         sensors: SensorOptions | None = None,
         policies: dict[str, Policy] | None = None,
+        identity: Identity | None = None,
     ) -> None:
         clock = SessionClock()
         remembers = not journal.is_new
         left = journal.unfinished
         self.client = UavClient(drone, clock.session, settings, topics, policies, left, remembers, options)
-        super().__init__(self.client, clock, ready_file)
+        super().__init__(self.client, clock, ready_file, identity)
         self._journal = journal
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)
         self._heard: asyncio.Event = asyncio.Event()
@@ -60,15 +62,22 @@ class UavRunner(Runner):
         self._wrong_id: int | None = None
         self._unknown_kind: Any = None
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
-        self.links[LINK] = MqttLink(LINK, broker, client_id, self.client.will(), self)
+        self.links[LINK] = MqttLink(LINK, broker, client_id, self.client.will(), self, identity=identity)
         self._sensors: SensorPort | None = None
         if sensors is not None and self.client.carrier is not None:
-            self._sensors = SensorPort(sensors, self.client.carrier, drone, self, self.carry_out, clock.now_ms)
+            self._sensors = SensorPort(
+                sensors, self.client.carrier, drone, self, self.carry_out, clock.now_ms, identity
+            )
             self.links[SENSORS] = self._sensors.link
 
     def jobs(self) -> list[Any]:
         sensors = self._sensors.jobs() if self._sensors is not None else []
         return [self._autopilot.run(), self._connect_when_heard(), self._tick(), *sensors]
+
+    def read_again(self) -> None:
+        super().read_again()
+        if self._sensors is not None:
+            self._sensors.reload()
 
     def special(self, output: Any) -> None:
         if isinstance(output, Journal):

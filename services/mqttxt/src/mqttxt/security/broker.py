@@ -104,7 +104,8 @@ class BrokerFiles:
         return out / CONFIGURATION_FILE
 
     def write_access(self, out: Path) -> None:
-        """Write the access list anew, for the members as they are now."""
+        """Write the access list anew, for the members as they are now; raises ConfigurationError for a bad file."""
+        self.identity.fleet.read_again()
         files.write(out / ACCESS_FILE, access_list(self.place, self.members()).encode())
 
 

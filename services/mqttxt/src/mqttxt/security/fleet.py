@@ -80,6 +80,12 @@ class Fleet:
         self.revoked = newer
         return True
 
+    def read_again(self) -> None:
+        """Take the revocation list that the file has by now, if it is newer; raises ConfigurationError."""
+        if self._file is not None:
+            newer = RevocationList.of(files.read(self._file), self._key, str(self._file))
+            self.revoked = max(self.revoked, newer, key=lambda each: each.number)
+
     def _is_signed(self, certificate: Certificate) -> bool:
         """A signature is verified once: certificates stand in many messages."""
         if certificate.hash in self._signed:

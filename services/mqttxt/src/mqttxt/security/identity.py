@@ -57,6 +57,12 @@ class Identity:
         check_valid(folder, certificate, fleet, now.now_s())
         return cls(folder, key, certificate, fleet, now)
 
+    @property
+    def wrong(self) -> str | None:
+        """Why this node's own certificate is not good now, in words; None while it is."""
+        verdict = self.fleet.verify(self.certificate, self.time.now_s())
+        return None if verdict is None else verdict.replace("_", " ")
+
     def sign(self, data: bytes) -> bytes:
         """Ed25519, 64 bytes."""
         return self._key.sign(data)

@@ -5,16 +5,20 @@ from __future__ import annotations
 import secrets
 import ssl
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from ..core.address import BrokerAddress
 from ..core.clock import SessionClock
 from ..core.settings import Settings
+from ..core.transport import Transport
 from ..errors import ConfigurationError, FogUnreachable
 from ..protocol.commands import Command
 from ..protocol.topics import MAX_DRONE, check_number, check_station_name
 from ..protocol.values import Encoding
+from ..security.identity import Identity
+from ..security.names import Kind
 from .best import best
 from .heard import EventStream, SentCommand
 from .outcomes import Outcome, PsmiList
@@ -44,7 +48,10 @@ class GroundStation:
         prefix: the prefix of every topic, as `acme/`.
         control: take control of every drone that is free; False: only watch.
         bundles: ask for states together, at most once a second.
-        ssl_context: what to trust and to show at `mqtts://`; None: the system's certificate authorities.
+        ssl_context: what to trust and to show at `mqtts://` without an identity; None: the system's authorities.
+        identity: the folder of this station's identity (`mqttxt keys issue station`), for `mqtts://` to a broker of
+            its fleet; the station's name is then that of the identity.
+        insecure: allow `mqtt://` to other machines: nothing is encrypted, and anybody can command the drones.
         clock: the clock of this session; None: a new one on the system's monotonic clock.
 
     Raises:
@@ -62,15 +69,21 @@ class GroundStation:
         control: bool = True,
         bundles: bool = False,
         ssl_context: ssl.SSLContext | None = None,
+        identity: Path | str | None = None,
+        insecure: bool = False,
         clock: SessionClock | None = None,
     ) -> None:
         if qos not in (0, 1):
             raise ConfigurationError(f"qos {qos}: expected 0 or 1")
-        own_name = check_station_name(name) if name is not None else f"gs-{secrets.token_hex(4)}"
+        if ssl_context is not None and identity is not None:
+            raise ConfigurationError("ssl_context: expected none beside identity")
+        own = Identity.load(Path(identity)) if identity is not None else None
+        own_name = _name_of(name, own)
         own_clock = clock or SessionClock()
         settings = Settings(qos=qos, encoding=encoding, bundles=bundles)
         role = StationRole(own_name, own_clock.session, settings, prefix=prefix, control=control)
-        self._runner = StationRunner(role, BrokerAddress.parse(url), own_clock, ssl_context)
+        address = Transport(own, insecure).check(BrokerAddress.parse(url), "broker")
+        self._runner = StationRunner(role, address, own_clock, ssl_context, own)
 
     @property
     def name(self) -> str:
@@ -195,3 +208,14 @@ class GroundStation:
         """
         numbers = None if drones is None else tuple(check_number("drone", number, MAX_DRONE) for number in drones)
         await self._runner.take_over(fog, numbers, timeout_s)
+
+
+def _name_of(name: str | None, identity: Identity | None) -> str:
+    """The station's name: that of its identity, the one asked for, or a random one; raises ConfigurationError."""
+    if identity is None:
+        return check_station_name(name) if name is not None else f"gs-{secrets.token_hex(4)}"
+    node = identity.certificate.node
+    if node.kind is not Kind.STATION or name not in (None, node.label):
+        expected = "a station's" if name is None else f"that of gs-{name}"
+        raise ConfigurationError(f"identity {identity.folder}: the identity of {identity.name}; expected {expected}")
+    return node.label

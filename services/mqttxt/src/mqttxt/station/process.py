@@ -10,12 +10,14 @@ from weakref import WeakSet
 
 from ..core.address import BrokerAddress
 from ..core.clock import SessionClock
+from ..core.ledger import OVERRIDING
 from ..core.mqtt.link import MqttLink
 from ..core.runner import Runner
 from ..errors import ConfigurationError, FogUnreachable, StationEnded
 from ..protocol.commands import Command
 from ..protocol.messages import CommandId
 from ..protocol.rankings import SelectMode
+from ..security.identity import Identity
 from .commands import Output, ttl_ms_of
 from .fog import LINK, FogView
 from .heard import Bell, EventStream, Record, SentCommand
@@ -29,12 +31,19 @@ class StationRunner(Runner):
     """Runs one ground station's role, and hands what it hears to whoever follows a command, listens or waits."""
 
     def __init__(
-        self, station: StationRole, address: BrokerAddress, clock: SessionClock, ssl_context: ssl.SSLContext | None
+        self,
+        station: StationRole,
+        address: BrokerAddress,
+        clock: SessionClock,
+        ssl_context: ssl.SSLContext | None,
+        identity: Identity | None = None,
     ) -> None:
-        super().__init__(station, clock)
+        super().__init__(station, clock, identity=identity)
         self.station = station
         client_id = f"mqttxt-{station.name}-{clock.session:08x}"
-        self.links[LINK] = MqttLink(LINK, address, client_id, station.will(), self, ssl_context=ssl_context)
+        self.links[LINK] = MqttLink(
+            LINK, address, client_id, station.will(), self, ssl_context=ssl_context, identity=identity
+        )
         self._open: dict[CommandId, Record[Any]] = {}
         self._streams: WeakSet[Record[Event]] = WeakSet()
         self._choices: set[asyncio.Task[None]] = set()
@@ -98,6 +107,7 @@ class StationRunner(Runner):
         """Send a command now and follow it; what `StationCommands.send` and `check` raise keeps it from being sent."""
         ttl_ms = ttl_ms_of(ttl_s)
         self.check()
+        self.check_certificate(command)
         commands, now_ms = self.station.commands, self.clock.now_ms()
         return self._follow(commands.send(fog, drone, command, now_ms, ttl_ms=ttl_ms, limit_s=limit_s), answer)
 
@@ -113,9 +123,18 @@ class StationRunner(Runner):
         """Send a command, or a step of a choice, to a fog whose activator chooses the drone; errors as `send`."""
         ttl_ms = ttl_ms_of(ttl_s)
         self.check()
+        self.check_certificate(command)
         view, now_ms = self.station.fog(fog, command.name), self.clock.now_ms()
         how: dict[str, Any] = {"mode": mode, "reservation": reservation, "ttl_ms": ttl_ms, "limit_s": limit_s}
         return self._follow(self.station.commands.select(view, command, now_ms, **how), last_word)
+
+    def check_certificate(self, command: Command) -> None:
+        """A station whose certificate ends in flight can still bring its drones down (R11.11)."""
+        wrong = self.identity.wrong if self.identity is not None else None
+        if wrong is not None and not isinstance(command, OVERRIDING):
+            raise ConfigurationError(
+                f"{command.name}: this station's certificate is {wrong}; expected hold, land or return"
+            )
 
     def _follow(
         self, sent: tuple[CommandId, list[Output]], answer: Callable[[Sequence[Any]], Answer]

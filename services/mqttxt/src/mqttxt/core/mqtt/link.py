@@ -12,10 +12,12 @@ import random
 import ssl
 
 from ...errors import BrokerRefused, ConfigurationError
+from ...security.identity import Identity
 from ..address import BrokerAddress
 from ..effects import Publish, Receipt, Subscribe, Unsubscribe, Will
 from .connection import Connection
 from .events import LinkEvents
+from .tls import client_context
 
 logger = logging.getLogger("mqttxt.mqtt")
 
@@ -34,8 +36,8 @@ class MqttLink:
     With `manual_ack` an inbound QoS 1 message counts as delivered only when its receipt was acknowledged; in the
     order of receipt (MQTT 5.0, 4.6). The broker sends again what was not on the next connection, if that comes
     within `session_expiry_s` with the same client id: for who only subscribes. `longest_pause_s` is that between
-    two attempts to connect. `ssl_context` is for `mqtts://`, the system's certificate authorities without it; raises
-    ConfigurationError for one with `mqtt://`.
+    two attempts to connect. `identity` is this node's, for `mqtts://` to a broker of its fleet; without, `ssl_context`,
+    or the system's certificate authorities. Raises ConfigurationError for one of these with `mqtt://`.
     """
 
     def __init__(
@@ -50,14 +52,17 @@ class MqttLink:
         session_expiry_s: int = 0,
         longest_pause_s: float = LONGEST_PAUSE_S,
         ssl_context: ssl.SSLContext | None = None,
+        identity: Identity | None = None,
     ) -> None:
-        if ssl_context is not None and not address.tls:
-            raise ConfigurationError(f"ssl_context for {address}: expected a broker at mqtts://")
+        for given, what in ((ssl_context, "ssl_context"), (identity, "identity")):
+            if given is not None and not address.tls:
+                raise ConfigurationError(f"{what} for {address}: expected a broker at mqtts://")
         self.name = name
         self.address = address
         self.failure: str | None = None
         """Why the last attempt to connect failed, None where it did not."""
         self._ssl_context = ssl_context
+        self._identity = identity
         self._client_id = client_id
         self._will = will
         self._events = events
@@ -110,6 +115,17 @@ class MqttLink:
 
     async def _one_connection(self) -> str | None:
         """One connection from CONNECT to its end; returns why it never came about, or was of no use, None if it was."""
+        if self._identity is None:
+            return await self._one_connection_by(self._ssl_context)
+        try:
+            # Read for each connection: an identity is renewed while its node runs.
+            context = client_context(self._identity)
+        except OSError as error:
+            return f"the identity cannot be read: {error.strerror or error}"
+        reason = await self._one_connection_by(context)
+        return f"it refuses this node's certificate: {context.alert}" if context.alert is not None else reason
+
+    async def _one_connection_by(self, ssl_context: ssl.SSLContext | None) -> str | None:
         connection = Connection(
             self.name,
             self.address,
@@ -118,7 +134,7 @@ class MqttLink:
             self._events,
             manual_ack=self._manual_ack,
             session_expiry_s=self._session_expiry_s,
-            ssl_context=self._ssl_context,
+            ssl_context=ssl_context,
         )
         try:
             try:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import ssl
+from typing import Any
 
 from ...errors import ConfigurationError
 from ...security.certificate import Certificate
@@ -14,28 +16,62 @@ _NO_CHECK_TIME = ssl.VerifyFlags(0x200000)
 """X509_V_FLAG_NO_CHECK_TIME: the system's clock may be in 1970; the handshake here judges by the trusted time."""
 
 
-def client_context(identity: Identity) -> ssl.SSLContext:
-    """For connections as a node to brokers of its fleet: TLS 1.3 alone, the broker's name checked.
+class FleetContext(ssl.SSLContext):
+    """For one connection: what the node trusts and shows, and in `alert` why the broker refused it, if it did."""
+
+    identity: Identity
+    alert: str | None = None
+
+
+class FleetSocket(ssl.SSLSocket):
+    """Looks at the broker's certificate before a byte of MQTT is sent, and hears why the broker refuses this node.
+
+    In TLS 1.3 a client has done its handshake when the server says no: that comes with what is read next.
+    """
+
+    def do_handshake(self, block: bool = False) -> None:
+        super().do_handshake(block)
+        wrong = _wrong_with(self._fleet.identity, self.getpeercert(binary_form=True))
+        if wrong is not None:
+            self.close()
+            raise ssl.SSLCertVerificationError(ssl.SSLErrorNumber.SSL_ERROR_SSL, wrong)
+
+    def recv(self, buflen: int = 1024, flags: int = 0) -> bytes:
+        try:
+            return super().recv(buflen, flags)
+        except ssl.SSLError as error:
+            _, is_alert, said = (error.reason or "").partition("ALERT_")
+            if is_alert:
+                self._fleet.alert = said.replace("_", " ").lower()
+            raise
+
+    def send(self, data: Any, flags: int = 0) -> int:
+        try:
+            return super().send(data, flags)
+        except (ConnectionError, ssl.SSLEOFError):  # the broker has said why before it closed
+            with contextlib.suppress(OSError):
+                self.recv(1)
+            raise
+
+    @property
+    def _fleet(self) -> FleetContext:
+        assert isinstance(self.context, FleetContext)
+        return self.context
+
+
+def client_context(identity: Identity) -> FleetContext:
+    """For one connection as a node to a broker of its fleet: TLS 1.3 alone, the broker's name checked.
 
     The broker's certificate is of this fleet, valid at the trusted time and not revoked, or the handshake fails.
+    Raises OSError where the identity's files cannot be used.
     """
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context = FleetContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.identity = identity
+    context.sslsocket_class = FleetSocket
     context.minimum_version = ssl.TLSVersion.TLSv1_3
     context.load_verify_locations(identity.folder / FLEET_FILE)
     context.load_cert_chain(identity.folder / CERTIFICATE_FILE, identity.folder / KEY_FILE)
     context.verify_flags |= _NO_CHECK_TIME
-
-    class FleetSocket(ssl.SSLSocket):
-        """Looks at the broker's certificate before a byte of MQTT is sent."""
-
-        def do_handshake(self, block: bool = False) -> None:
-            super().do_handshake(block)
-            wrong = _wrong_with(identity, self.getpeercert(binary_form=True))
-            if wrong is not None:
-                self.close()
-                raise ssl.SSLCertVerificationError(wrong)
-
-    context.sslsocket_class = FleetSocket
     return context
 
 

@@ -18,6 +18,7 @@ from ...core.embedded_broker import EmbeddedBroker
 from ...core.mqtt.events import LinkEvents
 from ...core.mqtt.link import BrokerAddress, MqttLink
 from ...errors import BrokerRefused
+from ...security.identity import Identity
 from ..effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
 from . import DEFAULT_LIMIT
 from .carrier import SENSORS, Carrier
@@ -77,6 +78,7 @@ class SensorPort:
         events: LinkEvents,
         carry_out: Callable[[Iterable[Any]], None],
         now_ms: Callable[[], int],
+        identity: Identity | None = None,
     ) -> None:
         self._embedded = options.embedded
         self._store = SensorStore(options.store, options.limit)
@@ -93,6 +95,7 @@ class SensorPort:
             events,
             manual_ack=True,
             session_expiry_s=KEPT_BY_BROKER_S,
+            identity=identity,
         )
         self._receipts = Receipts(self.link.acknowledge)
 
@@ -100,6 +103,11 @@ class SensorPort:
         """The coroutines that run as long as the UAV client does."""
         embedded = [self._embedded.run()] if self._embedded is not None else []
         return [*embedded, self._keep_link(), self._work()]
+
+    def reload(self) -> None:
+        """`EmbeddedBroker.reload`, where there is one."""
+        if self._embedded is not None:
+            self._embedded.reload()
 
     def take(self, output: Any) -> bool:
         """Carry out an effect of the carrier; whether it was one."""

@@ -1,0 +1,46 @@
+"""How a node's connections are protected: by its identity, or, only where that was asked for, not at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from ..errors import ConfigurationError
+from ..security.identity import Identity
+from .address import BrokerAddress
+
+
+@dataclass(frozen=True)
+class Transport:
+    """`identity` is who this node is to the brokers of its fleet; `insecure` allows connections without encryption."""
+
+    identity: Identity | None = None
+    insecure: bool = False
+
+    def __post_init__(self) -> None:
+        if self.identity is not None and self.insecure:
+            raise ConfigurationError("--insecure: expected none beside --identity")
+
+    @classmethod
+    def of(cls, folder: Path | None, insecure: bool, name: str) -> Self:
+        """The transport of the node `name` (`fog1`, `drone3`); raises ConfigurationError for another one's identity."""
+        identity = Identity.load(folder) if folder is not None else None
+        if identity is not None and identity.name != name:
+            raise ConfigurationError(f"--identity {folder}: the identity of {identity.name}; expected that of {name}")
+        return cls(identity, insecure)
+
+    def check(self, address: BrokerAddress, option: str) -> BrokerAddress:
+        """The address, if connections there are protected; raises ConfigurationError where they are not.
+
+        `mqtts://` without an identity is left to passwords and the system's certificate authorities.
+        """
+        if address.tls:
+            return address
+        if self.identity is not None:
+            raise ConfigurationError(f"{option} {address}: not encrypted; expected mqtts:// beside --identity")
+        if not (address.is_loopback or self.insecure):
+            raise ConfigurationError(
+                f"{option} {address}: not encrypted; expected mqtts:// with --identity DIR, or --insecure"
+            )
+        return address

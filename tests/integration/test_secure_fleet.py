@@ -1,0 +1,118 @@
+"""A fleet with identities, as real processes on real Mosquittos: mutual TLS on every leg, and nothing beside it."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from processes import FLEET_FILE, Process, eventually, free_port
+from secure import SecureBroker
+
+from mqttxt import ConfigurationError, FogUnreachable, GroundStation, Word
+from mqttxt.core.address import BrokerAddress
+from mqttxt.security.authority import Authority
+from mqttxt.security.rights import Rights
+
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
+
+
+class SecureSystem:
+    """A cloud's and a fog's broker, an activator, one drone with its sensors' broker, an autopilot and a sensor."""
+
+    def __init__(self, folder: Path) -> None:
+        self.acme = acme = Authority.create(folder / "acme", "acme")
+        brokers = ("broker-cloud", "broker-fog1", "broker-drone1")
+        for name in (*brokers, "fog1", "drone1", "sensor7"):
+            acme.issue(name)
+        acme.issue("gs-ops", Rights(None, take_over=True, observe=True))
+        acme.issue("gs-view", Rights(observe=True))
+        self.brokers = {name: SecureBroker(acme, name) for name in brokers}
+        cloud, fog, field = (str(broker.address) for broker in self.brokers.values())
+        port = free_port(socket.SOCK_DGRAM)
+        sitl = ["fly", "--fleet", str(FLEET_FILE), "--system", "1", "--listen", "127.0.0.1:0"]
+        activator = ["activator", "--fog", "1", "--cloud", cloud, "--fog-broker", fog, "--drones", "1"]
+        uav = ["uav", "--drone", "1", "--broker", fog, "--autopilot", f"udp:127.0.0.1:{port}", "--sensor-broker", field]
+        files = ["--journal", str(folder / "journal"), "--sensor-store", str(folder / "readings")]
+        sensor = ["--broker", field, "--number", "7", "--kinds", "temperature", "--rate", "5"]
+        self.processes = [
+            self._process(folder, "sitl", "sitl", *sitl, "--send", f"127.0.0.1:{port}"),
+            self._process(folder, "activator", "mqttxt", *activator, "--identity", str(acme.folder / "fog1")),
+            self._process(folder, "uav", "mqttxt", *uav, *files, "--identity", str(acme.folder / "drone1")),
+            self._process(folder, "sensor", "sensor", *sensor, "--identity", str(acme.folder / "sensor7")),
+        ]
+
+    def _process(self, folder: Path, name: str, module: str, *arguments: str) -> Process:
+        return Process(folder, name, module, *arguments, "--ready-file", str(folder / f"{name}.ready"))
+
+    @property
+    def url(self) -> str:
+        return str(self.brokers["broker-cloud"].address)
+
+    def station(self, name: str = "gs-ops") -> GroundStation:
+        return GroundStation(self.url, identity=self.acme.folder / name)
+
+    def start(self) -> None:
+        for broker in self.brokers.values():
+            broker.start()
+        for process in self.processes:
+            process.start()
+        for process in self.processes:
+            process.wait_ready()
+
+    def close(self) -> None:
+        for process in self.processes:
+            process.kill()
+        for broker in self.brokers.values():
+            broker.kill()
+
+
+@pytest.fixture
+def system(tmp_path: Path) -> Iterator[SecureSystem]:
+    found = SecureSystem(tmp_path)
+    try:
+        found.start()
+        yield found
+    finally:
+        found.close()
+
+
+async def test_a_drone_is_flown_and_its_sensor_is_heard_over_mutual_tls_alone(system: SecureSystem) -> None:
+    async with system.station() as station:
+        assert station.name == "ops"
+        (fog,) = await station.connect([1])
+        drone = fog.drone(1)
+        await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is reachable and controlled")
+        assert (await drone.arm()).completed
+        await eventually(lambda: len(drone.readings) > 0, "a reading has come")
+
+        async with system.station("gs-view") as watcher:
+            (seen,) = await watcher.connect([1])
+            await eventually(lambda: bool(seen.drone(1).states), "who may observe hears states")
+            refused = await seen.drone(1).disarm(ttl_s=1)
+            assert refused.word is not Word.COMPLETED  # the broker drops it
+        assert (await drone.disarm()).completed
+
+
+async def test_who_has_no_identity_gets_nowhere(system: SecureSystem, tmp_path: Path) -> None:
+    """Not without TLS, not with TLS alone, not with another fleet's certificate."""
+    cloud = system.brokers["broker-cloud"].address
+    theirs = Authority.create(tmp_path / "theirs", "acme").issue("gs-ops", Rights(None))
+    plain = str(BrokerAddress(cloud.host, cloud.port))
+    for url, options in ((plain, {}), (system.url, {}), (system.url, {"identity": theirs})):
+        async with GroundStation(url, **options) as station:
+            with pytest.raises(FogUnreachable, match=r"fog 1: no connection to"):
+                await station.connect([1], timeout_s=2)
+
+
+async def test_a_revoked_station_is_named_so(system: SecureSystem) -> None:
+    station = system.station()
+    system.acme.revoke("gs-ops")
+    system.brokers["broker-cloud"].files.write_access(system.brokers["broker-cloud"].out)
+    system.brokers["broker-cloud"].reload()
+    with pytest.raises(ConfigurationError, match="gs-ops: revoked"):
+        system.station()
+    async with station:
+        with pytest.raises(FogUnreachable, match="it refuses this node's certificate: certificate revoked"):
+            await station.connect([1], timeout_s=5)
