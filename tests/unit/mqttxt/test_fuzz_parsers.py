@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from strategies import PLAIN
 
-from mqttxt.cli.main import _drone_numbers, _embedded
+from mqttxt.cli.broker import address_of
+from mqttxt.cli.main import _drone_numbers
 from mqttxt.cli.parameters import parse_command
 from mqttxt.core.effects import Publish, Subscribe
 from mqttxt.core.mqtt.link import BrokerAddress
@@ -31,7 +33,7 @@ PARSERS: list[Callable[[str], Any]] = [
     AutopilotAddress.parse,
     check_prefix,
     check_station_name,
-    _embedded,
+    partial(address_of, option="--listen"),
     _drone_numbers,
 ]
 PIECES = st.sampled_from(

@@ -125,6 +125,7 @@ def test_a_certificate_says_who_and_what(acme: Authority) -> None:
         (certificate_der("drone3", names=2), "2 common names; expected one"),
         (certificate_der(uris=()), "0 fleets; expected one"),
         (certificate_der(uris=("mqttxt:fleet/a", "mqttxt:fleet/b")), "2 fleets; expected one"),
+        (certificate_der(uris=("mqttxt:fleet/\x1b[2J",)), "expected 1 to 64 characters"),
         (certificate_der(uris=("mqttxt:fleet/acme", "mqttxt:may/fly")), "right 'mqttxt:may/fly'"),
         (
             certificate_der(uris=("mqttxt:fleet/acme", "mqttxt:may/command/*")),
@@ -212,7 +213,7 @@ def test_a_list_that_cannot_be_kept_is_not_taken(acme: Authority) -> None:
     acme.issue("gs-a")
     acme.revoke("gs-a")
     moved = folder.rename(folder.with_name("elsewhere"))
-    with pytest.raises(ConfigurationError, match="expected a file that can be written"):
+    with pytest.raises(ConfigurationError, match="expected to be able to write it"):
         drone.fleet.replace(acme.fleet.revoked.der)
     assert drone.fleet.revoked.number == 1
     moved.rename(folder)

@@ -131,7 +131,10 @@ def test_the_configuration_names_the_identitys_files(here: Path) -> None:
         ("keys check nowhere", "identity nowhere: no such folder"),
         ("broker fog --identity acme/drone1 --out out", "acme/drone1: the identity of drone1; expected a broker's"),
         ("broker fog --identity acme/broker-cloud --out out", "expected the identity of a fog broker"),
-        ("broker cloud --identity acme/broker-cloud --out acme/fleet.pem", "expected a folder that can be made"),
+        (
+            "broker cloud --identity acme/broker-cloud --out acme/fleet.pem",
+            "File exists; expected to be able to write it",
+        ),
         ("broker cloud --identity acme/broker-cloud --out out --listen x", "--listen 'x': expected HOST:PORT"),
         ("broker fog --identity acme/broker-fog1 --out out --prefix a", "--prefix 'a': expected at the cloud broker"),
         ("broker cloud --identity acme/broker-cloud --out out --prefix +", "topic prefix '+'"),
@@ -145,6 +148,23 @@ def test_bad_input_is_one_line(here: Path, words: str, said: str) -> None:
     assert said in done.output
     assert done.output.count("\n") == 1
     assert sorted(os.walk(here)) == before
+
+
+def test_a_fleet_that_cannot_be_written_is_one_line(here: Path) -> None:
+    well_typed("keys", "init", "acme")
+    (here / "acme/.drone1.new").write_text("in the way")
+    done = typed("keys", "issue", "drone", "1")
+    assert (done.exit_code, done.output.count("\n")) == (2, 1), done.output
+    assert "acme/.drone1.new: File exists; expected to be able to write it" in done.output
+
+
+def test_an_identity_that_was_half_made_is_made_anew(here: Path) -> None:
+    well_typed("keys", "init", "acme")
+    (here / "acme/.drone1.new").mkdir()
+    (here / "acme/.drone1.new/certificate.pem").write_text("half")
+    well_typed("keys", "issue", "fog", "1")
+    assert well_typed("keys", "issue", "drone", "1") == "acme/drone1\n"
+    well_typed("keys", "check", "acme/drone1")
 
 
 def test_two_fleets_need_a_choice(here: Path) -> None:

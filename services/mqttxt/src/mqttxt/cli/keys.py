@@ -65,10 +65,8 @@ def init(
     station: Annotated[
         str | None, typer.Option(help="Also an identity for a station that may command and take over every drone.")
     ] = None,
-    dns: Dns = None,
-    address: Address = None,
 ) -> None:
-    """Make a new fleet: its authority's key, and where asked for, what a small fleet needs (with a cloud broker)."""
+    """Make a new fleet: its authority's key, and where asked for, what a fleet on this machine needs."""
     from ..security.authority import STATION_DAYS, Authority
     from ..security.rights import Rights
 
@@ -77,12 +75,8 @@ def init(
         drone_names = _names(Node.DRONE, drones) if drones else []
         station_names = _names(Node.STATION, station) if station is not None else []
         authority = Authority.create(folder or Path(fleet), fleet)
-        hosts = (*(dns or ()), *(address or ()))
-        if fog_names or drone_names or station_names:
-            authority.issue("broker-cloud", hosts=hosts)
-        for name in fog_names:
-            authority.issue(f"broker-{name}", hosts=hosts)
-        for name in (*fog_names, *drone_names):
+        brokers = ["broker-cloud", *(f"broker-{name}" for name in fog_names)]
+        for name in (*(brokers if fog_names or drone_names or station_names else ()), *fog_names, *drone_names):
             authority.issue(name)
         for name in station_names:
             authority.issue(name, Rights(None, take_over=True, observe=True), STATION_DAYS)

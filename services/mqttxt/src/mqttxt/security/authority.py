@@ -96,7 +96,9 @@ class Authority:
             raise ConfigurationError(
                 f"{folder}: is there; expected a node that has no identity yet, or `mqttxt keys renew {node}`"
             )
-        self._issue_into(folder, node, rights or Rights(), days, tuple(hosts), not_before)
+        fresh = self._made(node, rights or Rights(), days, tuple(hosts), not_before)
+        with files.changing(folder):
+            fresh.rename(folder)
         self._bring_up_to_date()
         return folder
 
@@ -110,13 +112,13 @@ class Authority:
         if not folder.is_dir():
             raise ConfigurationError(f"{folder}: no such folder; expected a node that `mqttxt keys issue` made")
         old = Certificate.from_pem(files.read(folder / CERTIFICATE_FILE), str(folder / CERTIFICATE_FILE))
-        fresh, before = folder.with_name(f".{node}.new"), folder.with_name(f"{node}.before")
-        shutil.rmtree(fresh, ignore_errors=True)
+        before = folder.with_name(f"{node}.before")
         lifetime = days if days is not None else (old.not_after_s - old.not_before_s) / 86_400
-        self._issue_into(fresh, node, old.rights, lifetime, hosts_of(old), None)
-        shutil.rmtree(before, ignore_errors=True)
-        folder.rename(before)
-        fresh.rename(folder)
+        fresh = self._made(node, old.rights, lifetime, hosts_of(old), None)
+        with files.changing(folder):
+            shutil.rmtree(before, ignore_errors=True)
+            folder.rename(before)
+            fresh.rename(folder)
         self._bring_up_to_date()
         return folder
 
@@ -150,15 +152,15 @@ class Authority:
         now_s = datetime.now(UTC).timestamp()
         return [each for each in self.issued() if self.fleet.verify(each, now_s) in (None, "not_yet_valid")]
 
-    def _issue_into(
+    def _made(
         self,
-        folder: Path,
         node: NodeName,
         rights: Rights,
         days: float,
         hosts: tuple[str, ...],
         not_before: datetime | None,
-    ) -> None:
+    ) -> Path:
+        """A whole identity in a folder that has yet to be given its name."""
         if rights != Rights() and node.kind is not Kind.STATION:
             raise ConfigurationError(f"rights for {node}: expected a station")
         if hosts and node.kind is not Kind.BROKER:
@@ -169,7 +171,10 @@ class Authority:
         end = min(start + timedelta(days=days), self.fleet.authority.not_valid_after_utc)
         key = Ed25519PrivateKey.generate()
         certificate = self._sign(key, node, rights, hosts, start, end)
-        folder.mkdir(mode=0o700)
+        folder = self.folder / f".{node}.new"
+        with files.changing(folder):
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(mode=0o700)
         files.write(folder / KEY_FILE, _pem_of(key), 0o600)
         files.write(folder / CERTIFICATE_FILE, certificate)
         files.write(folder / FLEET_FILE, files.read(self.folder / FLEET_FILE))
@@ -177,6 +182,7 @@ class Authority:
         found = Certificate.from_pem(certificate)
         check_pair(folder, key, found)
         files.write(self.folder / ISSUED / f"{node}-{found.hash.hex()[:16]}.pem", certificate)
+        return folder
 
     def _sign(
         self,
@@ -212,7 +218,7 @@ class Authority:
         """Every identity below the authority's folder has the newest list; brokers also have the fleet's members."""
         revoked = files.read(self.folder / REVOKED_FILE)
         members = b"".join(each.parsed.public_bytes(Encoding.PEM) for each in self.members())
-        for certificate in sorted(self.folder.glob(f"*/{CERTIFICATE_FILE}")):
+        for certificate in sorted(self.folder.glob(f"[!.]*/{CERTIFICATE_FILE}")):
             folder = certificate.parent
             files.write(folder / REVOKED_FILE, revoked)
             if Certificate.from_pem(files.read(certificate), str(certificate)).node.kind is Kind.BROKER:

@@ -83,10 +83,8 @@ class BrokerFiles:
 
     def write(self, out: Path, host: str, port: int) -> Path:
         """Write configuration and access list into a folder; returns the configuration's path."""
-        try:
+        with files.changing(out):
             out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigurationError(f"{out}: {error.strerror or error}; expected a folder that can be made") from error
         self.write_access(out)
         folder = self.identity.folder.resolve()
         text = _CONFIGURATION.format(
@@ -106,7 +104,9 @@ class BrokerFiles:
     def write_access(self, out: Path) -> None:
         """Write the access list anew, for the members as they are now; raises ConfigurationError for a bad file."""
         self.identity.fleet.read_again()
-        files.write(out / ACCESS_FILE, access_list(self.place, self.members()).encode())
+        found = access_list(self.place, self.members()).encode()
+        # Readable for those who may read the key, and nobody else: Mosquitto is to refuse other lists one day.
+        files.write(out / ACCESS_FILE, found, 0o600, like=self.identity.folder / KEY_FILE)
 
 
 def _user_of(key: Path) -> str:

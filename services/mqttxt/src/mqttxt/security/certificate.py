@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -13,6 +14,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from ..errors import ConfigurationError
+from ..protocol.topics import NAME, NAME_EXPECTED
 from .names import Kind, NodeName
 from .rights import FLEET, SCHEME, Rights
 
@@ -107,6 +109,8 @@ class Certificate:
         fleets = [uri.removeprefix(FLEET) for uri in uris if uri.startswith(FLEET)]
         if len(fleets) != 1:
             raise ConfigurationError(f"{len(fleets)} fleets; expected one URI {FLEET}NAME")
+        if not re.fullmatch(NAME, fleets[0]):
+            raise ConfigurationError(f"fleet {fleets[0][:80]!r}: expected {NAME_EXPECTED}")
         rights = Rights.of_uris(uri for uri in uris if uri.startswith(SCHEME) and not uri.startswith(FLEET))
         if rights != Rights() and node.kind is not Kind.STATION:
             raise ConfigurationError(f"rights of {node}: expected them of stations alone")

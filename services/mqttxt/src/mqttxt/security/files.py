@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import ConfigurationError
@@ -29,13 +31,28 @@ def read(path: Path, *, private: bool = False) -> bytes:
     return found
 
 
-def write(path: Path, content: bytes, mode: int = 0o644) -> None:
-    """Replace a file durably and in one step; raises ConfigurationError."""
+@contextlib.contextmanager
+def changing(path: Path) -> Iterator[None]:
+    """An error of the system on the way becomes a ConfigurationError that names `path`."""
     try:
+        yield
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror or error}; expected to be able to write it") from error
+
+
+def write(path: Path, content: bytes, mode: int = 0o644, like: Path | None = None) -> None:
+    """Replace a file durably and in one step; raises ConfigurationError.
+
+    Where root writes it, it is given to the owner of `like`.
+    """
+    with changing(path):
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
         try:
             with os.fdopen(handle, "wb") as file:
                 os.fchmod(file.fileno(), mode)
+                if like is not None and os.geteuid() == 0:
+                    owner = like.stat()
+                    os.fchown(file.fileno(), owner.st_uid, owner.st_gid)
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
@@ -48,5 +65,3 @@ def write(path: Path, content: bytes, mode: int = 0o644) -> None:
             os.fsync(folder)
         finally:
             os.close(folder)
-    except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror or error}; expected a file that can be written") from error
