@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from processes import FLEET_FILE, Process, eventually, free_port
+from processes import Process, eventually, free_port, wait_until
 from secure import SecureBroker
 
 from mqttxt import ConfigurationError, FogUnreachable, GroundStation, Word
 from mqttxt.core.address import BrokerAddress
 from mqttxt.security.authority import Authority
 from mqttxt.security.rights import Rights
+from quick import LANDING, quick_fleet
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -31,7 +34,7 @@ class SecureSystem:
         self.brokers = {name: SecureBroker(acme, name) for name in brokers}
         cloud, fog, field = (str(broker.address) for broker in self.brokers.values())
         port = free_port(socket.SOCK_DGRAM)
-        sitl = ["fly", "--fleet", str(FLEET_FILE), "--system", "1", "--listen", "127.0.0.1:0"]
+        sitl = ["fly", "--fleet", str(quick_fleet(folder, LANDING)), "--system", "1", "--listen", "127.0.0.1:0"]
         activator = ["activator", "--fog", "1", "--cloud", cloud, "--fog-broker", fog, "--drones", "1"]
         uav = ["uav", "--drone", "1", "--broker", fog, "--autopilot", f"udp:127.0.0.1:{port}", "--sensor-broker", field]
         files = ["--journal", str(folder / "journal"), "--sensor-store", str(folder / "readings")]
@@ -104,6 +107,14 @@ async def test_who_has_no_identity_gets_nowhere(system: SecureSystem, tmp_path: 
         async with GroundStation(url, **options) as station:
             with pytest.raises(FogUnreachable, match=r"fog 1: no connection to"):
                 await station.connect([1], timeout_s=2)
+
+
+def test_a_running_node_takes_a_new_list_at_sighup(system: SecureSystem) -> None:
+    system.acme.revoke("gs-view")
+    for process in system.processes[1:]:
+        os.kill(process.pid, signal.SIGHUP)
+        wait_until(lambda process=process: "revocation list 2" in process.log.read_text(), f"{process.name}: list 2")
+        assert process.exit_code is None
 
 
 async def test_a_revoked_station_is_named_so(system: SecureSystem) -> None:

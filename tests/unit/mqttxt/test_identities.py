@@ -363,6 +363,15 @@ def test_renewal_has_a_new_key_and_the_old_rights(acme: Authority) -> None:
     assert acme.revoke("gs-ops", only_old=True) == 0
 
 
+def test_a_renewal_leaves_other_nodes_alone(acme: Authority) -> None:
+    others = [acme.issue(name) for name in ("gs-a.before", "gs-a.new")]
+    acme.issue("gs-a")
+    for _ in range(2):
+        acme.renew("gs-a")
+    assert [Identity.load(folder).name for folder in others] == ["gs-a.before", "gs-a.new"]
+    assert Identity.load(acme.folder / "gs-a~").name == "gs-a"
+
+
 def test_brokers_know_the_members(acme: Authority) -> None:
     broker = acme.issue("broker-cloud", hosts=["cloud.example", "10.0.0.1"])
     acme.issue("drone3")

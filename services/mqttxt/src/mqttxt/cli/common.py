@@ -66,7 +66,10 @@ def settings(qos: int, json: bool, bundles: bool = False) -> Settings:
 
 
 def run_role(make: Callable[[], Runner]) -> None:
-    """Run a role until SIGTERM or SIGINT, which end it cleanly (exit code 0); SIGHUP reads revocation lists anew."""
+    """Run a role until SIGTERM or SIGINT, which end it cleanly (exit code 0).
+
+    With an identity SIGHUP reads the revocation list anew; without, it ends the process as always.
+    """
     import asyncio
 
     # A message makes many objects that live for microseconds, in no cycles: looking for those less often saves a tenth
@@ -91,7 +94,8 @@ async def _until_signal(make: Callable[[], Runner]) -> None:
         reloads.add(reloading := loop.create_task(runner.reload()))
         reloading.add_done_callback(reloads.discard)
 
-    loop.add_signal_handler(signal.SIGHUP, reload)
+    if runner.identity is not None:
+        loop.add_signal_handler(signal.SIGHUP, reload)
     with contextlib.suppress(asyncio.CancelledError):
         await task
 

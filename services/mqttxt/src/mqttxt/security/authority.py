@@ -105,14 +105,14 @@ class Authority:
     def renew(self, name: str, days: float | None = None) -> Path:
         """A new key and certificate with the same rights and hosts; the old certificate stays valid until it ends.
 
-        The old identity is kept as `NAME.before` until the next renewal.
+        The old identity is kept as `NAME~` until the next renewal.
         """
         node = NodeName.parse(name)
         folder = self.folder / str(node)
         if not folder.is_dir():
             raise ConfigurationError(f"{folder}: no such folder; expected a node that `mqttxt keys issue` made")
         old = Certificate.from_pem(files.read(folder / CERTIFICATE_FILE), str(folder / CERTIFICATE_FILE))
-        before = folder.with_name(f"{node}.before")
+        before = folder.with_name(f"{node}~")  # which is no node's name
         lifetime = days if days is not None else (old.not_after_s - old.not_before_s) / 86_400
         fresh = self._made(node, old.rights, lifetime, hosts_of(old), None)
         with files.changing(folder):
