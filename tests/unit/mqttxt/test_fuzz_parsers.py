@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +27,17 @@ from mqttxt.protocol.commands import COMMANDS
 from mqttxt.protocol.topics import check_prefix, check_station_name
 from mqttxt.protocol.values import Encoding
 
+
+def _address_to_listen_at(text: str) -> tuple[str, int]:
+    return address_of(text, option="--listen")
+
+
 PARSERS: list[Callable[[str], Any]] = [
     BrokerAddress.parse,
     AutopilotAddress.parse,
     check_prefix,
     check_station_name,
-    partial(address_of, option="--listen"),
+    _address_to_listen_at,
     _drone_numbers,
 ]
 PIECES = st.sampled_from(
