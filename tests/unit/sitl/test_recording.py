@@ -70,16 +70,16 @@ def test_a_kind_that_nobody_knows_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("program", "is_executable", "error"),
+    ("instance", "program", "is_executable", "error"),
     [
-        (DIES, True, "ArduCopter ended with 3: no floating point"),
-        (DIES, False, "arducopter: Permission denied"),
-        ("no program", True, "arducopter: Exec format error"),
-        (SILENT, True, "ArduCopter does not say within 0.3 s that it could arm"),
+        (211, DIES, True, "ArduCopter ended with 3: no floating point"),
+        (212, DIES, False, "arducopter: Permission denied"),
+        (213, "no program", True, "arducopter: Exec format error"),
+        (214, SILENT, True, "ArduCopter does not say within 0.3 s that it could arm"),
     ],
 )
 def test_a_broken_autopilot_is_one_line_and_no_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, is_executable: bool, error: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, instance: int, program: str, is_executable: bool, error: str
 ) -> None:
     monkeypatch.setattr(subjects, "STARTED_S", 0.3 if program == SILENT else 30.0)
     folder = tmp_path / "copter"
@@ -88,7 +88,7 @@ def test_a_broken_autopilot_is_one_line_and_no_recording(
     (folder / "arducopter").write_text(program)
     (folder / "arducopter").chmod(0o755 if is_executable else 0o644)
     path = tmp_path / "x.json"
-    assert error in _refused("record", str(path), "--ardupilot-dir", str(folder), "--instance", "211")
+    assert error in _refused("record", str(path), "--ardupilot-dir", str(folder), "--instance", str(instance))
     assert list(tmp_path.iterdir()) == [folder]
 
 
