@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -77,6 +78,7 @@ def conditions(first: Result, second: Result) -> list[Condition]:
     versions = sorted({name for one in both for manifest in one.manifests for name in manifest["versions"]})
     return [
         *(told(name, _of_series(name)) for name in _SERIES),
+        told("fleet", _fleet),
         *(told(name, configured(name)) for name in (*FACTORS, *OVERRIDES)),
         *([told("count", configured("count"))] if message_set.is_message_set(first.metrics) else []),
         told("revision", _revision),
@@ -148,13 +150,12 @@ def change(ratio: float) -> str:
 
 
 def title(one: Result) -> str:
-    """What a result is in a few words: 'scenario 1, arm thesis, profile ideal'."""
-    metrics = one.metrics
-    changed = [
-        f"{name} {value}" for name, value in factors.deviations(one.manifests[0]["configuration"], metrics["arm"])
-    ]
+    """What a result is in a few words: 'scenario 1, arm thesis, profile ideal', and another fleet than the thesis's."""
+    metrics, configuration = one.metrics, one.manifests[0]["configuration"]
+    changed = [f"{name} {value}" for name, value in factors.deviations(configuration, metrics["arm"])]
     arm = f"arm {metrics['arm']}{f' with {wording.listed(changed)}' if changed else ''}"
-    return f"{wording.short_name(metrics['experiment'])}, {arm}, profile {metrics['profile']}"
+    fleet = f", {wording.fleet(configuration['fogs'], configuration['drones'])}" if "fogs" in configuration else ""
+    return f"{wording.short_name(metrics['experiment'])}, {arm}, profile {metrics['profile']}{fleet}"
 
 
 def _missing(one: Result, other: Result) -> list[str]:
@@ -163,6 +164,16 @@ def _missing(one: Result, other: Result) -> list[str]:
 
 def _of_series(name: str) -> Callable[[Result], str]:
     return lambda one: str(one.metrics[name])
+
+
+def _fleet(one: Result) -> str:
+    """'five drones on three fogs (3, 1, 1)'."""
+    said = []
+    for manifest in one.manifests:
+        behind = Counter(link["upper"] for link in manifest["topology"]["links"] if link["name"].startswith("air:"))
+        each = ", ".join(str(count) for count in behind.values())
+        said.append(f"{wording.fleet(len(behind), behind.total())} ({each})")
+    return _each(said)
 
 
 def _revision(one: Result) -> str:

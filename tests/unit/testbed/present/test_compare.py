@@ -54,6 +54,20 @@ def test_one_factor_is_named_and_several_cannot_be_told_apart(tmp_path: Path, fi
     assert "do not show what made the numbers differ" in said[-1]
 
 
+def test_another_fleet_is_named_with_the_drones_of_each_fog(tmp_path: Path, first: compare.Result) -> None:
+    fogs = {"fog2": ("uav7", "uav1"), "fog5": ("uav3",)}
+    links = [{"name": f"air:{uav}", "lower": uav, "upper": fog} for fog, uavs in fogs.items() for uav in uavs]
+    links.append({"name": "wan:gs", "lower": "gs", "upper": "cloud"})
+    entries = ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink"))
+    size = {"fogs": 2, "drones": 3}
+    other = result("B", tmp_path, *entries, configuration=size, topology={"nodes": [], "links": links})
+    assert compare.sentences(first, other)[0] == "They differ in fleet."
+    fleet = next(c for c in compare.conditions(first, other) if c.name == "fleet")
+    assert fleet.second == "three drones on two fogs (2, 1)"
+    assert compare.title(first) == "scenario 1, arm thesis, profile ideal"
+    assert compare.title(other) == "scenario 1, arm thesis, profile ideal, three drones on two fogs"
+
+
 def test_revisions_are_never_mixed_unsaid(tmp_path: Path, first: compare.Result) -> None:
     revision = {"commit": "decaf", "dirty": True}
     other = result("B", tmp_path, ("mqttxt", entry("mqttxt")), ("mavlink", entry("mavlink")), revision=revision)
