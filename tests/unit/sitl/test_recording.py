@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -90,6 +91,26 @@ def test_a_broken_autopilot_is_one_line_and_no_recording(
     path = tmp_path / "x.json"
     assert error in _refused("record", str(path), "--ardupilot-dir", str(folder), "--instance", str(instance))
     assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_recording_that_fails_leaves_its_port_to_the_next_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_collector: None
+) -> None:
+    monkeypatch.setattr(subjects, "STARTED_S", 0.1)
+    (tmp_path / "copter.parm").touch()
+    (tmp_path / "arducopter").write_text(SILENT)
+    (tmp_path / "arducopter").chmod(0o755)
+    for _ in range(2):
+        said = _refused("record", str(tmp_path / "x.json"), "--ardupilot-dir", str(tmp_path), "--instance", "212")
+        assert "ArduCopter does not say within 0.1 s that it could arm" in said
+
+
+@pytest.fixture
+def no_collector() -> Iterator[None]:
+    """Nothing is closed because Python found that nobody needs it any more."""
+    gc.disable()
+    yield
+    gc.enable()
 
 
 class _Ending(Simulated):

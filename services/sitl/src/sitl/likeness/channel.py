@@ -40,6 +40,10 @@ class Channel(Protocol):
     @property
     def now_s(self) -> float: ...
 
+    def close(self) -> None:
+        """Nothing is sent or received after it."""
+        ...
+
     def attend(self, everything: bool) -> None:
         """Whether every message is of interest from now on, or only those in TELLING."""
 
@@ -125,6 +129,9 @@ class SimulatedChannel:
         self._codec = mavlink.MAVLink(None, GCS_SYSTEM, GCS_COMPONENT)
         self._sizes = mavlink.MAVLink(None, vehicle.config.system_id, 1)
         self._answers: list[Any] = []
+
+    def close(self) -> None:
+        """There is nothing to close."""
 
     def attend(self, everything: bool) -> None:
         self._vehicle.muted = set() if everything else set(self._vehicle.telemetry.makers) - TELLING

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from abc import ABC, abstractmethod
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -62,16 +63,21 @@ class Subject(ABC):
         """Raises SitlError where it has ended by itself."""
 
     def __enter__(self) -> Self:
+        self._channels = ExitStack()
         self.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._channels.close()
         self.end()
 
     def pilot(self, link: str) -> Pilot:
-        return Pilot(self.open(link), self.manners, self.system)
+        """Who flies it over a link, until the subject is left."""
+        channel = self.open(link)
+        self._channels.callback(channel.close)
+        return Pilot(channel, self.manners, self.system)
 
 
 class ProcessSubject(Subject):
