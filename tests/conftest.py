@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 from hypothesis import HealthCheck, settings
 
-sys.path.insert(0, str(Path(__file__).parent))
-pytest_plugins = ("lateness", "soak", "workers")
+pytest_plugins = ("tests.lateness", "tests.soak", "tests.workers")
 
 # How long an example takes says how busy the machine is. The quick check tries fewer of them.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])

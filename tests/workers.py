@@ -14,7 +14,7 @@ from xdist import is_xdist_worker
 from xdist.scheduler import LoadFileScheduling
 from xdist.workermanage import WorkerController
 
-import lateness
+from tests import lateness
 
 NICE, NICEST = 5, 10
 """Of tests beside flights: of those with brokers and processes, and of those that need nothing but time. More would

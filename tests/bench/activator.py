@@ -15,7 +15,7 @@ from mqttxt.protocol.messages import Registration
 from tests.bench.brokers import BenchBroker, cpu_s, rss_mb
 from tests.bench.fleet import FIVE, Fleet
 from tests.bench.raw_mqtt import RawClient
-from tests.integration.processes import Process
+from tests.rigs.processes import Process
 
 DRONES_A_FOG = 250
 """As many as there are MAVLink system ids."""

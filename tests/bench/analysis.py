@@ -8,7 +8,6 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 import resource
-import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -82,8 +81,7 @@ def newest_flown(results: Path = ROOT / "results") -> Attempt | None:
 
 def make_attempt(folder: Path) -> Attempt:
     """Six drones stream through a chain of routers; the ground station arms them one by one."""
-    sys.path.insert(0, str(ROOT / "tests" / "unit" / "testbed"))
-    from mavlink_attempts import (
+    from tests.handmade.mavlink_attempts import (
         ONBOARD_HZ,
         SECOND,
         T0,

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from mqttxt.core.embedded_broker import CONFIGURATION
-from tests.integration.processes import Broker, wait_until
+from tests.rigs.processes import Broker, wait_until
 
 _TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 

@@ -22,7 +22,7 @@ from tests.bench.capture import Capture, Frame
 from tests.bench.fleet import FIVE
 from tests.bench.raw_mqtt import RawClient
 from tests.bench.vital import COMMANDS, STAMP, command_payload, mavlink_commands, mavlink_states
-from tests.integration.processes import eventually, free_port
+from tests.rigs.processes import eventually, free_port
 
 APART_S = 0.15
 """Between two messages: longer than TCP may delay an ACK."""

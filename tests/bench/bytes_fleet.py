@@ -18,7 +18,7 @@ from mqttxt import GroundStation
 from tests.bench.brokers import BenchBroker
 from tests.bench.capture import Capture, Frame
 from tests.bench.vital import packed, telemetry
-from tests.integration.processes import Process, eventually, free_port
+from tests.rigs.processes import Process, eventually, free_port
 
 FOGS = {1: (1, 2, 3), 2: (4, 5, 6)}
 STATES = ("battery", "location", "heading", "groundspeed", "flight_mode")

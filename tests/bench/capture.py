@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import docker
 
-from tests.integration.processes import NODE_IMAGE, wait_until
+from tests.rigs.processes import NODE_IMAGE, wait_until
 
 
 @dataclass(frozen=True)

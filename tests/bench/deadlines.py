@@ -7,11 +7,8 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "unit" / "mqttxt"))
-
-from adversary import Simulation
+from tests.simulation.adversary import Simulation
 
 SECONDS = 60
 

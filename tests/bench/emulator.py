@@ -6,7 +6,7 @@ from typing import Any
 
 from docker.errors import DockerException
 
-from tests.integration.shaped_link import ShapedLink
+from tests.rigs.shaped_link import ShapedLink
 
 SIZE_BYTES = 200
 DELAY_US = 20_000

@@ -25,8 +25,8 @@ from mqttxt import GroundStation
 from tests.bench.always_armed import AlwaysArmed
 from tests.bench.brokers import BenchBroker
 from tests.bench.raw_mqtt import RawClient
-from tests.integration.processes import NODE_IMAGE, Process, eventually, free_port
-from tests.integration.routers import chain
+from tests.rigs.processes import NODE_IMAGE, Process, eventually, free_port
+from tests.rigs.routers import chain
 
 COMMANDS, COMMANDS_ON_DISK = 2000, 500
 WARM_UP = 20

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from tests.bench.brokers import BenchBroker, cpu_s, rss_mb
 from tests.bench.raw_mqtt import RawClient
-from tests.integration.processes import Process, free_port
+from tests.rigs.processes import Process, free_port
 
 WARM_UP_S, WINDOW_S = 6.0, 10.0
 _FAR = (474_977_420, 85_455_940)

@@ -1,16 +1,12 @@
-"""Lets the tests of this folder share modules; what they fly leaves nothing behind."""
+"""What the tests of this folder fly leaves nothing behind."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from flying import containers
+from tests.e2e.flying import containers
 
 
 @pytest.fixture(autouse=True)

@@ -16,12 +16,12 @@ from typing import Any
 import docker
 import yaml
 
-from lateness import Void
-from quick import FLYING, quick_fleet
 from testbed.fly.containers import PROJECT, PROJECT_LABEL, SERVICE_LABEL
 from testbed.fly.results import Attempt, open_series
 from testbed.plan.documents import ROOT
 from testbed.plan.fleets import standard_fleet
+from tests.lateness import Void
+from tests.quick import FLYING, quick_fleet
 
 BUSY = ("did not keep up", "machine was too busy", "machine that is less busy", "captures dropped packets")
 """What the testbed says of an attempt that is void because of the machine."""

@@ -8,7 +8,8 @@ from statistics import median
 from typing import Any
 
 import pytest
-from flying import Run, attempt_over, quick_drones
+
+from tests.e2e.flying import Run, attempt_over, quick_drones
 
 pytestmark = [pytest.mark.e2e, pytest.mark.alone, pytest.mark.timeout(600)]
 

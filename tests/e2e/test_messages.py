@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from flying import Run, attempt_over
+
+from tests.e2e.flying import Run, attempt_over
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from flying import Run, attempt_over
+
+from tests.e2e.flying import Run, attempt_over
 
 pytestmark = [
     pytest.mark.e2e,

@@ -6,7 +6,8 @@ import os
 from pathlib import Path
 
 import pytest
-from flying import Run
+
+from tests.e2e.flying import Run
 
 pytestmark = [
     pytest.mark.e2e,

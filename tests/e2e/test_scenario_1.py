@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flying import Run, attempt_over, containers, quick_drones
 
 from sitl.px4.streams import RATES_HZ
+from tests.e2e.flying import Run, attempt_over, containers, quick_drones
 
 pytestmark = [pytest.mark.e2e, pytest.mark.alone, pytest.mark.timeout(600)]
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from agreement import assert_pymavlink_agrees, assert_tshark_agrees
-from flying import Run, attempt_over, quick_drones
+
+from tests.e2e.agreement import assert_pymavlink_agrees, assert_tshark_agrees
+from tests.e2e.flying import Run, attempt_over, quick_drones
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(900)]
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from processes import Broker, Container, System
-from shaped_link import ShapedLink
+from tests.rigs.processes import Broker, Container, System
+from tests.rigs.shaped_link import ShapedLink
 
 MOST_SHOWN = 4000
 """Characters of the end of each log that a failed test shows."""

@@ -10,8 +10,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 import pytest
-from processes import wait_until
-from secure import WITNESS, Node, SecureBroker
 
 from mqttxt.protocol.messages import CommandMessage
 from mqttxt.protocol.rankings import SelectMessage
@@ -31,6 +29,8 @@ from mqttxt.protocol.topic_table import (
 from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
+from tests.rigs.processes import wait_until
+from tests.rigs.secure import WITNESS, Node, SecureBroker
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

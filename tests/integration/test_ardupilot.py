@@ -7,12 +7,12 @@ import time
 from collections.abc import AsyncIterator, Iterator
 
 import pytest
-from commanding import armable, fly, is_armable, start
-from copter import BRAKE, FOLDER, GUIDED, LAND, LOITER, RTL, Copter, CopterPilot
-from processes import eventually
-from real_flights import HOME, Flight
 
 from mqttxt import Arm, Disarm, Drone, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity, Word
+from tests.rigs.commanding import armable, fly, is_armable, start
+from tests.rigs.copter import BRAKE, FOLDER, GUIDED, LAND, LOITER, RTL, Copter, CopterPilot
+from tests.rigs.processes import eventually
+from tests.rigs.real_flights import HOME, Flight
 
 pytestmark = [
     pytest.mark.integration,

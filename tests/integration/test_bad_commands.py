@@ -13,11 +13,11 @@ import cbor2
 import pytest
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
-from processes import ROOT, Process, System, eventually
 
 from mqttxt import Arm, Goto, GroundStation, Word
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import CommandMessage, FogResultMessage, ResultMessage
+from tests.rigs.processes import ROOT, Process, System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

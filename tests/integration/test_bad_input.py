@@ -12,9 +12,9 @@ import cbor2
 import pytest
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
-from processes import ROOT, Broker, System, eventually
 
 from mqttxt import GroundStation, Word
+from tests.rigs.processes import ROOT, Broker, System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

@@ -6,7 +6,6 @@ import json
 from dataclasses import asdict
 
 import pytest
-from shaped_link import DOWN, PYTHON, SUBNETS, UP, ShapedLink
 
 from net.link_plan import LinkPlan
 from testbed.fly.calibration import Calibration, calibrate, check_losses
@@ -14,6 +13,7 @@ from testbed.fly.calibration.calibrate import run_schedule
 from testbed.fly.calibration.schedule import make_load
 from testbed.plan.profiles.resolve import Plan
 from testbed.plan.topology import Link, Node, Topology
+from tests.rigs.shaped_link import DOWN, PYTHON, SUBNETS, UP, ShapedLink
 
 pytestmark = [
     pytest.mark.integration,
@@ -21,7 +21,7 @@ pytestmark = [
     pytest.mark.timeout(120),
     pytest.mark.soak(
         *("services/net/src", "testbed/fly/calibration", "testbed/plan/profiles/resolve.py"),
-        *("tests/integration/shaped_link.py", "tests/integration/link_probe.py"),
+        *("tests/rigs/shaped_link.py", "tests/rigs/link_probe.py"),
     ),
 ]
 TOPOLOGY = Topology(

@@ -12,22 +12,22 @@ from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
-from processes import ROOT, Broker, free_port
 
 from mqttxt.core.address import BrokerAddress
 from mqttxt_conformance.activator import ActivatorTarget, check_activator
 from mqttxt_conformance.gs import GsTarget, check_gs
 from mqttxt_conformance.registry import Finding, Verdict
 from mqttxt_conformance.uav import UavTarget, check_uav
+from tests.rigs.processes import ROOT, Broker, free_port
 
 pytestmark = [
     pytest.mark.integration,
     pytest.mark.alone,
     pytest.mark.timeout(240),
-    pytest.mark.soak("services/mqttxt/src", "tests/integration/broken_roles.py"),
+    pytest.mark.soak("services/mqttxt/src", "tests/rigs/broken_roles.py"),
 ]
 
-BROKEN = str(Path(__file__).parent / "broken_roles.py")
+BROKEN = str(Path(__file__).parents[1] / "rigs" / "broken_roles.py")
 UAV_VARIANTS = {
     "uav-starts-late": {"does-not-start-late"},
     "uav-takes-any-session": {"executes-only-its-own-session"},

@@ -6,9 +6,9 @@ import asyncio
 from collections.abc import AsyncIterator
 
 import pytest
-from processes import System, eventually
 
 from mqttxt import Arm, Drone, GroundStation, Mavlink, MavlinkState, Outcome, StateUpdate, Stream, Word
+from tests.rigs.processes import System, eventually
 
 pytestmark = pytest.mark.integration
 

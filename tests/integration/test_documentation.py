@@ -16,7 +16,8 @@ from uuid import uuid4
 
 import docker
 import pytest
-from processes import NODE_IMAGE, ROOT, System, free_port, wait_until
+
+from tests.rigs.processes import NODE_IMAGE, ROOT, System, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

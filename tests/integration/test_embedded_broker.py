@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import Container, System, eventually, free_port, wait_until
 
 from mqttxt import Arm, GroundStation, Outcome, Takeoff, Word
+from tests.rigs.processes import Container, System, eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

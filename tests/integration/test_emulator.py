@@ -9,13 +9,14 @@ from statistics import median, quantiles
 from typing import Any
 
 import pytest
-from shaped_link import DOWN, SUBNETS, UP, Emulator, ShapedLink, plan_of
+
+from tests.rigs.shaped_link import DOWN, SUBNETS, UP, Emulator, ShapedLink, plan_of
 
 pytestmark = [
     pytest.mark.integration,
     pytest.mark.alone,
     pytest.mark.timeout(120),
-    pytest.mark.soak("services/net/src", "tests/integration/shaped_link.py", "tests/integration/link_probe.py"),
+    pytest.mark.soak("services/net/src", "tests/rigs/shaped_link.py", "tests/rigs/link_probe.py"),
 ]
 WIDE_999 = 3.29
 """Standard deviations on each side that hold 99.9 % of a normal distribution."""

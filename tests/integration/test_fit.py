@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from shaped_link import PYTHON, READY_TIMEOUT_S, SUBNETS, UP, Emulator, ShapedLink
 
 from testbed.plan.documents import ROOT
 from testbed.plan.fleets import standard_fleet
@@ -16,6 +15,7 @@ from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import resolve
 from tests.bench.fit_simulation import cross
 from tests.bench.fit_streams import exact
+from tests.rigs.shaped_link import PYTHON, READY_TIMEOUT_S, SUBNETS, UP, Emulator, ShapedLink
 
 pytestmark = [
     pytest.mark.integration,
@@ -24,7 +24,7 @@ pytestmark = [
     pytest.mark.soak(
         *("services/net/src", "services/sitl/src/sitl/px4/streams.py", "testbed/plan/profiles"),
         *(f"tests/bench/fit_{name}.py" for name in ("sender", "simulation", "streams")),
-        *("tc_profiles/thesis.yaml", "tests/integration/shaped_link.py"),
+        *("tc_profiles/thesis.yaml", "tests/rigs/shaped_link.py"),
     ),
 ]
 SENDER = "/repository/tests/bench/fit_sender.py"

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from processes import System, eventually
 
 from mqttxt import Arm, Disarm, GroundStation, Word
+from tests.rigs.processes import System, eventually
 
 pytestmark = pytest.mark.integration
 

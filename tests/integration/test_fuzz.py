@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from processes import ROOT
+
+from tests.rigs.processes import ROOT
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(420)]
 
@@ -47,7 +48,7 @@ def test_no_bytes_get_anything_but_a_message_or_a_reason_out_of_the_codecs(tmp_p
 
 @pytest.mark.soak(
     *(f"services/mqttxt/src/mqttxt/{name}" for name in ("activator", "core", "drone", "protocol", "station")),
-    *(f"tests/unit/mqttxt/{name}.py" for name in ("test_fuzz_roles", "strategies", "world")),
+    *("tests/unit/mqttxt/test_fuzz_roles.py", "tests/simulation/strategies.py", "tests/simulation/world.py"),
 )
 def test_roles_stand_ten_times_as_much(tmp_path: Path) -> None:
     tests = "tests/unit/mqttxt/test_fuzz_roles.py"

@@ -7,11 +7,11 @@ from collections.abc import AsyncIterator, Iterator
 from typing import Any
 
 import pytest
-from commanding import armable, fly, is_armable, start
-from processes import System, eventually
 
 from mqttxt import Arm, Disarm, Drone, Goto, GroundStation, Hold, Land, Offboard, Return, Takeoff, Velocity, Word
 from mqttxt.protocol.states import Armed, Landed, LandedState
+from tests.rigs.commanding import armable, fly, is_armable, start
+from tests.rigs.processes import System, eventually
 
 pytestmark = pytest.mark.integration
 

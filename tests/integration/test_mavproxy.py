@@ -17,8 +17,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from processes import NODE_IMAGE, PATIENCE_S, ROOT, Process, free_port, wait_until
-from routers import Router
+
+from tests.rigs.processes import NODE_IMAGE, PATIENCE_S, ROOT, Process, free_port, wait_until
+from tests.rigs.routers import Router
 
 pytestmark = pytest.mark.integration
 REQUIREMENTS = ROOT / "requirements" / "mavproxy.txt"

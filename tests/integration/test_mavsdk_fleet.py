@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import NODE_IMAGE, ROOT, Process, ask_autopilot, eventually, free_port
-from routers import Router, chain
 
 from mission import mavsdk_drone, scenarios
 from mission.events import EventLog
 from mission.fleet import MissionError, Result
 from mission.mavsdk_fleet import MavsdkFleet
 from mission.steps import Steps
+from tests.rigs.processes import NODE_IMAGE, ROOT, Process, ask_autopilot, eventually, free_port
+from tests.rigs.routers import Router, chain
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 BATTERY_STATUS, GLOBAL_POSITION_INT, VFR_HUD, EXTENDED_SYS_STATE = 147, 33, 74, 245

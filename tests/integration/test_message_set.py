@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import Process, System, free_port
 
 from mission.events import EventLog
 from mission.fleet import MessageFleet, MissionError, Result
@@ -20,7 +19,8 @@ from mission.message_set import COMMANDS, STATES, MessageSet
 from mission.mqttxt_messages import MqttxtMessageFleet
 from mission.side_channel import SideChannel
 from mqttxt.protocol.states import STATES as KNOWN
-from quick import LANDING, quick_fleet
+from tests.quick import LANDING, quick_fleet
+from tests.rigs.processes import Process, System, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 COUNT = 2

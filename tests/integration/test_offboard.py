@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
-from processes import System, eventually
 
 from mqttxt import Attitude, Drone, GroundStation, Offboard, Outcome, Velocity, Word
+from tests.rigs.processes import System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

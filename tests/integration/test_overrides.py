@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 import yaml
-from processes import ROOT
 
 from testbed.fly.containers import compose_command
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.overrides import compose_files
+from tests.rigs.processes import ROOT
 
 pytestmark = pytest.mark.integration
 DRONES = [drone for drones in standard_fleet().fogs.values() for drone in drones]

@@ -15,12 +15,12 @@ import polars as pl
 import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
-from processes import NODE_IMAGE, ROOT, Process, wait_until
 from pymavlink.dialects.v20 import development as dialect
 
 from testbed.fly.results import Attempt, write_json
 from testbed.numbers.packets.table import load
 from tests.e2e.agreement import Nodes, assert_pymavlink_agrees, assert_tshark_agrees, count_by_tshark, kind_of
+from tests.rigs.processes import NODE_IMAGE, ROOT, Process, wait_until
 
 pytestmark = pytest.mark.integration
 

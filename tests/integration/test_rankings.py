@@ -11,11 +11,11 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
-from processes import ROOT, Broker, Process, System, eventually, free_port
 
 from mqttxt import Arm, Fog, Goto, GroundStation, Hold, Outcome, PsmiList, Takeoff, Word
 from mqttxt.protocol.rankings import SelectMode
 from mqttxt.protocol.states import Armed
+from tests.rigs.processes import ROOT, Broker, Process, System, eventually, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

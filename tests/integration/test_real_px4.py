@@ -7,12 +7,12 @@ import time
 from collections.abc import AsyncIterator, Iterator
 
 import pytest
-from commanding import armable, fly, is_armable, start
-from processes import eventually
-from px4 import FOLDER, HOLD, LAND, OFFBOARD, RETURN, TAKEOFF, Px4, Px4Pilot
-from real_flights import HOME, Flight
 
 from mqttxt import Arm, Command, Disarm, Drone, Goto, Hold, Land, Offboard, Outcome, Return, Takeoff, Velocity, Word
+from tests.rigs.commanding import armable, fly, is_armable, start
+from tests.rigs.processes import eventually
+from tests.rigs.px4 import FOLDER, HOLD, LAND, OFFBOARD, RETURN, TAKEOFF, Px4, Px4Pilot
+from tests.rigs.real_flights import HOME, Flight
 
 pytestmark = [
     pytest.mark.integration,

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browser import Browser
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "testbed"))
-
-from both_sides import entry, failed, make_series, rich_entry
 
 from testbed.fly.results import new_series
 from testbed.present.report.compare import result_of
 from testbed.present.report.compare_page import write_comparison
 from testbed.present.report.html import write_report
+from tests.handmade.both_sides import entry, failed, make_series, rich_entry
+from tests.rigs.browser import Browser
 from tests.tools.programs import chromium
 
 pytestmark = [

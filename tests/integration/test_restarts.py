@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import ROOT, Process, System, eventually, free_port, wait_until
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import Arm, GroundStation, Land, Outcome, Takeoff, Word
+from tests.rigs.processes import ROOT, Process, System, eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

@@ -14,7 +14,6 @@ from typing import Any, Self
 import docker
 import pytest
 import yaml
-from processes import NODE_IMAGE, ROOT, Broker, Process, System, eventually, free_port, wait_until
 
 from mission import flight, scenarios
 from mission.events import EventLog
@@ -25,7 +24,8 @@ from mission.options import Options
 from mission.points import all_points
 from mqttxt.protocol.commands import haversine_m
 from mqttxt.protocol.readings import UNITS
-from quick import FLYING, quick_fleet
+from tests.quick import FLYING, quick_fleet
+from tests.rigs.processes import NODE_IMAGE, ROOT, Broker, Process, System, eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 DRONES = (1, 2)

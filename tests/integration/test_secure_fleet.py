@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from processes import Process, eventually, free_port, wait_until
-from secure import SecureBroker
 
 from mqttxt import ConfigurationError, FogUnreachable, GroundStation, Word
 from mqttxt.core.address import BrokerAddress
 from mqttxt.security.authority import Authority
 from mqttxt.security.rights import Rights
-from quick import LANDING, quick_fleet
+from tests.quick import LANDING, quick_fleet
+from tests.rigs.processes import Process, eventually, free_port, wait_until
+from tests.rigs.secure import SecureBroker
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import docker
 import pytest
-from processes import NODE_IMAGE, ROOT, Broker, Process, Proxy, System, eventually, free_port
 
 from mqttxt import GroundStation, SensorReading
 from mqttxt.core.address import BrokerAddress
@@ -21,6 +20,7 @@ from mqttxt.core.clock import SessionClock
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.readings import ReadingAck, ReadingKey
 from mqttxt_conformance.tap import Tap
+from tests.rigs.processes import NODE_IMAGE, ROOT, Broker, Process, Proxy, System, eventually, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

@@ -20,7 +20,8 @@ from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.offboard import VelocityNedYaw
 from mavsdk.plugins.telemetry import FlightMode, LandedState
-from processes import Process, ask_autopilot, free_port
+
+from tests.rigs.processes import Process, ask_autopilot, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 HOME = (47.397742, 8.545594, 488.0)

@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 import pytest_asyncio
-from processes import Proxy, System
-from salvo import FAST, SLOW, Salvo, all_reachable, aloft, station
+
+from tests.rigs.processes import Proxy, System
+from tests.rigs.salvo import FAST, SLOW, Salvo, all_reachable, aloft, station
 
 pytestmark = [pytest.mark.integration, pytest.mark.asyncio(loop_scope="module")]
 

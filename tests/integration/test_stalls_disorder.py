@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 import pytest_asyncio
-from disorder import Disorder
-from processes import Broker, System
-from salvo import FAST, SLOW, Salvo, all_reachable, aloft, station
+
+from tests.rigs.disorder import Disorder
+from tests.rigs.processes import Broker, System
+from tests.rigs.salvo import FAST, SLOW, Salvo, all_reachable, aloft, station
 
 pytestmark = [pytest.mark.integration, pytest.mark.asyncio(loop_scope="module")]
 

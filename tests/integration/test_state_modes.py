@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
-from processes import System, eventually
 
 from mission.events import EventLog
 from mission.mqttxt_fleet import FIVE_STATES, MqttxtFleet
+from tests.rigs.processes import System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

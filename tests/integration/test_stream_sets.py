@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from processes import System, eventually
 
 from mqttxt import Arm, GroundStation, Land, Stream, Takeoff
+from tests.rigs.processes import System, eventually
 
 pytestmark = pytest.mark.integration
 STATES = frozenset(

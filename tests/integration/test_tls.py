@@ -7,9 +7,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from processes import System, eventually, free_port
 
 from mqttxt import FogUnreachable, GroundStation
+from tests.rigs.processes import System, eventually, free_port
 
 pytestmark = pytest.mark.integration
 

@@ -12,8 +12,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from processes import eventually
-from secure import SecureBroker
 
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Inbound, Subscribe
@@ -22,6 +20,8 @@ from mqttxt.security.authority import Authority
 from mqttxt.security.fleet import Fleet
 from mqttxt.security.identity import Identity, read_certificate, read_key
 from mqttxt.security.trusted_time import TrustedTime
+from tests.rigs.processes import eventually
+from tests.rigs.secure import SecureBroker
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

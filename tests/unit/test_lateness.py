@@ -18,7 +18,7 @@ OWN = """
 import os, signal, subprocess, time
 from pathlib import Path
 import pytest
-import lateness
+from tests import lateness
 
 lateness.QUIET_S = 0.2
 HERE = Path(__file__).parent
@@ -102,13 +102,15 @@ def test_each_test_of_a_file_whose_fixture_stays_late_is_named_and_the_fixture_i
 
 def _run(source: str, late: str, folder: Path) -> list[str]:
     """The lines of a run of tests whose fixture finds the machine late or not."""
-    for name in ("conftest.py", "workers.py", "lateness.py", "soak.py"):
-        (folder / name).write_text((TESTS / name).read_text())
+    (folder / "tests").mkdir()
+    (folder / "conftest.py").write_text((TESTS / "conftest.py").read_text())
+    for name in ("workers.py", "lateness.py", "soak.py"):
+        (folder / "tests" / name).write_text((TESTS / name).read_text())
     (folder / "pyproject.toml").write_text(CONFIGURATION)
     (folder / "test_it.py").write_text(source.replace("LATE and", f"{late} and"))
     if late == "False":  # nor may it be late by the load of this machine
-        lateness_py = (folder / "lateness.py").read_text()
-        (folder / "lateness.py").write_text(lateness_py.replace(f"LATE_MS = {lateness.LATE_MS}", "LATE_MS = 10**9"))
+        lateness_py = folder / "tests" / "lateness.py"
+        lateness_py.write_text(lateness_py.read_text().replace(f"LATE_MS = {lateness.LATE_MS}", "LATE_MS = 10**9"))
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     return [line for line in done.stdout.splitlines() if line]

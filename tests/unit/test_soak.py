@@ -33,8 +33,9 @@ CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["soak(sources): a"]\ntest
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    (tmp_path / "soak.py").write_text(Path(soak.__file__).read_text())
-    (tmp_path / "conftest.py").write_text('pytest_plugins = ["soak"]\n')
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "soak.py").write_text(Path(soak.__file__).read_text())
+    (tmp_path / "conftest.py").write_text('pytest_plugins = ["tests.soak"]\n')
     (tmp_path / "pyproject.toml").write_text(CONFIGURATION)
     (tmp_path / "test_it.py").write_text(TESTS)
     (tmp_path / "other.py").write_text("")
@@ -53,7 +54,7 @@ def not_run(lines: list[str]) -> list[str]:
 
 
 def written(project: Path) -> set[str]:
-    return set(json.loads((project / "soak.json").read_text()))
+    return set(json.loads((project / "tests" / "soak.json").read_text()))
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 
 pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
-TESTS_OWN = [Path(__file__).parents[1] / name for name in ("conftest.py", "workers.py", "lateness.py", "soak.py")]
+TESTS_OWN = [Path(__file__).parents[1] / name for name in ("workers.py", "lateness.py", "soak.py")]
 WORDS = ["--numprocesses", "3", "--no-loadscope-reorder", "-p", "no:cacheprovider"]
 TESTS = """
 import json, os, time
@@ -52,8 +52,10 @@ class Ran(NamedTuple):
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> list[Ran]:
     folder = tmp_path_factory.mktemp("tests")
+    (folder / "tests").mkdir()
+    (folder / "conftest.py").write_text((Path(__file__).parents[1] / "conftest.py").read_text())
     for own in TESTS_OWN:
-        (folder / own.name).write_text(own.read_text())
+        (folder / "tests" / own.name).write_text(own.read_text())
     marks = [f"{mark}: a" for mark in ("alone", "e2e", "integration", "apart")]
     (folder / "pyproject.toml").write_text(f"[tool.pytest.ini_options]\nmarkers = {json.dumps(marks)}\n")
     for name, own_marks in FILES.items():

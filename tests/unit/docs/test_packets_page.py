@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from testbed.cli.commands import app
 from testbed.fly.results import Series, point_latest
 from testbed.numbers.packets.rows import FRAME_SCHEMA, MESSAGE_SCHEMA
-from tests.unit.testbed.attempts import make_attempt
+from tests.handmade.attempts import make_attempt
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "packets.md").read_text(encoding="utf-8")

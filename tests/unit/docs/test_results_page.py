@@ -7,11 +7,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from what_was_said import Findings, said
 
 from testbed.plan.experiments import EXPERIMENTS
 from testbed.present.summary.cells import Found, find_cells
 from testbed.present.summary.markdown import fill
+from tests.unit.docs.what_was_said import Findings, said
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE = DOCS / "results.md"

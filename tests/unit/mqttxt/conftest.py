@@ -1,16 +1,13 @@
-"""Makes this folder's helpers importable, and a disk that a test can fill."""
+"""A disk that a test can fill."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from small_disk import SmallDisk
+from tests.rigs.small_disk import SmallDisk
 
 
 @pytest.fixture

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from test_offboard import Flight
-from workbench import ARM, MODE, REPOSITION, Bench, said, set_points, written
-from world import ack, heartbeat, home, landed, position
 
 from mqttxt.drone.mavlink.sources import Source
 from mqttxt.protocol.commands import Arm, Goto, Hold, Offboard, Return, Velocity
 from mqttxt.protocol.messages import Word
+from tests.simulation.workbench import ARM, MODE, REPOSITION, Bench, said, set_points, written
+from tests.simulation.world import ack, heartbeat, home, landed, position
+from tests.unit.mqttxt.test_offboard import Flight
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS = 0, 1, 2, 3, 4, 5
 TAKEN, REJECTED_WORD = (1, Word.ACCEPTED, None), (1, Word.FAILED, "temporarily_rejected")

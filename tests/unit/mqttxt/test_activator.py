@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import pytest
-from fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
-from world import FOG_SESSION, GS_SESSION, UAV_SESSION
 
 from mqttxt.activator.role import MOST_STATIONS
 from mqttxt.core.effects import Inbound, Log, Publish, Stop, Unsubscribe
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import BeaconMessage, Control, DroneLease, DroneRecord, FogPresence, Presence, Word
 from mqttxt.protocol.state_payload import decode_state
+from tests.simulation.fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION
 
 # Birth and rivals
 

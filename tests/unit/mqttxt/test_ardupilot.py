@@ -7,9 +7,6 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from workbench import Bench, said, set_points, written
-from world import ack, from_autopilot, home, landed, position
-from world import heartbeat as px4_heartbeat
 
 from mqttxt.drone.effects import Transmit
 from mqttxt.drone.mavlink.ardupilot import ArduCopter
@@ -18,6 +15,9 @@ from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity
 from mqttxt.protocol.messages import Word
 from mqttxt.protocol.states import FlightMode, FlightModeName, Health, MaxGroundspeed
+from tests.simulation.workbench import Bench, said, set_points, written
+from tests.simulation.world import ack, from_autopilot, home, landed, position
+from tests.simulation.world import heartbeat as px4_heartbeat
 
 STABILIZE, GUIDED, LOITER, RTL, LAND, BRAKE = 0, 4, 5, 6, 9, 17
 SET_MODE, ARM, TAKEOFF, REPOSITION = 176, 400, 22, 192

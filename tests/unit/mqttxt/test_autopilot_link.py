@@ -10,13 +10,13 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
-from mqtt_server import eventually
 from pymavlink.dialects.v20 import common as mavlink
-from world import ack, heartbeat
 
 from mqttxt.drone.mavlink import link as mavlink_io
 from mqttxt.drone.mavlink.link import AutopilotAddress, AutopilotLink, _Serial
 from mqttxt.drone.mavlink.repeated_acks import Repeats
+from tests.rigs.mqtt_server import eventually
+from tests.simulation.world import ack, heartbeat
 
 AUTOPILOT = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 HEARTBEAT, ACK = heartbeat().pack(AUTOPILOT), ack(400).pack(AUTOPILOT)

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from workbench import ARM, LAND, MODE, REPOSITION, Bench, said, written
-from world import ack, from_autopilot, heartbeat, home, landed, position
 
 from mqttxt.drone.mavlink.vehicle import LOST_MS
 from mqttxt.protocol.commands import Arm, Command, Goto, Land, Return, Stream
 from mqttxt.protocol.messages import Word
+from tests.simulation.workbench import ARM, LAND, MODE, REPOSITION, Bench, said, written
+from tests.simulation.world import ack, from_autopilot, heartbeat, home, landed, position
 
 GROUND, AIR = 1, 2
 IN_LAND = {"main": 4, "sub": 6}

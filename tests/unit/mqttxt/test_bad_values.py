@@ -6,13 +6,13 @@ from typing import Any
 from unittest.mock import patch
 
 import pytest
-from world import World
 
 from mqttxt.activator.leases import MAX_EPOCH, Leases
 from mqttxt.errors import ConfigurationError, MqttxtError, PayloadError
 from mqttxt.protocol.commands import Attitude, Goto, Offboard, Takeoff, Velocity
 from mqttxt.protocol.messages import Control, Registration
 from mqttxt.station.commands import ttl_ms_of
+from tests.simulation.world import World
 
 NAN, INFINITE = float("nan"), float("inf")
 

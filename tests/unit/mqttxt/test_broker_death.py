@@ -11,13 +11,13 @@ from itertools import product
 from typing import Any
 
 import pytest
-from world import World, ack, heartbeat
 
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.core.effects import Publish
 from mqttxt.protocol.commands import Arm
 from mqttxt.protocol.messages import Word
 from mqttxt.station.outcomes import Outcome
+from tests.simulation.world import World, ack, heartbeat
 
 ARM = 400
 ENDS = {CLOUD: ("activator", "gs"), FOG: ("activator", "uav")}

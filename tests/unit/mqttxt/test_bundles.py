@@ -5,9 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fogs import ActivatorBench, of, ready
-from world import UAV_SESSION, heartbeat, position
-from world import ready as start
 
 from mqttxt.core.effects import Publish
 from mqttxt.core.settings import Settings
@@ -20,6 +17,9 @@ from mqttxt.protocol.rankings import Candidate, PsmiMessage, QodsMessage, Ranked
 from mqttxt.protocol.state_payload import StampedState, decode_state
 from mqttxt.protocol.states import STATES, Armed, Battery, Groundspeed, Heading
 from mqttxt.protocol.values import Encoding
+from tests.simulation.fogs import ActivatorBench, of, ready
+from tests.simulation.world import UAV_SESSION, heartbeat, position
+from tests.simulation.world import ready as start
 
 
 def bundles(effects: list[Any]) -> list[list[tuple[int, str]]]:

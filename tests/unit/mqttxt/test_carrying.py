@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from carrying import BOOT, LINK, Way, carried, inbound, reading
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from world import UAV_SESSION
 
 from mqttxt.core.effects import Inbound, Log, Publish, Subscribe
 from mqttxt.core.settings import Settings
@@ -21,6 +19,8 @@ from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import DroneLease
 from mqttxt.protocol.readings import ReadingAck, ReadingKey
 from mqttxt.protocol.topics import FogSide
+from tests.simulation.carrying import BOOT, LINK, Way, carried, inbound, reading
+from tests.simulation.world import UAV_SESSION
 
 
 @pytest.fixture

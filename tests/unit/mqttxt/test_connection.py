@@ -13,7 +13,15 @@ from ssl import PROTOCOL_TLS_SERVER, SSLContext, create_default_context
 from typing import Any
 
 import pytest
-from mqtt_server import (
+
+from mqttxt import GroundStation
+from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
+from mqttxt.core.mqtt import connection as connection_module
+from mqttxt.core.mqtt import link as mqtt_module
+from mqttxt.core.mqtt.client import CONNECT_THREAD, KEEPALIVE_S
+from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.errors import BrokerRefused, ConfigurationError
+from tests.rigs.mqtt_server import (
     CONNECT,
     DISCONNECT,
     PUBACK,
@@ -25,14 +33,6 @@ from mqtt_server import (
     numbers,
     publish,
 )
-
-from mqttxt import GroundStation
-from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
-from mqttxt.core.mqtt import connection as connection_module
-from mqttxt.core.mqtt import link as mqtt_module
-from mqttxt.core.mqtt.client import CONNECT_THREAD, KEEPALIVE_S
-from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
-from mqttxt.errors import BrokerRefused, ConfigurationError
 
 ALIASES_10 = b"\x22\x00\x0a"
 RECEIVE_MAXIMUM_2 = b"\x21\x00\x02"

@@ -4,11 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from fogs import UAV_AHEAD_MS, ActivatorBench, of, ready, words
-from test_ground_station import FOG, StationBench
-from test_uav_client import client, hear, published
-from world import GS_SESSION, UAV_SESSION, World, command_payload
-
 from mqttxt.core.effects import Inbound, Publish
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Transmit
@@ -18,6 +13,10 @@ from mqttxt.protocol.commands import Arm, Hold, Offboard, Velocity
 from mqttxt.protocol.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
 from mqttxt.station.outcomes import ControlChanged
 from mqttxt.station.role import StationRole
+from tests.simulation.fogs import UAV_AHEAD_MS, ActivatorBench, of, ready, words
+from tests.simulation.world import GS_SESSION, UAV_SESSION, World, command_payload
+from tests.unit.mqttxt.test_ground_station import FOG, StationBench
+from tests.unit.mqttxt.test_uav_client import client, hear, published
 
 
 def record(effects: list[Any]) -> DroneRecord:

@@ -8,9 +8,6 @@ from functools import partial
 from typing import Any
 
 import pytest
-from adversary import CALM, MS, Dangers, S, Simulation
-from true_time import RHO_PPM
-from verdicts import Judge
 
 from mqttxt.activator import selector
 from mqttxt.activator.command_relay import Relay
@@ -20,6 +17,9 @@ from mqttxt.drone.acknowledgements import Acknowledgements
 from mqttxt.drone.commands import CommandDesk
 from mqttxt.protocol.messages import CommandMessage, Word
 from mqttxt.station.commands import StationCommands
+from tests.simulation.adversary import CALM, MS, Dangers, S, Simulation
+from tests.simulation.true_time import RHO_PPM
+from tests.simulation.verdicts import Judge
 
 LONG = pytest.mark.long
 """What the quick check leaves out."""

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from world import UAV_SESSION, from_autopilot, heartbeat, landed, ready
 
 from mqttxt.core.effects import Publish
 from mqttxt.core.settings import Settings
@@ -17,6 +16,7 @@ from mqttxt.drone.role import UavClient
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.state_payload import decode_state
 from mqttxt.protocol.states import Endurance
+from tests.simulation.world import UAV_SESSION, from_autopilot, heartbeat, landed, ready
 
 GROUND, AIR = 1, 2
 

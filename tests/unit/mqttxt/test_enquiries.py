@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 from pymavlink.dialects.v20 import common as mavlink
-from world import from_autopilot, heartbeat, home, landed, position
 
 from mqttxt.drone.enquiries import Enquiries
 from mqttxt.drone.mavlink.vehicle import Vehicle
+from tests.simulation.world import from_autopilot, heartbeat, home, landed, position
 
 
 def _asked(enquiries: Enquiries, vehicle: Vehicle, now_ms: int) -> set[object]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from workbench import ARM, LAND, MODE, TAKEOFF, Bench, said, written
-from world import ack, heartbeat, home, landed, position
 
 from mqttxt.core.effects import Log
 from mqttxt.drone.effects import Transmit
@@ -15,6 +13,8 @@ from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.drone.runs import Said
 from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Land, Return, Takeoff
 from mqttxt.protocol.messages import CommandId, Word
+from tests.simulation.workbench import ARM, LAND, MODE, TAKEOFF, Bench, said, written
+from tests.simulation.world import ack, heartbeat, home, landed, position
 
 
 def test_completed_needs_the_effect_newer_than_the_acknowledgement() -> None:

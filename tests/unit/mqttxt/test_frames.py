@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
-from world import ack, heartbeat
 
 from mqttxt.drone.mavlink.frame_parser import HELD_S, MOST_SPOILT, Malformed, StreamFrames, in_datagram
+from tests.simulation.world import ack, heartbeat
 
 AUTOPILOT = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 HEARTBEAT = heartbeat().pack(AUTOPILOT)

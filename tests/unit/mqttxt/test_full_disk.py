@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from small_disk import SmallDisk
 
 from mqttxt.drone import journal as journals
 from mqttxt.drone.commands import Unfinished
 from mqttxt.drone.effects import Journal
 from mqttxt.drone.journal import MOST_DELIVERED, MOST_OUTDATED, JournalFile
 from mqttxt.protocol.messages import CommandId, Word
+from tests.rigs.small_disk import SmallDisk
 
 
 def opened(seq: int) -> Journal:

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from strategies import PLAIN
 
 from mqttxt.cli.broker import address_of
 from mqttxt.cli.main import _drone_numbers
@@ -26,6 +25,7 @@ from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.commands import COMMANDS
 from mqttxt.protocol.topics import check_prefix, check_station_name
 from mqttxt.protocol.values import Encoding
+from tests.simulation.strategies import PLAIN
 
 
 def _address_to_listen_at(text: str) -> tuple[str, int]:

@@ -12,8 +12,6 @@ from unittest.mock import patch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
-from strategies import PAYLOADS, inbound, messages
-from world import FOG_SESSION, GS_SESSION, UAV_SESSION, heartbeat, home, landed, position
 
 from mqttxt.activator.role import Activator
 from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe
@@ -29,6 +27,8 @@ from mqttxt.protocol.messages import BeaconMessage, CommandId, CommandMessage, F
 from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE
 from mqttxt.protocol.values import Encoding
 from mqttxt.station.role import StationRole
+from tests.simulation.strategies import PAYLOADS, inbound, messages
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, heartbeat, home, landed, position
 
 NONCE = 7
 KNOWN = (GS_SESSION, FOG_SESSION, UAV_SESSION, NONCE, 0, 1, 5000)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fogs import of
-from world import GS_SESSION, World, ack, heartbeat
 
 from mqttxt.core.effects import Inbound, Publish, Subscribe
 from mqttxt.core.settings import Settings
@@ -28,6 +26,8 @@ from mqttxt.protocol.messages import (
 )
 from mqttxt.station.outcomes import Outcome, Reachability, StateUpdate
 from mqttxt.station.role import StationRole
+from tests.simulation.fogs import of
+from tests.simulation.world import GS_SESSION, World, ack, heartbeat
 
 ARM = 400
 FOG = 0x22

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from world import HOME, from_autopilot, heartbeat
 
 from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.commands import Goto, Takeoff
 from mqttxt.protocol.states import Home, Location, State
+from tests.simulation.world import HOME, from_autopilot, heartbeat
 
 DRONE = 1
 AMSL_M = HOME[2] / 1000

@@ -22,8 +22,7 @@ from mqttxt.security.identity import Identity
 from mqttxt.security.names import Kind, NodeName
 from mqttxt.security.rights import Rights, command_right, parse_numbers, write_numbers
 from mqttxt.security.trusted_time import TrustedTime
-
-from .fleet_of_keys import CLIENT, SERVER, certificate_der
+from tests.simulation.fleet_of_keys import CLIENT, SERVER, certificate_der
 
 DAY_S = 86_400.0
 OPS = Rights(frozenset({1, 2, 3, 7}), take_over=True, observe=True)

@@ -9,13 +9,13 @@ from typing import Any
 import cbor2
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from world import from_autopilot
 
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.mavlink_states import kinds, state_of
 from mqttxt.protocol.state_payload import StampedState, decode_state, encode_state
 from mqttxt.protocol.states import MavlinkState
 from mqttxt.protocol.values import Encoding
+from tests.simulation.world import from_autopilot
 
 
 def received(name: str) -> Any:

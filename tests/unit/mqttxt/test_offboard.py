@@ -6,14 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from workbench import LAND, MODE, REPOSITION, Bench, said, set_points, written
-from world import ack, heartbeat, home, landed, position
 
 from mqttxt.drone.effects import Transmit
 from mqttxt.drone.mavlink.set_points import quaternion
 from mqttxt.drone.mavlink.sources import Source
 from mqttxt.protocol.commands import Attitude, Goto, Hold, Land, Offboard, Return, Velocity
 from mqttxt.protocol.messages import CommandId, Word
+from tests.simulation.workbench import LAND, MODE, REPOSITION, Bench, said, set_points, written
+from tests.simulation.world import ack, heartbeat, home, landed, position
 
 NORTH = Offboard(10.0, velocity=Velocity(2.0, 0.0, -0.5))
 STEP_MS = 50

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from workbench import MODE, set_points
-from world import World, ack, heartbeat, landed, position
 
 from mqttxt.drone.effects import Transmit
 from mqttxt.protocol.commands import Offboard, Velocity
 from mqttxt.protocol.messages import Word
 from mqttxt.station.outcomes import Outcome
+from tests.simulation.workbench import MODE, set_points
+from tests.simulation.world import World, ack, heartbeat, landed, position
 
 NORTH = Offboard(20.0, velocity=Velocity(2.0, 0.0, 0.0))
 

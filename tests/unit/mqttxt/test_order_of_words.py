@@ -10,10 +10,8 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
-from fogs import ActivatorBench
 from hypothesis import given
 from hypothesis import strategies as st
-from world import GS_SESSION, World, ack, command_payload, heartbeat, ready
 
 from mqttxt.core.effects import Inbound, Publish
 from mqttxt.core.settings import Settings
@@ -23,6 +21,8 @@ from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Hold, Land, Takeoff
 from mqttxt.protocol.messages import ResultMessage, Word
 from mqttxt.station.outcomes import Outcome
+from tests.simulation.fogs import ActivatorBench
+from tests.simulation.world import GS_SESSION, World, ack, command_payload, heartbeat, ready
 
 COMMANDS = (Arm(), Takeoff(10.0), Land(), Hold())
 MAV_CMDS = (400, 22, 21, 176)
@@ -192,7 +192,7 @@ def test_an_activator_and_a_station_make_a_contradiction_unconfirmed(first: Word
 
 def test_a_choice_does_not_go_on_behind_a_contradiction() -> None:
     """The first drone may fly: nobody else is sent."""
-    from test_psmi import TARGET, flock, sent_to
+    from tests.unit.mqttxt.test_psmi import TARGET, flock, sent_to
 
     bench = flock(2, 1)
     bench.select(TARGET)

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from world import heartbeat, home, landed, position
 
 from mqttxt.drone.mavlink.plans import CannotExecute, Plan
 from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff, haversine_m
+from tests.simulation.world import heartbeat, home, landed, position
 
 
 def vehicle(*messages: Any) -> Vehicle:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from test_ardupilot import BRAKE, GUIDED, LAND, LOITER, STABILIZE, heartbeat
-from workbench import ARM, MODE, TAKEOFF, Bench, said, written
-from world import ack, home, landed, position
-from world import heartbeat as px4_heartbeat
 
 from mqttxt.protocol.commands import Arm, Command, Takeoff
 from mqttxt.protocol.messages import Word
+from tests.simulation.workbench import ARM, MODE, TAKEOFF, Bench, said, written
+from tests.simulation.world import ack, home, landed, position
+from tests.simulation.world import heartbeat as px4_heartbeat
+from tests.unit.mqttxt.test_ardupilot import BRAKE, GUIDED, LAND, LOITER, STABILIZE, heartbeat
 
 GROUND, AIR = 1, 2
 REFUSED = 4

@@ -9,10 +9,8 @@ import sys
 
 import cbor2
 import pytest
-from fogs import ActivatorBench, of
 from rich.console import Console
 from rich.table import Table
-from world import GS_SESSION, World
 
 from mqttxt.cli.common import _Lines
 from mqttxt.cli.watch import _shown
@@ -25,6 +23,8 @@ from mqttxt.protocol.rankings import Candidate
 from mqttxt.station.outcomes import Outcome, PsmiList, SensorReading
 from mqttxt_conformance.registry import Finding, Rule, Verdict
 from mqttxt_conformance.report import print_table
+from tests.simulation.fogs import ActivatorBench, of
+from tests.simulation.world import GS_SESSION, World
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\n[/nope]\u202e\x9b1m"
 NAMES = ["[/nope]", "", "x" * 65, "a b", "\x1b[2J", "a/b", "#", "é"]

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fogs import BORN_MS, ActivatorBench, of, words
-from world import FOG_SESSION, UAV_SESSION
 
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Goto, Hold
 from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Control, DroneRecord, FogResultMessage, Word
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMode
 from mqttxt.protocol.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed
+from tests.simulation.fogs import BORN_MS, ActivatorBench, of, words
+from tests.simulation.world import FOG_SESSION, UAV_SESSION
 
 TARGET = Goto(47.4, 8.5, 20)
 ONE_KM = 1000 / 6_371_000 * 57.29577951308232

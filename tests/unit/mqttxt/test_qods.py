@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fogs import ActivatorBench, of
-from world import UAV_SESSION
 
 from mqttxt.activator.qods import decile
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import Presence
 from mqttxt.protocol.rankings import QodsMessage
 from mqttxt.protocol.states import Battery, MaxGroundspeed
+from tests.simulation.fogs import ActivatorBench, of
+from tests.simulation.world import UAV_SESSION
 
 
 def flock(*drones: tuple[int, float], registered: bool = True) -> ActivatorBench:

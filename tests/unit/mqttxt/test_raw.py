@@ -7,8 +7,6 @@ import math
 import cbor2
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from workbench import Bench, said, written
-from world import UAV_SESSION, World, ack, command_payload, from_autopilot, on_disk, ready, results
 
 from mqttxt.core.effects import Inbound
 from mqttxt.core.settings import Settings
@@ -24,6 +22,8 @@ from mqttxt.protocol.commands import Mavlink
 from mqttxt.protocol.messages import CommandMessage, ResultMessage, Word
 from mqttxt.protocol.values import Encoding
 from mqttxt.station.outcomes import Outcome
+from tests.simulation.workbench import Bench, said, written
+from tests.simulation.world import UAV_SESSION, World, ack, command_payload, from_autopilot, on_disk, ready, results
 
 NAN = math.nan
 ROI, REBOOT = 195, 246

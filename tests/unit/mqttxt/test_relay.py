@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
-from world import GS_SESSION, UAV_SESSION
 
 from mqttxt.core.effects import Publish
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land
 from mqttxt.protocol.messages import CommandId, CommandMessage, Control, FogResultMessage, Presence, ResultMessage, Word
+from tests.simulation.fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
+from tests.simulation.world import GS_SESSION, UAV_SESSION
 
 
 def test_a_command_goes_on_with_the_drones_session_and_a_deadline_of_its_clock() -> None:

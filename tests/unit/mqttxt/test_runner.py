@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mqtt_server import DISCONNECT, PUBLISH, Server, eventually
 
 from mqttxt.core.clock import SessionClock
 from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
 from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
 from mqttxt.core.runner import TICK_S, Runner, next_tick
 from mqttxt.errors import ConfigurationError
+from tests.rigs.mqtt_server import DISCONNECT, PUBLISH, Server, eventually
 
 CLEAN = b""
 PRESENCE = "drone1/reachable"

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from carrying import inbound, reading
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -28,6 +27,7 @@ from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.readings import ReadingAck
 from mqttxt.protocol.topics import FogSide
 from mqttxt.station.ground_station import GroundStation
+from tests.simulation.carrying import inbound, reading
 
 NOWHERE = BrokerAddress.parse("mqtt://127.0.0.1:1")
 

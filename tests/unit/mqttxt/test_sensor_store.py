@@ -8,12 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from carrying import reading
-from small_disk import SmallDisk
 
 from mqttxt.drone.effects import LoadReadings, StoreReading
 from mqttxt.drone.sensors.store import Batch, SensorStore
 from mqttxt.errors import ConfigurationError
+from tests.rigs.small_disk import SmallDisk
+from tests.simulation.carrying import reading
 
 KILLED = """
 import os, pathlib, sys

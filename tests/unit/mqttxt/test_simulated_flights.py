@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from world import World
 
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.protocol.commands import Arm, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity
@@ -16,6 +15,7 @@ from sitl.fleet import DroneConfig
 from sitl.outputs import Reply
 from sitl.personalities import PERSONALITIES
 from sitl.vehicle import Vehicle
+from tests.simulation.world import World
 
 STEP_MS = 20
 HOME = (47.397742, 8.545594)

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from world import from_autopilot
 
 from mqttxt.drone.mavlink.vehicle import SOURCES, Vehicle
 from mqttxt.protocol.mavlink_states import kinds
 from mqttxt.protocol.policies import Throttle
 from mqttxt.protocol.states import Armed, Location, State
+from tests.simulation.world import from_autopilot
 
 RECORDINGS = ("px4-1.15", "px4-main")
 TICK_MS = 100

@@ -6,9 +6,9 @@ import asyncio
 from collections.abc import AsyncIterator
 
 import pytest
-from mqtt_server import Server, eventually
 
 from mqttxt import BrokerRefused, Event, GroundStation, StationEnded
+from tests.rigs.mqtt_server import Server, eventually
 
 TAKEN_OVER = b"\xe0\x02\x8e\x00"
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from carrying import reading
-from fogs import BORN_MS, ActivatorBench, of
 from hypothesis import given
 from hypothesis import strategies as st
-from world import World
 
 from mqttxt.core.effects import Inbound, Log
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.readings import ReadingAck
 from mqttxt.station.outcomes import SensorReading
 from mqttxt.station.readings import MOST_RANGES, Readings, SeenNumbers
+from tests.simulation.carrying import reading
+from tests.simulation.fogs import BORN_MS, ActivatorBench, of
+from tests.simulation.world import World
 
 
 @given(st.lists(st.integers(0, 60), max_size=200))

@@ -6,8 +6,6 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from workbench import Bench, said, written
-from world import UAV_SESSION, ack, command_payload, from_autopilot, heartbeat, on_disk, position, ready, results
 
 from mqttxt.core.effects import Inbound, Publish
 from mqttxt.core.settings import Settings
@@ -19,6 +17,18 @@ from mqttxt.protocol.commands import Stream
 from mqttxt.protocol.messages import Word
 from mqttxt.protocol.state_payload import decode_state
 from mqttxt.protocol.states import Location, MavlinkState
+from tests.simulation.workbench import Bench, said, written
+from tests.simulation.world import (
+    UAV_SESSION,
+    ack,
+    command_payload,
+    from_autopilot,
+    heartbeat,
+    on_disk,
+    position,
+    ready,
+    results,
+)
 
 INTERVAL = 511
 ATTITUDE = mavlink.MAVLINK_MSG_ID_ATTITUDE

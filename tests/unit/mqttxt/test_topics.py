@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from world import matches
 
 from mqttxt.errors import ConfigurationError, PayloadError
 from mqttxt.protocol.topics import (
@@ -17,6 +16,7 @@ from mqttxt.protocol.topics import (
     check_prefix,
     station_reachable,
 )
+from tests.simulation.world import matches
 
 DRONES = st.integers(1, 250)
 

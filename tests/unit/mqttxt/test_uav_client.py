@@ -6,7 +6,6 @@ from typing import Any
 
 import cbor2
 import pytest
-from world import UAV_SESSION, ack, command_payload, heartbeat, on_disk, ready, results, transmitted
 
 from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe
 from mqttxt.core.settings import Settings
@@ -16,6 +15,7 @@ from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Disarm, Hold, Land, Return
 from mqttxt.protocol.messages import BeaconMessage, CommandId, DroneLease, Presence, Word
+from tests.simulation.world import UAV_SESSION, ack, command_payload, heartbeat, on_disk, ready, results, transmitted
 
 ARM = 400
 

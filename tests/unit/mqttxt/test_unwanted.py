@@ -8,14 +8,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
-from workbench import ARM, MODE, REPOSITION, TAKEOFF, Bench, said, written
-from world import ack, from_autopilot, heartbeat, home, landed, position
 
 from mqttxt.drone.effects import Transmit
 from mqttxt.drone.mavlink.sources import Source
 from mqttxt.drone.runs import Said
 from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Takeoff, Velocity
 from mqttxt.protocol.messages import Word
+from tests.simulation.workbench import ARM, MODE, REPOSITION, TAKEOFF, Bench, said, written
+from tests.simulation.world import ack, from_autopilot, heartbeat, home, landed, position
 
 GROUND, AIR = 1, 2
 THERE = Goto(47.4, 8.5, 10.0)

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from world import from_autopilot, heartbeat, home, landed, position
 
 from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.errors import PayloadError
@@ -24,6 +23,7 @@ from mqttxt.protocol.states import (
     Location,
     MaxGroundspeed,
 )
+from tests.simulation.world import from_autopilot, heartbeat, home, landed, position
 
 
 def battery(remaining: int, number: int = 0) -> Any:

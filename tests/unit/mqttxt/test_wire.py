@@ -12,7 +12,6 @@ import jsonschema
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import PLAIN, messages
 
 import mqttxt
 from mqttxt.errors import PayloadError
@@ -35,6 +34,7 @@ from mqttxt.protocol.state_payload import StampedState, decode_state, encode_sta
 from mqttxt.protocol.states import STATES, Battery, Heading, Location
 from mqttxt.protocol.values import Encoding
 from spec import schema
+from tests.simulation.strategies import PLAIN, messages
 
 SCHEMAS = Path(mqttxt.__file__).parent / "protocol" / "schemas"
 JSON_SCHEMA = json.loads((SCHEMAS / "payload-v1.schema.json").read_text())

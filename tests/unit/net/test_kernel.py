@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_tc import FakeTc
 
 from net.emulator.plan import PlanError
 from net.interfaces import Cable, NetError, Port
@@ -25,6 +24,7 @@ from testbed.plan.profiles import run_plan as host
 from testbed.plan.profiles.kernel import change_words
 from testbed.plan.profiles.reading import profile_names, read_profile
 from testbed.plan.profiles.resolve import Plan, resolve
+from tests.unit.net.fake_tc import FakeTc
 
 TOPOLOGY = standard_fleet().topology()
 PORTS = [Port(node.name, Cable("", node.address), f"eth{number}", "") for number, node in enumerate(TOPOLOGY.nodes)]

@@ -1,11 +1,6 @@
-"""Makes `attempts` importable for the tests beside it; no test waits for a quiet machine."""
-
-import sys
-from pathlib import Path
+"""No test waits for a quiet machine."""
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 from testbed.fly import runner
 from testbed.fly.quiet import Waited

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from waiting import free_port, until
 
 from sitl.errors import AutopilotDied, SitlError
 from sitl.real.process import fly
 from sitl.real.watching import Watching
+from tests.unit.sitl.real.waiting import free_port, until
 
 BEATS = """
 import signal, socket, sys, time

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from waiting import free_port, until
 
 from sitl.errors import SitlError
 from sitl.real.watching import Watching
 from sitl.real.witness import WANTED_HZ, Witness
+from tests.unit.sitl.real.waiting import free_port, until
 
 ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 ON_GROUND, IN_AIR = mavlink.MAV_LANDED_STATE_ON_GROUND, mavlink.MAV_LANDED_STATE_IN_AIR

@@ -6,7 +6,6 @@ import json
 import random
 
 import pytest
-from simulated_links import DOWN, TWO, UP, SimulatedNodes, changed, plan_of
 
 from net.link_plan import LinkPlan
 from net.probe import HEAD
@@ -15,6 +14,7 @@ from testbed.fly.calibration import Calibration, calibrate
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import profile_names, read_profile
 from testbed.plan.profiles.resolve import Plan, resolve
+from tests.handmade.simulated_links import DOWN, TWO, UP, SimulatedNodes, changed, plan_of
 
 TOPOLOGY = standard_fleet().topology()
 RADIO = LinkPlan(64_000, 30, DOWN, 40_000, 20_000, loss=0.01)

@@ -6,11 +6,11 @@ import math
 from typing import Any
 
 import pytest
-from simulated_links import DOWN, UP, plan_of
 
 from net.link_plan import EventPlan, LinkPlan
 from testbed.fly.calibration.losses import binomial_interval, check_losses, measure_losses
 from testbed.plan.profiles.resolve import Plan
+from tests.handmade.simulated_links import DOWN, UP, plan_of
 
 
 def counters(up: tuple[int, int], down: tuple[int, int] = (0, 0), **others: int) -> dict[str, Any]:

@@ -6,7 +6,6 @@ import json
 from itertools import pairwise
 
 import pytest
-from simulated_links import DOWN, TWO, UP, plan_of
 
 from net.link_plan import LinkPlan
 from net.probe import parse_schedule
@@ -14,6 +13,7 @@ from testbed.fly.calibration.schedule import DELAY, RATE, Flow, Schedule, make_s
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import profile_names, read_profile
 from testbed.plan.profiles.resolve import Plan, resolve
+from tests.handmade.simulated_links import DOWN, TWO, UP, plan_of
 
 TOPOLOGY = standard_fleet().topology()
 

@@ -11,8 +11,6 @@ from typing import Any
 
 import pytest
 import yaml
-from finished import both, finished
-from made_up_fleet import CALIBRATED, Fleet, Quiet
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -29,6 +27,8 @@ from testbed.fly.runner import Begun, Interrupted, run_series
 from testbed.fly.validity import Verdict
 from testbed.plan.experiments import ARMS, EXPERIMENTS, Plan
 from testbed.plan.fleets import FLEET_FILE
+from tests.handmade.finished import both, finished
+from tests.handmade.made_up_fleet import CALIBRATED, Fleet, Quiet
 
 HERE = {"commit": "c0ffee", "dirty": False}
 SMALL = Wish(attempts="2", experiments="scenario-3", arms="thesis,direct", profiles="ideal")

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ulog_files import Flight, write_ulog
 
 from testbed.errors import ResultsError
 from testbed.fly.flight_logs import against, compare, compare_flights, simulation_reason
 from testbed.fly.results import Attempt
+from tests.handmade.ulog_files import Flight, write_ulog
 
 BOOTED_NS = 1_795_000_000_000_000_000
 

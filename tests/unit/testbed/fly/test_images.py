@@ -10,12 +10,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from autopilot_folders import make_folder
 from docker.errors import ImageNotFound
 
 from testbed.errors import DockerError, UserError
 from testbed.fly import images
 from testbed.fly.images import autopilot_in_image
+from tests.handmade.autopilot_folders import make_folder
 
 SETTINGS = {"AUTOPILOT": "px4", "AUTOPILOT_IMAGE": "mine:1"}
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 from rich.console import Console
-from simulated_links import SimulatedNodes, changed
 
 from testbed.errors import ContainerDied, TestbedError, UserError
 from testbed.fly.calibration.table import BEGIN, END, HEAD, document_rows, markdown, rows_of, write_into
@@ -19,6 +18,7 @@ from testbed.fly.link_check import check_profiles
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import Plan, resolve
+from tests.handmade.simulated_links import SimulatedNodes, changed
 
 TOPOLOGY = standard_fleet().topology()
 SIK = resolve(read_profile("sik"), TOPOLOGY, "links", 1)

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from attempts import SECOND, T0
-from mavlink_attempts import Chain, make_mavlink_attempt
 
 from testbed.fly.observations import observe, verdict_of
 from testbed.fly.results import Attempt, new_series, write_json
 from testbed.fly.validity import Observed, Verdict
+from tests.handmade.attempts import SECOND, T0
+from tests.handmade.mavlink_attempts import Chain, make_mavlink_attempt
 
 EVENTS = [
     {"t_ns": T0, "event": "mission_start", "scenario": "scenario-1", "drones": [1, 2]},

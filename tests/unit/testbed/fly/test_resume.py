@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_up_fleet import CALIBRATED, Fleet, Quiet
 
 from testbed.fly import manifest, resume, runner
 from testbed.fly.results import METRICS, Series, new_series, read_json, write_json
 from testbed.fly.resume import begun_of, given_up, has_amount, is_measured, next_number, otherwise, settle, to_fly
 from testbed.fly.runner import run_series
 from testbed.plan.experiments import Plan, make_plan
+from tests.handmade.made_up_fleet import CALIBRATED, Fleet, Quiet
 
 HERE = {"commit": "c0ffee", "dirty": False}
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_up_fleet import CALIBRATED, OFF, Fleet, Quiet
 
 from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, ProbesLate, TestbedError, UserError
 from testbed.fly import flight_logs, runner
@@ -21,6 +20,7 @@ from testbed.fly.results import Series, new_series, read_json
 from testbed.fly.runner import Interrupted, run_series
 from testbed.fly.validity import Verdict
 from testbed.plan.experiments import make_plan
+from tests.handmade.made_up_fleet import CALIBRATED, OFF, Fleet, Quiet
 
 
 @pytest.fixture(autouse=True)

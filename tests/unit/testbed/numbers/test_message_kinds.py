@@ -6,7 +6,6 @@ from typing import Any
 
 import polars as pl
 import pytest
-from attempts import LINKS, NODES
 
 from mqttxt.protocol.bundles import drone_bundle, fog_bundles
 from mqttxt.protocol.codec import encode
@@ -16,6 +15,7 @@ from testbed.numbers.metrics.message_kinds import own_mavlink, own_mqttxt, setpo
 from testbed.numbers.metrics.ways import Ways
 from testbed.numbers.packets.rows import MESSAGE_SCHEMA
 from testbed.plan.topology import Link, Node, Topology
+from tests.handmade.attempts import LINKS, NODES
 
 WAYS = Ways(Topology(tuple(Node(*node) for node in NODES.items()), tuple(Link(*link) for link in LINKS)))
 

@@ -8,9 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from attempts import make_attempt
-from mavlink_attempts import MS
-from message_attempts import (
+
+from testbed.fly.results import Series, new_series
+from testbed.numbers.metrics import measure_series, verdict
+from testbed.numbers.metrics.message_spans import kinds_of
+from tests.handmade.attempts import make_attempt
+from tests.handmade.mavlink_attempts import MS
+from tests.handmade.message_attempts import (
     ANSWERED_MS,
     COMMANDS,
     STATES,
@@ -20,10 +24,6 @@ from message_attempts import (
     message_events,
     start_of,
 )
-
-from testbed.fly.results import Series, new_series
-from testbed.numbers.metrics import measure_series, verdict
-from testbed.numbers.metrics.message_spans import kinds_of
 
 GOLDEN = Path(__file__).parent / "golden_metrics" / "messages.json"
 BARE = 54

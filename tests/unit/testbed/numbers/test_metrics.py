@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from attempts import SECOND, T0, arm_command, frame, make_attempt, manifest, publish, write_pcap
 
 from mqttxt.protocol.bundles import drone_bundle, fog_bundles
 from mqttxt.protocol.codec import encode
@@ -15,6 +14,7 @@ from mqttxt.protocol.states import Battery, Groundspeed, Heading
 from testbed.errors import ResultsError
 from testbed.fly.results import new_series
 from testbed.numbers.metrics import measure_series
+from tests.handmade.attempts import SECOND, T0, arm_command, frame, make_attempt, manifest, publish, write_pcap
 
 
 def test_every_number_of_a_tiny_attempt(tmp_path: Path) -> None:

@@ -7,11 +7,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from attempts import SECOND, T0, frame, make_attempt, write_pcap
 
 from testbed.errors import ResultsError
 from testbed.fly.results import Series, new_series, write_json
 from testbed.numbers.metrics import measure_series
+from tests.handmade.attempts import SECOND, T0, frame, make_attempt, write_pcap
 
 
 @pytest.fixture

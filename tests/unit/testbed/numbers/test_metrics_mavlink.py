@@ -6,12 +6,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from attempts import SECOND, T0, make_attempt
-from mavlink_attempts import HOP, MS, Chain, fill_streams, long_command, make_mavlink_attempt, packed, sender
 from pymavlink.dialects.v20 import common
 
 from testbed.fly.results import Series, new_series
 from testbed.numbers.metrics import measure_series
+from tests.handmade.attempts import SECOND, T0, make_attempt
+from tests.handmade.mavlink_attempts import (
+    HOP,
+    MS,
+    Chain,
+    fill_streams,
+    long_command,
+    make_mavlink_attempt,
+    packed,
+    sender,
+)
 
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 SEEN = 2 * HOP + HOP // 2

@@ -7,9 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from attempts import SECOND, T0
-from attempts import make_attempt as make_plain
-from sensor_attempts import (
+
+from testbed.errors import ResultsError
+from testbed.fly.observations import verdict_of
+from testbed.fly.results import Attempt, Series, new_series
+from testbed.numbers.metrics import measure_series
+from testbed.numbers.metrics.attempt import measure_attempt
+from testbed.numbers.packets import load
+from tests.handmade.attempts import SECOND, T0
+from tests.handmade.attempts import make_attempt as make_plain
+from tests.handmade.sensor_attempts import (
     CONNACK,
     CONNECT,
     FROM_DRONE,
@@ -28,13 +35,6 @@ from sensor_attempts import (
     from_fog,
     make_attempt,
 )
-
-from testbed.errors import ResultsError
-from testbed.fly.observations import verdict_of
-from testbed.fly.results import Attempt, Series, new_series
-from testbed.numbers.metrics import measure_series
-from testbed.numbers.metrics.attempt import measure_attempt
-from testbed.numbers.packets import load
 
 KINDS = ("temperature", "humidity", "light")
 

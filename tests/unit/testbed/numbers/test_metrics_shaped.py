@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from attempts import SECOND, T0, arm_command, frame, make_attempt, publish, write_pcap
-from mavlink_attempts import HOP, MS, Chain, long_command, make_mavlink_attempt, packed, sender
 from pymavlink.dialects.v20 import common
 
 from mqttxt.protocol.codec import encode
@@ -18,6 +16,8 @@ from mqttxt.protocol.states import Battery
 from mqttxt.protocol.values import Encoding
 from testbed.fly.results import Attempt, Series, new_series, write_json
 from testbed.numbers.metrics import measure_series
+from tests.handmade.attempts import SECOND, T0, arm_command, frame, make_attempt, publish, write_pcap
+from tests.handmade.mavlink_attempts import HOP, MS, Chain, long_command, make_mavlink_attempt, packed, sender
 
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 BATTERY = common.MAVLink_battery_status_message(0, 1, 1, 300, [4000] * 10, 100, 1, 1, 90)

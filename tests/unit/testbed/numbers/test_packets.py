@@ -10,20 +10,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from attempts import SECOND, T0, frame, make_attempt, publish, write_pcap
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mavlink_attempts import (
-    HOP,
-    MS,
-    Chain,
-    fill_streams,
-    long_command,
-    make_mavlink_attempt,
-    packed,
-    sender,
-    udp_frame,
-)
 from pymavlink.dialects.v20 import common
 from scapy.layers.inet import ICMP, IP, UDP
 from scapy.layers.inet6 import IPv6
@@ -38,6 +26,18 @@ from testbed.numbers.packets import Packets, load
 from testbed.numbers.packets.links import match
 from testbed.numbers.packets.mavlink import find_messages
 from testbed.numbers.packets.purposes import of_messages
+from tests.handmade.attempts import SECOND, T0, frame, make_attempt, publish, write_pcap
+from tests.handmade.mavlink_attempts import (
+    HOP,
+    MS,
+    Chain,
+    fill_streams,
+    long_command,
+    make_mavlink_attempt,
+    packed,
+    sender,
+    udp_frame,
+)
 
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 

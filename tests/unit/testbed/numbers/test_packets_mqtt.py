@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from attempts import publish
 from hypothesis import given
 from hypothesis import strategies as st
 
 from testbed.numbers.packets.mqtt import Segment, read_direction
+from tests.handmade.attempts import publish
 
 
 def stream(*bodies: bytes, first: int = 1000) -> list[Segment]:

@@ -7,10 +7,8 @@ from typing import Any
 
 import polars as pl
 import pytest
-from attempts import SECOND, T0, frame, make_attempt, publish, write_pcap
 from hypothesis import given
 from hypothesis import strategies as st
-from mavlink_attempts import HOP, MS, Chain, make_mavlink_attempt, packed, sender
 from pymavlink.dialects.v20 import common
 
 from testbed.fly.results import Series, new_series
@@ -18,6 +16,8 @@ from testbed.numbers.packets import Packets, load
 from testbed.numbers.packets.mqtt import Segment
 from testbed.numbers.packets.purposes import of_topic
 from testbed.numbers.packets.tcp import retransmissions
+from tests.handmade.attempts import SECOND, T0, frame, make_attempt, publish, write_pcap
+from tests.handmade.mavlink_attempts import HOP, MS, Chain, make_mavlink_attempt, packed, sender
 
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 

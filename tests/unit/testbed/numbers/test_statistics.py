@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from both_sides import entry, failed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +12,7 @@ from testbed.numbers import quantities
 from testbed.numbers.metrics.delays import summary
 from testbed.numbers.observed import observe
 from testbed.numbers.statistics import ALL_SIGNS, interval, loss_of, paired_test
+from tests.handmade.both_sides import entry, failed
 
 
 def attempts(protocol: str, *packets: int) -> list[dict[str, Any]]:

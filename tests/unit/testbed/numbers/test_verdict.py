@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 
 import pytest
-from attempts import make_attempt
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -16,6 +15,7 @@ from testbed.cli.commands import app
 from testbed.errors import UserError
 from testbed.fly.results import Series, new_series
 from testbed.numbers.metrics.verdict import parse
+from tests.handmade.attempts import make_attempt
 
 SEVEN = "mqttxt.packets"
 """The tiny attempt's seven packets; its arm command took 2.5 ms."""

@@ -6,12 +6,12 @@ import platform
 from pathlib import Path
 
 import pytest
-from autopilot_folders import PX4, make_folder
 from typer.testing import CliRunner
 
 from testbed.cli import commands as cli
 from testbed.errors import UserError
 from testbed.plan.overrides import chosen
+from tests.handmade.autopilot_folders import PX4, make_folder
 
 
 def test_a_folder_is_told_to_compose_by_its_whole_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 import yaml
-from autopilot_folders import make_folder
 from typer.testing import CliRunner
 
 from testbed.cli import commands as cli
@@ -19,6 +18,7 @@ from testbed.plan.documents import ROOT
 from testbed.plan.experiments import make_plan
 from testbed.plan.fleets import fleet_of, standard_fleet
 from testbed.plan.overrides import FLEET_COPY, OVERRIDES, chosen, compose_files, fleet_in, suffix
+from tests.handmade.autopilot_folders import make_folder
 
 
 def test_without_a_variable_nothing_is_laid_over(tmp_path: Path) -> None:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from both_sides import entry, failed, make_series
 from rich.console import Console
 
 from testbed.fly.results import Series, new_series
 from testbed.present.report import compare
 from testbed.present.report.compare_page import print_comparison, write_comparison
+from tests.handmade.both_sides import entry, failed, make_series
 
 
 def result(name: str, folder: Path, *entries: tuple[str, dict[str, Any]], **changed: Any) -> compare.Result:

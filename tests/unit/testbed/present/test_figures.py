@@ -9,7 +9,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from both_sides import entry, failed, make_series, rich_entry
 
 from testbed.fly.results import Series, new_series
 from testbed.numbers.quantity import Figure as Quantity
@@ -19,6 +18,7 @@ from testbed.present.report.figures.figure import Figure
 from testbed.present.report.figures.flights import flights, flights_of
 from testbed.present.report.figures.pdf import LIGHT, pdf
 from testbed.present.report.html import write_report
+from tests.handmade.both_sides import entry, failed, make_series, rich_entry
 
 SECOND = 1_000_000_000
 

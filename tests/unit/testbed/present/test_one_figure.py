@@ -9,8 +9,6 @@ from functools import cached_property
 from typing import Any
 
 import pytest
-from both_sides import make_series
-from pages import page_of
 from rich.table import Table
 
 from testbed.fly.results import Series, new_series, read_json
@@ -37,6 +35,8 @@ from testbed.present.summary.cells import SIDES, Cell
 from testbed.present.summary.claims import claims
 from testbed.present.summary.kinds import rows_of
 from testbed.present.summary.numbers import Pair, numbers_of
+from tests.handmade.both_sides import make_series
+from tests.handmade.pages import page_of
 
 PAGE = ROOT / "docs" / "results.md"
 RECORDED = "scenario-4/five-states-bundled-thesis"

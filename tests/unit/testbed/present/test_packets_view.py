@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from attempts import SECOND, T0, frame, make_attempt, publish
-from mavlink_attempts import Chain, long_command, make_mavlink_attempt, packed, sender, stream_message
 from pymavlink.dialects.v20 import common
 from scapy.layers.l2 import Ether
 from typer.testing import CliRunner, Result
@@ -22,6 +20,8 @@ from testbed.numbers.dissect import mqtt5
 from testbed.present.packets_view.choice import find_attempts
 from testbed.present.packets_view.frames import dissect
 from testbed.present.packets_view.words import payload_class, said_by_publish
+from tests.handmade.attempts import SECOND, T0, frame, make_attempt, publish
+from tests.handmade.mavlink_attempts import Chain, long_command, make_mavlink_attempt, packed, sender, stream_message
 
 
 def call(*words: object) -> Result:

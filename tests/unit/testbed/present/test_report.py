@@ -7,7 +7,6 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-from attempts import make_attempt
 from rich.console import Console
 
 from testbed.fly.progress import ConsoleProgress
@@ -17,6 +16,7 @@ from testbed.numbers.metrics import measure_series
 from testbed.present.report.html import write_report
 from testbed.present.report.sentences import finding
 from testbed.present.report.terminal import print_summary
+from tests.handmade.attempts import make_attempt
 
 
 @pytest.fixture

@@ -6,13 +6,13 @@ import re
 from pathlib import Path
 
 import pytest
-from both_sides import entry, failed, make_series, messages, rich_entry
-from pages import page_of, terminal_of
 
 from testbed.fly.results import Series, new_series, write_json
 from testbed.present.report import comparison, details, factors, sentences
 from testbed.present.report.attempt_page import with_losses
 from testbed.present.report.html import write_report
+from tests.handmade.both_sides import entry, failed, make_series, messages, rich_entry
+from tests.handmade.pages import page_of, terminal_of
 
 ROUTER_DIED = "router-fog1 ended with exit code 1; its last log lines:\n    chain of uav2: mavp2p <ended>"
 

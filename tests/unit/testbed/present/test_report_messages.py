@@ -10,15 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from message_attempts import (
-    COMMANDS,
-    STATES,
-    call_times,
-    make_mavlink_messages,
-    make_mqttxt_messages,
-    message_events,
-)
-from pages import Page
 from rich.console import Console
 
 from testbed.fly.results import Series, new_series, write_json
@@ -31,6 +22,15 @@ from testbed.present.report.figures.kind_delays import GROUPS, MOST_DOTS, kind_d
 from testbed.present.report.figures.kind_ratios import Ratio, kind_ratios
 from testbed.present.report.html import write_report
 from testbed.present.report.terminal import print_summary
+from tests.handmade.message_attempts import (
+    COMMANDS,
+    STATES,
+    call_times,
+    make_mavlink_messages,
+    make_mqttxt_messages,
+    message_events,
+)
+from tests.handmade.pages import Page
 
 Metrics = dict[str, Any]
 

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from both_sides import entry, make_series
-from pages import page_of, terminal_of
 
 from testbed.fly.results import Series, new_series
 from testbed.numbers.metrics.readings import Measured
 from testbed.present.report import beside, comparison, readings, thesis
 from testbed.present.report.figures import readings as figures
+from tests.handmade.both_sides import entry, make_series
+from tests.handmade.pages import page_of, terminal_of
 
 UNITS = {"temperature": "degC", "humidity": "%", "light": "lx"}
 SUMMARY = {"n": 5, "mean": 5.0, "p50": 5.0, "p90": 6.0, "p99": None, "max": 7.0}

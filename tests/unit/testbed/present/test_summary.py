@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from finished import attempt, both, finished, gave_up, message_set
 from typer.testing import CliRunner
 
 from testbed.cli.commands import app
@@ -17,6 +16,7 @@ from testbed.present.summary.markdown import fill
 from testbed.present.summary.numbers import numbers_of, troubles
 from testbed.present.summary.overview import overviews
 from testbed.present.summary.page import finding, write_summary
+from tests.handmade.finished import attempt, both, finished, gave_up, message_set
 
 MARKED = "Before.\n\n<!-- summary:{name} -->\nold\n<!-- /summary -->\n\nAfter.\n"
 

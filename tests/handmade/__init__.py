@@ -1,0 +1,1 @@
+"""Results folders that no flight wrote, and what is read of them."""

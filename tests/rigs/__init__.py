@@ -1,0 +1,1 @@
+"""Real brokers, processes, links and browsers that tests use."""

@@ -1,0 +1,41 @@
+"""What tests of whole flights do with a drone at a ground station, whoever its autopilot is."""
+
+from __future__ import annotations
+
+import asyncio
+
+from mqttxt import Command, Drone, Health, Outcome, Word
+from tests.rigs.processes import eventually
+
+BOOT_S = 180.0
+"""PX4 arms 30 to 45 s after its start, ArduCopter has a position after 42; later on a machine that does more."""
+
+
+def is_armable(drone: Drone) -> bool:
+    health = drone.state(Health)
+    return drone.is_controlled and health is not None and health.state.armable
+
+
+async def armable(drone: Drone) -> None:
+    await eventually(lambda: is_armable(drone), "the drone is reachable and would arm", BOOT_S)
+
+
+async def fly(drone: Drone, *commands: Command) -> None:
+    """Send one command after the other, each of which has to complete."""
+    for command in commands:
+        last = await drone.send(command)
+        assert (last.word, last.reason) == (Word.COMPLETED, None), command
+
+
+async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.Task[None]]:
+    """Send a command and go on once it was accepted."""
+    heard: list[Outcome] = []
+
+    async def listen() -> None:
+        async for outcome in drone.send(command):
+            heard.append(outcome)
+
+    task = asyncio.create_task(listen())
+    await eventually(lambda: bool(heard), f"{command.name} is answered")
+    assert heard[0].word is Word.ACCEPTED, heard
+    return heard, task

@@ -1,0 +1,71 @@
+"""A real ArduCopter as a process on loopback, and its modes."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+from typing import ClassVar
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from tests.rigs.processes import free_port
+from tests.rigs.real_flights import HOME, SYSTEM, Autopilot, Pilot
+
+FOLDER = os.environ.get("ARDUPILOT_DIR", "")
+"""A folder with `arducopter` and `copter.parm`."""
+GUIDED, LOITER, LAND, RTL, BRAKE = 4, 5, 9, 6, 17
+_PORTS_EACH = 10
+
+
+class Copter(Autopilot):
+    """ArduCopter in a folder of its own; it keeps its parameters there over a restart."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, "arducopter")
+        self._folder = folder
+        self._base_port = _free_row()
+        self._more = folder / "more.parm"
+        self._more.write_text("FLTMODE_CH 0\nINITIAL_MODE 4\n")  # its simulated remote control has a switch of modes
+        self._wiped: list[str] = ["--wipe"]
+
+    def start(self) -> None:
+        given = Path(FOLDER).resolve()
+        words = [str(given / "arducopter"), "--model", "quad", "--home", ",".join(map(str, (*HOME, 0)))]
+        words += ["--sysid", str(SYSTEM), "--defaults", f"{given / 'copter.parm'},{self._more}", *self._wiped]
+        words += ["--base-port", str(self._base_port), "--rc-in-port", str(self._base_port + 8)]
+        words += ["--irlock-port", str(self._base_port + 9)]
+        words += ["--serial0", f"udpclient:127.0.0.1:{self.port}"]
+        words += ["--serial1", f"udpclient:127.0.0.1:{self.pilots_port}"]
+        self._run(words, self._folder)
+        self._wiped = []
+
+
+class CopterPilot(Pilot):
+    landing: ClassVar = LAND
+
+    @property
+    def mode(self) -> int:
+        return self.custom_mode
+
+    def set_mode(self, mode: int) -> None:
+        self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
+
+
+def _free_row() -> int:
+    """The first of some ports that are free, one behind another."""
+    while True:
+        first = free_port()
+        if first % 1000 > 1000 - _PORTS_EACH:
+            continue
+        if all(_is_free(first + more) for more in range(_PORTS_EACH)):
+            return first
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as sock:
+        try:
+            sock.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+        return True

@@ -1,0 +1,349 @@
+"""Real processes for the integration tests: brokers, roles and autopilots, each on loopback, each ended by its id."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+import docker
+
+from tests.quick import LANDING, quick_fleet
+
+ROOT = Path(__file__).resolve().parents[2]
+NODE_IMAGE = "mqttxt-testbed/node:latest"
+PATIENCE_S = 30.0
+_WORKER, _WORKERS = (
+    int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]),
+    int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1)),
+)
+_PORTS = range(20_000 + _WORKER % _WORKERS, 32_000, _WORKERS)
+"""This process's own, where several workers run the tests."""
+_RANDOM = random.SystemRandom()
+_given: set[int] = set()
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    """A port of loopback that nobody uses now, and that nobody was given before, by another worker neither.
+
+    Not one of those that the system gives to clients: a connection could take it before its owner does, or while
+    that is restarted.
+    """
+    while True:
+        port = _RANDOM.choice(_PORTS)
+        if port in _given:
+            continue
+        with socket.socket(socket.AF_INET, kind) as sock, contextlib.suppress(OSError):
+            sock.bind(("127.0.0.1", port))
+            _given.add(port)
+            return port
+
+
+def wait_until(condition: Callable[[], bool], what: str, limit_s: float = PATIENCE_S) -> None:
+    """Wait until something holds; fails the test with `what` when it does not."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
+        time.sleep(0.02)
+
+
+async def eventually(condition: Callable[[], bool], what: str, limit_s: float = PATIENCE_S) -> None:
+    """`wait_until` for a test whose event loop has to go on."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
+        await asyncio.sleep(0.02)
+
+
+def ask_autopilot(control: Path, request: dict[str, Any]) -> dict[str, Any]:
+    """What a stand-in answers on its side channel."""
+    with socket.socket(socket.AF_UNIX) as sock:
+        sock.connect(str(control))
+        sock.sendall(json.dumps(request).encode() + b"\n")
+        answer: dict[str, Any] = json.loads(sock.makefile().readline())
+        return answer
+
+
+class Container:
+    """A container of the testbed's image on the host's network; `log` is where what it said is kept."""
+
+    def __init__(self, log: Path) -> None:
+        self.log = log
+        self._said_before = b""
+        self._docker = docker.from_env()
+        self._container: Any = None
+
+    def run(self, command: list[str], **options: Any) -> None:
+        self._container = self._docker.containers.run(NODE_IMAGE, command, network_mode="host", detach=True, **options)
+
+    def execute(self, command: list[str], user: str) -> tuple[int, bytes]:
+        code, output = self._container.exec_run(command, user=user)
+        return code, output
+
+    def kill(self) -> None:
+        """End it at once, as a power loss would."""
+        self.save_log()
+        container, self._container = self._container, None
+        if container is not None:
+            self._said_before = self.log.read_bytes()
+            container.remove(force=True)
+
+    def signal(self, name: str) -> None:
+        self._container.kill(signal=name)
+
+    def stall(self) -> None:
+        self.signal("SIGSTOP")
+
+    def go_on(self) -> None:
+        self.signal("SIGCONT")
+
+    def ended(self) -> int | None:
+        """Its exit code, None while it runs."""
+        self._container.reload()
+        return int(self._container.attrs["State"]["ExitCode"]) if self._container.status == "exited" else None
+
+    def save_log(self) -> None:
+        if self._container is not None:
+            self.log.write_bytes(self._said_before + self._container.logs())
+
+    def said(self) -> str:
+        self.save_log()
+        return self.log.read_text(errors="replace")
+
+
+class Broker(Container):
+    """A real Mosquitto on a loopback port, from the testbed's own image; it sees the test's folder."""
+
+    folder_inside = "/etc/broker"
+
+    def __init__(self, folder: Path, name: str) -> None:
+        super().__init__(folder / f"{name}.log")
+        self.port = free_port()
+        self.configuration = folder / f"{name}.conf"
+        self.configuration.write_text(
+            f"persistence false\nlistener {self.port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
+        )
+        self.configuration.chmod(0o644)
+        folder.chmod(0o755)
+
+    @property
+    def url(self) -> str:
+        return f"mqtt://127.0.0.1:{self.port}"
+
+    def start(self) -> Self:
+        volumes = {str(self.configuration.parent): {"bind": self.folder_inside, "mode": "ro"}}
+        configuration = f"{self.folder_inside}/{self.configuration.name}"
+        self.run(["-c", configuration], entrypoint="mosquitto", user="1000:1000", volumes=volumes)
+        wait_until(self._listens, f"broker on port {self.port}")
+        return self
+
+    def _listens(self) -> bool:
+        with socket.socket() as sock:
+            return sock.connect_ex(("127.0.0.1", self.port)) == 0
+
+
+class Process:
+    """A Python module of the repository as a process of its own; mqttxt with `ppm` has a clock of its own too."""
+
+    def __init__(self, folder: Path, name: str, module: str, *arguments: str, ppm: int | None = None) -> None:
+        self.name = name
+        self.ready_file = folder / f"{name}.ready"
+        self.log = folder / f"{name}.log"
+        how = ["-m", module] if ppm is None else [str(Path(__file__).with_name("odd_clock.py")), str(ppm)]
+        self._command = [sys.executable, *how, *arguments]
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> Self:
+        self.ready_file.unlink(missing_ok=True)
+        with self.log.open("ab") as log:
+            self._process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=ROOT)
+        return self
+
+    def wait_ready(self) -> Self:
+        wait_until(lambda: self.ready_file.exists() or self.exit_code is not None, f"{self.name} ready")
+        assert self.exit_code is None, f"{self.name} ended: {self.log.read_text()[-2000:]}"
+        return self
+
+    @property
+    def pid(self) -> int:
+        assert self._process is not None
+        return self._process.pid
+
+    @property
+    def exit_code(self) -> int | None:
+        return self._process.poll() if self._process is not None else None
+
+    def wait(self, limit_s: float = PATIENCE_S) -> int:
+        assert self._process is not None
+        return self._process.wait(limit_s)
+
+    def kill(self) -> None:
+        """SIGKILL, as a crash would end it."""
+        if self._process is not None:
+            with contextlib.suppress(ProcessLookupError):
+                self._process.send_signal(signal.SIGCONT)
+            self._process.kill()
+            self._process.wait()
+
+    def stop(self) -> int:
+        assert self._process is not None
+        self._process.terminate()
+        return self._process.wait(PATIENCE_S)
+
+    def step_clock(self) -> None:
+        """Its session clock jumps ahead (`odd_clock`)."""
+        assert self._process is not None
+        os.kill(self._process.pid, signal.SIGUSR1)
+
+    def stall(self) -> None:
+        assert self._process is not None
+        os.kill(self._process.pid, signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        assert self._process is not None
+        os.kill(self._process.pid, signal.SIGCONT)
+
+
+class Proxy:
+    """A TCP proxy on loopback that can hold every byte, in both directions, and let them go again.
+
+    `delay_s` is how long it takes at most for what comes together, each time another part of it.
+    """
+
+    def __init__(self, target_port: int) -> None:
+        self.delay_s = 0.0
+        self._target_port = target_port
+        self._open = asyncio.Event()
+        self._open.set()
+        self._server: asyncio.Server | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def start(self) -> Self:
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        return self
+
+    @property
+    def url(self) -> str:
+        assert self._server is not None
+        return f"mqtt://127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
+
+    def stall(self) -> None:
+        self._open.clear()
+
+    def go_on(self) -> None:
+        self._open.set()
+
+    async def close(self) -> None:
+        assert self._server is not None
+        self._server.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        there, to_there = await asyncio.open_connection("127.0.0.1", self._target_port)
+        for source, sink in ((reader, to_there), (there, writer)):
+            task = asyncio.create_task(self._pass_on(source, sink))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _pass_on(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
+        try:
+            while data := await source.read(65_536):
+                await self._open.wait()
+                if self.delay_s:
+                    await asyncio.sleep(random.uniform(0, self.delay_s))
+                sink.write(data)
+                await sink.drain()
+        except ConnectionError:
+            return
+        finally:
+            sink.close()
+
+
+class System:
+    """A cloud broker, a fog broker, an activator and two drones with their autopilots, as real processes."""
+
+    def __init__(
+        self,
+        folder: Path,
+        qos: int = 1,
+        streams: str = "px4-normal",
+        fleet_file: Path | None = None,
+        like: str = "px4",
+    ) -> None:
+        self.folder = folder
+        self.like = like
+        self.streams = streams
+        self.fleet_file = fleet_file or quick_fleet(folder, LANDING)
+        self.cloud = Broker(folder, "cloud")
+        self.fog = Broker(folder, "fog")
+        self.autopilots = {drone: free_port(socket.SOCK_DGRAM) for drone in (1, 2)}
+        self.sitls = {drone: self.make_sitl(drone) for drone in self.autopilots}
+        self.qos = qos
+        self.activator = self.make_activator(self.cloud.url, self.fog.url)
+        self.uavs = {drone: self.make_uav(drone, self.fog.url) for drone in self.autopilots}
+
+    def make_activator(self, cloud: str, fog: str, name: str = "activator", ppm: int | None = None) -> Process:
+        ready = str(self.folder / f"{name}.ready")
+        options = ["--fog", "1", "--cloud", cloud, "--fog-broker", fog, "--drones", "1,2", "--ready-file", ready]
+        return Process(self.folder, name, "mqttxt", "activator", *options, "--qos", str(self.qos), ppm=ppm)
+
+    def make_uav(
+        self,
+        drone: int,
+        broker: str,
+        name: str | None = None,
+        autopilot_port: int | None = None,
+        *more: str,
+        ppm: int | None = None,
+    ) -> Process:
+        called = name or f"uav{drone}"
+        address = f"udp:127.0.0.1:{autopilot_port or self.autopilots[drone]}"
+        options = ["--drone", str(drone), "--broker", broker, "--autopilot", address, "--qos", str(self.qos)]
+        files = ["--journal", str(self.folder / called), "--ready-file", str(self.folder / f"{called}.ready")]
+        return Process(self.folder, called, "mqttxt", "uav", *options, *files, *more, ppm=ppm)
+
+    def make_sitl(self, drone: int) -> Process:
+        base = str(self.folder / f"sitl{drone}")
+        files = ["--events", f"{base}.jsonl", "--ready-file", f"{base}.ready"]
+        control = ["--control", f"{base}.sock", "--streams", self.streams, "--like", self.like]
+        ports = ["--listen", "127.0.0.1:0", "--send", f"127.0.0.1:{self.autopilots[drone]}"]
+        fleet = ["--fleet", str(self.fleet_file), "--system", str(drone)]
+        return Process(self.folder, f"sitl{drone}", "sitl", "fly", *fleet, *ports, *files, *control)
+
+    def start(self) -> Self:
+        self.cloud.start()
+        self.fog.start()
+        for process in (*self.sitls.values(), self.activator, *self.uavs.values()):
+            process.start()
+        for process in (*self.sitls.values(), self.activator, *self.uavs.values()):
+            process.wait_ready()
+        return self
+
+    def close(self) -> None:
+        for process in (*self.uavs.values(), self.activator, *self.sitls.values()):
+            process.kill()
+        for broker in (self.fog, self.cloud):
+            broker.kill()
+
+    def commanded(self, drone: int, mav_cmd: int) -> list[dict[str, Any]]:
+        """What an autopilot received of a MAV_CMD, with the time of each."""
+        path = self.folder / f"sitl{drone}.jsonl"
+        lines = path.read_text().splitlines() if path.exists() else []
+        events = [json.loads(line) for line in lines if line.endswith("}")]
+        return [event for event in events if event["event"] == "command" and event["command"] == mav_cmd]
+
+    def control(self, drone: int, request: dict[str, Any]) -> dict[str, Any]:
+        """The autopilot's side channel."""
+        return ask_autopilot(self.folder / f"sitl{drone}.sock", request)

@@ -1,0 +1,131 @@
+"""A fleet with identities, and real Mosquittos with the configurations that `mqttxt broker` writes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+from typing import Self
+
+from paho.mqtt.client import Client, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+
+from mqttxt.core.address import BrokerAddress
+from mqttxt.core.mqtt.tls import client_context
+from mqttxt.security.authority import Authority
+from mqttxt.security.broker import ACCESS_FILE, BrokerFiles
+from mqttxt.security.identity import Identity
+from tests.rigs.processes import Container, free_port, wait_until
+
+WITNESS = "gs-witness"
+"""Has no rights; a test lets it publish and hear everything, to see what is delivered."""
+
+
+class SecureBroker:
+    """Mosquitto with the configuration of a broker's identity: the program on the PATH, else the testbed's image."""
+
+    def __init__(self, authority: Authority, name: str, prefix: str = "", host: str = "127.0.0.1") -> None:
+        self.host = host
+        self.port = free_port()
+        self.files = BrokerFiles(authority.folder / name, prefix)
+        self.out = authority.folder.parent / f"files-{name}"
+        self.configuration = self.files.write(self.out, host, self.port)
+        self._log = self.out / "log"
+        self._process: subprocess.Popen[bytes] | None = None
+        self._container: Container | None = None
+
+    @property
+    def address(self) -> BrokerAddress:
+        return BrokerAddress(self.host, self.port, tls=True)
+
+    def let_witness(self) -> None:
+        """One more entry in the access list, after all that the list has."""
+        path = self.out / ACCESS_FILE
+        path.write_text(f"{path.read_text()}\nuser {WITNESS}\ntopic readwrite #\ntopic read $SYS/#\n")
+
+    def start(self) -> Self:
+        program = shutil.which("mosquitto")
+        if program is not None:
+            with self._log.open("ab") as log:
+                self._process = subprocess.Popen([program, "-c", str(self.configuration)], stdout=log, stderr=log)
+        else:
+            folder = str(self.out.parent)
+            self._container = Container(self._log)
+            volumes = {folder: {"bind": folder, "mode": "ro"}}
+            command = ["-c", str(self.configuration)]
+            self._container.run(command, entrypoint="mosquitto", user=f"{os.getuid()}:{os.getgid()}", volumes=volumes)
+        wait_until(self._listens, f"broker on port {self.port}")
+        return self
+
+    def reload(self) -> None:
+        """SIGHUP."""
+        if self._process is not None:
+            self._process.send_signal(signal.SIGHUP)
+        else:
+            assert self._container is not None
+            self._container.signal("SIGHUP")
+
+    def said(self) -> str:
+        if self._container is not None:
+            self._container.save_log()
+        return self._log.read_text(errors="replace")
+
+    def kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        if self._container is not None:
+            self._container.kill()
+
+    def _listens(self) -> bool:
+        with socket.socket() as sock:
+            return sock.connect_ex((self.host, self.port)) == 0
+
+
+class Node:
+    """A plain MQTT client with a node's identity; raises ConnectionError where the broker does not accept it."""
+
+    def __init__(self, identity: Identity, broker: SecureBroker) -> None:
+        self.name = identity.name
+        self.heard: set[tuple[str, bytes]] = set()
+        self._granted: set[int] = set()
+        self._acknowledged: set[int] = set()
+        self._client = Client(
+            CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5, reconnect_on_failure=False
+        )
+        self._client.max_inflight_messages = 0
+        self._client.on_message = self._on_message
+        self._client.on_subscribe = lambda _c, _u, mid, _r, _p: self._granted.add(mid)
+        self._client.on_publish = lambda _c, _u, mid, _r, _p: self._acknowledged.add(mid)
+        self._client.tls_set_context(client_context(identity))
+        self._client.connect(broker.address.host, broker.address.port)
+        self._client.loop_start()
+        wait_until(lambda: self._client.is_connected() or not self._client.socket(), f"{self.name}: CONNACK")
+        if not self._client.is_connected():
+            self.close()
+            raise ConnectionError(f"{self.name}: not accepted")
+        self.subscribe("#")
+
+    def subscribe(self, topic: str) -> None:
+        """Returns when granted; all that was to be delivered before has come then."""
+        _, mid = self._client.subscribe(topic, qos=1)
+        assert mid is not None
+        wait_until(lambda: mid in self._granted, f"{self.name}: SUBACK")
+
+    def catch_up(self) -> None:
+        """Wait for a SUBACK, which comes behind everything that the broker had for this client."""
+        self.subscribe("nothing/that/anybody/publishes")
+
+    def publish(self, topics: list[str], payload: bytes) -> None:
+        """At QoS 1; returns when all are acknowledged, whether or not with a refusal."""
+        mids = [self._client.publish(topic, payload, qos=1).mid for topic in topics]
+        wait_until(lambda: self._acknowledged.issuperset(mids), f"{self.name}: PUBACKs")
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def _on_message(self, _client: Client, _userdata: object, message: MQTTMessage) -> None:
+        self.heard.add((message.topic, bytes(message.payload)))

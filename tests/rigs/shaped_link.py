@@ -1,0 +1,262 @@
+"""Two nodes and `net` between them in containers with compose.yaml's rights, to shape real packets."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import docker
+from docker.types import IPAMConfig, IPAMPool
+
+ROOT = Path(__file__).resolve().parents[2]
+IMAGE = os.environ.get("NODE_IMAGE", "mqttxt-testbed/node:latest")
+FIRST_SUBNET = 128 + os.getpid() % 60 * 2
+SUBNETS = {"gs": f"198.19.{FIRST_SUBNET}", "cloud": f"198.19.{FIRST_SUBNET + 1}"}
+"""Two of this process's own: others may run the same tests on the same machine."""
+UP, DOWN = "wan:gs:up", "wan:gs:down"
+PYTHON = "/opt/venv/bin/python"
+PROBE = "/repository/tests/rigs/link_probe.py"
+FOLDER = "/tmp/shaping"
+LINKS = f"{FOLDER}/links"
+CONTROL = f"{FOLDER}/net.sock"
+READY_TIMEOUT_S = 30.0
+AS_NEW = (
+    "while ip rule del priority 100 2>/dev/null; do :; done;"
+    " for tool in iptables iptables-legacy; do $tool -P FORWARD ACCEPT; $tool -F; $tool -X; done 2>/dev/null; true"
+)
+"""What an earlier run left in a container that outlives it."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A datagram that arrived; `sound` where none of its bits was turned."""
+
+    number: int
+    sent_ns: int
+    received_ns: int
+    sound: bool
+
+    @property
+    def delay_ms(self) -> float:
+        return (self.received_ns - self.sent_ns) / 1e6
+
+
+class ShapedLink:
+    """gs and cloud with one link each way; `shaping` runs the emulator of this source tree in `net`."""
+
+    def __init__(self) -> None:
+        self._client = docker.from_env()
+        self._made: list[Any] = []
+        self.nodes: dict[str, Any] = {}
+
+    def up(self) -> ShapedLink:
+        """Start the three containers."""
+        mark = f"mqttxt-shaped-{os.getpid()}"
+        networks = {}
+        for node, subnet in SUBNETS.items():
+            pool = IPAMPool(subnet=f"{subnet}.0/24")
+            networks[node] = self._client.networks.create(f"{mark}-{node}", ipam=IPAMConfig(pool_configs=[pool]))
+            self._made.append(networks[node])
+        shared = {
+            "image": IMAGE, "entrypoint": ["sleep", "infinity"], "init": True, "read_only": True, "tmpfs": {"/tmp": ""},
+            "cap_drop": ["ALL"], "volumes": {str(ROOT): {"bind": "/repository", "mode": "ro"}},
+            "environment": {"PYTHONPATH": "/repository/services/net/src", "PYTHONDONTWRITEBYTECODE": "1"},
+        }  # fmt: skip
+        for node in SUBNETS:
+            self.nodes[node] = self._container(
+                f"{mark}-{node}-1", networks[node], node, 3, cap_add=["NET_ADMIN"], **shared
+            )
+        self.nodes["net"] = self._container(
+            f"{mark}-net-1", networks["gs"], "gs", 2, cap_add=["NET_ADMIN", "NET_RAW", "DAC_OVERRIDE"],
+            sysctls={"net.ipv4.ip_forward": "1"}, mem_limit="512m", cpu_shares=4096, **shared,
+        )  # fmt: skip
+        networks["cloud"].connect(self.nodes["net"], ipv4_address=f"{SUBNETS['cloud']}.2")
+        for container in self.nodes.values():
+            container.start()
+        for node, subnet in SUBNETS.items():
+            self.output(node, ["ethtool", "-K", "eth0", "tso", "off", "gso", "off", "gro", "off", "tx", "off"])
+            self.output(node, ["ip", "route", "replace", "default", "via", f"{subnet}.2"])
+        return self
+
+    def down(self) -> None:
+        """Remove what `up` made, in the order in which it can be."""
+        for thing in reversed(self._made):
+            if hasattr(thing, "exec_run"):
+                thing.remove(force=True)
+        for thing in self._made:
+            if not hasattr(thing, "exec_run"):
+                thing.remove()
+        self._client.close()
+
+    def output(self, node: str, command: Sequence[str], **options: Any) -> str:
+        """What a command that has to succeed prints."""
+        code, said = self.nodes[node].exec_run(list(command), **options)
+        assert code == 0, f"{node}: {' '.join(command)}: {said.decode()}"
+        return str(said.decode())
+
+    def shape(self, plan: object, counters: str = f"{FOLDER}/counters.json", **options: Any) -> tuple[int, str]:
+        """Exit code and words of an emulator that is expected to end by itself."""
+        self._write_plan(plan)
+        done = self.nodes["net"].exec_run(self._command(counters), environment=self._environment(), **options)
+        return done.exit_code, done.output.decode()
+
+    @contextmanager
+    def shaping(
+        self, up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = (), down: Mapping[str, Any] | None = None
+    ) -> Iterator[Emulator]:
+        """The emulator at work on the way `up`; without `down` the way back is free."""
+        self._write_plan(plan_of(up, events, down))
+        yield from self._running(self._command())
+
+    @contextmanager
+    def routing(self, plan: Mapping[str, Any], **run: Any) -> Iterator[Emulator]:
+        """The whole of `net` at work on a run's plan: routes, captures, and shapes from its emulator's process."""
+        self.write_run(plan, **run)
+        yield from self._running(self.route_command())
+
+    def route(self, plan: object, run: Mapping[str, Any] | None = None, **options: Any) -> tuple[int, str]:
+        """Exit code and words of a `net route` that is expected to end by itself."""
+        self.write_run(plan, **(run or {}))
+        return self.net(self.route_command(), **options)
+
+    def net(self, command: Sequence[str], **options: Any) -> tuple[int, str]:
+        """Exit code and words of a command in `net`."""
+        done = self.nodes["net"].exec_run(list(command), environment=self._environment(), **options)
+        return done.exit_code, done.output.decode()
+
+    def write_run(self, plan: object, **run: Any) -> None:
+        """A run's folder of links with nothing but its plan, beside one for positions."""
+        self.output("net", ["sh", "-c", AS_NEW])
+        folders = f"rm -rf {FOLDER} && mkdir -m 777 -p {LINKS} {FOLDER}/sitl"
+        text = json.dumps({"version": 1, "shaper": "auto", "always": False, "gates": [], **run, "plan": plan})
+        self.output("net", ["sh", "-c", f'{folders} && printf %s "$1" > {LINKS}/plan.json', "sh", text])
+
+    def route_command(self) -> list[str]:
+        """`net route` on the run's folder."""
+        files = {"captures": f"{FOLDER}/pcap", "links": LINKS, "control": CONTROL, "ready-file": f"{FOLDER}/ready"}
+        return [PYTHON, "-m", "net", "route", *(word for name, file in files.items() for word in (f"--{name}", file))]
+
+    def _running(self, command: Sequence[str]) -> Iterator[Emulator]:
+        self.output("net", ["rm", "-f", f"{FOLDER}/ready", f"{FOLDER}/log"])
+        quoted = " ".join(command)
+        script = f"{quoted} > {FOLDER}/log 2>&1 & echo $! > {FOLDER}/pid; wait"
+        self.nodes["net"].exec_run(["sh", "-c", script], environment=self._environment(), detach=True)
+        emulator = Emulator(self)
+        emulator.wait_until_ready()
+        try:
+            yield emulator
+        finally:
+            emulator.end()
+
+    def _write_plan(self, plan: object) -> None:
+        text = json.dumps(plan)
+        self.output("net", ["sh", "-c", f'mkdir -p {FOLDER} && printf %s "$1" > {FOLDER}/plan.json', "sh", text])
+
+    def _command(self, counters: str = f"{FOLDER}/counters.json") -> list[str]:
+        files = {"plan": f"{FOLDER}/plan.json", "counters": counters, "ready-file": f"{FOLDER}/ready"}
+        return [PYTHON, "-m", "net", "shape", *(word for name, file in files.items() for word in (f"--{name}", file))]
+
+    def _environment(self) -> dict[str, str]:
+        return {"NODES": " ".join(f"{n}={s}.2,{s}.3" for n, s in SUBNETS.items()), "LINKS": "gs-cloud"}
+
+    def _container(self, name: str, network: Any, node: str, last: int, **options: Any) -> Any:
+        place = {network.name: self._client.api.create_endpoint_config(ipv4_address=f"{SUBNETS[node]}.{last}")}
+        made = self._client.containers.create(name=name, network=network.name, networking_config=place, **options)
+        self._made.append(made)
+        return made
+
+
+class Emulator:
+    """A running `net shape`."""
+
+    def __init__(self, link: ShapedLink) -> None:
+        self._link = link
+        self._pid = ""
+
+    def wait_until_ready(self) -> None:
+        deadline = time.monotonic() + READY_TIMEOUT_S
+        while self._test("-e", "ready"):
+            assert time.monotonic() < deadline, self._link.output("net", ["cat", f"{FOLDER}/log"])
+            time.sleep(0.05)
+        self._pid = self._link.output("net", ["cat", f"{FOLDER}/pid"]).strip()
+
+    def flow(self, count: int, rate_hz: float, size: int, silence_s: float = 1.0) -> list[Row]:
+        """Send datagrams from gs to cloud, in packets of `size` bytes; those that arrived, as they came."""
+        return self._flow("gs", "cloud", count, rate_hz, size, silence_s)
+
+    def flow_back(self, count: int, rate_hz: float, size: int, silence_s: float = 1.0) -> list[Row]:
+        """The same from cloud to gs."""
+        return self._flow("cloud", "gs", count, rate_hz, size, silence_s)
+
+    def send(self, count: int, rate_hz: float, size: int) -> None:
+        """Send from gs to cloud, whatever becomes of it."""
+        self._send("gs", "cloud", count, rate_hz, size)
+
+    def _flow(self, source: str, to: str, count: int, rate_hz: float, size: int, silence_s: float) -> list[Row]:
+        command = [PYTHON, PROBE, "receive", str(silence_s)]
+        said = self._link.nodes[to].exec_run(command, stream=True).output
+        first = next(said)
+        assert first.startswith(b"listening"), first.decode()
+        self._send(source, to, count, rate_hz, size)
+        lines = b"".join([first, *said]).decode().splitlines()[1:]
+        rows = [[int(word) for word in line.split()] for line in lines]
+        return [Row(number, sent, received, bool(sound)) for number, sent, received, sound in rows]
+
+    def _send(self, source: str, to: str, count: int, rate_hz: float, size: int) -> None:
+        self._link.output(source, [PYTHON, PROBE, "send", f"{SUBNETS[to]}.3", str(count), str(rate_hz), str(size)])
+
+    def signal(self, name: str) -> None:
+        self._link.output("net", ["sh", "-c", f"kill -{name} {self._pid}"])
+
+    def kill_emulator(self) -> None:
+        """Where `net route` runs: the process that shapes for it, without a warning."""
+        children = f"$(cat /proc/{self._pid}/task/*/children)"
+        find = f"for pid in {children}; do grep -qa shape /proc/$pid/cmdline && echo $pid; done"
+        (pid,) = self._link.output("net", ["sh", "-c", f"{find}; true"]).split()
+        self._link.output("net", ["sh", "-c", f"kill -KILL {pid}"])
+
+    def cpu_s(self) -> float:
+        """User and system time of the process so far."""
+        fields = self._link.output("net", ["cat", f"/proc/{self._pid}/stat"]).rsplit(") ", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def end(self) -> dict[str, Any]:
+        """End it, and what it counted; again is harmless."""
+        if not self._test("-e", f"../../proc/{self._pid}"):
+            self.signal("TERM")
+        self.wait_until_ended()
+        return self.counters()
+
+    def wait_until_ended(self) -> None:
+        """Until the process is gone."""
+        deadline = time.monotonic() + READY_TIMEOUT_S
+        while not self._test("-e", f"../../proc/{self._pid}"):
+            assert time.monotonic() < deadline, "it does not end"
+            time.sleep(0.05)
+
+    def counters(self) -> dict[str, Any]:
+        """The file as it is."""
+        content: dict[str, Any] = json.loads(self.read("counters.json"))
+        return content
+
+    def read(self, name: str) -> str:
+        """A file of the folder of links, or of the emulator alone."""
+        return self._link.output("net", ["sh", "-c", f"cat {LINKS}/{name} 2>/dev/null || cat {FOLDER}/{name}"])
+
+    def _test(self, operator: str, name: str) -> int:
+        code: int = self._link.nodes["net"].exec_run(["test", operator, f"{FOLDER}/{name}"]).exit_code
+        return code
+
+
+def plan_of(
+    up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = (), down: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """A plan of two links."""
+    links = {UP: dict(up), DOWN: dict(down or {})}
+    return {"version": 1, "profile": "test", "seed": 5, "links": links, "events": list(events)}

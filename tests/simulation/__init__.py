@@ -1,0 +1,1 @@
+"""The protocol's roles without brokers, autopilots and real time."""
