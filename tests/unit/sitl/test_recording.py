@@ -101,7 +101,7 @@ def test_a_recording_that_fails_leaves_its_port_to_the_next_one(
     (tmp_path / "arducopter").write_text(SILENT)
     (tmp_path / "arducopter").chmod(0o755)
     for _ in range(2):
-        said = _refused("record", str(tmp_path / "x.json"), "--ardupilot-dir", str(tmp_path), "--instance", "212")
+        said = _refused("record", str(tmp_path / "x.json"), "--ardupilot-dir", str(tmp_path), "--instance", "215")
         assert "ArduCopter does not say within 0.1 s that it could arm" in said
 
 
