@@ -26,6 +26,7 @@ MESSAGES: tuple[type[Any], ...] = (
     messages.FogPresence,
     messages.Registration,
     messages.DroneLease,
+    messages.Grant,
     rankings.SelectMessage,
     rankings.PsmiMessage,
     rankings.QodsMessage,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from mqttxt.protocol.messages import CommandMessage
+from mqttxt.protocol.messages import CommandMessage, Grant
 from mqttxt.protocol.rankings import SelectMessage
 from mqttxt.protocol.topic_table import (
     ACTIVATOR,
@@ -102,7 +102,7 @@ def expected(broker: str, node: str, topic: Topic) -> tuple[bool, bool]:
     if rights == Rights() or (topic.station and f"gs-{topic.station}" != node):
         return False, False
     publish, hear = _both(row, [each in (STATION, STATIONS) for each in owns])
-    if row.payload in (CommandMessage, SelectMessage):
+    if row.payload in (CommandMessage, Grant, SelectMessage):
         publish &= rights.may_command(topic.drone) if topic.drone else rights.command != frozenset()
     return publish, hear
 

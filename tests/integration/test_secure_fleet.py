@@ -10,13 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from mqttxt import ConfigurationError, FogUnreachable, GroundStation, Word
+from mqttxt import ConfigurationError, Disarm, FogUnreachable, GroundStation, Land, Word
 from mqttxt.core.address import BrokerAddress
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.messages import CommandMessage
 from mqttxt.security.authority import Authority
+from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
+from mqttxt.security.seal import Seal
 from tests.quick import LANDING, quick_fleet
 from tests.rigs.processes import Process, eventually, free_port, wait_until
-from tests.rigs.secure import SecureBroker
+from tests.rigs.secure import WITNESS, Node, SecureBroker
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -24,7 +28,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.apart]
 class SecureSystem:
     """A cloud's and a fog's broker, an activator, one drone with its sensors' broker, an autopilot and a sensor."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *signed: str) -> None:
         self.acme = acme = Authority.create(folder / "acme", "acme")
         brokers = ("broker-cloud", "broker-fog1", "broker-drone1")
         for name in (*brokers, "fog1", "drone1", "sensor7"):
@@ -41,8 +45,11 @@ class SecureSystem:
         sensor = ["--broker", field, "--number", "7", "--kinds", "temperature", "--rate", "5"]
         self.processes = [
             self._process(folder, "sitl", "sitl", *sitl, "--send", f"127.0.0.1:{port}"),
-            self._process(folder, "activator", "mqttxt", *activator, "--identity", str(acme.folder / "fog1")),
-            self._process(folder, "uav", "mqttxt", *uav, *files, "--identity", str(acme.folder / "drone1")),
+            self._process(folder, "activator", "mqttxt", *activator, "--identity", str(acme.folder / "fog1"), *signed),
+            self._process(
+                *(folder, "uav", "mqttxt", *uav, *files, "--identity", str(acme.folder / "drone1"), *signed),
+                *(("--fog", "1") if signed else ()),
+            ),
             self._process(folder, "sensor", "sensor", *sensor, "--identity", str(acme.folder / "sensor7")),
         ]
 
@@ -53,8 +60,8 @@ class SecureSystem:
     def url(self) -> str:
         return str(self.brokers["broker-cloud"].address)
 
-    def station(self, name: str = "gs-ops") -> GroundStation:
-        return GroundStation(self.url, identity=self.acme.folder / name)
+    def station(self, name: str = "gs-ops", signed: bool = False) -> GroundStation:
+        return GroundStation(self.url, identity=self.acme.folder / name, signed=signed)
 
     def start(self) -> None:
         for broker in self.brokers.values():
@@ -127,3 +134,36 @@ async def test_a_revoked_station_is_named_so(system: SecureSystem) -> None:
     async with station:
         with pytest.raises(FogUnreachable, match="it refuses this node's certificate: certificate revoked"):
             await station.connect([1], timeout_s=5)
+
+
+async def test_a_fleet_that_signs_is_flown_and_obeys_nobody_else(tmp_path: Path) -> None:
+    """A client whom the fog's broker lets say anything, as a broker could itself, and stations that do not sign."""
+    system = SecureSystem(tmp_path, "--signed")
+    system.acme.issue(WITNESS)
+    system.brokers["broker-fog1"].files.write_access(system.brokers["broker-fog1"].out)
+    system.brokers["broker-fog1"].let_witness()
+    try:
+        system.start()
+        async with system.station(signed=True) as station:
+            (fog,) = await station.connect([1])
+            drone = fog.drone(1)
+            await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is reachable and controlled")
+            armed = await drone.arm()
+            assert (armed.word, armed.signer) == (Word.COMPLETED, "drone1")
+            witness = Node(Identity.load(system.acme.folder / WITNESS), system.brokers["broker-fog1"])
+            attack = CommandMessage(
+                gs_session=station.session, seq=9, executor_session=7, deadline_ms=10**9, limit_s=9.0, command=Disarm()
+            )
+            forged = Seal(Identity.load(system.acme.folder / WITNESS)).sign("drone1/commands", encode(attack), True)
+            for payload in (encode(attack), forged.encode()):
+                witness.publish(["drone1/commands"], payload)
+            assert (await drone.takeoff(5)).completed  # it was not disarmed
+            (landed,) = await fog.broadcast(Land())
+            assert (landed.word, landed.signer) == (Word.COMPLETED, "drone1")
+            assert not [topic for topic, _ in witness.heard if topic.endswith("commands_result/disarm")]
+            witness.close()
+        async with system.station() as unsigned:
+            with pytest.raises(FogUnreachable, match="no activator is at"):
+                await unsigned.connect([1], timeout_s=2)
+    finally:
+        system.close()

@@ -12,6 +12,7 @@ from random import Random
 from typing import Any
 
 from mqttxt.activator.drones import CLOUD, FOG
+from mqttxt.security.seal import Seal
 from tests.simulation.drone_node import DroneNode
 from tests.simulation.nodes import DRONES, MS, ActivatorNode, Node, S, StationNode
 from tests.simulation.true_time import RHO_PPM, Broker, Events, Weather
@@ -68,14 +69,27 @@ class Simulation:
         self.dangers = dangers or Dangers()
         self.qos = qos
         self.events = Events()
-        self.judge = Judge(self.events)
+        self.judge = self.make_judge()
         self.weather = Weather(self.rng)
         self._rain()
-        self.brokers = {CLOUD: Broker(self.events), FOG: Broker(self.events)}
+        self.brokers = {name: self.make_broker() for name in (CLOUD, FOG)}
         self.drones = [DroneNode(self, number) for number in DRONES]
-        self.activator = ActivatorNode(self, "activator")
+        self.activator = self.make_activator()
         self.station = StationNode(self, "station")
         self.nodes: list[Node] = [*self.drones, self.activator, self.station]
+
+    def make_judge(self) -> Judge:
+        return Judge(self.events)
+
+    def make_broker(self) -> Broker:
+        return Broker(self.events)
+
+    def make_activator(self) -> ActivatorNode:
+        return ActivatorNode(self, "activator")
+
+    def seal(self, name: str) -> Seal | None:
+        """What a node signs with; None: messages are not signed."""
+        return None
 
     def ppm(self, name: str) -> int:
         if self.dangers.slow_drones:

@@ -10,6 +10,7 @@ from typing import Any
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.activator.leases import Leases
 from mqttxt.activator.sensor_relay import Carried, SensorRelay
+from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
@@ -68,7 +69,7 @@ class Way:
 
     def restart_activator(self) -> None:
         self.leases = Leases()
-        self.relay = SensorRelay(Settings(), CloudSide(1), FogSide(), self.leases)
+        self.relay = SensorRelay(Channel("fog", "", Settings()), CloudSide(1), FogSide(), self.leases)
         self.register()
         self.to_cloud.clear()
         self.to_drone.clear()

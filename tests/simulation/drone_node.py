@@ -50,7 +50,10 @@ class DroneNode(Node):
         left, options = list(self.journal.unfinished.values()), UavOptions(endurance_s=900)
         settings = Settings(qos=self.sim.qos)
         often = {name: replace(policy, heartbeat_ms=3000) for name, policy in POLICIES.items()}
-        return UavClient(self.number, self.clock.session, settings, None, often, left, options=options)
+        seal = self.sim.seal(f"drone{self.number}")
+        return UavClient(
+            self.number, self.clock.session, settings, None, often, left, options=options, seal=seal, fog=1
+        )
 
     def start(self) -> None:
         super().start()

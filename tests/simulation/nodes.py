@@ -182,7 +182,7 @@ class StationNode(Node):
 
     def make_role(self) -> StationRole:
         self.sim.judge.station_starts()
-        role = StationRole("g", self.clock.session, Settings(qos=self.sim.qos))
+        role = StationRole("g", self.clock.session, Settings(qos=self.sim.qos), seal=self.sim.seal("gs-g"))
         self.carry_out(role.add_fogs([1]), 0)
         return role
 
@@ -225,7 +225,7 @@ class ActivatorNode(Node):
     brokers = (CLOUD, FOG)
 
     def make_role(self) -> Activator:
-        return Activator(1, self.clock.session, Settings(qos=self.sim.qos), drones=DRONES)
+        return Activator(1, self.clock.session, Settings(qos=self.sim.qos), drones=DRONES, seal=self.sim.seal("fog1"))
 
     def will(self, link: str) -> Any:
         return self.role.will() if link == CLOUD else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,7 +18,9 @@ from mqttxt.drone.mavlink.sources import Source
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import CommandId, CommandMessage, ResultMessage
+from mqttxt.security.seal import Seal
 from mqttxt.station.role import StationRole
+from tests.simulation.signing import seal
 
 GS_SESSION, FOG_SESSION, UAV_SESSION = 0x11, 0x22, 0x33
 HOME = (473_977_420, 85_455_940, 488_000)
@@ -125,6 +127,9 @@ class World:
     """A ground station, an activator and one drone, and everything that happened between them."""
 
     qos: int = 1
+    signed: bool = False
+    seal: Callable[[str], Seal | None] = seal
+    """What a node signs with, where messages are signed."""
     now_ms: int = 0
     heard: list[Any] = field(default_factory=list)
     sent: list[tuple[str, Publish]] = field(default_factory=list)
@@ -139,10 +144,19 @@ class World:
 
     def __post_init__(self) -> None:
         settings = Settings(qos=self.qos)
-        self.gs = StationRole("g", GS_SESSION, settings)
-        self.activator = Activator(1, FOG_SESSION, settings, drones=(1,))
-        self.uav = UavClient(1, UAV_SESSION, settings)
+        self.gs = StationRole("g", GS_SESSION, settings, seal=self._seal("gs-g"))
+        self.activator = self._activator(FOG_SESSION)
+        self.uav = self._uav(UAV_SESSION)
         self.subscribed: list[tuple[str, str, str, bool]] = []
+
+    def _seal(self, name: str) -> Seal | None:
+        return self.seal(name) if self.signed else None
+
+    def _activator(self, session: int) -> Activator:
+        return Activator(1, session, Settings(qos=self.qos), drones=(1,), seal=self._seal("fog1"))
+
+    def _uav(self, session: int, **left: Any) -> UavClient:
+        return UavClient(1, session, Settings(qos=self.qos), seal=self._seal("drone1"), fog=1, **left)
 
     def start(self) -> World:
         """Everything connected, the drone reachable, the ground station registered."""
@@ -160,7 +174,7 @@ class World:
         self.subscribed = [entry for entry in self.subscribed if entry[0] != "activator"]
         will = self.activator.will()
         self.route("activator", Publish(CLOUD, will.topic, will.payload, 1, retain=True))
-        self.activator = Activator(1, session, Settings(qos=self.qos), drones=(1,))
+        self.activator = self._activator(session)
         self.run("activator", self.activator.on_connected(FOG, self.now_ms))
         self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
 
@@ -169,7 +183,7 @@ class World:
         self.subscribed = [entry for entry in self.subscribed if entry[0] != "uav"]
         will = self.uav.will()
         self.route("uav", Publish(FOG, will.topic, will.payload, 1, retain=True))
-        self.uav = UavClient(1, session, Settings(qos=self.qos), unfinished=unfinished, remembers=remembers)
+        self.uav = self._uav(session, unfinished=unfinished, remembers=remembers)
         for message in (heartbeat(), home(), position(), landed(1)):
             self.uav.on_mavlink(message, self.now_ms)
         self.run("uav", self.uav.on_connected(FOG, self.now_ms))

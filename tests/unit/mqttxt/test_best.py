@@ -28,6 +28,8 @@ class Commands:
 class Station:
     """A station and its fogs: each has drones with the seconds to arrive, and each drone has its words."""
 
+    signs = False
+
     def __init__(self, fogs: dict[int, dict[int, float]], words: dict[int, list[Word]]) -> None:
         self.fogs = fogs
         self.words = words
@@ -40,6 +42,9 @@ class Station:
         self.lands_behind: int | None = None
         self._seq = 0
 
+    def is_doubtful(self, outcome: Outcome) -> bool:
+        return False
+
     def choose(self, choice: Any) -> Any:
         return choice
 
@@ -51,6 +56,7 @@ class Station:
         ttl_s: float,
         limit_s: float | None = None,
         reservation: int | None = None,
+        drone: int | None = None,
     ) -> SentCommand[Any, Any]:
         if fog in self.gone:
             raise FogUnreachable(f"fog {fog}: no live activator")

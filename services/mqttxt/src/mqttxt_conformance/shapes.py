@@ -138,6 +138,8 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "drones": _container,
         "until_ms": _MS,
         "epoch": _U32,
+        "activator_session": _SESSION,
+        "counter": _U32,
     },
     "drone-lease": {
         "version": _VERSION,

@@ -11,21 +11,26 @@ from collections.abc import Callable, Hashable
 from dataclasses import replace
 from typing import Any
 
+from ..core.channel import Channel
 from ..core.clock import MAX_TTL_MS, expiry_s, stamp
 from ..core.effects import Effect, Inbound, Log, Publish
 from ..core.ledger import OVERRIDING, Admission, Entry, Ledger, Share
-from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry, Settings
+from ..core.session_owners import SessionOwners
+from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry
 from ..errors import PayloadError
-from ..protocol.codec import decode, encode
+from ..protocol.codec import decode
 from ..protocol.commands import BROADCASTABLE, Goto, Land, Offboard, Return, Takeoff
 from ..protocol.identify import identify
 from ..protocol.messages import CommandId, CommandMessage, ResultMessage, Word, without_contradiction
 from ..protocol.topics import CloudSide, FogSide
-from ..protocol.words import NO_DEADLINE
+from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_SIGNED
+from ..security.cose import Envelope
+from ..security.rights import command_right
 from .command_words import RelayWords
-from .drones import FOG, DroneLink, Drones
+from .drones import DroneLink, Drones
 from .leases import Leases
 from .legs import CHOSEN, Job, Leg
+from .signed_commands import SignedCommand, SignedCommands
 
 FLYING = (Takeoff, Goto, Land, Return, Offboard)
 """A drone is busy from one of these to its last word."""
@@ -39,26 +44,44 @@ class Relay:
     """
 
     def __init__(
-        self, session: int, settings: Settings, cloud: CloudSide, fog: FogSide, drones: Drones, leases: Leases
+        self,
+        session: int,
+        to_cloud: Channel,
+        to_fog: Channel,
+        cloud: CloudSide,
+        fog: FogSide,
+        drones: Drones,
+        leases: Leases,
+        owners: SessionOwners,
     ) -> None:
         self._session = session
-        self._words = RelayWords(session, settings, cloud)
+        self._words = RelayWords(session, to_cloud, cloud)
         self._leases = leases
-        self._settings = settings
+        self._channel = to_fog
         self._fog = fog
         self._drones = drones
+        self.signed = SignedCommands(to_cloud.seal, owners) if to_cloud.seal is not None else None
         self.ledger: Ledger[Job] = Ledger()
         self.fog_connected = False
         self.on_last_word: Callable[[Entry[Job], Leg, int], list[Effect]] = lambda entry, leg, now_ms: []
         self.on_overriding: Callable[[int, int], list[Effect]] = lambda gs_session, now_ms: []
 
     def on_command(self, drone: int | None, message: Inbound, now_ms: int) -> list[Effect]:
-        """A command for one drone, or with None for every drone of the fog."""
+        """A command for one drone, or with None for every drone of the fog.
+
+        Where messages are signed, raises PayloadError before anything is answered or entered.
+        """
+        signed: SignedCommand | None = None
+        verified = self.signed.verified(drone, message.payload) if self.signed is not None else None
         try:
-            command = decode(CommandMessage, message.payload)
+            if verified is None:
+                command = decode(CommandMessage, message.payload)
+            else:
+                command, signed = verified.read()
         except PayloadError as error:
-            return self.on_malformed(drone, message, error, now_ms)
-        entry, out = self.enter(command, drone, command.command, message.retain, now_ms)
+            payload = message.payload if verified is None else verified.payload
+            return self.on_malformed(drone, replace(message, payload=payload), error, now_ms)
+        entry, out = self.enter(command, drone, command.command, message.retain, now_ms, signed)
         if entry is None:
             return out
         if isinstance(command.command, OVERRIDING) and not entry.record.query:
@@ -66,7 +89,13 @@ class Relay:
         return out + self._start(entry, now_ms)
 
     def enter(
-        self, command: CommandMessage, target: int | None, contents: Hashable, retained: bool, now_ms: int
+        self,
+        command: CommandMessage,
+        target: int | None,
+        contents: Hashable,
+        retained: bool,
+        now_ms: int,
+        signed: SignedCommand | None = None,
     ) -> tuple[Entry[Job] | None, list[Effect]]:
         """Admit a command to the ledger; None where it was a duplicate or is denied, with the answer."""
         known = command.executor_session == self._session and command.deadline_ms is not None
@@ -87,7 +116,7 @@ class Relay:
             return None, [self._denial(target, command.command.name, command.id, reason, now_ms)]
         close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
         query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
-        job = Job(target, command, deadline_ms, close_at_ms, query)
+        job = Job(target, command, deadline_ms, close_at_ms, query, signed)
         entry = self.ledger.enter(command.id, contents, job, keep_ms, share)
         refusal = self._refusal(job, known, retained, now_ms)
         return (entry, []) if refusal is None else (None, self.refuse(entry, refusal, now_ms))
@@ -117,8 +146,10 @@ class Relay:
             if not leg.is_closed and isinstance(entry.record.message.command, FLYING)
         }
 
-    def on_result(self, link: DroneLink, payload: bytes, name: str, now_ms: int) -> list[Effect]:
-        """A word of the drone bound to `link`: relayed unless it repeats what was said."""
+    def on_result(
+        self, link: DroneLink, payload: bytes, name: str, now_ms: int, signed: Envelope | None = None
+    ) -> list[Effect]:
+        """A word of the drone bound to `link`, as it was `signed`: relayed unless it repeats what was said."""
         result = decode(ResultMessage, payload)
         if result.session != link.session or link.clock is None:
             return [Log("unknown_session", f"result of drone {link.number} from session {result.session:08x}")]
@@ -126,7 +157,7 @@ class Relay:
         relayed = replace(result, relay_stamp=stamp(now_ms - age_ms) if age_ms is not None else None)
         entry = self.ledger.get(result.id)
         if entry is None:
-            return [self._words.publish_result(link.number, name, relayed)]
+            return [self._words.publish_result(link.number, name, relayed, signed)]
         leg = entry.record.legs.get(link.number)
         if leg is None:
             return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
@@ -135,22 +166,29 @@ class Relay:
             if not unconfirmed or leg.truth or not result.word.is_last or result.word is Word.UNCONFIRMED:
                 return []
             leg.truth = replace(relayed, settled=True)
-            return [self._words.publish_result(link.number, name, leg.truth)]
+            if signed is not None:
+                leg.signed[leg.truth] = signed
+            return [self._words.publish_result(link.number, name, leg.truth, signed)]
         if any(word.word is result.word and word.percent == result.percent for word in leg.words):
             return []
         earlier = leg.words[-1].word if leg.words else None
         word, reason = without_contradiction(relayed.word, relayed.reason, earlier)
         relayed = replace(relayed, word=word, reason=reason)
+        if signed is not None:
+            leg.signed[relayed] = signed
         return self._say(entry, leg, relayed, now_ms)
 
     def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
-        """PUBACK of a forwarded command; nobody subscribed means that it was not published."""
+        """PUBACK of a forwarded command; nobody subscribed means that it was not published.
+
+        Where commands are signed no broker is believed: it may have delivered it all the same (R12.10).
+        """
         command_id, drone = ref
         entry = self.ledger.get(command_id)
         leg = entry.record.legs.get(drone) if entry is not None else None
         if entry is None or leg is None or leg.is_closed or leg.words or leg.publishes > 1:
             return []
-        if code == NO_MATCHING_SUBSCRIBERS and not entry.record.query:
+        if code == NO_MATCHING_SUBSCRIBERS and not entry.record.query and entry.record.signed is None:
             return self._close(entry, leg, Word.UNREACHABLE, "no_subscriber", now_ms)
         return []
 
@@ -207,6 +245,9 @@ class Relay:
         """The first way to a drone: closed here if it cannot be gone, else from then on the drone's."""
         job = entry.record
         link = self._drones.get(leg.drone)
+        refusal = _not_signed(job, leg.drone)
+        if refusal is not None:
+            return self._close(entry, leg, Word.DENIED, refusal, now_ms)
         if job.query:
             leg.retry = Retry.of(0, now_ms, 0)
             return self._send_again(entry, leg, link, now_ms) if link is not None and link.announced else []
@@ -222,7 +263,7 @@ class Relay:
         if deadline_ms is None or deadline_ms <= 0 or link.session is None:
             return self._close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
         leg.sent = replace(job.message, executor_session=link.session, deadline_ms=deadline_ms)
-        leg.retry = Retry.of(self._settings.qos, now_ms, remaining_ms)
+        leg.retry = Retry.of(self._channel.settings.qos, now_ms, remaining_ms)
         if isinstance(job.message.command, Offboard):
             link.in_offboard, link.next_lease_ms = True, now_ms
         return [self._publish_command(entry, leg, remaining_ms)]
@@ -243,16 +284,12 @@ class Relay:
     def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:
         assert leg.sent is not None
         leg.publishes += 1
-        payload = encode(leg.sent, self._settings.encoding)
-        topic = self._fog.commands(leg.drone)
-        return Publish(
-            FOG,
-            topic,
-            payload,
-            self._settings.qos,
-            expiry_s=expiry_s(remaining_ms),
-            ref=(entry.id, leg.drone),
-        )
+        topic, expires_s, ref = self._fog.commands(leg.drone), expiry_s(remaining_ms), (entry.id, leg.drone)
+        signed = entry.record.signed
+        if signed is None:
+            return self._channel.publish(topic, leg.sent, expiry_s=expires_s, ref=ref)
+        payload = signed.for_drone(leg.drone, leg.sent.deadline_ms or QUERY_DEADLINE_MS)
+        return Publish(self._channel.link, topic, payload, self._channel.settings.qos, expiry_s=expires_s, ref=ref)
 
     def _close(self, entry: Entry[Job], leg: Leg, word: Word, reason: str | None, now_ms: int) -> list[Effect]:
         return self._say(entry, leg, self._words.own_word(entry.id, word, reason, now_ms), now_ms)
@@ -262,12 +299,13 @@ class Relay:
         link = self._drones.get(leg.drone)
         if leg.is_closed and link is not None and isinstance(entry.record.message.command, Offboard):
             link.in_offboard = self._is_in_offboard(leg.drone)
-        leg.retry = Retry.after_word(self._settings.qos, now_ms)
+        leg.retry = Retry.after_word(self._channel.settings.qos, now_ms)
         if entry.record.is_over:
             self.ledger.close(entry, now_ms)
+        signed = leg.signed.get(result)
         if entry.record.query and result.word.is_last:
             result = replace(result, beacon=self._words.beacon(now_ms))
-        out: list[Effect] = [self._words.publish_result(leg.drone, entry.record.message.command.name, result)]
+        out: list[Effect] = [self._words.publish_result(leg.drone, entry.record.message.command.name, result, signed)]
         if leg.is_closed and entry.record.choosing:
             out += self.on_last_word(entry, leg, now_ms)
         return out
@@ -277,8 +315,8 @@ class Relay:
         job = entry.record
         name = job.message.command.name
         out: list[Effect] = [self._words.publish_fog_result(name, job.answer)] if job.answer is not None else []
-        newest = [(leg.drone, word) for leg in job.legs.values() for word in (*leg.words[-1:], leg.truth) if word]
-        return out + [self._words.publish_result(drone, name, word) for drone, word in newest]
+        newest = [(leg, word) for leg in job.legs.values() for word in (*leg.words[-1:], leg.truth) if word]
+        return out + [self._words.publish_result(leg.drone, name, word, leg.signed.get(word)) for leg, word in newest]
 
     def on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
         out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
@@ -292,3 +330,14 @@ class Relay:
         if drone is None or drone == CHOSEN:
             return self._words.publish_fog_result(name, self._words.fog_result(command_id, now_ms, None, reason))
         return self._words.publish_result(drone, name, self._words.own_word(command_id, Word.DENIED, reason, now_ms))
+
+
+def _not_signed(job: Job, drone: int) -> str | None:
+    """Why a drone is not sent what others have signed: its station did not sign it for it, or may not."""
+    if job.signed is None:
+        return None
+    if not job.signed.signer.rights.may_command(drone):
+        return f"{NOT_ALLOWED}, {command_right(drone)}"
+    if job.signed.is_expired and not isinstance(job.message.command, OVERRIDING):
+        return CERTIFICATE_EXPIRED
+    return None if drone in job.signed.envelopes else NOT_SIGNED

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+from ..core.channel import Channel
 from ..core.clock import stamp
 from ..core.effects import Publish
-from ..core.settings import Settings
-from ..protocol.codec import encode
 from ..protocol.messages import BeaconMessage, CommandId, FogResultMessage, ResultMessage, RosterEntry, Word
 from ..protocol.topics import CloudSide
 from ..protocol.words import NO_DEADLINE
-from .drones import CLOUD
+from ..security.cose import Envelope
 
 
 class RelayWords:
     """One activator session's own words, and its way of passing on those of drones."""
 
-    def __init__(self, session: int, settings: Settings, cloud: CloudSide) -> None:
+    def __init__(self, session: int, channel: Channel, cloud: CloudSide) -> None:
         self._session = session
-        self._settings = settings
+        self._channel = channel
         self._cloud = cloud
 
     def own_word(self, command_id: CommandId, word: Word, reason: str | None, now_ms: int) -> ResultMessage:
@@ -48,10 +47,13 @@ class RelayWords:
     def beacon(self, now_ms: int) -> BeaconMessage:
         return BeaconMessage(session=self._session, now_ms=now_ms)
 
-    def publish_result(self, drone: int, name: str, result: ResultMessage) -> Publish:
+    def publish_result(self, drone: int, name: str, result: ResultMessage, signed: Envelope | None = None) -> Publish:
+        """A word; one that its drone signed as it is, with what the relay says of it beside it (R12.11)."""
         topic = self._cloud.drone_result(drone, name)
-        return Publish(CLOUD, topic, encode(result, self._settings.encoding), self._settings.qos)
+        if signed is None:
+            return self._channel.publish(topic, result)
+        payload = signed.routed([result.relay_stamp, bool(result.settled)]).encode()
+        return Publish(self._channel.link, topic, payload, self._channel.settings.qos)
 
     def publish_fog_result(self, name: str, result: FogResultMessage) -> Publish:
-        topic = self._cloud.fog_result(name)
-        return Publish(CLOUD, topic, encode(result, self._settings.encoding), self._settings.qos)
+        return self._channel.publish(self._cloud.fog_result(name), result)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass, field
 
+from ..core.channel import Channel
 from ..core.clock import Beacon, RemoteClock, stamp, stamp_supersedes
 from ..core.effects import Effect, Log, Publish
-from ..core.settings import Settings
-from ..protocol.codec import encode
 from ..protocol.messages import BeaconMessage, DroneLease, DroneRecord, Presence, RosterEntry
 from ..protocol.state_payload import StampedState
 from ..protocol.topics import CloudSide, FogSide
@@ -81,14 +80,17 @@ class Drones:
     def __init__(
         self,
         session: int,
-        settings: Settings,
+        to_cloud: Channel,
+        to_fog: Channel,
         cloud: CloudSide,
         fog: FogSide,
         configured: tuple[int, ...],
         leases: Leases,
     ) -> None:
         self._session = session
-        self._settings = settings
+        self._settings = to_cloud.settings
+        self._to_cloud = to_cloud
+        self._to_fog = to_fog
         self._cloud = cloud
         self._fog = fog
         self._leases = leases
@@ -143,10 +145,11 @@ class Drones:
         link = self.links.get(number)
         if link is None or message.session != link.session or link.clock is None:
             return [Log("unknown_session", f"beacon of drone {number} from session {message.session:08x}")]
-        asked_ms = link.nonces.get(message.nonce) if message.nonce is not None else None
+        asked_ms = link.nonces.pop(message.nonce, None) if message.nonce is not None else None
         link.clock.observe(Beacon(message.session, message.now_ms, message.nonce, message.held_ms), now_ms, asked_ms)
         out: list[Effect] = []
-        if link.challenger is not None and asked_ms is not None:
+        was_contested_ms = link.contest_until_ms - CONTEST_MS
+        if link.challenger is not None and asked_ms is not None and asked_ms >= was_contested_ms:
             out.append(self._refuse(link, link.challenger))
             link.challenger = None
         if link.up and not link.announced and link.clock.latest_now_ms(now_ms) is not None:
@@ -189,6 +192,10 @@ class Drones:
             if link.up and link.session is not None:
                 out.append(self._lease(link, now_ms))
         return out
+
+    def ask_all(self, now_ms: int) -> list[Effect]:
+        """Every drone that is there is asked for a beacon."""
+        return [self._lease(link, now_ms) for link in self.links.values() if link.up and link.session is not None]
 
     def restore(self, number: int, record: DroneRecord, now_ms: int) -> None:
         """What an earlier session of this activator retained of a drone."""
@@ -257,8 +264,7 @@ class Drones:
             holder_session=holder.key[1] if holder is not None else None,
             epoch=self._leases.epoch(link.number) or None,
         )
-        payload = encode(record, self._settings.encoding)
-        return Publish(CLOUD, self._cloud.drone_reachable(link.number), payload, qos=1, retain=True)
+        return self._to_cloud.publish(self._cloud.drone_reachable(link.number), record, qos=1, retain=True)
 
     def _lease(self, link: DroneLink, now_ms: int) -> Publish:
         assert link.session is not None
@@ -296,5 +302,6 @@ class Drones:
         return self._publish_lease(link.number, refused)
 
     def _publish_lease(self, number: int, lease: DroneLease) -> Publish:
-        payload = encode(lease, self._settings.encoding)
-        return Publish(FOG, self._fog.init_connect(number), payload, qos=1)
+        link = self.links[number]
+        is_known = link.clock is not None and link.clock.has_echoed and link.session == lease.drone_session
+        return self._to_fog.publish(self._fog.init_connect(number), lease, qos=1, with_certificate=not is_known)

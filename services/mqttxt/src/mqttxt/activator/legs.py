@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 from ..core.settings import Retry
 from ..protocol.messages import CommandMessage, FogResultMessage, ResultMessage
+from ..security.cose import Envelope
+from .signed_commands import SignedCommand
 
 CHOSEN = 0
 """The target of a command for which PSMI chooses the drone."""
@@ -13,7 +15,7 @@ CHOSEN = 0
 
 @dataclass
 class Leg:
-    """A command on its way to one drone, and what was said of it."""
+    """A command on its way to one drone, and what was said of it; `signed` are those of the words that it signed."""
 
     drone: int
     sent: CommandMessage | None = None
@@ -21,6 +23,7 @@ class Leg:
     words: list[ResultMessage] = field(default_factory=list)
     retry: Retry | None = None
     truth: ResultMessage | None = None
+    signed: dict[ResultMessage, Envelope] = field(default_factory=dict)
 
     @property
     def is_closed(self) -> bool:
@@ -32,7 +35,7 @@ class Job:
     """What the activator records about a command: where it was sent, its deadline, and how it was answered.
 
     `target` is a drone's number, None for a broadcast, `CHOSEN` where PSMI chooses; while it is `choosing`, another
-    leg may follow.
+    leg may follow. `signed` is what its station signed for each drone, None where messages are not signed.
     """
 
     target: int | None
@@ -40,6 +43,7 @@ class Job:
     deadline_ms: int
     close_at_ms: int
     query: bool
+    signed: SignedCommand | None = None
     legs: dict[int, Leg] = field(default_factory=dict)
     answer: FogResultMessage | None = None
     choosing: bool = False

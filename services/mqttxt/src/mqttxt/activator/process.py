@@ -13,6 +13,7 @@ from ..core.settings import Settings
 from ..errors import ConfigurationError
 from ..protocol.topics import CloudSide, FogSide
 from ..security.identity import Identity
+from ..security.seal import Seal
 from .drones import CLOUD, FOG
 from .role import Activator
 
@@ -21,7 +22,7 @@ class ActivatorRunner(Runner):
     """Runs one fog's activator. `embedded` is its own broker, None where `fog_broker` runs elsewhere.
 
     `advertised` is the fog broker's address as others reach it, where that is another than `fog_broker`. `identity` is
-    the fog's, for `mqtts://` to both.
+    the fog's, for `mqtts://` to both; with a `seal` messages are signed.
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class ActivatorRunner(Runner):
         prefix: str = "",
         ready_file: Path | None = None,
         identity: Identity | None = None,
+        seal: Seal | None = None,
     ) -> None:
         cloud = CloudSide(fog, prefix)
         shared = (cloud_broker.host, cloud_broker.port) == (fog_broker.host, fog_broker.port)
@@ -55,6 +57,7 @@ class ActivatorRunner(Runner):
             broker=str(advertised or fog_broker),
             cloud=cloud,
             fog_side=FogSide(root),
+            seal=seal,
         )
         super().__init__(self.activator, clock, ready_file, identity)
         self._embedded = embedded

@@ -5,15 +5,21 @@ from __future__ import annotations
 import secrets
 from typing import Any
 
+from ..core.channel import Channel
 from ..core.effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe, Will
+from ..core.session_owners import SessionOwners
 from ..core.settings import Rebirth, Settings
 from ..errors import PayloadError
-from ..protocol.codec import decode, encode
-from ..protocol.messages import BeaconMessage, DroneRecord, FogPresence, Presence, Registration
+from ..protocol.codec import decode
+from ..protocol.messages import BeaconMessage, DroneRecord, FogPresence, Grant, Presence, Registration
 from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic, StationTopic
+from ..security.cose import Envelope
+from ..security.seal import Seal
+from .births import Births
 from .command_relay import Relay
 from .drones import CLOUD, FOG, Drones
 from .leases import Leases
+from .registrations import SignedRegistrations
 from .selector import Selector
 from .sensor_relay import Carried, SensorRelay
 from .state_relay import StateRelay
@@ -27,7 +33,7 @@ _ASKING = frozenset({"commands", "select", "init_connect"})
 
 
 class Activator:
-    """One activator session. Times are milliseconds of its session clock."""
+    """One activator session. Times are milliseconds of its session clock. With a `seal` messages are signed."""
 
     def __init__(
         self,
@@ -39,6 +45,7 @@ class Activator:
         broker: str | None = None,
         cloud: CloudSide | None = None,
         fog_side: FogSide | None = None,
+        seal: Seal | None = None,
     ) -> None:
         self.fog = fog
         self.session = session
@@ -46,11 +53,19 @@ class Activator:
         self.cloud = cloud or CloudSide(fog)
         self.fog_side = fog_side or FogSide()
         self.leases = Leases(drones)
-        self.drones = Drones(session, settings, self.cloud, self.fog_side, drones, self.leases)
-        self.relay = Relay(session, settings, self.cloud, self.fog_side, self.drones, self.leases)
-        self.selector = Selector(session, settings, self.cloud, self.drones, self.leases, self.relay)
-        self.states = StateRelay(session, settings, self.cloud, self.drones, self.leases)
-        self.sensors = SensorRelay(settings, self.cloud, self.fog_side, self.leases)
+        self._to_cloud = Channel(CLOUD, self.cloud.prefix, settings, seal)
+        self._to_fog = Channel(FOG, self.fog_side.root, settings, seal)
+        self._owners = SessionOwners()
+        topics, channels = (self.cloud, self.fog_side), (self._to_cloud, self._to_fog)
+        self.drones = Drones(session, *channels, *topics, drones, self.leases)
+        self.relay = Relay(session, *channels, *topics, self.drones, self.leases, self._owners)
+        self.selector = Selector(session, self._to_cloud, self.cloud, self.drones, self.leases, self.relay)
+        self.states = StateRelay(session, self._to_cloud, self.cloud, self.drones, self.leases)
+        self.sensors = SensorRelay(self._to_fog, self.cloud, self.fog_side, self.leases)
+        self._births = Births(*topics, self.drones, self.leases)
+        self._registrations = SignedRegistrations(session, seal, self._owners) if seal is not None else None
+        self._seal = seal
+        self._name = f"fog{fog}"
         self.connected = {CLOUD: False, FOG: False}
         self.born = False
         self._was_born = False
@@ -59,11 +74,12 @@ class Activator:
         self._next_beacon_ms = 0
         self._rival: int | None = None
         self._challenge_until_ms: int | None = None
+        self._challenge_nonce = 0
         self._rebirth = Rebirth()
 
     def will(self) -> Will:
         """The will of the connection to the cloud broker; the fog broker needs none."""
-        return Will(self.cloud.reachable, encode(self._presence(up=False), self.settings.encoding))
+        return Will(self.cloud.reachable, self._to_cloud.payload(self.cloud.reachable, self._presence(up=False)))
 
     def is_ready(self, now_ms: int) -> bool:
         """Whether the activator is live on both brokers."""
@@ -77,7 +93,7 @@ class Activator:
         self._subacks[CLOUD] = 3
         return [
             Subscribe(CLOUD, self.cloud.activator_command_filters(), live_only=True),
-            Subscribe(CLOUD, self.cloud.activator_filters()),
+            Subscribe(CLOUD, self.cloud.activator_filters(signed=self._seal is not None)),
             Subscribe(CLOUD, (self.cloud.clock,)),
         ]
 
@@ -147,30 +163,30 @@ class Activator:
         if is_doubtful and isinstance(topic, DroneTopic | FogTopic) and topic.kind in _ASKING:
             return [Log("not_born", f"{message.topic}: left to the activator that may own fog {self.fog}")]
         if isinstance(topic, StationTopic):
-            return self._on_station(topic.name, decode(Presence, message.payload), now_ms)
+            return self._on_station(topic.name, message, now_ms)
         if isinstance(topic, DroneTopic):
             if topic.kind == "commands":
                 return self.relay.on_command(topic.drone, message, now_ms)
-            return self._on_own_record(topic.drone, decode(DroneRecord, message.payload), now_ms)
+            if topic.kind == "control" and self._seal is not None:
+                return self._on_grant(self._seal, topic.drone, message)
+            return self._on_own_record(topic.drone, message, now_ms)
         if topic.kind == "commands":
             return self.relay.on_command(None, message, now_ms)
         if topic.kind == "select":
             return self.selector.on_select(topic.name, message, now_ms)
         if topic.kind == "init_connect":
-            return self._on_registration(decode(Registration, message.payload), now_ms)
+            return self._on_registration(message, now_ms)
         if topic.kind == "clock":
-            return self._on_clock(decode(BeaconMessage, message.payload), now_ms)
+            return self._on_clock(decode(BeaconMessage, self._to_cloud.opened(message, self._name)), now_ms)
         if topic.kind == "reachable":
-            return self._on_own_presence(decode(FogPresence, message.payload), now_ms)
+            return self._on_own_presence(message, now_ms)
         raise PayloadError(f"topic {message.topic!r}: not for an activator", "topic")
 
     def _on_fog(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         if topic.kind == "reachable":
-            presence = decode(Presence, message.payload)
-            return self._watched(self.drones.on_presence(topic.drone, presence, now_ms), now_ms)
+            return self._on_drone_presence(topic.drone, message, now_ms)
         if topic.kind == "clock":
-            beacon = decode(BeaconMessage, message.payload)
-            return self._watched(self.drones.on_beacon(topic.drone, beacon, now_ms), now_ms)
+            return self._on_drone_beacon(topic.drone, message, now_ms)
         link = self.drones.get(topic.drone)
         if topic.kind == "state":
             return self.states.on_state(link, topic.name, message.payload, now_ms)
@@ -181,8 +197,27 @@ class Activator:
         if topic.kind == "commands_result":
             if link is None:
                 raise PayloadError(f"topic {message.topic!r}: a drone that was never reachable", "topic")
-            return self.relay.on_result(link, message.payload, topic.name, now_ms)
+            if self._seal is None:
+                return self.relay.on_result(link, message.payload, topic.name, now_ms)
+            said_on = self._to_fog.signed_topic(message.topic)
+            signed = self._seal.open(said_on, message.payload, f"drone{topic.drone}")
+            return self.relay.on_result(link, signed.payload, topic.name, now_ms, signed.envelope.bare())
         raise PayloadError(f"topic {message.topic!r}: not for an activator", "topic")
+
+    def _on_drone_presence(self, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+        """A drone's birth or will; a signed birth is passed on to who is to verify what the drone says."""
+        presence = decode(Presence, self._to_fog.opened(message, f"drone{drone}"))
+        out = self._watched(self.drones.on_presence(drone, presence, now_ms), now_ms)
+        return out + self._births.on_drone(drone, message.payload) if self._seal is not None and presence.up else out
+
+    def _on_drone_beacon(self, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+        """A drone's beacon; a signed one is passed on: who signs commands makes their deadlines of it."""
+        beacon = decode(BeaconMessage, self._to_fog.opened(message, f"drone{drone}"))
+        out = self._watched(self.drones.on_beacon(drone, beacon, now_ms), now_ms)
+        link = self.drones.get(drone)
+        if self._seal is not None and self.born and link is not None and link.session == beacon.session:
+            out = [*out, Publish(CLOUD, self.cloud.drone_clock(drone), message.payload, qos=0)]
+        return out
 
     def _watched(self, out: list[Effect], now_ms: int) -> list[Effect]:
         """What follows from drones having become reachable, or not, behind what their part did by itself."""
@@ -193,7 +228,12 @@ class Activator:
             self.states.qods.touched = True
         return out
 
-    def _on_registration(self, message: Registration, now_ms: int) -> list[Effect]:
+    def _on_registration(self, inbound: Inbound, now_ms: int) -> list[Effect]:
+        if self._registrations is None:
+            message = decode(Registration, inbound.payload)
+        else:
+            topic = self._to_cloud.signed_topic(inbound.topic)
+            message = self._registrations.read(topic, inbound.payload, self.leases, now_ms)
         is_new = (message.name, message.session) not in self.leases
         if is_new and message.lease_s > 0 and len(self.leases) >= MOST_STATIONS:
             return [Log("too_many_stations", f"{message.name}: {MOST_STATIONS} stations are registered already")]
@@ -202,15 +242,41 @@ class Activator:
         if is_new and message.lease_s > 0:
             self.states.qods.forget()
             out += self.states.relay_all(self.drones.links.values(), now_ms)
+            if self._seal is not None:
+                out += [*self._births.on_registered(message.name), *self.drones.ask_all(now_ms)]
         return out
 
-    def _on_station(self, name: str, presence: Presence, now_ms: int) -> list[Effect]:
-        if presence.up:
+    def _on_station(self, name: str, message: Inbound, now_ms: int) -> list[Effect]:
+        """A station's birth or will; a will that its broker may say at any time frees nothing (R12.13)."""
+        if self._seal is None:
+            presence = decode(Presence, message.payload)
+            if presence.up:
+                return []
+            return self.drones.controlled_anew(self.leases.end((name, presence.session), now_ms), now_ms)
+        signed = self._seal.open(self._to_cloud.signed_topic(message.topic), message.payload, f"gs-{name}")
+        presence = decode(Presence, signed.payload)
+        if not presence.up or not self._owners.claim(presence.session, signed.signer):
             return []
-        return self.drones.controlled_anew(self.leases.end((name, presence.session), now_ms), now_ms)
+        return self._births.on_station(name, signed.certificate, presence.session, message.payload)
 
-    def _on_own_record(self, drone: int, record: DroneRecord, now_ms: int) -> list[Effect]:
+    def _on_grant(self, seal: Seal, drone: int, message: Inbound) -> list[Effect]:
+        """A station's word on its control of a drone: passed on as it is, while the drone is the station's."""
+        topic = self.fog_side.control(drone)
+        signed = seal.open_of_station(self._to_fog.signed_topic(topic), Envelope.parse(message.payload))
+        grant = decode(Grant, signed.payload)
+        is_own = self._owners.is_of(grant.gs_session, signed.signer)
+        if not is_own or not self.leases.controls(grant.gs_session, drone):
+            return [Log("foreign_session", f"{message.topic}: {signed.signer} is not in control")]
+        return [Publish(FOG, topic, signed.envelope.bare().routed(None).encode(), qos=1)]
+
+    def _on_own_record(self, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
         """Another session's word about a drone of this fog is put right; before birth it says who had control."""
+        try:
+            record = decode(DroneRecord, self._to_cloud.opened(message, self._name))
+        except PayloadError as error:
+            if self._seal is None or not self.born:
+                raise
+            return [Log(error.kind, f"{message.topic}: {error}"), self.drones.record_of(drone)]
         if not self.born:
             self.drones.restore(drone, record, now_ms)
             return []
@@ -220,7 +286,13 @@ class Activator:
             return []  # an own record that a newer one, already under way, replaces
         return [self.drones.record_of(drone)]
 
-    def _on_own_presence(self, presence: FogPresence, now_ms: int) -> list[Effect]:
+    def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Effect]:
+        try:
+            presence = decode(FogPresence, self._to_cloud.opened(message, self._name))
+        except PayloadError:
+            if self._seal is not None and self.born:
+                self._rebirth.arm(now_ms)
+            raise
         if presence.session == self.session:
             if not presence.up and self.born:
                 self._rebirth.arm(now_ms)
@@ -237,16 +309,17 @@ class Activator:
         """Before birth: the own beacon closes what the broker retains, a rival's proves it alive."""
         if self.born:
             return []
-        if beacon.session == self._rival:
+        is_answer = self._seal is None or beacon.nonce == self._challenge_nonce
+        if beacon.session == self._rival and is_answer:
             return [Stop(f"refused: another live activator is fog {self.fog} already")]
         if beacon.session != self.session or self._challenge_until_ms is not None:
             return []
         if self._rival is None:
             return self._be_born(now_ms)
         self._challenge_until_ms = now_ms + CHALLENGE_MS
-        question = Registration(name="activator", session=self.session, nonce=secrets.randbelow(2**32), lease_s=0)
-        payload = encode(question, self.settings.encoding)
-        return [Publish(CLOUD, self.cloud.init_connect, payload, qos=1)]
+        self._challenge_nonce = secrets.randbelow(2**32)
+        question = Registration(name="activator", session=self.session, nonce=self._challenge_nonce, lease_s=0)
+        return [self._to_cloud.publish(self.cloud.init_connect, question, qos=1)]
 
     def _be_born(self, now_ms: int) -> list[Effect]:
         self.born = self._was_born = True
@@ -254,6 +327,7 @@ class Activator:
             Unsubscribe(CLOUD, (self.cloud.clock,)),
             self._publish_presence(up=True),
             *self.drones.records(),
+            *self._births.of_drones(),
             self._beacon(now_ms),
         ]
 
@@ -262,18 +336,18 @@ class Activator:
             session=self.session,
             up=up,
             broker=self._broker if up else None,
-            authenticated=False if up else None,
+            authenticated=self._seal is not None if up else None,
             drones=self.drones.roster() if up else None,
         )
 
     def _publish_presence(self, up: bool) -> Publish:
         self.drones.roster_changed = False
-        payload = encode(self._presence(up), self.settings.encoding)
-        return Publish(CLOUD, self.cloud.reachable, payload, qos=1, retain=True)
+        topic, presence = self.cloud.reachable, self._presence(up)
+        return self._to_cloud.publish(topic, presence, qos=1, retain=True, with_certificate=up)
 
     def _beacon(self, now_ms: int, nonce: int | None = None) -> Publish:
         self._next_beacon_ms = now_ms + self.settings.beacon_interval_ms
         message = BeaconMessage(
             session=self.session, now_ms=now_ms, nonce=nonce, held_ms=0 if nonce is not None else None
         )
-        return Publish(CLOUD, self.cloud.clock, encode(message, self.settings.encoding), qos=0)
+        return self._to_cloud.publish(self.cloud.clock, message, qos=0)

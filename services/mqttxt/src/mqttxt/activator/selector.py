@@ -5,24 +5,24 @@ The next drone is tried only after a definite no. After silence, `failed` or `un
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from ..core.channel import Channel
 from ..core.clock import stamp
 from ..core.effects import Effect, Inbound, Publish
 from ..core.ledger import Entry
-from ..core.settings import Settings
 from ..errors import PayloadError
-from ..protocol.codec import decode, encode
 from ..protocol.commands import Goto
 from ..protocol.messages import CommandId, Word
 from ..protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
 from ..protocol.topics import CloudSide
 from ..protocol.words import PASSED_OVER
 from .command_relay import Relay
-from .drones import CLOUD, Drones
+from .drones import Drones
 from .leases import Leases
 from .legs import CHOSEN, Job, Leg
 from .psmi import rank
+from .signed_commands import SelectContents
 
 LONGEST_HOLD_MS = 60_000
 MOST_RESERVATIONS = 256
@@ -56,10 +56,10 @@ class Selector:
     """The choices of one activator session."""
 
     def __init__(
-        self, session: int, settings: Settings, cloud: CloudSide, drones: Drones, leases: Leases, relay: Relay
+        self, session: int, to_cloud: Channel, cloud: CloudSide, drones: Drones, leases: Leases, relay: Relay
     ) -> None:
         self._session = session
-        self._settings = settings
+        self._channel = to_cloud
         self._cloud = cloud
         self._drones = drones
         self._leases = leases
@@ -70,15 +70,21 @@ class Selector:
         relay.on_overriding = self._on_overriding
 
     def on_select(self, name: str, message: Inbound, now_ms: int) -> list[Effect]:
-        """A message on `fogX/commands/C`."""
+        """A message on `fogX/commands/C`.
+
+        Where messages are signed, raises PayloadError before anything is answered or entered.
+        """
+        read = self._relay.signed.select if self._relay.signed is not None else _unsigned
+        topic = self._channel.signed_topic(message.topic)
+        contents = read(topic, message.payload)
         try:
-            wanted = decode(SelectMessage, message.payload)
+            wanted, signed = contents.read()
             if wanted.command.name != name or not isinstance(wanted.command, Goto):
                 raise PayloadError(f"command {wanted.command.name}: expected {name}, as the topic says")
         except PayloadError as error:
-            return self._relay.on_malformed(CHOSEN, message, error, now_ms)
-        contents = (wanted.mode, wanted.reservation, wanted.command)
-        entry, out = self._relay.enter(wanted.as_command(), CHOSEN, contents, message.retain, now_ms)
+            return self._relay.on_malformed(CHOSEN, replace(message, payload=contents.payload), error, now_ms)
+        key = (wanted.mode, wanted.reservation, wanted.command)
+        entry, out = self._relay.enter(wanted.as_command(), CHOSEN, key, message.retain, now_ms, signed)
         if entry is None:
             return [*self._said_again(wanted.id), *out]
         if entry.record.query and wanted.mode in (SelectMode.SELECT, SelectMode.COMMIT):
@@ -126,7 +132,7 @@ class Selector:
             epoch=wanted.epoch,
             busy=self._relay.busy_drones() | {held.drone for held in self._reservations.values()},
             tried=tried,
-            stale_ms=self._settings.state_limit_ms,
+            stale_ms=self._channel.settings.state_limit_ms,
             now_ms=now_ms,
         )
 
@@ -226,4 +232,8 @@ class Selector:
         return [self._publish(choice.said)] if choice is not None and choice.said is not None else []
 
     def _publish(self, message: PsmiMessage) -> Publish:
-        return Publish(CLOUD, self._cloud.psmi, encode(message, self._settings.encoding), self._settings.qos)
+        return self._channel.publish(self._cloud.psmi, message)
+
+
+def _unsigned(topic: str, payload: bytes) -> SelectContents:
+    return SelectContents(payload)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..core.channel import Channel
 from ..core.effects import Effect, Publish
-from ..core.settings import Settings
 from ..protocol.codec import decode, encode
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
 from ..protocol.topics import CloudSide, DroneTopic, FogSide
-from .drones import CLOUD, FOG
+from .drones import CLOUD
 from .leases import Leases
 
 
@@ -28,8 +28,8 @@ class SensorRelay:
     is there. Who registers has subscribed before.
     """
 
-    def __init__(self, settings: Settings, cloud: CloudSide, fog_side: FogSide, leases: Leases) -> None:
-        self._settings = settings
+    def __init__(self, to_fog: Channel, cloud: CloudSide, fog_side: FogSide, leases: Leases) -> None:
+        self._to_fog = to_fog
         self._cloud = cloud
         self._fog = fog_side
         self._leases = leases
@@ -45,7 +45,7 @@ class SensorRelay:
             return []
         self._on_the_way[carried] = bool(self._leases)
         to = self._cloud.drone_sensor(topic.drone, reading.sensor, reading.kind)
-        return [Publish(CLOUD, to, encode(reading.message, self._settings.encoding), qos=1, ref=carried)]
+        return [Publish(CLOUD, to, encode(reading.message, self._to_fog.settings.encoding), qos=1, ref=carried)]
 
     def on_published(self, carried: Carried, code: int, now_ms: int) -> list[Effect]:
         """The cloud broker's PUBACK; where nobody was there to get it the drone keeps the reading."""
@@ -67,5 +67,5 @@ class SensorRelay:
         for drone, keys in safe.items():
             for start in range(0, len(keys), MOST_ACKNOWLEDGED):
                 ack = ReadingAck(readings=tuple(keys[start : start + MOST_ACKNOWLEDGED]))
-                out.append(Publish(FOG, self._fog.sensor_ack(drone), encode(ack, self._settings.encoding), qos=1))
+                out.append(self._to_fog.publish(self._fog.sensor_ack(drone), ack, qos=1))
         return out

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ..core.channel import Channel
 from ..core.clock import STAMP_MODULUS, STAMP_TICK_MS, stamp
 from ..core.effects import Effect, Publish
-from ..core.settings import Settings, next_turn_ms
+from ..core.settings import next_turn_ms
 from ..protocol.bundles import DroneBundle, fog_bundles
 from ..protocol.codec import decode, encode
 from ..protocol.policies import URGENT
@@ -24,10 +25,11 @@ PATIENCE = 0.75
 class StateRelay:
     """Keeps every drone's states and tells them to the registered stations, in the form that each asked for."""
 
-    def __init__(self, session: int, settings: Settings, cloud: CloudSide, drones: Drones, leases: Leases) -> None:
+    def __init__(self, session: int, to_cloud: Channel, cloud: CloudSide, drones: Drones, leases: Leases) -> None:
         self.qods = qods.QodsTurns()
         self._session = session
-        self._settings = settings
+        self._channel = to_cloud
+        self._settings = to_cloud.settings
         self._cloud = cloud
         self._drones = drones
         self._leases = leases
@@ -69,8 +71,7 @@ class StateRelay:
         ranking = self.qods.due(self._drones.links.values(), self._settings.state_limit_ms, now_ms)
         if ranking is not None:
             message = QodsMessage(session=self._session, stamp=stamp(now_ms), ranking=ranking)
-            payload = encode(message, self._settings.encoding)
-            out.append(Publish(CLOUD, self._cloud.qods, payload, qos=0))
+            out.append(self._channel.publish(self._cloud.qods, message, qos=0))
         return out
 
     def _take(self, link: DroneLink | None, state: StampedState, now_ms: int) -> list[Effect]:

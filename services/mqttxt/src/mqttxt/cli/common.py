@@ -28,6 +28,12 @@ IdentityFolder = Annotated[
     Path | None,
     typer.Option("--identity", help="The folder of this node's identity, for mqtts:// (`mqttxt keys issue`)."),
 ]
+Signed = Annotated[
+    bool,
+    typer.Option(
+        "--signed", help="Sign, and hear only what is signed; takes --identity. The whole fleet, or none of it."
+    ),
+]
 Insecure = Annotated[
     bool, typer.Option("--insecure", help="Allow mqtt:// to other machines: whoever is there commands the drones.")
 ]

@@ -29,6 +29,14 @@ Identity = Annotated[
         help="The folder of the station's identity, for mqtts:// (`mqttxt keys issue`).", envvar="MQTTXT_IDENTITY"
     ),
 ]
+Signed = Annotated[
+    bool,
+    typer.Option(
+        "--signed",
+        help="Sign, and hear only what is signed; takes --identity. The whole fleet, or none of it.",
+        envvar="MQTTXT_SIGNED",
+    ),
+]
 Insecure = Annotated[
     bool,
     typer.Option(
@@ -45,6 +53,7 @@ def watch(
     fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
     cloud: Cloud = "mqtt://127.0.0.1:1883",
     identity: Identity = None,
+    signed: Signed = False,
     insecure: Insecure = False,
     prefix: Prefix = "",
     json: Json = False,
@@ -62,7 +71,7 @@ def watch(
     async def job() -> int:
         chosen = settings(1, json)
         station_options: dict[str, Any] = {"encoding": chosen.encoding, "control": False, "bundles": bundles}
-        station_options |= {"identity": identity, "insecure": insecure}
+        station_options |= {"identity": identity, "signed": signed, "insecure": insecure}
         async with GroundStation(cloud, prefix=prefix, **station_options) as station:
             await watch_fogs(station, await station.connect(fog, timeout), Console())
         return 0
@@ -85,6 +94,7 @@ def send(
     take_over: Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")] = False,
     cloud: Cloud = "mqtt://127.0.0.1:1883",
     identity: Identity = None,
+    signed: Signed = False,
     insecure: Insecure = False,
     ttl: Annotated[float, typer.Option(help="Seconds within which it must start (at most 60).")] = 5.0,
     limit: Annotated[float | None, typer.Option(help="Seconds within which it must end.")] = None,
@@ -104,7 +114,8 @@ def send(
         _check_target(wanted, numbers, drone, best)
         chosen = settings(qos, json)
         how: dict[str, Any] = {"qos": chosen.qos, "encoding": chosen.encoding, "prefix": prefix}
-        async with GroundStation(cloud, **how, identity=identity, insecure=insecure) as station:
+        how |= {"identity": identity, "signed": signed, "insecure": insecure}
+        async with GroundStation(cloud, **how) as station:
             fogs = await station.connect(numbers, timeout)
             if take_over:
                 for there in fogs:

@@ -14,7 +14,7 @@ from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
 from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_prefix
 from .broker import address_of, broker
-from .common import IdentityFolder, Insecure, errors_as_lines, run_role, set_up_logging, settings
+from .common import IdentityFolder, Insecure, Signed, errors_as_lines, run_role, set_up_logging, settings
 from .conformance import conformance_app
 from .gs import gs_app
 from .keys import keys_app
@@ -83,6 +83,7 @@ def activator(
     drones: Annotated[str, typer.Option(help="Numbers of the fog's drones, as 1,2,3: they are in every roster.")] = "",
     identity: IdentityFolder = None,
     broker_identity: BrokerIdentity = None,
+    signed: Signed = False,
     insecure: Insecure = False,
     qos: Qos = 1,
     json: Json = False,
@@ -120,6 +121,7 @@ def activator(
             prefix=prefix,
             ready_file=ready_file,
             identity=transport.identity,
+            seal=transport.seal(signed),
         )
 
     run_role(make)
@@ -160,6 +162,10 @@ def uav(
     sensor_store_limit: Annotated[int, typer.Option(help="Readings that the file may hold.")] = DEFAULT_LIMIT,
     identity: IdentityFolder = None,
     broker_identity: BrokerIdentity = None,
+    signed: Signed = False,
+    fog: Annotated[
+        int | None, typer.Option(help="With --signed: the fog's number; leases are taken of its activator alone.")
+    ] = None,
     insecure: Insecure = False,
     qos: Qos = 1,
     json: Json = False,
@@ -196,9 +202,20 @@ def uav(
             ),
             sensors=carried,
             identity=transport.identity,
+            seal=transport.seal(signed),
+            fog=_own_fog(fog, signed),
         )
 
     run_role(make)
+
+
+def _own_fog(fog: int | None, signed: bool) -> int:
+    """The fog that a signing drone belongs to; raises ConfigurationError."""
+    if not signed and fog is not None:
+        raise ConfigurationError(f"--fog {fog}: expected --signed beside it")
+    if signed and fog is None:
+        raise ConfigurationError("--signed: expected --fog X, the fog's number, beside it")
+    return check_number("--fog", fog) if fog is not None else 0
 
 
 def sensor_options(

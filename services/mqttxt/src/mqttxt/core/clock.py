@@ -154,6 +154,11 @@ class RemoteClock:
         found = (self._lower_offset + (now_ms + ttl_ms) * _SLOWEST) // _SLOWEST_OF - 1
         return min(found, LATEST_MS)
 
+    @property
+    def has_echoed(self) -> bool:
+        """Whether the other process has heard this one, and this one its answer."""
+        return self._upper_offset is not None
+
     def latest_now_ms(self, now_ms: int) -> int | None:
         """The most that the remote clock can read at the own time `now_ms`; None before an echo."""
         if self._upper_offset is None:

@@ -8,6 +8,7 @@ from typing import Self
 
 from ..errors import ConfigurationError
 from ..security.identity import Identity
+from ..security.seal import Seal
 from .address import BrokerAddress
 
 
@@ -29,6 +30,14 @@ class Transport:
         if identity is not None and identity.name != name:
             raise ConfigurationError(f"--identity {folder}: the identity of {identity.name}; expected that of {name}")
         return cls(identity, insecure)
+
+    def seal(self, signed: bool) -> Seal | None:
+        """What this node signs with, if it does; raises ConfigurationError without an identity."""
+        if not signed:
+            return None
+        if self.identity is None:
+            raise ConfigurationError("--signed: expected --identity DIR beside it")
+        return Seal(self.identity)
 
     def check(self, address: BrokerAddress, option: str) -> BrokerAddress:
         """The address, if connections there are protected; raises ConfigurationError where they are not.

@@ -5,16 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..core.channel import Channel
 from ..core.clock import MAX_TTL_MS, stamp
 from ..core.effects import Inbound, Log, Publish
-from ..core.ledger import KEEP_MS, Admission, Ledger, Share
-from ..core.settings import NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Settings
+from ..core.ledger import KEEP_MS, OVERRIDING, Admission, Ledger, Share
+from ..core.session_owners import SessionOwners
+from ..core.settings import NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS
 from ..errors import PayloadError
-from ..protocol.codec import decode, encode
+from ..protocol.codec import decode
 from ..protocol.identify import identify
 from ..protocol.messages import BeaconMessage, By, CommandId, CommandMessage, ResultMessage, Word, without_contradiction
 from ..protocol.topics import FogSide
-from ..protocol.words import NO_DEADLINE, NOT_IN_CONTROL
+from ..protocol.values import shown
+from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_IN_CONTROL
+from ..security.cose import Envelope
+from ..security.rights import command_right
+from ..security.seal import Seal, Signed
 from .effects import Effect, Journal
 from .executor import Executor
 from .mavlink.raw import Limits
@@ -72,10 +78,11 @@ class CommandDesk:
         self,
         drone: int,
         session: int,
-        settings: Settings,
+        channel: Channel,
         topics: FogSide,
         vehicle: Vehicle,
         unfinished: list[Unfinished],
+        owners: SessionOwners,
         remembers: bool = True,
         limits: Limits | None = None,
     ) -> None:
@@ -86,7 +93,8 @@ class CommandDesk:
         self.epoch = 0
         self._drone = drone
         self._session = session
-        self._settings = settings
+        self._channel = channel
+        self._owners = owners
         self._topics = topics
         self._remembers = remembers
         self._highest_started: dict[int, tuple[int, int]] = {}
@@ -97,22 +105,57 @@ class CommandDesk:
             self.ledger.close(entry, 0)
 
     def on_payload(self, message: Inbound, now_ms: int) -> list[Effect]:
+        """A command; where messages are signed, raises PayloadError before anything is answered or entered (R12.9)."""
+        if self._channel.seal is None:
+            return self._on_contents(message, message.payload, now_ms)
+        return self._on_signed(self._channel.seal, message, now_ms)
+
+    def _on_signed(self, seal: Seal, message: Inbound, now_ms: int) -> list[Effect]:
+        topic = self._channel.signed_topic(message.topic)
+        signed = seal.open_of_station(topic, Envelope.parse(message.payload))
+        known = identify(signed.payload)
+        if known is None or not self._owners.is_of(known.gs_session, signed.signer):
+            raise PayloadError(f"command of {signed.signer}: expected a session of its own", "foreign_session")
+        return self._on_contents(message, signed.payload, now_ms, signed)
+
+    def _on_contents(self, message: Inbound, payload: bytes, now_ms: int, signed: Signed | None = None) -> list[Effect]:
         try:
-            command = decode(CommandMessage, message.payload)
+            command = decode(CommandMessage, payload)
         except PayloadError as error:
             out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
-            known = identify(message.payload)
+            known = identify(payload)
             if known is not None and self.ledger.get(known) is None:
                 denial = self._result(Said(known, Word.DENIED, str(error)), now_ms)
                 out.append(self._publish_result("malformed", denial, kept=False))
             return out
-        return self._on_command(command, message.retain, now_ms)
+        if signed is None:
+            return self._on_command(command, message.retain, now_ms)
+        if command.executor_session != self._session or command.deadline_ms is None:
+            command = replace(command, executor_session=self._session, deadline_ms=QUERY_DEADLINE_MS)
+        tightened = self._tightened(command, signed.envelope.route)
+        return self._on_command(tightened, message.retain, now_ms, signed, command.deadline_ms)
 
-    def _on_command(self, command: CommandMessage, retained: bool, now_ms: int) -> list[Effect]:
+    def _tightened(self, command: CommandMessage, route: Any) -> CommandMessage:
+        """The command as its relay passed it on: due as it was signed, or earlier."""
+        assert command.deadline_ms is not None
+        relayed_ms = command.deadline_ms if route is None else route
+        if type(relayed_ms) is not int or relayed_ms < 0:
+            raise PayloadError(f"route {shown(route)}: expected a deadline in milliseconds")
+        return replace(command, deadline_ms=min(command.deadline_ms, relayed_ms))
+
+    def _on_command(
+        self,
+        command: CommandMessage,
+        retained: bool,
+        now_ms: int,
+        signed: Signed | None = None,
+        signed_until_ms: int | None = None,
+    ) -> list[Effect]:
+        """Admit or answer. `signed_until_ms` is what the station signed: until then the same id may come in time."""
         deadline_ms = command.deadline_ms
         if command.executor_session != self._session:
             deadline_ms = None
-        known_until_ms = min(deadline_ms or now_ms, now_ms + MAX_TTL_MS)
+        known_until_ms = min(signed_until_ms or deadline_ms or now_ms, now_ms + MAX_TTL_MS)
         share = Share.of(command.command, self.executor.holder_session == command.gs_session)
         verdict = self.ledger.examine(command.id, command.command, known_until_ms, now_ms, share)
         if verdict is Admission.DUPLICATE:
@@ -127,6 +170,10 @@ class CommandDesk:
             return [self._publish_result(command.command.name, denial, kept=False)]
         self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms, share)
         refusal = self._refusal(command, deadline_ms, retained, now_ms)
+        if signed is not None and not signed.certificate.rights.may_command(self._drone):
+            refusal = Said(command.id, Word.DENIED, f"{NOT_ALLOWED}, {command_right(self._drone)}")
+        if signed is not None and signed.is_expired and not isinstance(command.command, OVERRIDING):
+            refusal = Said(command.id, Word.DENIED, CERTIFICATE_EXPIRED)
         if refusal is not None:
             return self.carry_out([refusal], now_ms)
         self._to_start[command.id] = command
@@ -220,7 +267,7 @@ class CommandDesk:
         if newest is None or not self.may_publish:
             return []
         out: list[Effect] = [self._publish_result(record.name, newest)]
-        if self._settings.qos == 0 and newest.word.is_last and not record.delivered:
+        if self._channel.settings.qos == 0 and newest.word.is_last and not record.delivered:
             out += self._delivered(newest.id, record)
         return out
 
@@ -252,7 +299,7 @@ class CommandDesk:
         """Only the acknowledgement of a last word that the ledger keeps ends its repetition."""
         topic = self._topics.commands_result(self._drone, name)
         ref = result.id if kept and result.word.is_last else None
-        return Publish(LINK, topic, encode(result, self._settings.encoding), self._settings.qos, ref=ref)
+        return self._channel.publish(topic, result, ref=ref)
 
     def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
         """A QoS 1 publish with `ref` was acknowledged with an MQTT reason code."""

@@ -17,6 +17,7 @@ from ..errors import ConfigurationError
 from ..protocol.policies import Policy
 from ..protocol.topics import FogSide
 from ..security.identity import Identity
+from ..security.seal import Seal
 from .commands import LINK
 from .effects import Journal, Transmit
 from .journal import JournalFile
@@ -33,7 +34,10 @@ logger = logging.getLogger("mqttxt")
 
 
 class UavRunner(Runner):
-    """Runs a UAV client: first the autopilot's heartbeat with the right system id, then the broker."""
+    """Runs a UAV client: first the autopilot's heartbeat with the right system id, then the broker.
+
+    With a `seal` messages are signed, and `fog` is the one whose activator's leases the drone takes.
+    """
 
     def __init__(
         self,
@@ -49,11 +53,15 @@ class UavRunner(Runner):
         sensors: SensorOptions | None = None,
         policies: dict[str, Policy] | None = None,
         identity: Identity | None = None,
+        seal: Seal | None = None,
+        fog: int = 0,
     ) -> None:
         clock = SessionClock()
         remembers = not journal.is_new
         left = journal.unfinished
-        self.client = UavClient(drone, clock.session, settings, topics, policies, left, remembers, options)
+        self.client = UavClient(
+            drone, clock.session, settings, topics, policies, left, remembers, options, seal=seal, fog=fog
+        )
         super().__init__(self.client, clock, ready_file, identity)
         self._journal = journal
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)

@@ -6,21 +6,26 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from ..core.channel import Channel
 from ..core.clock import stamp
 from ..core.effects import Inbound, Log, Publish, Stop, Subscribe, Will
+from ..core.session_owners import SessionOwners
 from ..core.settings import Rebirth, Settings, next_turn_ms
 from ..errors import PayloadError
 from ..protocol.bundles import drone_bundle
 from ..protocol.codec import decode, encode
-from ..protocol.messages import BeaconMessage, CommandId, DroneLease, Presence
+from ..protocol.messages import BeaconMessage, CommandId, DroneLease, Grant, Presence
 from ..protocol.policies import URGENT, Policy, Throttle
 from ..protocol.state_payload import StampedState, encode_state
 from ..protocol.states import State
-from ..protocol.topics import DroneTopic, FogSide
+from ..protocol.topics import DroneTopic, FogSide, station_reachable
+from ..security.cose import Envelope
+from ..security.seal import Seal, is_station
 from .commands import LINK, CommandDesk, Unfinished
 from .effects import Effect, Transmit
 from .endurance import EnduranceMeter
 from .enquiries import Enquiries
+from .grants import Grants
 from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
 from .options import UavOptions
@@ -30,7 +35,10 @@ MAV_HEARTBEAT_MS = 1000
 
 
 class UavClient:
-    """One drone's side of the fog link. Times are milliseconds of the session clock."""
+    """One drone's side of the fog link. Times are milliseconds of the session clock.
+
+    With a `seal` messages are signed, and leases are taken of the activator of `fog` alone.
+    """
 
     def __init__(
         self,
@@ -42,6 +50,8 @@ class UavClient:
         unfinished: list[Unfinished] | None = None,
         remembers: bool = True,
         options: UavOptions | None = None,
+        seal: Seal | None = None,
+        fog: int = 0,
     ) -> None:
         options = options or UavOptions()
         self.drone = drone
@@ -49,8 +59,20 @@ class UavClient:
         self.settings = settings
         self.topics = topics or FogSide()
         self.vehicle = Vehicle(drone)
+        self._channel = Channel(LINK, self.topics.root, settings, seal)
+        self._activator = f"fog{fog}"
+        self._owners = SessionOwners()
+        self._grants = Grants()
         self.desk = CommandDesk(
-            drone, session, settings, self.topics, self.vehicle, unfinished or [], remembers, options.limits
+            drone,
+            session,
+            self._channel,
+            self.topics,
+            self.vehicle,
+            unfinished or [],
+            self._owners,
+            remembers,
+            options.limits,
         )
         self.carrier = Carrier(drone, LINK, settings, self.topics) if options.carries_sensors else None
         self.connected = False
@@ -86,6 +108,8 @@ class UavClient:
         self._awaited_subacks = 2
         commands = Subscribe(LINK, (self.topics.commands(self.drone),), live_only=True)
         others = [self.topics.init_connect(self.drone), self.topics.reachable(self.drone)]
+        if self._channel.seal is not None:
+            others += [self.topics.stations(self.drone), self.topics.control(self.drone)]
         if self.carrier is not None:
             others.append(self.topics.sensor_ack(self.drone))
         return [commands, Subscribe(LINK, tuple(others))]
@@ -184,8 +208,8 @@ class UavClient:
 
     def is_controlled(self, now_ms: int) -> bool:
         """Whether a ground station controls this drone: the lease that the activator handed down has not ended."""
-        lease = self._lease
-        return lease is not None and lease.deadline_ms is not None and now_ms <= lease.deadline_ms
+        until_ms = self.desk.executor.lease_until_ms
+        return until_ms is not None and now_ms <= until_ms
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop leaves no set-points behind, and says that the drone is no longer reachable."""
@@ -197,12 +221,9 @@ class UavClient:
 
     def _on_other(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         if topic.kind == "reachable":
-            seen = decode(Presence, message.payload)
-            if self.born and (seen.session != self.session or not seen.up):
-                self._rebirth.arm(now_ms)
-            return []
+            return self._on_own_presence(message, now_ms)
         if topic.kind == "init_connect":
-            lease = decode(DroneLease, message.payload)
+            lease = decode(DroneLease, self._channel.opened(message, self._activator))
             if lease.drone_session != self.session:
                 return []
             if not lease.bound:
@@ -214,8 +235,45 @@ class UavClient:
             self._take_lease(lease)
             return [self._beacon(now_ms, lease.nonce)]
         if topic.kind == "sensor_ack" and self.carrier is not None:
-            return self.carrier.on_ack(message.payload, now_ms)
+            return self.carrier.on_ack(self._channel.opened(message, self._activator), now_ms)
+        if topic.kind == "stations" and self._channel.seal is not None:
+            return self._on_station(self._channel.seal, message)
+        if topic.kind == "control" and self._channel.seal is not None:
+            return self._on_grant(self._channel.seal, message)
         raise PayloadError(f"topic {message.topic!r}: not a UAV client's", "topic")
+
+    def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Effect]:
+        """The birth is said again where the topic shows anything else; who signs knows its own by the bytes."""
+        if self._channel.seal is not None:
+            is_own = message.payload == self._birth().payload
+        else:
+            seen = decode(Presence, message.payload)
+            is_own = seen.session == self.session and seen.up
+        if self.born and not is_own:
+            self._rebirth.arm(now_ms)
+        return []
+
+    def _on_station(self, seal: Seal, message: Inbound) -> list[Effect]:
+        """A ground station's birth as it was signed: from now on the drone knows its certificate and its session."""
+        signed = seal.verified(
+            Envelope.parse(message.payload), lambda station: station_reachable(station.node.label), is_station
+        )
+        presence = decode(Presence, signed.payload)
+        if not self._owners.claim(presence.session, signed.signer):
+            return [Log("foreign_session", f"{signed.signer}: session {presence.session:08x} is another station's")]
+        return []
+
+    def _on_grant(self, seal: Seal, message: Inbound) -> list[Effect]:
+        """A station's own word on its control, which no activator can make last longer."""
+        signed = seal.open_of_station(self._channel.signed_topic(message.topic), Envelope.parse(message.payload))
+        grant = decode(Grant, signed.payload)
+        is_own = self._owners.is_of(grant.gs_session, signed.signer)
+        if not is_own or not signed.certificate.rights.may_command(self.drone):
+            raise PayloadError(f"grant of {signed.signer}: expected its own session and the right", "foreign_session")
+        if grant.drone_session == self.session:
+            self._grants.take(grant)
+            self._apply_lease()
+        return []
 
     def _take_lease(self, lease: DroneLease) -> None:
         """The newest word on who controls this drone; a lower epoch of the same activator is an old one."""
@@ -225,9 +283,19 @@ class UavClient:
         if known is not None and known.activator_session != lease.activator_session:
             self._throttle.forget_published()  # a new activator knows no state, and some change rarely
         self._lease = lease
+        self._apply_lease()
+
+    def _apply_lease(self) -> None:
+        """Where messages are signed control lasts no longer than its station has granted."""
+        lease = self._lease
+        if lease is None:
+            return
+        until_ms, offboard_ms = lease.deadline_ms, lease.offboard_until_ms
+        if self._channel.seal is not None:
+            until_ms, offboard_ms = self._grants.bound(lease.holder_session, until_ms, offboard_ms)
         self.desk.epoch = lease.epoch
-        self.desk.executor.lease_until_ms = lease.deadline_ms
-        self.desk.executor.offboard_until_ms = lease.offboard_until_ms
+        self.desk.executor.lease_until_ms = until_ms
+        self.desk.executor.offboard_until_ms = offboard_ms
         self.desk.executor.holder_session = lease.holder_session
 
     def _without_bundled(self, streamed: list[State]) -> list[State]:
@@ -274,7 +342,8 @@ class UavClient:
         return [Publish(LINK, self.topics.state(self.drone, state.name), payload, qos=0)]
 
     def _presence(self, up: bool) -> bytes:
-        return encode(Presence(session=self.session, up=up), self.settings.encoding)
+        message = Presence(session=self.session, up=up)
+        return self._channel.payload(self.topics.reachable(self.drone), message, with_certificate=up)
 
     def _publish_presence(self, up: bool) -> Publish:
         return Publish(LINK, self.topics.reachable(self.drone), self._presence(up), qos=1, retain=True)
@@ -286,8 +355,7 @@ class UavClient:
         self._next_beacon_ms = now_ms + self.settings.beacon_interval_ms
         held_ms = 0 if nonce is not None else None
         message = BeaconMessage(session=self.session, now_ms=now_ms, nonce=nonce, held_ms=held_ms)
-        payload = encode(message, self.settings.encoding)
-        return Publish(LINK, self.topics.clock(self.drone), payload, qos=0)
+        return self._channel.publish(self.topics.clock(self.drone), message, qos=0)
 
 
 def _heartbeat(kind: int) -> Any:

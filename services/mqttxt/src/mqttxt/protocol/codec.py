@@ -121,18 +121,31 @@ def _parse(payload: bytes) -> tuple[Plain, Encoding]:
         raise PayloadError("payload: expected CBOR or JSON, got nothing", "empty")
     if len(payload) > MAX_PAYLOAD:
         raise PayloadError(f"payload: expected at most {MAX_PAYLOAD} bytes, got {len(payload)}", "too_long")
-    encoding = encoding_of(payload)
+    if encoding_of(payload) is Encoding.CBOR:
+        return _parse_cbor(payload), Encoding.CBOR
     try:
-        if encoding is Encoding.JSON:
-            text = payload.decode("utf-8")
-            return json.loads(text, parse_constant=_reject_constant, object_pairs_hook=_unique), encoding
-        stream = BytesIO(payload)
+        text = payload.decode("utf-8")
+        return json.loads(text, parse_constant=_reject_constant, object_pairs_hook=_unique), Encoding.JSON
+    except (ValueError, RecursionError) as error:
+        raise PayloadError(f"payload: not JSON: {error}") from error
+
+
+def parse_cbor(data: bytes) -> Plain:
+    """What one item of CBOR says; raises PayloadError for anything else."""
+    if not 0 < len(data) <= MAX_PAYLOAD:
+        raise PayloadError(f"payload: expected 1 to {MAX_PAYLOAD} bytes, got {len(data)}", "too_long")
+    return _parse_cbor(data)
+
+
+def _parse_cbor(payload: bytes) -> Plain:
+    stream = BytesIO(payload)
+    try:
         plain = cbor2.CBORDecoder(stream, max_depth=_MAX_DEPTH, allow_indefinite=False).decode()
     except (ValueError, cbor2.CBORError, RecursionError) as error:
-        raise PayloadError(f"payload: not {encoding.value.upper()}: {error}") from error
+        raise PayloadError(f"payload: not CBOR: {error}") from error
     if stream.tell() != len(payload):
         raise PayloadError("payload: bytes behind the end of the message")
-    return plain, encoding
+    return plain
 
 
 def _to_array(message: object) -> list[Plain]:

@@ -223,7 +223,8 @@ class Registration:
 
     `control` says what the station wants of the drones in `drones` (of all, where they are absent); `bundles` true
     asks for states as `fogX/states`. `until_ms` is the lease's end in the activator's clock, as a command's
-    deadline is made; a takeover names the `epoch` that the station has seen.
+    deadline is made; a takeover names the `epoch` that the station has seen. Where messages are signed it names the
+    `activator_session` that it is for, and `counter` rises with each.
     """
 
     version: Version = VERSION
@@ -236,6 +237,23 @@ class Registration:
     drones: Annotated[tuple[DroneNumber, ...], Items(250)] | None = None
     until_ms: Milliseconds | None = None
     epoch: U32 | None = None
+    activator_session: Session | None = None
+    counter: U32 | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grant:
+    """A ground station's own word on its control of a drone, where messages are signed.
+
+    On `fogX/droneY/control`, passed on as `droneY/control`: it lasts until `until_ms` of the drone's clock at the
+    latest, an offboard command of it until `offboard_until_ms`, whatever lease the activator gives.
+    """
+
+    version: Version = VERSION
+    gs_session: Session
+    drone_session: Session
+    until_ms: Milliseconds
+    offboard_until_ms: Milliseconds | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from .messages import (
     DroneRecord,
     FogPresence,
     FogResultMessage,
+    Grant,
     Presence,
     Registration,
     ResultMessage,
@@ -68,6 +69,21 @@ CLOUD_SIDE = (
         "whether a drone is reachable now; outside the gate",
         choice=True,
     ),
+    TopicRow(
+        *("fogX/droneY/birth", ACTIVATOR, STATIONS, 1, True, Presence),
+        "a drone's birth as the drone signed it, with its certificate; only where messages are signed",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/droneY/clock", ACTIVATOR, STATIONS, 0, False, BeaconMessage),
+        "a drone's beacon as the drone signed it; only where messages are signed",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/droneY/control", STATION, ACTIVATOR, 1, False, Grant),
+        "how long a station grants itself control of a drone; only where messages are signed",
+        choice=True,
+    ),
     TopicRow(*("fogX/droneY/state/Z", ACTIVATOR, STATIONS, 0, False, "state Z"), "a state, while the gate is open"),
     TopicRow(
         *("fogX/states", ACTIVATOR, STATIONS, 0, False, FogBundle),
@@ -110,6 +126,16 @@ FOG_SIDE = (
     TopicRow(
         *("droneY/init_connect", ACTIVATOR, UAV, 1, False, DroneLease),
         "the activator's lease: a nonce to echo, or that this client is refused",
+    ),
+    TopicRow(
+        *("droneY/stations", ACTIVATOR, UAV, 1, False, Presence),
+        "a station's birth as the station signed it, with its certificate; only where messages are signed",
+        choice=True,
+    ),
+    TopicRow(
+        *("droneY/control", ACTIVATOR, UAV, 1, False, Grant),
+        "a station's grant as the station signed it; only where messages are signed",
+        choice=True,
     ),
     TopicRow(*("droneY/state/Z", UAV, ACTIVATOR, 0, False, "state Z"), "a state, whether or not the gate is open"),
     TopicRow(

@@ -61,9 +61,9 @@ def check_kind(kind: str) -> str:
 class DroneTopic:
     """What a fog-side topic, or the rest of a cloud-side one behind `fogX/`, says: drone, kind, name.
 
-    kind is `reachable`, `clock`, `init_connect`, `state`, `states`, `commands`, `commands_result`, `sensor` or
-    `sensor_ack`; name is the state's, the command's or the sensor value's kind, empty for the others; sensor is
-    the number in `sensorS`, 0 for the other kinds.
+    kind is `reachable`, `clock`, `init_connect`, `state`, `states`, `commands`, `commands_result`, `sensor`,
+    `sensor_ack`, `birth`, `stations` or `control`; name is the state's, the command's or the sensor value's kind,
+    empty for the others; sensor is the number in `sensorS`, 0 for the other kinds.
     """
 
     drone: int
@@ -92,7 +92,9 @@ class StationTopic:
 
 
 _FOG_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "QoDS", "PSMI"})
-_DRONE_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "sensor_ack"})
+_DRONE_KINDS = frozenset(
+    {"reachable", "clock", "init_connect", "commands", "states", "sensor_ack", "birth", "stations", "control"}
+)
 _NAMED_KINDS = frozenset({"state", "commands_result"})
 MAVLINK_STATE = "mavlink/"
 """Leads the name of a state that is a MAVLink message as it is."""
@@ -138,6 +140,12 @@ class FogSide:
 
     def sensor_ack(self, drone: int) -> str:
         return self._drone(drone, "sensor_ack")
+
+    def stations(self, drone: int) -> str:
+        return self._drone(drone, "stations")
+
+    def control(self, drone: int) -> str:
+        return self._drone(drone, "control")
 
     def commands(self, drone: int) -> str:
         return self._drone(drone, "commands")
@@ -202,6 +210,15 @@ class CloudSide:
     def drone_reachable(self, drone: int) -> str:
         return f"{self.root}drone{drone}/reachable"
 
+    def drone_birth(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/birth"
+
+    def drone_control(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/control"
+
+    def drone_clock(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/clock"
+
     def drone_state(self, drone: int, name: str) -> str:
         return f"{self.root}drone{drone}/state/{name}"
 
@@ -222,19 +239,24 @@ class CloudSide:
         select = tuple(self.select(command) for command in SELECTABLE)
         return (f"{self.root}commands", f"{self.root}+/commands", *select)
 
-    def activator_filters(self) -> tuple[str, ...]:
-        """What an activator subscribes to beside commands: registrations, stations, its own records."""
+    def activator_filters(self, signed: bool = False) -> tuple[str, ...]:
+        """What an activator subscribes to beside commands: registrations, stations, its own records.
+
+        `signed`: where messages are, the stations' grants too.
+        """
         return (
             f"{self.root}init_connect",
             f"{self.root}reachable",
             f"{self.root}+/reachable",
+            *((f"{self.root}+/control",) if signed else ()),
             f"{self.prefix}gs/+/reachable",
         )
 
-    def station_filters(self) -> tuple[str, ...]:
-        """What a ground station subscribes to; no two of them match one topic."""
+    def station_filters(self, signed: bool = False) -> tuple[str, ...]:
+        """What a ground station subscribes to; no two of them match one topic. `signed`: where messages are."""
         own = ("reachable", "clock", "states", "QoDS", "PSMI", "commands_result/#")
-        return tuple(f"{self.root}{rest}" for rest in (*own, "+/reachable", "+/+/+", "+/state/mavlink/+"))
+        drones = ("+/reachable", *(("+/birth", "+/clock") if signed else ()), "+/+/+", "+/state/mavlink/+")
+        return tuple(f"{self.root}{rest}" for rest in (*own, *drones))
 
     def parse(self, topic: str) -> DroneTopic | FogTopic | StationTopic:
         """A topic of this fog or of a station; raises PayloadError for any other."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from ..errors import ConfigurationError
-from ..protocol.messages import BeaconMessage, CommandMessage
+from ..protocol.messages import CommandMessage, Grant
 from ..protocol.rankings import SelectMessage
 from ..protocol.topic_table import (
     ACTIVATOR,
@@ -38,7 +38,8 @@ _KINDS = {
     Kind.DRONE: (UAV,),
     Kind.SENSOR: (SENSOR, SENSORS),
 }
-_COMMANDING = (CommandMessage, SelectMessage)
+_COMMANDING = (CommandMessage, SelectMessage, Grant)
+OWN_BEACON = "fogX/clock"
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def entries(place: Place, node: NodeName, rights: Rights, fogs: Iterable[NodeNam
 
 def _is_watched(row: TopicRow) -> bool:
     """Whether its sender hears it too: what it retains (R9.1), and an activator its beacon (R9.6)."""
-    return row.retained or (row.sender == ACTIVATOR and row.payload is BeaconMessage)
+    return row.retained or (row.sender == ACTIVATOR and row.topic == OWN_BEACON)
 
 
 def access_list(place: Place, members: Iterable[Certificate]) -> str:

@@ -28,7 +28,7 @@ def best(runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: fl
     """`GroundStation.best`: one fog chooses by itself, of several this station does."""
     if not fogs:
         raise FogUnreachable(f"no fog is connected; {command.name} was not sent")
-    if len(fogs) == 1:
+    if len(fogs) == 1 and not runner.station.signs:
         return runner.select(fogs[0], command, SelectMode.SELECT, ttl_s, limit_s)
     asked = _ask(runner, command, fogs, ttl_s)
     return runner.choose(_choose(runner, command, asked, ttl_s, limit_s))
@@ -53,7 +53,7 @@ async def _choose(
             last = None
             try:
                 async for event in _commit(runner, command, chosen, start_until_s, limit_s):
-                    last = event.word
+                    last = Word.UNCONFIRMED if runner.station.is_doubtful(event) else event.word
                     if last not in PASSED_OVER:
                         _release(runner, command, held)  # it may fly: nobody else will
                     yield event
@@ -79,7 +79,9 @@ async def _commit(
 ) -> AsyncIterator[Outcome]:
     """Send the command to the drone that a fog has reserved; raises FogUnreachable where the fog is gone."""
     left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
-    async for event in runner.select(chosen.fog, command, SelectMode.COMMIT, left_s, limit_s, chosen.id.seq):
+    async for event in runner.select(
+        chosen.fog, command, SelectMode.COMMIT, left_s, limit_s, chosen.id.seq, chosen.chosen
+    ):
         if isinstance(event, Outcome):  # the list came with the offer
             yield event
 

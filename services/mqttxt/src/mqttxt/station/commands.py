@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from ..core.channel import Channel
 from ..core.clock import DEFAULT_TTL_MS, MAX_TTL_MS, expiry_s
 from ..core.effects import Effect, Log, Publish
 from ..core.ledger import KEEP_MS, OVERRIDING
-from ..core.settings import GRACE_MS, Retry, Settings
+from ..core.settings import GRACE_MS, Retry
 from ..errors import ConfigurationError, FogUnreachable
-from ..protocol.codec import encode
 from ..protocol.commands import BROADCASTABLE, Command, Offboard
 from ..protocol.fields import Scaled
 from ..protocol.messages import (
@@ -25,9 +25,12 @@ from ..protocol.messages import (
     without_contradiction,
 )
 from ..protocol.rankings import PsmiMessage, SelectMessage, SelectMode
-from ..protocol.topics import SELECTABLE
+from ..protocol.topics import SELECTABLE, FogSide
 from ..protocol.values import mark_of
-from .fog import LINK, FogView
+from ..security.addressed import Addressed
+from ..security.cose import Envelope
+from ..security.rights import command_right
+from .fog import LINK, DroneView, FogView
 from .outcomes import Event, Outcome, PsmiList
 from .pending import Pending
 
@@ -46,12 +49,13 @@ def ttl_ms_of(ttl_s: float) -> int:
 class StationCommands:
     """The commands of one ground station session, by their ids."""
 
-    def __init__(self, session: int, settings: Settings) -> None:
+    def __init__(self, session: int, channel: Channel) -> None:
         self.pending: dict[CommandId, Pending] = {}
         self._open: dict[CommandId, Pending] = {}
         self._closed: deque[Pending] = deque()
         self._session = session
-        self._settings = settings
+        self._channel = channel
+        self._settings = channel.settings
         self._seq = 0
         self._overriding_seq = -1
 
@@ -71,16 +75,19 @@ class StationCommands:
     ) -> tuple[CommandId, list[Output]]:
         """Send a command to a drone, or with None to every drone of a fog.
 
-        Raises FogUnreachable when the activator is not live, ConfigurationError for a ttl, a limit or a broadcast
-        that cannot be.
+        Raises FogUnreachable when the activator is not live or, where commands are signed, a drone's clock is not
+        known; ConfigurationError for a ttl, a limit or a broadcast that cannot be, and for a right that is missing.
         """
         if drone is None and not isinstance(command, BROADCASTABLE):
             raise ConfigurationError(f"broadcast {command.name}: expected a command that is the same for every drone")
+        self._check_signing(fog, drone, command.name)
         common = self._addressed(fog, command, ttl_ms, limit_s, now_ms)
         message = CommandMessage(**common, command=command)
         topic = fog.topics.broadcast if drone is None else fog.topics.drone_commands(drone)
-        pending = self._pend(fog, drone, message, topic, ttl_ms, now_ms)
+        signed = self._signed(fog, drone, message, ttl_ms, now_ms)
+        pending = self._pend(fog, drone, message, topic, signed, ttl_ms, now_ms)
         pending.roster = None if drone is None else (drone,)
+        pending.signed_for = tuple(signed.entries) if signed is not None else ()
         if isinstance(command, OVERRIDING):
             self._overriding_seq = message.seq
         return message.id, [pending.publish]
@@ -93,21 +100,75 @@ class StationCommands:
         *,
         mode: SelectMode = SelectMode.SELECT,
         reservation: int | None = None,
+        drone: int | None = None,
         ttl_ms: int = DEFAULT_TTL_MS,
         limit_s: float | None = None,
     ) -> tuple[CommandId, list[Output]]:
         """Let a fog choose the drone for a command, or take one step of a choice across fogs; errors as `send`.
 
-        `limit_s` of an offer is how long the reservation holds.
+        `limit_s` of an offer is how long the reservation holds. Where commands are signed a commit names the `drone`,
+        and no fog chooses by itself.
         """
         if command.name not in SELECTABLE:
             raise ConfigurationError(f"{command.name}: expected a command that PSMI ranks: {', '.join(SELECTABLE)}")
+        if mode is SelectMode.SELECT and self._channel.seal is not None:
+            raise ConfigurationError(f"select {command.name}: expected an offer and a commit, as commands are signed")
+        if mode is SelectMode.COMMIT:
+            self._check_signing(fog, drone, command.name)
         common = self._addressed(fog, command, ttl_ms, limit_s, now_ms)
         message = SelectMessage(**common, mode=mode, reservation=reservation, command=command)
-        pending = self._pend(fog, None, message, fog.topics.select(command.name), ttl_ms, now_ms)
+        signed = None
+        if mode is SelectMode.COMMIT and drone is not None:
+            signed = self._signed(fog, drone, message.as_command(), ttl_ms, now_ms, reservation)
+        pending = self._pend(fog, None, message, fog.topics.select(command.name), signed, ttl_ms, now_ms)
         pending.choosing = mode is SelectMode.SELECT
         pending.denied = mode is SelectMode.RELEASE
         return message.id, [pending.publish]
+
+    def _check_signing(self, fog: FogView, drone: int | None, name: str) -> None:
+        """Raises where commands are signed and this one cannot be: for want of a right, or of the drone's clock."""
+        seal = self._channel.seal
+        if seal is None or drone is None:
+            return
+        if not seal.certificate.rights.may_command(drone):
+            right = command_right(drone)
+            raise ConfigurationError(f"drone {drone}: {seal.name}'s certificate has no {right}; {name} was not sent")
+        view = fog.drones.get(drone)
+        if view is None or view.clock is None:
+            raise FogUnreachable(f"fog {fog.number}: no signed beacon of drone {drone}; {name} was not sent")
+
+    def _signed(
+        self,
+        fog: FogView,
+        drone: int | None,
+        message: CommandMessage,
+        ttl_ms: int,
+        now_ms: int,
+        reservation: int | None = None,
+    ) -> Addressed | None:
+        """A command signed for a drone, or with None for each whose clock is known; None where nothing is signed."""
+        if self._channel.seal is None:
+            return None
+        views = fog.drones.values() if drone is None else [fog.drones[drone]]
+        rights = self._channel.seal.certificate.rights
+        entries = {
+            view.number: envelope
+            for view in views
+            if rights.may_command(view.number)
+            for envelope in [self._signed_for(view, message, ttl_ms, now_ms)]
+            if envelope is not None
+        }
+        if not entries:
+            raise FogUnreachable(f"fog {fog.number}: no signed beacon of a drone; {message.command.name} was not sent")
+        return Addressed(message.executor_session, message.deadline_ms or 0, entries, reservation)
+
+    def _signed_for(self, view: DroneView, message: CommandMessage, ttl_ms: int, now_ms: int) -> Envelope | None:
+        """A command as one drone is to have it: in its session, due in its clock."""
+        deadline_ms = view.clock.deadline_ms(now_ms, ttl_ms) if view.clock is not None else None
+        if view.clock is None or deadline_ms is None or self._channel.seal is None:
+            return None
+        own = replace(message, executor_session=view.clock.session, deadline_ms=max(0, deadline_ms))
+        return self._channel.seal.sign(FogSide().commands(view.number), self._channel.encoded(own))
 
     def _addressed(
         self, fog: FogView, command: Command, ttl_ms: int, limit_s: float | None, now_ms: int
@@ -136,10 +197,11 @@ class StationCommands:
         drone: int | None,
         message: CommandMessage | SelectMessage,
         topic: str,
+        signed: Addressed | None,
         ttl_ms: int,
         now_ms: int,
     ) -> Pending:
-        payload = encode(message, self._settings.encoding)
+        payload = self._channel.payload(topic, message) if signed is None else signed.encode()
         pending = self.pending[message.id] = Pending(
             message.id,
             fog.number,
@@ -153,7 +215,10 @@ class StationCommands:
         self._open[message.id] = pending
         return pending
 
-    def on_result(self, fog: FogView, drone: int, result: ResultMessage, now_ms: int) -> list[Output]:
+    def on_result(
+        self, fog: FogView, drone: int, result: ResultMessage, now_ms: int, signer: str | None = None
+    ) -> list[Output]:
+        """A word about a command, which `signer` has signed where messages are."""
         pending = self.pending.get(result.id)
         if pending is None or pending.fog != fog.number:
             return []  # another station's, or one that was forgotten
@@ -177,6 +242,7 @@ class StationCommands:
             settled=bool(result.settled),
             age_ms=age_ms,
             observed=result.observed is not False,
+            signer=signer,
         )
         return self._say(pending, outcome, now_ms)
 
@@ -190,15 +256,35 @@ class StationCommands:
             word, reason = without_contradiction(outcome.word, outcome.reason, before)
             pending.percents[outcome.drone] = outcome.percent
             pending.words[outcome.drone] = word
+            pending.signers[outcome.drone] = outcome.signer
             pending.retry = Retry.after_word(self._settings.qos, now_ms)
             if word is Word.UNCONFIRMED:
                 pending.unconfirmed_here.add(outcome.drone)
             return [replace(outcome, word=word, reason=reason, settled=False)]
-        if outcome.drone in pending.unconfirmed_here and outcome.word.is_last and outcome.word is not before:
+        is_truth = outcome.signer in (None, f"drone{outcome.drone}")
+        if (
+            outcome.drone in pending.unconfirmed_here
+            and is_truth
+            and outcome.word.is_last
+            and outcome.word is not before
+        ):
             pending.unconfirmed_here.discard(outcome.drone)
             pending.words[outcome.drone] = outcome.word
+            pending.signers[outcome.drone] = outcome.signer
             return [replace(outcome, settled=True)]
-        return []
+        return self._contradiction(pending, outcome, before)
+
+    def _contradiction(self, pending: Pending, outcome: Outcome, before: Word) -> list[Output]:
+        """A drone has signed something else than its activator said in its place: people are told."""
+        assert outcome.drone is not None
+        said_by, drone = pending.signers.get(outcome.drone), f"drone{outcome.drone}"
+        if said_by in (None, drone) or outcome.signer != drone or outcome.word is before:
+            return []
+        told = Log("contradicted", f"{said_by} said {before.label} of {outcome.id}, {drone} {outcome.word.label}")
+        if not outcome.word.is_last:
+            return [told]
+        pending.signers[outcome.drone] = drone
+        return [told, replace(outcome, settled=True)]
 
     def on_psmi(self, fog: FogView, message: PsmiMessage, now_ms: int) -> list[Output]:
         pending = self.pending.get(message.id)
@@ -217,14 +303,20 @@ class StationCommands:
         if pending is None or pending.fog != fog.number or pending.drone is not None or not pending.is_open:
             return []
         if result.denied is not None:
+            signer = fog.name if self._channel.seal is not None else None
             if pending.has_begun:
-                return self._say_to_open(pending, Word.DENIED, result.denied, now_ms)
+                return self._say_to_open(pending, Word.DENIED, result.denied, now_ms, signer)
             if pending.roster is not None and not pending.choosing:
                 return []
             pending.denied = True
-            return [Outcome(pending.id, fog.number, None, pending.command.name, Word.DENIED, result.denied)]
+            name = pending.command.name
+            return [Outcome(pending.id, fog.number, None, name, Word.DENIED, result.denied, signer=signer)]
         if pending.roster is None and result.roster is not None:
             pending.roster = tuple(entry.drone for entry in result.roster)
+            missing = tuple(drone for drone in pending.signed_for if drone not in pending.roster)
+            pending.roster += missing  # it was signed for them: whoever holds it back, they may have it
+            if missing:
+                return [Log("missing_from_roster", f"fog {fog.number} left drones {missing} out of {result.id}")]
         return []
 
     def ask_again(self, fog_number: int) -> list[Output]:
@@ -263,10 +355,12 @@ class StationCommands:
             out.append(Outcome(pending.id, pending.fog, None, name, Word.UNCONFIRMED, "no_roster"))
         return out
 
-    def _say_to_open(self, pending: Pending, word: Word, reason: str | None, now_ms: int) -> list[Output]:
+    def _say_to_open(
+        self, pending: Pending, word: Word, reason: str | None, now_ms: int, signer: str | None = None
+    ) -> list[Output]:
         """A last word for each drone that has none."""
         out: list[Output] = []
         for drone in pending.open_drones():
-            outcome = Outcome(pending.id, pending.fog, drone, pending.command.name, word, reason)
+            outcome = Outcome(pending.id, pending.fog, drone, pending.command.name, word, reason, signer=signer)
             out += self._say(pending, outcome, now_ms)
         return out

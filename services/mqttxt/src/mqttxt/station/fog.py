@@ -5,19 +5,23 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass, field
 
+from ..core.channel import Channel
 from ..core.clock import Beacon, RemoteClock, stamp_supersedes
 from ..core.effects import Publish
-from ..core.settings import Settings
-from ..protocol.codec import encode
-from ..protocol.messages import BeaconMessage, Control, DroneRecord, FogPresence, Registration
+from ..core.settings import RESEND_FIRST_MS
+from ..protocol.messages import BeaconMessage, Control, DroneRecord, FogPresence, Grant, Registration
 from ..protocol.rankings import QodsMessage, Ranked
 from ..protocol.state_payload import StampedState
-from ..protocol.topics import CloudSide
+from ..protocol.topics import CloudSide, FogSide
 from .outcomes import ControlChanged, Event, QodsRanking, Reachability, StateUpdate
 
 LINK = "cloud"
 OFFBOARD_RENEWAL_MS = 1000
 """How often a station with an open offboard command says that it is there."""
+OFFBOARD_GRANT_MS = 3000
+"""How long an offboard command may go on after its station's newest grant."""
+BEACONS_MS = 2000
+"""How long a confirmed registration waits for the beacons of drones that are there."""
 
 
 @dataclass
@@ -35,9 +39,11 @@ class HeardState:
 
 @dataclass
 class DroneView:
-    """One drone of a fog."""
+    """One drone of a fog. `clock` is what the drone's own beacons say, where they are signed."""
 
     number: int
+    clock: RemoteClock | None = None
+    next_grant_ms: int = 0
     record: DroneRecord | None = None
     holder: str | None = None
     reachable: bool = False
@@ -48,13 +54,14 @@ class FogView:
     """What a ground station knows of one fog, in the ground station's own time."""
 
     def __init__(
-        self, topics: CloudSide, name: str, session: int, lease_s: int, settings: Settings, control: Control
+        self, topics: CloudSide, name: str, session: int, lease_s: int, channel: Channel, control: Control
     ) -> None:
         self.topics = topics
         self.control = control
         self.ranking: tuple[Ranked, ...] = ()
         self.in_offboard = False
         self.number = topics.fog
+        self.name = f"fog{topics.fog}"
         self.session: int | None = None
         self.up = False
         self.registered = False
@@ -66,10 +73,14 @@ class FogView:
         self._name = name
         self._own_session = session
         self._lease_s = lease_s
-        self._settings = settings
+        self.channel = channel
+        self._settings = channel.settings
         self._nonces: dict[int, int] = {}
+        self._counter = 0
+        self._confirmed_ms = 0
         self._next_registration_ms = 0
         self._registered_ms = 0
+        self._questioned_ms: int | None = None
 
     @property
     def epoch(self) -> int:
@@ -114,9 +125,22 @@ class FogView:
         asked_ms = self._nonces.get(message.nonce) if message.nonce is not None else None
         beacon = Beacon(message.session, message.now_ms, message.nonce, message.held_ms)
         self.clock.observe(beacon, now_ms, asked_ms)
+        if asked_ms is not None and asked_ms == self._questioned_ms:
+            self._next_registration_ms = now_ms  # now the clock is known that a signed registration needs
+            return self._review(now_ms), False
         confirmed = asked_ms is not None and not self.registered
+        self._confirmed_ms = now_ms if confirmed else self._confirmed_ms
         self.registered = self.registered or asked_ms is not None
         return self._review(now_ms), confirmed
+
+    def on_drone_beacon(self, number: int, message: BeaconMessage, now_ms: int) -> list[Event]:
+        """`fogX/droneY/clock`: what a drone has signed of its own clock."""
+        drone = self.drones.setdefault(number, DroneView(number))
+        if drone.clock is None or drone.clock.session != message.session:
+            drone.clock = RemoteClock(message.session)
+            drone.next_grant_ms = now_ms
+        drone.clock.observe(Beacon(message.session, message.now_ms), now_ms)
+        return self._review(now_ms)
 
     def on_record(self, number: int, record: DroneRecord, now_ms: int) -> list[Event]:
         """`fogX/droneY/reachable`."""
@@ -127,6 +151,7 @@ class FogView:
         events = self._review(now_ms)
         if record.holder != drone.holder:
             drone.holder = record.holder
+            drone.next_grant_ms = now_ms
             mine = record.holder_session == self._own_session
             events.append(ControlChanged(self.number, number, record.holder, mine, record.epoch or 0))
         return events
@@ -162,7 +187,33 @@ class FogView:
             self._next_registration_ms = min(self._next_registration_ms, self._registered_ms + OFFBOARD_RENEWAL_MS)
         if self.up and self.subscribed and now_ms >= self._next_registration_ms:
             out.append(self.registration(now_ms))
+        if self.channel.seal is not None and self.registered:
+            out += [
+                self._grant(drone, drone.clock, now_ms)
+                for drone in self.drones.values()
+                if drone.clock is not None and now_ms >= self._grant_due_ms(drone) and self.controls(drone.number)
+            ]
         return out, self._review(now_ms)
+
+    def _grant_due_ms(self, drone: DroneView) -> int:
+        granted_ms = drone.next_grant_ms - self._lease_s * 1000 // 3
+        return min(drone.next_grant_ms, granted_ms + OFFBOARD_RENEWAL_MS) if self.in_offboard else drone.next_grant_ms
+
+    def _grant(self, drone: DroneView, clock: RemoteClock, now_ms: int) -> Publish:
+        """What the drone itself holds its control to, signed for it; raises nothing: the clock has had a beacon."""
+        drone.next_grant_ms = now_ms + self._lease_s * 1000 // 3
+        until_ms, offboard_ms = (
+            clock.deadline_ms(now_ms, ttl_ms) or 0 for ttl_ms in (self._lease_s * 1000, OFFBOARD_GRANT_MS)
+        )
+        grant = Grant(
+            gs_session=self._own_session,
+            drone_session=clock.session,
+            until_ms=max(0, until_ms),
+            offboard_until_ms=max(0, offboard_ms) if self.in_offboard else None,
+        )
+        assert self.channel.seal is not None
+        signed = self.channel.seal.sign(FogSide().control(drone.number), self.channel.encoded(grant))
+        return Publish(LINK, self.topics.drone_control(drone.number), signed.encode(), qos=1)
 
     def registration(
         self, now_ms: int, lease_s: int | None = None, take: bool = False, drones: tuple[int, ...] | None = None
@@ -173,8 +224,13 @@ class FogView:
         while len(self._nonces) > 8:
             del self._nonces[next(iter(self._nonces))]
         self._registered_ms = now_ms
-        self._next_registration_ms = now_ms + self._lease_s * 1000 // 3
+        is_signed = self.channel.seal is not None
+        pause_ms = self._lease_s * 1000 // 3 if self.registered or not is_signed else RESEND_FIRST_MS
+        self._next_registration_ms = now_ms + pause_ms
         until_ms = self.clock.deadline_ms(now_ms, self._lease_s * 1000) if self.clock is not None else None
+        if is_signed and until_ms is None:
+            lease_s, self._questioned_ms = 0, now_ms
+        self._counter += 1
         message = Registration(
             name=self._name,
             session=self._own_session,
@@ -185,8 +241,26 @@ class FogView:
             drones=drones,
             until_ms=max(0, until_ms) if until_ms is not None else None,
             epoch=self.epoch if take else None,
+            activator_session=self.session if is_signed else None,
+            counter=self._counter if is_signed else None,
         )
-        return Publish(LINK, self.topics.init_connect, encode(message, self._settings.encoding), qos=1)
+        return self.channel.publish(
+            self.topics.init_connect, message, qos=1, with_certificate=is_signed and not self.registered
+        )
+
+    def is_ready(self, now_ms: int) -> bool:
+        """Whether the registration is confirmed and, where messages are signed, drones had time to send beacons."""
+        if not self.registered:
+            return False
+        drones = [drone for drone in self.drones.values() if drone.record is not None and drone.record.up]
+        return all(map(self._can_address, drones)) or now_ms >= self._confirmed_ms + BEACONS_MS
+
+    def _can_address(self, drone: DroneView) -> bool:
+        """Whether a command can be made out to a drone's session: signed ones name it."""
+        if self.channel.seal is None:
+            return True
+        record, clock = drone.record, drone.clock
+        return record is not None and clock is not None and clock.session == record.drone_session
 
     def _review(self, now_ms: int) -> list[Event]:
         """What has changed in who is reachable."""
@@ -195,6 +269,7 @@ class FogView:
         for drone in self.drones.values():
             record = drone.record
             reachable = live and record is not None and record.up and record.activator_session == self.session
+            reachable = reachable and self._can_address(drone)
             if reachable != drone.reachable:
                 drone.reachable = reachable
                 out.append(Reachability(self.number, drone.number, reachable))

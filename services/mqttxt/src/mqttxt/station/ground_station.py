@@ -51,6 +51,8 @@ class GroundStation:
         ssl_context: what to trust and to show at `mqtts://` without an identity; None: the system's authorities.
         identity: the folder of this station's identity (`mqttxt keys issue station`), for `mqtts://` to a broker of
             its fleet; the station's name is then that of the identity.
+        signed: sign commands for their drones, end to end, and hear only what is signed; takes an identity. The whole
+            fleet signs, or none of it does.
         insecure: allow `mqtt://` to other machines: nothing is encrypted, and anybody can command the drones.
         clock: the clock of this session; None: a new one on the system's monotonic clock.
 
@@ -70,6 +72,7 @@ class GroundStation:
         bundles: bool = False,
         ssl_context: ssl.SSLContext | None = None,
         identity: Path | str | None = None,
+        signed: bool = False,
         insecure: bool = False,
         clock: SessionClock | None = None,
     ) -> None:
@@ -81,8 +84,10 @@ class GroundStation:
         own_name = _name_of(name, own)
         own_clock = clock or SessionClock()
         settings = Settings(qos=qos, encoding=encoding, bundles=bundles)
-        role = StationRole(own_name, own_clock.session, settings, prefix=prefix, control=control)
-        address = Transport(own, insecure).check(BrokerAddress.parse(url), "broker")
+        transport = Transport(own, insecure)
+        seal = transport.seal(signed)
+        role = StationRole(own_name, own_clock.session, settings, prefix=prefix, control=control, seal=seal)
+        address = transport.check(BrokerAddress.parse(url), "broker")
         self._runner = StationRunner(role, address, own_clock, ssl_context, own)
 
     @property
@@ -127,9 +132,10 @@ class GroundStation:
         runner.carry_out(runner.station.add_fogs(numbers))
         views = [runner.station.fogs[number] for number in numbers]
         try:
-            await runner.wait_until(lambda: all(view.registered for view in views), timeout_s)
+            await runner.wait_until(lambda: all(view.is_ready(runner.clock.now_ms()) for view in views), timeout_s)
         except TimeoutError:
-            missing = "; ".join(f"fog {view.number}: {runner.missing(view)}" for view in views if not view.registered)
+            late = [view for view in views if not view.is_ready(runner.clock.now_ms())]
+            missing = "; ".join(f"fog {view.number}: {runner.missing(view)}" for view in late)
             raise FogUnreachable(f"{missing} (waited {timeout_s:g} s)") from None
         return [Fog(runner, view) for view in views]
 

@@ -29,6 +29,7 @@ class Outcome:
         settled: this is the truth that followed an `unconfirmed`, and no last word.
         age_ms: an upper bound of how long ago it was said, in milliseconds; None where the fog's clock is not known.
         observed: false for a `completed` whose effect nobody saw.
+        signer: who has signed it, `drone2`, or `fog1` for an activator's own; None where messages are not signed.
     """
 
     id: CommandId
@@ -43,6 +44,7 @@ class Outcome:
     settled: bool = False
     age_ms: int | None = None
     observed: bool = True
+    signer: str | None = None
 
     @property
     def is_last(self) -> bool:

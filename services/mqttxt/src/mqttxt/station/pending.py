@@ -15,6 +15,8 @@ from ..protocol.words import PASSED_OVER
 class Pending:
     """A command of this station. `roster` are the drones that it concerns, None until that is known.
 
+    `signed_for` are those that it is signed for, and `signers` who has signed each drone's newest word.
+
     While it is `choosing`, PSMI may send it to another drone after a definite no.
     """
 
@@ -26,8 +28,10 @@ class Pending:
     close_at_ms: int
     retry: Retry | None
     roster: tuple[int, ...] | None
+    signed_for: tuple[int, ...] = ()
     choosing: bool = False
     words: dict[int, Word] = field(default_factory=dict)
+    signers: dict[int, str | None] = field(default_factory=dict)
     percents: dict[int, int | None] = field(default_factory=dict)
     unconfirmed_here: set[int] = field(default_factory=set)
     denied: bool = False

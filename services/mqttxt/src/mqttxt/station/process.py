@@ -119,6 +119,7 @@ class StationRunner(Runner):
         ttl_s: float,
         limit_s: float | None = None,
         reservation: int | None = None,
+        drone: int | None = None,
     ) -> SentCommand[Outcome, Outcome | PsmiList]:
         """Send a command, or a step of a choice, to a fog whose activator chooses the drone; errors as `send`."""
         ttl_ms = ttl_ms_of(ttl_s)
@@ -126,6 +127,7 @@ class StationRunner(Runner):
         self.check_certificate(command)
         view, now_ms = self.station.fog(fog, command.name), self.clock.now_ms()
         how: dict[str, Any] = {"mode": mode, "reservation": reservation, "ttl_ms": ttl_ms, "limit_s": limit_s}
+        how["drone"] = drone
         return self._follow(self.station.commands.select(view, command, now_ms, **how), last_word)
 
     def check_certificate(self, command: Command) -> None:
@@ -199,6 +201,8 @@ class StationRunner(Runner):
             return f"{link.address} has not granted the subscription"
         if not view.up:
             return f"no activator is at {link.address}"
+        if view.registered and self.station.signs:
+            return "no signed beacon of a drone that is reachable has come"
         return "its activator has not confirmed the registration"
 
     def carry_out(self, outputs: Iterable[Any]) -> None:

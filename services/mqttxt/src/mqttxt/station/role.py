@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
+from dataclasses import replace
 from typing import Any
 
+from ..core.channel import Channel
+from ..core.clock import STAMP_MODULUS
 from ..core.effects import Inbound, Log, Publish, Subscribe, Will
 from ..core.settings import Rebirth, Settings
-from ..errors import FogUnreachable, PayloadError
+from ..errors import ConfigurationError, FogUnreachable, PayloadError
 from ..protocol.bundles import FogBundle, states_of
-from ..protocol.codec import decode, encode
+from ..protocol.codec import decode
 from ..protocol.messages import (
     BeaconMessage,
     Control,
@@ -18,20 +21,28 @@ from ..protocol.messages import (
     FogResultMessage,
     Presence,
     ResultMessage,
+    Word,
 )
 from ..protocol.rankings import PsmiMessage, QodsMessage
 from ..protocol.readings import ReadingMessage, checked
 from ..protocol.state_payload import decode_state
-from ..protocol.topics import CloudSide, DroneTopic, FogTopic, check_prefix, station_of, station_reachable
+from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic, check_prefix, station_of, station_reachable
+from ..protocol.values import shown
+from ..security.cose import Envelope
+from ..security.rights import TAKE_OVER
+from ..security.seal import Seal
 from .commands import Output, StationCommands
 from .fog import LINK, FogView
+from .outcomes import Outcome
 from .readings import Readings
 
 DEFAULT_LEASE_S = 30
+OF_A_FOG = frozenset({Word.DENIED, Word.EXPIRED, Word.UNREACHABLE, Word.UNCONFIRMED})
+"""What an activator may say of a command by itself; the other words are their drone's alone (R12.11)."""
 
 
 class StationRole:
-    """One ground station session. Times are milliseconds of its session clock."""
+    """One ground station session. Times are milliseconds of its session clock. With a `seal` messages are signed."""
 
     def __init__(
         self,
@@ -42,12 +53,14 @@ class StationRole:
         prefix: str = "",
         lease_s: int = DEFAULT_LEASE_S,
         control: bool = True,
+        seal: Seal | None = None,
     ) -> None:
         self.name = name
         self.session = session
         self.settings = settings
         self.fogs: dict[int, FogView] = {}
-        self.commands = StationCommands(session, settings)
+        self._channel = Channel(LINK, check_prefix(prefix), settings, seal)
+        self.commands = StationCommands(session, self._channel)
         self.readings = Readings()
         self.connected = False
         self._prefix = check_prefix(prefix)
@@ -55,6 +68,15 @@ class StationRole:
         self._control = Control.WANT if control else Control.NONE
         self._presence_topic = station_reachable(name, prefix)
         self._rebirth = Rebirth()
+
+    @property
+    def signs(self) -> bool:
+        """Whether messages are signed."""
+        return self._channel.seal is not None
+
+    def is_doubtful(self, outcome: Outcome) -> bool:
+        """Whether a word is none of the drone's own, where those can be told: the command may have reached it."""
+        return self.signs and outcome.signer != f"drone{outcome.drone}"
 
     def will(self) -> Will:
         """One will serves all fogs of the station."""
@@ -91,15 +113,21 @@ class StationRole:
             if number in self.fogs:
                 continue
             topics = CloudSide(number, self._prefix)
-            fog = FogView(topics, self.name, self.session, self._lease_s, self.settings, self._control)
+            fog = FogView(topics, self.name, self.session, self._lease_s, self._channel, self._control)
             self.fogs[number] = fog
             if self.connected:
                 out.append(self._subscribe(fog))
         return out
 
     def take_over(self, fog_number: int, drones: tuple[int, ...] | None, now_ms: int) -> list[Output]:
-        """Take control of a fog's drones (None: of all), whoever holds it; raises FogUnreachable."""
+        """Take control of a fog's drones (None: of all), whoever holds it.
+
+        Raises FogUnreachable, and ConfigurationError where the station's certificate does not allow it.
+        """
         fog = self.fog(fog_number, "takeover")
+        seal = self._channel.seal
+        if seal is not None and not seal.certificate.rights.take_over:
+            raise ConfigurationError(f"takeover: {seal.name}'s certificate has no {TAKE_OVER}; control was not taken")
         if not fog.registered or not fog.is_live(now_ms):
             raise FogUnreachable(f"fog {fog_number}: no live activator; control was not taken")
         return [fog.registration(now_ms, take=True, drones=drones)]
@@ -114,7 +142,7 @@ class StationRole:
         """A message from the cloud broker; what does not follow the specification is counted."""
         try:
             if station_of(message.topic, self._prefix) is not None:
-                return self._on_own_presence(decode(Presence, message.payload), now_ms)
+                return self._on_own_presence(message, now_ms)
             for fog in self.fogs.values():
                 if message.topic.startswith(fog.topics.root):
                     return self._on_fog_message(fog, fog.topics.parse(message.topic), message, now_ms)
@@ -144,42 +172,97 @@ class StationRole:
         return [*ends, self._birth(up=False)]
 
     def _on_fog_message(self, fog: FogView, topic: Any, message: Inbound, now_ms: int) -> list[Output]:
-        if isinstance(topic, DroneTopic) and topic.kind == "state":
-            return [*fog.on_state(topic.drone, decode_state(topic.name, message.payload, relayed=True), now_ms)]
-        if isinstance(topic, DroneTopic) and topic.kind == "sensor":
-            reading = checked(topic.sensor, topic.name, decode(ReadingMessage, message.payload))
-            return [*self.readings.on_reading(fog.number, topic.drone, reading)]
-        if isinstance(topic, DroneTopic) and topic.kind == "reachable":
-            return [*fog.on_record(topic.drone, decode(DroneRecord, message.payload), now_ms)]
-        if isinstance(topic, DroneTopic) and topic.kind == "commands_result":
-            return self.commands.on_result(fog, topic.drone, decode(ResultMessage, message.payload), now_ms)
-        if isinstance(topic, FogTopic) and topic.kind == "commands_result":
-            return self.commands.on_fog_result(fog, decode(FogResultMessage, message.payload), now_ms)
-        if isinstance(topic, FogTopic) and topic.kind == "states":
+        if isinstance(topic, DroneTopic):
+            return self._on_drone_message(fog, topic, message, now_ms)
+        if not isinstance(topic, FogTopic):
+            raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
+        if topic.kind == "states":
             pairs = states_of(decode(FogBundle, message.payload))
             return [event for drone, state in pairs for event in fog.on_state(drone, state, now_ms)]
-        if isinstance(topic, FogTopic) and topic.kind == "QoDS":
-            return [*fog.on_qods(decode(QodsMessage, message.payload))]
-        if isinstance(topic, FogTopic) and topic.kind == "PSMI":
-            return self.commands.on_psmi(fog, decode(PsmiMessage, message.payload), now_ms)
-        if isinstance(topic, FogTopic) and topic.kind == "clock":
-            events, confirmed = fog.on_beacon(decode(BeaconMessage, message.payload), now_ms)
+        payload = self._channel.opened(message, fog.name)
+        if topic.kind == "commands_result":
+            return self.commands.on_fog_result(fog, decode(FogResultMessage, payload), now_ms)
+        if topic.kind == "QoDS":
+            return [*fog.on_qods(decode(QodsMessage, payload))]
+        if topic.kind == "PSMI":
+            return self.commands.on_psmi(fog, decode(PsmiMessage, payload), now_ms)
+        if topic.kind == "clock":
+            events, confirmed = fog.on_beacon(decode(BeaconMessage, payload), now_ms)
             return [*events, *(self.commands.ask_again(fog.number) if confirmed else [])]
-        if isinstance(topic, FogTopic) and topic.kind == "reachable":
-            effects, events = fog.on_presence(decode(FogPresence, message.payload), now_ms)
+        if topic.kind == "reachable":
+            effects, events = fog.on_presence(decode(FogPresence, payload), now_ms)
             return [*effects, *events]
         raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
 
-    def _on_own_presence(self, presence: Presence, now_ms: int) -> list[Output]:
-        if self.connected and (presence.session != self.session or not presence.up):
+    def _on_drone_message(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
+        if topic.kind == "state":
+            return [*fog.on_state(topic.drone, decode_state(topic.name, message.payload, relayed=True), now_ms)]
+        if topic.kind == "sensor":
+            reading = checked(topic.sensor, topic.name, decode(ReadingMessage, message.payload))
+            return [*self.readings.on_reading(fog.number, topic.drone, reading)]
+        if topic.kind == "reachable":
+            record = decode(DroneRecord, self._channel.opened(message, fog.name))
+            return [*fog.on_record(topic.drone, record, now_ms)]
+        if topic.kind == "commands_result":
+            result, signer = self._result(fog, topic, message)
+            return self.commands.on_result(fog, topic.drone, result, now_ms, signer)
+        if topic.kind in ("birth", "clock") and self._channel.seal is not None:
+            return self._on_drones_own(self._channel.seal, fog, topic, message, now_ms)
+        raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
+
+    def _on_drones_own(
+        self, seal: Seal, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int
+    ) -> list[Output]:
+        """What a drone has signed and its activator passed on: its birth, with the certificate, and its beacons."""
+        topics = FogSide()
+        said_on = topics.reachable(topic.drone) if topic.kind == "birth" else topics.clock(topic.drone)
+        signed = seal.open(said_on, message.payload, f"drone{topic.drone}")
+        if topic.kind == "clock":
+            return [*fog.on_drone_beacon(topic.drone, decode(BeaconMessage, signed.payload), now_ms)]
+        return []
+
+    def _result(self, fog: FogView, topic: DroneTopic, message: Inbound) -> tuple[ResultMessage, str | None]:
+        """A word, and who has signed it: the drone, or the activator a word of its own; raises PayloadError."""
+        if self._channel.seal is None:
+            return decode(ResultMessage, message.payload), None
+        drone, own = f"drone{topic.drone}", FogSide().commands_result(topic.drone, topic.name)
+        on_fogs = self._channel.signed_topic(message.topic)
+        signed = self._channel.seal.open_one_of(message.payload, {drone: own, fog.name: on_fogs})
+        result = decode(ResultMessage, signed.payload)
+        if signed.signer == drone:
+            return _relayed(result, signed.envelope), drone
+        if result.word not in OF_A_FOG:
+            raise PayloadError(f"{result.word.label} of {fog.name}: expected the drone to have signed it", "forged")
+        return result, fog.name
+
+    def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Output]:
+        """The birth is said again where the topic shows anything else; who signs knows its own by the bytes."""
+        if self._channel.seal is not None:
+            is_own = message.payload == self._presence(up=True)
+        else:
+            presence = decode(Presence, message.payload)
+            is_own = presence.session == self.session and presence.up
+        if self.connected and not is_own:
             self._rebirth.arm(now_ms)
         return []
 
     def _subscribe(self, fog: FogView) -> Subscribe:
-        return Subscribe(LINK, fog.topics.station_filters(), ref=fog.number)
+        signed = self._channel.seal is not None
+        return Subscribe(LINK, fog.topics.station_filters(signed), ref=fog.number)
 
     def _presence(self, up: bool) -> bytes:
-        return encode(Presence(session=self.session, up=up), self.settings.encoding)
+        message = Presence(session=self.session, up=up)
+        return self._channel.payload(self._presence_topic, message, with_certificate=up)
 
     def _birth(self, up: bool) -> Publish:
         return Publish(LINK, self._presence_topic, self._presence(up), qos=1, retain=True)
+
+
+def _relayed(result: ResultMessage, signed: Envelope) -> ResultMessage:
+    """A drone's word with what its activator says beside it: when it came, and whether it settles an `unconfirmed`."""
+    route = signed.route
+    if not (isinstance(route, list) and len(route) == 2 and type(route[1]) is bool):
+        raise PayloadError(f"route {shown(route)}: expected a stamp and whether it settles")
+    if not (route[0] is None or (type(route[0]) is int and 0 <= route[0] < STAMP_MODULUS)):
+        raise PayloadError(f"route {shown(route)}: expected a stamp")
+    return replace(result, relay_stamp=route[0], settled=route[1] or None)

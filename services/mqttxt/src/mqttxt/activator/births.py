@@ -1,0 +1,53 @@
+"""Signed births passed on unchanged: stations learn the drones' certificates, drones those of their stations."""
+
+from __future__ import annotations
+
+from ..core.effects import Effect, Publish
+from ..protocol.topics import CloudSide, FogSide
+from ..security.certificate import Certificate
+from .drones import CLOUD, FOG, Drones
+from .leases import Leases
+
+
+class Births:
+    """The newest birth of each station and drone that signs (R12.6)."""
+
+    def __init__(self, cloud: CloudSide, fog: FogSide, drones: Drones, leases: Leases) -> None:
+        self._cloud = cloud
+        self._fog = fog
+        self._drones = drones
+        self._leases = leases
+        self._stations: dict[str, tuple[Certificate, int, bytes]] = {}
+        self._of_drones: dict[int, bytes] = {}
+
+    def on_drone(self, drone: int, payload: bytes) -> list[Effect]:
+        """A drone is there (again): it hears of the registered stations, and they of it."""
+        self._of_drones[drone] = payload
+        told = [self._publish(station, drone) for station in self._stations if self._may(station, drone)]
+        return [self._of_drone(drone), *told]
+
+    def on_station(self, station: str, certificate: Certificate, session: int, payload: bytes) -> list[Effect]:
+        """A station's birth, which names a session of its own."""
+        self._stations[station] = certificate, session, payload
+        return self.on_registered(station)
+
+    def on_registered(self, station: str) -> list[Effect]:
+        """A station is registered: the drones that it may command hear of it."""
+        if station not in self._stations:
+            return []
+        numbers = [link.number for link in self._drones.links.values() if link.up]
+        return [self._publish(station, number) for number in numbers if self._may(station, number)]
+
+    def of_drones(self) -> list[Effect]:
+        """What the cloud broker is to keep, for a session of the activator that was just born."""
+        return [self._of_drone(drone) for drone in self._of_drones]
+
+    def _may(self, station: str, drone: int) -> bool:
+        certificate, session, _ = self._stations[station]
+        return (station, session) in self._leases and certificate.rights.may_command(drone)
+
+    def _of_drone(self, drone: int) -> Publish:
+        return Publish(CLOUD, self._cloud.drone_birth(drone), self._of_drones[drone], qos=1, retain=True)
+
+    def _publish(self, station: str, drone: int) -> Publish:
+        return Publish(FOG, self._fog.stations(drone), self._stations[station][2], qos=1)

@@ -1,0 +1,81 @@
+"""What a signed registration has to be: for this session, newer than the one before, within its station's rights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ..core.session_owners import SessionOwners
+from ..errors import PayloadError
+from ..protocol.codec import decode
+from ..protocol.messages import Control, Registration
+from ..security.cose import Envelope
+from ..security.rights import Rights
+from ..security.seal import Seal, is_station
+from .leases import Key, Leases
+
+
+@dataclass
+class _Newest:
+    counter: int
+    until_ms: int
+
+
+class SignedRegistrations:
+    """Reads `fogX/init_connect` for one activator session (R12.12)."""
+
+    def __init__(self, session: int, seal: Seal, owners: SessionOwners) -> None:
+        self._session = session
+        self._seal = seal
+        self._owners = owners
+        self._newest: dict[Key, _Newest] = {}
+
+    def read(self, topic: str, payload: bytes, leases: Leases, now_ms: int) -> Registration:
+        """A registration, with what its station may want of it; raises PayloadError for one that is not to be heard."""
+        own = self._seal.name
+        signed = self._seal.verified(Envelope.parse(payload), lambda _: topic, lambda c: is_station(c) or c.name == own)
+        message = decode(Registration, signed.payload)
+        if signed.signer == own:
+            return _question(message)
+        if signed.certificate.node.label != message.name or not self._owners.claim(message.session, signed.signer):
+            raise PayloadError(f"registration of {signed.signer}: expected its own name and session", "foreign_session")
+        key = message.name, message.session
+        self._newest = {known: newest for known, newest in self._newest.items() if now_ms <= newest.until_ms}
+        newest = self._newest.get(key)
+        if message.activator_session != self._session or message.counter is None:
+            raise PayloadError(
+                f"registration of {signed.signer}: expected this session and a counter", "old_registration"
+            )
+        if newest is not None and message.counter <= newest.counter:
+            raise PayloadError(f"registration of {signed.signer}: expected a newer one", "old_registration")
+        if message.lease_s > 0:
+            if message.until_ms is None or message.until_ms <= now_ms:
+                raise PayloadError(
+                    f"registration of {signed.signer}: expected an end that is to come", "old_registration"
+                )
+            until_ms = min(message.until_ms, now_ms + message.lease_s * 1000)
+            self._newest[key] = _Newest(message.counter, max(until_ms, newest.until_ms if newest else 0))
+        elif newest is not None:
+            newest.counter = message.counter
+        if signed.is_expired and key not in leases:
+            raise PayloadError(f"certificate of {signed.signer}: expired", "certificate")
+        if message.control is Control.TAKE and (key not in leases or signed.is_expired):
+            message = replace(message, control=Control.WANT)
+        return _within_rights(message, signed.certificate.rights)
+
+
+def _question(message: Registration) -> Registration:
+    """What another session of this activator asks before its birth (R9.6); its key takes no lease."""
+    if message.lease_s != 0:
+        raise PayloadError("registration: expected a ground station's", "old_registration")
+    return message
+
+
+def _within_rights(message: Registration, rights: Rights) -> Registration:
+    """Without a right a station takes nothing from others, and wants only drones that it may command."""
+    control, drones = message.control, message.drones
+    if control is Control.TAKE and not rights.take_over:
+        control = Control.WANT
+    if rights.command is not None:
+        drones = tuple(sorted(rights.command.intersection(drones or rights.command)))
+        control = control if drones else Control.NONE
+    return replace(message, control=control, drones=drones or None)

@@ -1,0 +1,24 @@
+"""Which ground station a session number belongs to (docs/protocol.md, R12.7)."""
+
+from __future__ import annotations
+
+MOST_OF_ONE = 64
+"""Sessions of one station, the newest: one for each start of its process."""
+
+
+class SessionOwners:
+    """The first station whose signature names a session has it: ids, order and control are kept by session."""
+
+    def __init__(self) -> None:
+        self._owners: dict[int, str] = {}
+
+    def claim(self, session: int, station: str) -> bool:
+        """Whether a session is this station's, from now on if it was nobody's."""
+        if session not in self._owners:
+            own = [known for known, owner in self._owners.items() if owner == station]
+            for forgotten in own[: len(own) - MOST_OF_ONE + 1]:
+                del self._owners[forgotten]
+        return self._owners.setdefault(session, station) == station
+
+    def is_of(self, session: int, station: str) -> bool:
+        return self._owners.get(session) == station

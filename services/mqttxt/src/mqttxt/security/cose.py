@@ -1,0 +1,86 @@
+"""COSE_Sign1 (RFC 9052) with EdDSA, untagged, as signed messages travel (docs/protocol.md, section 12)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cbor2
+
+from ..errors import PayloadError
+from ..protocol.codec import MAX_PAYLOAD, parse_cbor
+
+PROTECTED = cbor2.dumps({1: -8})
+"""The protected header: EdDSA, as the only algorithm there is nothing to choose."""
+KID, X5CHAIN, ROUTE = 4, 33, -65537
+"""Labels of the unprotected header; that of the route is for private use."""
+KID_BYTES, SIGNATURE_BYTES = 4, 64
+CONTEXT = "mqttxt1"
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """A COSE_Sign1 message. `payload` is what was signed; the rest of it nobody has verified yet.
+
+    `kid` hints at the signer's certificate; a birth carries the `certificate` itself (DER). `route` is what a relay
+    says beside what it passes on, and is not signed.
+    """
+
+    payload: bytes
+    kid: bytes
+    signature: bytes
+    certificate: bytes | None = None
+    route: Any = None
+
+    def encode(self) -> bytes:
+        """The bytes on the wire: deterministic CBOR."""
+        return cbor2.dumps(self.plain(), canonical=True)
+
+    def plain(self) -> list[Any]:
+        """As CBOR carries it."""
+        header: dict[int, Any] = {KID: self.kid, X5CHAIN: self.certificate, ROUTE: self.route}
+        present = {label: value for label, value in header.items() if value is not None}
+        return [PROTECTED, present, self.payload, self.signature]
+
+    def routed(self, route: Any) -> Envelope:
+        """The same, with what a relay says beside it."""
+        return replace(self, route=route)
+
+    def bare(self) -> Envelope:
+        """The same without a certificate, for who has it."""
+        return replace(self, certificate=None)
+
+    @classmethod
+    def parse(cls, data: bytes) -> Envelope:
+        """Raises PayloadError for anything but a COSE_Sign1 as section 12 has it; the signature is not looked at."""
+        return cls.of_plain(parse_cbor(data))
+
+    @classmethod
+    def of_plain(cls, plain: Any) -> Envelope:
+        """`parse`, of CBOR that was read already."""
+        if not isinstance(plain, list) or len(plain) != 4 or plain[0] != PROTECTED or not isinstance(plain[1], dict):
+            raise PayloadError("envelope: expected COSE_Sign1 with the protected header {1: -8}", "not_signed")
+        _, header, payload, signature = plain
+        kid, certificate = header.get(KID), header.get(X5CHAIN)
+        is_whole = (
+            not set(header) - {KID, X5CHAIN, ROUTE}
+            and isinstance(kid, bytes)
+            and len(kid) == KID_BYTES
+            and isinstance(certificate, bytes | None)
+            and isinstance(payload, bytes)
+            and isinstance(signature, bytes)
+            and len(signature) == SIGNATURE_BYTES
+        )
+        if not is_whole or len(payload) > MAX_PAYLOAD:
+            raise PayloadError("envelope: expected kid, payload and signature in their sizes", "not_signed")
+        return cls(payload, kid, signature, certificate, header.get(ROUTE))
+
+
+def external_aad(fleet: bytes, signer: str, topic: str) -> bytes:
+    """What a signature covers beside the payload: SHA-256 of the authority's key, the signer's name, the topic."""
+    return cbor2.dumps([CONTEXT, fleet, signer, topic], canonical=True)
+
+
+def to_be_signed(payload: bytes, aad: bytes) -> bytes:
+    """Sig_structure of RFC 9052, section 4.4."""
+    return cbor2.dumps(["Signature1", PROTECTED, aad, payload], canonical=True)

@@ -1,0 +1,113 @@
+"""What a node signs, and whose signatures it believes (docs/protocol.md, section 12)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cryptography.exceptions import InvalidSignature
+
+from ..errors import ConfigurationError, PayloadError
+from .certificate import Certificate
+from .cose import KID_BYTES, Envelope, external_aad, to_be_signed
+from .identity import Identity
+from .names import Kind
+
+EXPIRED = "expired"
+MOST_CERTIFICATES = 4
+"""Of one name, the newest: more than a renewal needs."""
+
+
+@dataclass(frozen=True)
+class Signed:
+    """A message whose signature is that of `certificate`, which is good, or was when its signer was met.
+
+    `is_expired`: it has ended since.
+    """
+
+    certificate: Certificate
+    envelope: Envelope
+    is_expired: bool = False
+
+    @property
+    def payload(self) -> bytes:
+        return self.envelope.payload
+
+    @property
+    def signer(self) -> str:
+        return self.certificate.name
+
+
+def is_station(certificate: Certificate) -> bool:
+    """Whether a certificate is a ground station's."""
+    return certificate.node.kind is Kind.STATION
+
+
+class Seal:
+    """Signs for one node, keeps the certificates of the others, and verifies what they signed."""
+
+    def __init__(self, identity: Identity) -> None:
+        self.name = identity.name
+        self.certificate = identity.certificate
+        self.identity = identity
+        self._known: dict[str, list[Certificate]] = {identity.name: [identity.certificate]}
+
+    def sign(self, topic: str, payload: bytes, with_certificate: bool = False) -> Envelope:
+        """A payload as this node says it on `topic`, which is named as R12.3 has it."""
+        aad = external_aad(self.identity.fleet.key_hash, self.name, topic)
+        signature = self.identity.sign(to_be_signed(payload, aad))
+        certificate = self.certificate.der if with_certificate else None
+        return Envelope(payload, self.certificate.hash[:KID_BYTES], signature, certificate)
+
+    def open(self, topic: str, data: bytes, signer: str) -> Signed:
+        """What `signer` said on `topic`; raises PayloadError where that is not so, and then nothing may follow."""
+        return self.verified(Envelope.parse(data), lambda _: topic, lambda certificate: certificate.name == signer)
+
+    def open_one_of(self, data: bytes, topics: dict[str, str]) -> Signed:
+        """What one of several signers, each with the topic that it has for it, said; raises PayloadError."""
+        return self.verified(
+            Envelope.parse(data), lambda certificate: topics[certificate.name], lambda c: c.name in topics
+        )
+
+    def open_of_station(self, topic: str, envelope: Envelope) -> Signed:
+        """What a ground station, whichever, said on `topic`; raises PayloadError."""
+        return self.verified(envelope, lambda _: topic, is_station)
+
+    def verified(
+        self, envelope: Envelope, topic: Callable[[Certificate], str], expected: Callable[[Certificate], bool]
+    ) -> Signed:
+        """What one of those that are `expected` said on the `topic` that it has for it; raises PayloadError."""
+        if envelope.certificate is not None:
+            self._learn(envelope.certificate, expected)
+        named = (known for certificates in self._known.values() for known in certificates)
+        among = [known for known in named if known.hash[:KID_BYTES] == envelope.kid and expected(known)]
+        if not among:
+            raise PayloadError(f"kid {envelope.kid.hex()}: expected one of a known certificate", "unknown_signer")
+        for certificate in among:
+            aad = external_aad(self.identity.fleet.key_hash, certificate.name, topic(certificate))
+            try:
+                certificate.public_key.verify(envelope.signature, to_be_signed(envelope.payload, aad))
+            except InvalidSignature:
+                continue
+            refusal = self.identity.fleet.verify(certificate, self.identity.time.now_s())
+            if refusal not in (None, EXPIRED):
+                raise PayloadError(f"certificate of {certificate.name}: {refusal}", "certificate")
+            return Signed(certificate, envelope, is_expired=refusal == EXPIRED)
+        raise PayloadError(f"signature: expected one of {among[0].name} for this topic", "forged")
+
+    def _learn(self, der: bytes, expected: Callable[[Certificate], bool]) -> None:
+        """Keep a certificate that is good, and of somebody who is expected; raises PayloadError for any other."""
+        if any(known.der == der for certificates in self._known.values() for known in certificates):
+            return
+        try:
+            certificate = Certificate.from_der(der)
+        except ConfigurationError as error:
+            raise PayloadError(str(error), "certificate") from error
+        refusal = self.identity.fleet.verify(certificate, self.identity.time.now_s())
+        if refusal is not None or not expected(certificate):
+            raise PayloadError(f"certificate of {certificate.name}: {refusal or 'of another node'}", "certificate")
+        known = self._known.setdefault(certificate.name, [])
+        if certificate not in known:
+            known.append(certificate)
+            known.sort(key=lambda each: each.not_before_s)
+            del known[:-MOST_CERTIFICATES]

@@ -1,0 +1,341 @@
+"""Adversaries of a fleet that signs: brokers that do as they like, and an activator whose key was stolen."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from functools import cached_property
+from random import Random
+from typing import Any
+
+import cbor2
+
+from mqttxt.activator.drones import FOG
+from mqttxt.core.effects import Inbound, Publish
+from mqttxt.errors import PayloadError
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Arm
+from mqttxt.protocol.messages import (
+    BeaconMessage,
+    CommandMessage,
+    Control,
+    DroneLease,
+    Presence,
+    Registration,
+    ResultMessage,
+    Word,
+)
+from mqttxt.security.addressed import Addressed
+from mqttxt.security.cose import Envelope
+from mqttxt.security.rights import Rights
+from mqttxt.security.seal import Seal
+from tests.simulation.adversary import Dangers, Simulation
+from tests.simulation.nodes import MS, ActivatorNode, S
+from tests.simulation.signing import seal
+from tests.simulation.true_time import Broker, Connection, Events
+from tests.simulation.verdicts import Judge
+
+KEPT = 400
+DRONES = (1, 2)
+
+
+def signed_payload(payload: bytes) -> bytes:
+    """What is signed in a message, the first of it where there are several; raises PayloadError."""
+    try:
+        return Envelope.parse(payload).payload
+    except PayloadError:
+        return next(iter(Addressed.parse(payload).entries.values())).payload
+
+
+class SignedJudge(Judge):
+    """Judges by what is signed. A hostile network may have anything refused early: that is not judged."""
+
+    def hears_beacon(self, clock: Any, message: Inbound, sent_us: int, now_ms: int) -> None: ...
+
+    def publishes(self, node: Any, publish: Publish, read_us: int) -> None: ...
+
+    def _hop_ms(self, clock: Any, end_us: int) -> float:
+        return float("inf")
+
+    def aim(self, publish: Publish, rng: Random, chance: float) -> int | None:
+        if not publish.topic.endswith("commands") or rng.random() >= chance:
+            return None
+        try:
+            sent = self.sent.get(decode(CommandMessage, signed_payload(publish.payload)).id)
+        except (PayloadError, StopIteration):
+            return None
+        around_ms = rng.choice((3, 30, 150, 600))
+        return None if sent is None else sent.end_us + rng.randint(-around_ms * 1000, around_ms * 1000)
+
+
+class Forger:
+    """What an adversary says: what it has heard, changed, and what it makes up and signs with keys that it has."""
+
+    def __init__(self, rng: Random) -> None:
+        self.rng = rng
+        self.seen: list[Publish] = []
+        self.attempts: Counter[str] = Counter()
+        self._insider, self._stranger = seal("gs-eve", Rights(observe=True)), seal("gs-g", fleet="other")
+        self._neighbour = seal("gs-two", Rights(command=frozenset({2})))
+        """May command drone 2, but was never there: nothing that it signs is in a session of its own."""
+
+    def hear(self, publish: Publish) -> None:
+        """Remember, sometimes in the place of something older."""
+        if len(self.seen) < KEPT:
+            self.seen.append(publish)
+        else:
+            self.seen[self.rng.randrange(KEPT)] = publish
+
+    def forged(self, link: str) -> Publish | None:
+        """Something to deliver that nobody said so."""
+        among = [publish for publish in self.seen if publish.link == link]
+        if not among:
+            return None
+        ways = (
+            self._replayed,
+            self._moved,
+            self._flipped,
+            self._rerouted,
+            self._swapped,
+            self._altered,
+            self._made_up,
+        )
+        commands = [publish for publish in among if publish.topic.endswith("/commands")]
+        among = commands if commands and self.rng.random() < 0.5 else among
+        way = self.rng.choice(ways)
+        publish = way(self.rng.choice(among))
+        if publish is not None:
+            self.attempts[way.__name__.strip("_")] += 1
+        return publish
+
+    def _replayed(self, publish: Publish) -> Publish:
+        return replace(publish, retain=self.rng.random() < 0.3)
+
+    def _moved(self, publish: Publish) -> Publish:
+        """On another topic: of the other drone, or any."""
+        if "drone1" in publish.topic or "drone2" in publish.topic:
+            other = publish.topic.replace("drone1", "drone#").replace("drone2", "drone1").replace("drone#", "drone2")
+            return replace(publish, topic=other)
+        return replace(publish, topic=self.rng.choice(self.seen).topic)
+
+    def _flipped(self, publish: Publish) -> Publish:
+        payload = bytearray(publish.payload)
+        payload[self.rng.randrange(len(payload))] ^= 1 << self.rng.randrange(8)
+        return replace(publish, payload=bytes(payload))
+
+    def _rerouted(self, publish: Publish) -> Publish | None:
+        """Another deadline, stamp or session outside of the signatures."""
+        try:
+            envelope = Envelope.parse(publish.payload)
+            later = self.rng.choice([None, 0, 2**53 - 1, self.rng.randrange(2**40), [1, True], [None, False]])
+            return replace(publish, payload=envelope.routed(later).encode())
+        except PayloadError:
+            return self._readdressed(publish)
+
+    def _readdressed(self, publish: Publish) -> Publish | None:
+        try:
+            addressed = Addressed.parse(publish.payload)
+        except PayloadError:
+            return None
+        session = self.rng.choice([addressed.executor_session, addressed.executor_session, 0, 7])
+        deadline_ms = addressed.deadline_ms + self.rng.choice([-10_000, 500, 20_000, 2**40])
+        return replace(
+            publish, payload=replace(addressed, executor_session=session, deadline_ms=max(0, deadline_ms)).encode()
+        )
+
+    def _swapped(self, publish: Publish) -> Publish | None:
+        """What was signed for one drone as if it were for another."""
+        try:
+            addressed = Addressed.parse(publish.payload)
+        except PayloadError:
+            return None
+        entries = {3 - drone: envelope for drone, envelope in addressed.entries.items()}
+        return replace(publish, payload=replace(addressed, entries=entries).encode())
+
+    def _altered(self, publish: Publish) -> Publish | None:
+        """With other contents under the old signature, or under that of a station that has met nobody."""
+        try:
+            addressed = Addressed.parse(publish.payload)
+        except PayloadError:
+            return self._altered_envelope(publish)
+        entries = {drone: self._changed(f"drone{drone}/commands", one) for drone, one in addressed.entries.items()}
+        return replace(publish, payload=replace(addressed, entries=entries).encode())
+
+    def _altered_envelope(self, publish: Publish) -> Publish | None:
+        try:
+            envelope = Envelope.parse(publish.payload)
+        except PayloadError:
+            return None
+        topic = publish.topic.removeprefix("fog1/") if "/drone" in publish.topic else publish.topic
+        return replace(publish, payload=self._changed(topic, envelope).encode())
+
+    def _changed(self, topic: str, envelope: Envelope) -> Envelope:
+        """Other numbers: the next ids, later deadlines, clocks that are ahead, other words."""
+        plain = cbor2.loads(envelope.payload)
+        for place in self.rng.sample(range(1, len(plain)), min(2, len(plain) - 1)):
+            if type(plain[place]) is int:
+                plain[place] += self.rng.choice([1, 1000, 20_000])
+        payload = cbor2.dumps(plain, canonical=True)
+        by = self.rng.choice([None, None, self._neighbour, self._insider, self._stranger])
+        if by is None:
+            return replace(envelope, payload=payload)
+        return by.sign(topic, payload, with_certificate=self.rng.random() < 0.7).routed(envelope.route)
+
+    def _made_up(self, publish: Publish) -> Publish:
+        """Commands of an insider in the newest session that it has seen, beacons that are ahead, leases for good."""
+        drone = self.rng.choice(DRONES)
+        session = self.rng.choice([self._some_session(), self.rng.randrange(1, 2**32)])
+        command = CommandMessage(
+            gs_session=session,
+            seq=self.rng.randrange(200),
+            executor_session=self._some_session(),
+            deadline_ms=10**6,
+            limit_s=3.0,
+            command=Arm(),
+        )
+        lease = DroneLease(
+            activator_session=session,
+            drone_session=self._some_session(),
+            nonce=1,
+            bound=self.rng.random() < 0.5,
+            epoch=2**32 - 1,
+        )
+        said: list[tuple[str, object]] = [
+            (f"drone{drone}/commands", command),
+            (f"drone{drone}/init_connect", lease),
+            (f"drone{drone}/clock", BeaconMessage(session=self._some_session(), now_ms=10**9, nonce=1, held_ms=0)),
+            (f"drone{drone}/reachable", Presence(session=session, up=self.rng.random() < 0.5)),
+            ("gs/eve/reachable", Presence(session=session, up=True)),
+            ("fog1/clock", BeaconMessage(session=self._some_session(), now_ms=10**9)),
+            (
+                "fog1/init_connect",
+                Registration(
+                    name="eve",
+                    session=session,
+                    nonce=1,
+                    lease_s=3600,
+                    control=Control.TAKE,
+                    until_ms=10**9,
+                    epoch=2**32 - 1,
+                    activator_session=self._some_session(),
+                    counter=2**32 - 1,
+                ),
+            ),
+            (
+                f"drone{drone}/commands_result/arm",
+                ResultMessage(gs_session=session, seq=1, session=self._some_session(), stamp=1, word=Word.COMPLETED),
+            ),
+        ]
+        topic, message = self.rng.choice(said)
+        if publish.topic.startswith("fog1/") and topic.startswith("drone"):
+            topic = f"fog1/{topic}"
+        if self.rng.random() < 0.2:
+            return replace(publish, topic=topic, payload=encode(message))
+        signed = self._insider.sign(topic.removeprefix("fog1/") if "drone" in topic else topic, encode(message), True)
+        addressed = Addressed(self._some_session(), 10**9, {drone: signed})
+        as_command = topic.startswith("fog1/") and topic.endswith("/commands")
+        return replace(publish, topic=topic, payload=addressed.encode() if as_command else signed.encode())
+
+    def _some_session(self) -> int:
+        """A number out of something that was signed: a session, most often."""
+        try:
+            plain = cbor2.loads(signed_payload(self.rng.choice(self.seen).payload))
+        except (PayloadError, StopIteration, cbor2.CBORError, UnicodeDecodeError):
+            return 1
+        numbers = [n for n in plain if type(n) is int and 0 < n < 2**32] if isinstance(plain, list) else []
+        return self.rng.choice(numbers) if numbers else 1
+
+
+class HostileBroker(Broker):
+    """Delivers what was said, and what it makes of it; its reason codes and what it retains say nothing."""
+
+    def __init__(self, events: Events, forger: Forger, rate: float) -> None:
+        super().__init__(events)
+        self._forger = forger
+        self._rate = rate
+
+    def route(self, connection: Connection, publish: Publish, read_us: int) -> None:
+        rng = self._forger.rng
+        self._forger.hear(publish)
+        before = self.retained.get(publish.topic)
+        super().route(connection, publish, read_us)
+        if before is not None and rng.random() < 0.05:
+            self.retained[publish.topic] = before
+            self._forger.attempts["rolled back"] += 1
+        if publish.qos > 0 and publish.ref is not None and rng.random() < 0.1:
+            connection.tell(connection.client.published, publish.ref, 0x10)
+            self._forger.attempts["said 0x10"] += 1
+        if rng.random() < self._rate:
+            forged = self._forger.forged(publish.link)
+            if forged is not None:
+                self._events.after(rng.choice((0, 50 * MS, 2 * S, 30 * S)), self._deliver, forged)
+
+    def _deliver(self, publish: Publish) -> None:
+        """To whoever would get it, past RETAIN as it was and without a word to who said it."""
+        if self.alive:
+            self._spread(publish, self._events.now_us)
+
+
+class Thief(ActivatorNode):
+    """An activator whose key is somebody else's: it says what it likes in its own name, and when."""
+
+    def _carry_out_one(self, output: Any, read_us: int) -> None:
+        sim, rng = self.sim, self.sim.rng
+        assert isinstance(sim, HostileSimulation)
+        if not isinstance(output, Publish) or rng.random() < 0.5:
+            super()._carry_out_one(output, read_us)
+            return
+        for said in self._instead(sim, output):
+            sim.forger.attempts["stolen key"] += 1
+            self._soon(rng.choice((0, 0, 200 * MS, 3 * S, 12 * S)), super()._carry_out_one, said, read_us)
+
+    def _instead(self, sim: HostileSimulation, publish: Publish) -> list[Publish]:
+        rng = sim.rng
+        if publish.link == FOG and publish.topic.endswith("/commands"):
+            later = Envelope.parse(publish.payload).routed(rng.choice([None, 2**53 - 1]))
+            again = replace(publish, payload=later.encode(), ref=None)
+            other = "drone2/commands" if publish.topic.startswith("drone1") else "drone1/commands"
+            return [again, publish, replace(again, topic=other), again][: rng.randint(0, 4)]
+        if publish.link == FOG and publish.topic.endswith("/init_connect"):
+            lease = decode(DroneLease, signed_payload(publish.payload))
+            wide = replace(lease, deadline_ms=10**9, offboard_until_ms=10**9, epoch=0)
+            return [publish, self._signed(sim, publish, encode(wide))]
+        if "/commands_result/" in publish.topic and "drone" in publish.topic:
+            result = decode(ResultMessage, signed_payload(publish.payload))
+            lie = replace(result, word=rng.choice(list(Word)), reason="stolen")
+            return [self._signed(sim, publish, encode(lie)), publish][: rng.randint(0, 2)]
+        return [publish]
+
+    def _signed(self, sim: HostileSimulation, publish: Publish, payload: bytes) -> Publish:
+        return replace(
+            publish, payload=sim.stolen.sign(publish.topic, payload, with_certificate=True).encode(), ref=None
+        )
+
+
+class HostileSimulation(Simulation):
+    """A fleet that signs, under brokers that forge at `rate` of what passes, with an honest activator or a thief."""
+
+    def __init__(self, seed: int, dangers: Dangers, rate: float, thief: bool = False) -> None:
+        self._rate = rate
+        self._thief = thief
+        super().__init__(seed, dangers)
+
+    @cached_property
+    def forger(self) -> Forger:
+        return Forger(self.rng)
+
+    @cached_property
+    def stolen(self) -> Seal:
+        return seal("fog1")
+
+    def make_judge(self) -> Judge:
+        return SignedJudge(self.events)
+
+    def make_broker(self) -> Broker:
+        return HostileBroker(self.events, self.forger, self._rate)
+
+    def make_activator(self) -> ActivatorNode:
+        return Thief(self, "activator") if self._thief else super().make_activator()
+
+    def seal(self, name: str) -> Seal | None:
+        return seal(name)
