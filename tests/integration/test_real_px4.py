@@ -125,7 +125,7 @@ async def test_a_pilots_mode_ends_what_runs_with_the_next_heartbeat(flight: Flig
     await task
     assert time.monotonic() - taken_at < 1.3  # heartbeats come once a second, by PX4's own clock
     assert (heard[-1].word, heard[-1].reason) == (Word.FAILED, "mode_changed")
-    assert flight.pilot.mode == mode
+    await eventually(lambda: flight.pilot.mode == mode, "the pilot's own link shows it too")
     await fly(drone, Land())
 
 

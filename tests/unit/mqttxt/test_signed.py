@@ -242,6 +242,7 @@ def test_a_malformed_command_of_a_station_is_answered(world: World) -> None:
         b"\x84\x01\x20\x01\x80",
         b"\x85\x01\x01\x01\x80\x20",
     ],
+    ids=range(8),
 )
 def test_what_is_not_addressed_as_it_should_is_dropped(world: World, payload: bytes) -> None:
     out = list(world.activator.on_message("cloud", Inbound("fog1/drone1/commands", payload, 1), world.now_ms))
