@@ -95,8 +95,15 @@ class Scheduling(LoadFileScheduling):  # type: ignore[misc]
         self._leave_once_none_is_left()
         super().mark_test_complete(node, item_index, duration)
 
+    def _assign_work_unit(self, node: WorkerController) -> None:
+        super()._assign_work_unit(node)
+        self._leave_once_none_is_left()
+
     def _leave_once_none_is_left(self) -> None:
-        if not self._left:
+        """What comes behind the flights on their own worker, they cannot wait for."""
+        flying = next((units for units in self.assigned_work.values() if FLIGHTS in units), {})
+        behind = {nodeid for unit in flying.values() for nodeid in unit}
+        if self._left <= behind or len(self.nodes) == 1:
             self._lock.leave()
 
     def _split_scope(self, nodeid: str) -> str:

@@ -13,7 +13,7 @@ import pytest
 
 pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
 TESTS_OWN = [Path(__file__).parents[1] / name for name in ("workers.py", "lateness.py", "soak.py")]
-WORDS = ["--numprocesses", "3", "--no-loadscope-reorder", "-p", "no:cacheprovider"]
+WORDS = ["--no-loadscope-reorder", "-p", "no:cacheprovider"]
 TESTS = """
 import json, os, time
 from pathlib import Path
@@ -51,23 +51,36 @@ class Ran(NamedTuple):
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> list[Ran]:
-    folder = tmp_path_factory.mktemp("tests")
+    return run(tmp_path_factory.mktemp("tests"), FILES)
+
+
+def run(folder: Path, files: dict[str, tuple[str, ...]], workers: int = 3, *options: str) -> list[Ran]:
+    """What ran of such files, four tests each unless options choose."""
     (folder / "tests").mkdir()
     (folder / "conftest.py").write_text((Path(__file__).parents[1] / "conftest.py").read_text())
     for own in TESTS_OWN:
         (folder / "tests" / own.name).write_text(own.read_text())
     marks = [f"{mark}: a" for mark in ("alone", "e2e", "integration", "apart")]
     (folder / "pyproject.toml").write_text(f"[tool.pytest.ini_options]\nmarkers = {json.dumps(marks)}\n")
-    for name, own_marks in FILES.items():
+    for name, own_marks in files.items():
         named = ", ".join(f"pytest.mark.{mark}" for mark in own_marks)
         load = 5_000_000 if "integration" in own_marks else 1_000_000
         (folder / f"{name}.py").write_text(TESTS.replace("MARKS", named).replace("LOAD", str(load)))
-    command = [sys.executable, "-m", "pytest", *WORDS]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "pytest", *WORDS, "--numprocesses", str(workers), *options]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stdout
     found = [Ran(*json.loads(line)) for line in (folder / "log").read_text().splitlines()]
-    assert len(found) == 4 * len(FILES)
+    assert options or len(found) == 4 * len(files)
     return found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("workers", "options"), [(1, ()), (2, ("-k", "0"))], ids=["one worker", "one test a file"])
+def test_what_is_alone_does_not_wait_for_what_comes_behind_it(
+    tmp_path: Path, workers: int, options: tuple[str, ...]
+) -> None:
+    files = {name: FILES[name] for name in ("test_x", "test_i", "test_j", "test_a")}
+    assert {one.file for one in run(tmp_path, files, workers, *options)} == set(files)
 
 
 @pytest.mark.long
