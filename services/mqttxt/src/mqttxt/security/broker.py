@@ -40,9 +40,8 @@ connection_messages true
 _CONFIGURATION = """\
 # Made by `mqttxt broker`: make it again instead of changing it.
 {limits}\
-# For one client that takes nothing 16 MB are kept; who is silent for a minute is gone.
+# For one client that takes nothing 16 MB are kept.
 max_queued_bytes 16777216
-max_keepalive 60
 {user}\
 listener {port} {host}
 allow_anonymous false
