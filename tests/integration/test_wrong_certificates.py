@@ -79,9 +79,9 @@ def acme(tmp_path_factory: pytest.TempPathFactory) -> Authority:
 
 
 @pytest.fixture(scope="module")
-def theirs(tmp_path_factory: pytest.TempPathFactory) -> Authority:
+def theirs(acme: Authority) -> Authority:
     """Another fleet of the same name."""
-    authority = Authority.create(tmp_path_factory.mktemp("theirs") / "acme", "acme")
+    authority = Authority.create(acme.folder.parent / "theirs", "acme")
     for name in ("drone1", "broker-cloud"):
         authority.issue(name)
     return authority
