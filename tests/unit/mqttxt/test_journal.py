@@ -77,6 +77,22 @@ def test_a_line_that_cannot_be_read_in_the_middle_may_have_been_any_id(tmp_path:
     journal.close()
 
 
+def test_an_id_whose_last_word_cannot_be_read_stays_known_over_restarts(tmp_path: Path) -> None:
+    """It was started: that it is not in the journal would be answered as `expired`, which says the contrary."""
+    path = tmp_path / "journal"
+    journal = JournalFile(path)
+    journal.record(Journal(DONE, "takeoff"))
+    journal.record(Journal(DONE, "takeoff", Word.FAILED))
+    journal.record(Journal(DONE, "takeoff", done=True))
+    journal.close()
+    opened, said, done = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([opened, b"\x00" + said, done]))
+    for _ in range(3):
+        journal = JournalFile(path)
+        assert journal.unfinished == [Unfinished(DONE, "takeoff", delivered=True)]
+        journal.close()
+
+
 def test_a_journal_that_another_process_has_is_left_alone(tmp_path: Path) -> None:
     """As of a client that is started twice: the first one would write on into a file that is no longer there."""
     path = tmp_path / "drone.1"

@@ -141,16 +141,15 @@ class JournalFile:
         self._file, self._lines = file, len(lines)
 
     def _take(self, left: Unfinished, done: bool) -> None:
-        """What a record changes."""
-        known = self._open.pop(left.id, None)
+        """What a record changes. An id that is done stays known without its word too: it was started."""
+        known = self._open.pop(left.id, None) or self._delivered.pop(left.id, None)
         if not done:
             self._open[left.id] = left
             return
-        said = left if left.word is not None else known
-        if said is not None:
-            self._delivered[left.id] = replace(said, delivered=True)
-            while len(self._delivered) > MOST_DELIVERED:
-                del self._delivered[next(iter(self._delivered))]
+        said = known if known is not None and left.word is None else left
+        self._delivered[left.id] = replace(said, delivered=True)
+        while len(self._delivered) > MOST_DELIVERED:
+            del self._delivered[next(iter(self._delivered))]
 
     def _read(self) -> bool:
         """Whether nothing is missing. A line that cannot be read is left out and logged.
