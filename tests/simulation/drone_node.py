@@ -75,7 +75,7 @@ class DroneNode(Node):
         if late and self.sim.dangers.looks_before_the_write:
             self.react(self.role.on_refused, effect.ref, True)
             return
-        self.sim.judge.writes(self, effect.ref)
+        self.sim.judge.writes(self, effect.ref, (effect.message.command, effect.source))
         self._autopilot(effect)
         self.react(self.role.on_transmitted, effect.ref)
 

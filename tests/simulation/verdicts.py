@@ -10,6 +10,8 @@ from typing import Any
 from mqttxt.core.clock import RemoteClock
 from mqttxt.core.effects import Inbound, Publish
 from mqttxt.drone.executor import SENDS
+from mqttxt.drone.mavlink.sources import HALTING
+from mqttxt.drone.resting_numbers import AckKey
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import BeaconMessage, CommandId, CommandMessage, ResultMessage, Word
 from mqttxt.station.outcomes import Outcome
@@ -18,11 +20,16 @@ from tests.simulation.true_time import Events
 RHO = 1e-3
 WHOLE_MS = 5.0
 """What one hop loses at most because clocks are read in whole milliseconds (docs/deadlines.md, theorem 3)."""
+LONGEST_SHARED_US = 12_000_000
+"""How long a hold's acknowledgement may still be waited for: 4 s by R5.6, and the longest stalls."""
 
 
 @dataclass
 class Sent:
-    """A command by true time; `early_ms` is the bound of how much before its end it may be refused, by hop."""
+    """A command by true time; `early_ms` is the bound of how much before its end it may be refused, by hop.
+
+    `unidentified`: drones that hold in a name that another hold has, so that no acknowledgement is surely its own.
+    """
 
     drones: tuple[int, ...]
     called_us: int
@@ -35,6 +42,7 @@ class Sent:
     questioned: bool = False
     writes: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
     acknowledged: set[int] = field(default_factory=set)
+    unidentified: set[int] = field(default_factory=set)
     last: Counter[int | None] = field(default_factory=Counter)
     settled: Counter[int | None] = field(default_factory=Counter)
     words: dict[int | None, Word] = field(default_factory=dict)
@@ -59,6 +67,7 @@ class Judge:
         self._best_beacon: dict[RemoteClock, float] = {}
         self._station = 0
         self._refused: set[tuple[CommandId, int | None]] = set()
+        self._newest_of_last_name: dict[tuple[int, AckKey], tuple[CommandId, int]] = {}
 
     def station_starts(self) -> None:
         self._station += 1
@@ -114,7 +123,7 @@ class Judge:
         if early_ms > bound_ms:
             self._blame("early", f"{command_id} refused {early_ms:.1f} ms early by {node.name}, bound {bound_ms:.1f}")
 
-    def writes(self, node: Any, command_id: CommandId) -> None:
+    def writes(self, node: Any, command_id: CommandId, key: AckKey) -> None:
         """A write to an autopilot: in time, not again after its acknowledgement, not by another session."""
         sent = self.sent.get(command_id)
         now_us = self._events.now_us
@@ -127,10 +136,21 @@ class Judge:
             self.worst_late_ms = max(self.worst_late_ms, late_ms)
             self.last_late_call_us = max(self.last_late_call_us, sent.called_us)
             self._blame("late", f"{command_id} executed {late_ms:.3f} ms late by {node.name}")
+        if key[1] is HALTING[-1]:
+            self._shares_the_last_name(node.number, command_id, key)
         elsewhere = any(session != node.clock.session for session, _ in before)
-        if elsewhere or node.number in sent.acknowledged or len(before) >= SENDS:
+        acknowledged = node.number in sent.acknowledged - sent.unidentified
+        if elsewhere or acknowledged or len(before) >= SENDS:
             self._blame("again", f"{command_id} executed again by {node.name}")
         before.append((node.clock.session, now_us))
+
+    def _shares_the_last_name(self, drone: int, command_id: CommandId, key: AckKey) -> None:
+        """More holds at once than names: the first acknowledgements are the older ones', and copies go on (R5.6)."""
+        now_us = self._events.now_us
+        older, written_us = self._newest_of_last_name.get((drone, key), (command_id, now_us))
+        if older != command_id and now_us - written_us < LONGEST_SHARED_US:
+            self.sent[command_id].unidentified.add(drone)
+        self._newest_of_last_name[drone, key] = command_id, now_us
 
     def takes_on(self, node: Any, command_id: CommandId) -> None:
         """An autopilot begins to do it: of a command for whichever drone is best only one may."""

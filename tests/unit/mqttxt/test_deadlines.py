@@ -32,6 +32,8 @@ SELECTING = Dangers(commands_per_s=2, selects=1.0, ttls_ms=(1500, 10_000), mute=
 """The fog is asked to choose the drone, seldom enough that drones are free; autopilots often say nothing."""
 
 SILENT = replace(CALM, commands_per_s=0.3, selects=1.0, ttls_ms=(10_000,), mute=0.8)
+CROWDED = replace(CALM, commands_per_s=20, mute=0.2)
+"""Holds come faster than their names get free, because autopilots often say nothing."""
 
 
 def history(seed: int, dangers: Dangers | None = None, seconds: int = 30) -> Judge:
@@ -73,6 +75,14 @@ def test_without_danger_nothing_is_refused() -> None:
     assert judge.violations == {}
     assert judge.timely_refused == 0
     assert judge.counts()["executed"] > len(judge.sent) / 2
+
+
+def test_a_hold_that_shares_its_name_may_be_written_again_and_nothing_else() -> None:
+    """A fourth hold comes while the three names rest, and its own acknowledgement counts as an older one's."""
+    judges = [history(seed, CROWDED, seconds=20) for seed in range(4)]
+    assert [judge.violations for judge in judges] == [{}] * len(judges)
+    shared = [sent for judge in judges for sent in judge.sent.values() if sent.acknowledged & sent.unidentified]
+    assert any(len(sent.writes[drone]) > 1 for sent in shared for drone in sent.acknowledged & sent.unidentified)
 
 
 # Each rule is taken away, and the simulation has to notice.

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
-from tests.simulation.adversary import Dangers
+from tests.simulation.adversary import CALM, Dangers
 from tests.simulation.hostile import HostileSimulation
 
 SEEDS = int(os.environ.get("HOSTILE_SEEDS", "2"))
@@ -44,8 +45,7 @@ def test_nothing_that_an_adversary_says_is_executed(thief: bool) -> None:
 
 
 def test_without_an_adversary_a_fleet_that_signs_flies() -> None:
-    calm = Dangers(selects=0, stalls_per_s=0, kills_per_s=0, cuts_per_s=0, aims=0, loses=0, latencies_us=((0, 1000),))
-    simulation = HostileSimulation(1, calm, rate=0.0)
+    simulation = HostileSimulation(1, replace(CALM, selects=0), rate=0.0)
     judge = simulation.live(20)
     assert judge.violations == {}
     assert judge.unsent == 0
