@@ -138,6 +138,18 @@ async def test_several_awaits_of_one_command_send_it_once_and_get_the_same_answe
     assert len(field.sent) == 1
 
 
+async def test_who_makes_a_task_of_it_wrongly_is_told_that_it_was_sent_and_how_to() -> None:
+    field = Field(1)
+    sent = field.fog().drone(1).arm()
+    wrongly: Any = asyncio.create_task
+    with pytest.raises(TypeError, match=r"the command was sent; asyncio\.ensure_future"):
+        wrongly(sent)
+    assert topics(field) == ["fog1/drone1/commands"]
+    task = asyncio.ensure_future(sent)
+    field.say(Word.COMPLETED)
+    assert (await task).completed
+
+
 async def test_a_cancelled_await_leaves_the_command_as_it_is() -> None:
     field = Field(1)
     sent = field.fog().drone(1).land()

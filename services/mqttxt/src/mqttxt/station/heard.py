@@ -73,6 +73,8 @@ class SentCommand(Generic[Answer, Said]):
     - A wait that is cancelled, by a timeout too, and an iteration that is left early or ends with an exception of its
       own, end the waiting alone. The command goes on, and can be awaited again. Send `Hold` to stop a drone.
     - A command that nobody awaits is carried out all the same.
+    - `asyncio.ensure_future` makes a task that waits. `asyncio.create_task`, of a TaskGroup too, raises TypeError for
+      anything but a coroutine: the command is sent by then, as by every call.
 
     Both raise StationEnded where the station is left before the command has ended, and BrokerRefused where the broker
     ended the station: whether the command is carried out is then not known.
@@ -81,6 +83,10 @@ class SentCommand(Generic[Answer, Said]):
     def __init__(self, record: Record[Said], answer: Callable[[Sequence[Said]], Answer]) -> None:
         self._record = record
         self._answer = answer
+
+    def __repr__(self) -> str:
+        """For the TypeError of `asyncio.create_task` in particular, which names what it got."""
+        return "<SentCommand: the command was sent; asyncio.ensure_future makes a task that waits for it>"
 
     def __await__(self) -> Generator[None, None, Answer]:
         return self._wait().__await__()
