@@ -7,6 +7,7 @@ from typing import Any
 import cbor2
 import pytest
 
+from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe
 from mqttxt.core.settings import Settings
 from mqttxt.drone.commands import Unfinished
@@ -15,7 +16,20 @@ from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Disarm, Hold, Land, Return
 from mqttxt.protocol.messages import BeaconMessage, CommandId, DroneLease, Presence, Word
-from tests.simulation.world import UAV_SESSION, ack, command_payload, heartbeat, on_disk, ready, results, transmitted
+from tests.simulation.world import (
+    UAV_SESSION,
+    World,
+    ack,
+    command_payload,
+    heartbeat,
+    home,
+    landed,
+    on_disk,
+    position,
+    ready,
+    results,
+    transmitted,
+)
 
 ARM = 400
 
@@ -32,6 +46,10 @@ def hear(uav: UavClient, message: Any, now_ms: int = 1000, retain: bool = False)
 
 def words(effects: list[Any]) -> list[tuple[Word, str | None]]:
     return [(result.word, result.reason) for result in results(effects)]
+
+
+def states_of(effects: list[Any]) -> list[str]:
+    return [e.topic for e in effects if isinstance(e, Publish) and "/state/" in e.topic]
 
 
 def published(effects: list[Any], topic: str) -> list[Publish]:
@@ -298,15 +316,37 @@ def test_without_a_journal_nobody_knows_what_an_earlier_session_did(asked: dict[
 
 def test_a_new_activator_session_hears_every_state_anew() -> None:
     uav = client()
-    told = {e.topic for e in uav.tick(1100) if isinstance(e, Publish) and "/state/" in e.topic}
+    told = states_of(uav.tick(1100))
     assert told
-    uav.vehicle.heartbeat_ms = 1300
+    for session, begin_ms in ((5, 1200), (6, 4000)):
+        for nonce in (1, 2):
+            lease = DroneLease(activator_session=session, drone_session=UAV_SESSION, nonce=nonce, bound=True)
+            uav.on_message("fog", Inbound("drone1/init_connect", encode(lease), 1), begin_ms + 900 * nonce)
+            again = [topic for tenth in range(9) for topic in states_of(uav.tick(begin_ms + 900 * nonce + 100 * tenth))]
+            assert sorted(again) == (sorted(told) if nonce == 1 else [])
+
+
+def test_a_lease_is_no_reason_to_publish_faster_than_a_states_rate() -> None:
+    uav = client()
+    told = states_of(uav.tick(1100))
     lease = DroneLease(activator_session=5, drone_session=UAV_SESSION, nonce=1, bound=True)
-    uav.on_message("fog", Inbound("drone1/init_connect", encode(lease), 1), 1200)
-    assert not [e for e in uav.tick(1250) if isinstance(e, Publish) and "/state/" in e.topic]
-    lease = DroneLease(activator_session=6, drone_session=UAV_SESSION, nonce=1, bound=True)
-    uav.on_message("fog", Inbound("drone1/init_connect", encode(lease), 1), 1300)
-    assert {e.topic for e in uav.tick(1350) if isinstance(e, Publish) and "/state/" in e.topic} == told
+    uav.on_message("fog", Inbound("drone1/init_connect", encode(lease), 1), 1150)
+    assert "drone1/state/location" not in states_of(uav.tick(2000))
+    assert "drone1/state/location" in {*told} & {*states_of(uav.tick(2100))}
+
+
+def test_an_activator_that_comes_after_its_drones_gets_their_states_at_once() -> None:
+    world = World(qos=0)
+    world.gs.add_fogs([1])
+    for message in (heartbeat(), home(), position(), landed(1)):
+        world.uav.on_mavlink(message, 0)
+    world.run("uav", world.uav.on_connected(FOG, 0))
+    world.pass_time(1000)
+    world.run("activator", world.activator.on_connected(CLOUD, world.now_ms))
+    world.run("gs", world.gs.on_connected(CLOUD, world.now_ms))
+    world.run("activator", world.activator.on_connected(FOG, world.now_ms))
+    world.pass_time(2000)
+    assert {"location", "home", "armed", "landed_state"} <= set(world.gs.fogs[1].drones[1].states)
 
 
 def test_a_restarted_client_answers_what_it_was_told_of_an_earlier_session_and_says_it_only_when_asked() -> None:

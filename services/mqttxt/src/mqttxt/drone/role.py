@@ -87,6 +87,8 @@ class UavClient:
         self._for_bundle: dict[str, State] = {}
         self._rebirth = Rebirth()
         self._lease: DroneLease | None = None
+        self._listener: int | None = None
+        """The activator's session that was there, by its lease, since this connection began."""
 
     @property
     def born(self) -> bool:
@@ -131,6 +133,7 @@ class UavClient:
             return []
         self.desk.may_publish = True
         self._throttle.forget_published()
+        self._listener = None
         out: list[Effect] = [self._birth(), self._beacon(now_ms)]
         out += self.desk.close_restored(now_ms) + self.desk.republish()
         return out + (self.carrier.on_fog_up(now_ms) if self.carrier is not None else [])
@@ -280,8 +283,9 @@ class UavClient:
         known = self._lease
         if known is not None and known.activator_session == lease.activator_session and lease.epoch < known.epoch:
             return
-        if known is not None and known.activator_session != lease.activator_session:
-            self._throttle.forget_published()  # a new activator knows no state, and some change rarely
+        if lease.activator_session != self._listener:
+            self._throttle.repeat_published()  # what was published before it listened is lost, and some change rarely
+            self._listener = lease.activator_session
         self._lease = lease
         self._apply_lease()
 

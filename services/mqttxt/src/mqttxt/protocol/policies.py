@@ -107,7 +107,7 @@ class Throttle:
         self.apart: frozenset[str] = frozenset()
         self._policies = {**POLICIES, **(policies or {})}
         self._current: dict[str, State] = {}
-        self._published: dict[str, tuple[State, int]] = {}
+        self._published: dict[str, tuple[State | None, int]] = {}
 
     def update(self, state: State) -> None:
         """Take in the newest value of a state."""
@@ -132,6 +132,10 @@ class Throttle:
         """Publish everything anew at the next `due`: the other side lost what it knew."""
         self._published.clear()
 
+    def repeat_published(self) -> None:
+        """Publish everything once more, each no faster than its rate: it may not have been heard."""
+        self._published = {name: (None, at_ms) for name, (_, at_ms) in self._published.items()}
+
     def _is_due(self, state: State, now_ms: int) -> bool:
         if state.name in self.apart:
             return False
@@ -142,4 +146,4 @@ class Throttle:
         if now_ms - at_ms >= policy.heartbeat_ms:
             return True
         exceeds = _any_change if policy.is_for_rest and self.current(Armed.name) == Armed(True) else policy.exceeds
-        return now_ms - at_ms >= policy.min_interval_ms and exceeds(last, state)
+        return now_ms - at_ms >= policy.min_interval_ms and (last is None or exceeds(last, state))
