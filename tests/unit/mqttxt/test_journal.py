@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -71,10 +72,31 @@ def test_a_line_that_cannot_be_read_in_the_middle_may_have_been_any_id(tmp_path:
     _fill(path)
     first, *others = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join([first[:9] + b"\x00" + first[10:], *others]))
+    for _ in range(3):  # the file is written anew at each start, and nobody knows more then
+        journal = JournalFile(path)
+        assert [left.id for left in journal.unfinished] == [SAID, DONE]
+        assert journal.is_new
+        journal.close()
+
+
+def test_a_journal_that_the_disk_did_not_give_is_not_whole_once_it_was_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "journal"
+    _fill(path)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_text", _fail)
+        journal = JournalFile(path)
+    journal.record(Journal(CommandId(2, 1), "land"))
+    journal.close()
     journal = JournalFile(path)
-    assert [left.id for left in journal.unfinished] == [SAID, DONE]
+    assert [left.id for left in journal.unfinished] == [CommandId(2, 1)]
     assert journal.is_new
     journal.close()
+
+
+def _fail(*_: object, **__: object) -> str:
+    raise OSError(errno.EIO, "lost")
 
 
 def test_an_id_whose_last_word_cannot_be_read_stays_known_over_restarts(tmp_path: Path) -> None:

@@ -32,6 +32,8 @@ MOST_DELIVERED = 500
 """Last words that are kept although they were delivered; far more than ten minutes of them."""
 MOST_OUTDATED = 1000
 """Lines that later ones have made useless, beyond which the file is written anew."""
+_GAP = b"one or more lines could not be read\n"
+"""Stands for lines that were left out, and cannot be read either: a later session knows no more of them."""
 _LAST_WORDS = {word.label: word for word in Word if word.is_last}
 
 
@@ -52,12 +54,14 @@ class JournalFile:
         self._lock: int | None = None
         self._lines = 0
         self._is_failing = False
+        self._has_gap = False
         self.is_new = True
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._lock = _lock(path)
             if path.exists():
-                self.is_new = not self._read()
+                self._has_gap = True  # until it was read
+                self.is_new = self._has_gap = not self._read()
             self._write_anew()
         except OSError as error:
             if not is_fault(error):
@@ -124,7 +128,8 @@ class JournalFile:
     def _write_anew(self) -> None:
         """Replace the file by one with what may still be asked for; at any moment one of the two is whole."""
         fresh = self._path.with_name(f"{self._path.name}.new")
-        lines = [_line(Journal(left.id, left.command, left.word, left.reason)) for left in self._open.values()]
+        lines = [_GAP] if self._has_gap else []
+        lines += [_line(Journal(left.id, left.command, left.word, left.reason)) for left in self._open.values()]
         lines += [
             _line(Journal(left.id, left.command, left.word, left.reason, True)) for left in self._delivered.values()
         ]
