@@ -78,6 +78,8 @@ def parts(**changed: Any) -> bytes:
         parts(header={4: b"\0" * 5}),
         parts(header={4: b"\0" * 4, 1: -8}),
         parts(header=[4]),
+        parts(header={4: b"\0" * 4, 5: b""}).replace(b"\x05\x40", b"\x04\x40"),
+        parts(header={4: b"", 5: b"\0" * 4}).replace(b"\x05\x44", b"\x04\x44"),
         parts(header={4: b"\0" * 4, 33: "text"}),
         parts(payload=None),
         parts(signature=b"\0" * 63),

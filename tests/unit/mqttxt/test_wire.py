@@ -149,6 +149,23 @@ def test_malformed_payloads_are_refused_with_a_reason(payload: bytes, said: str)
         decode(Presence, payload)
 
 
+@pytest.mark.parametrize(
+    "references",
+    [
+        bytes.fromhex("82 d8 1c 81 01 82 d8 1d 00 d8 1d 00"),
+        bytes.fromhex("d9 0100 82 64 61626364 d8 19 00"),
+    ],
+    ids=["to values", "to strings"],
+)
+def test_a_value_that_refers_to_another_is_not_read(references: bytes) -> None:
+    """Two kilobytes of them say more than a machine can write down."""
+    with pytest.raises(PayloadError, match="not CBOR"):
+        decode(CommandMessage, references)
+    named = b"\x84\x01\x01\x02"
+    assert identify(named + b"\x00") == (1, 2)
+    assert identify(named + references) is None
+
+
 def test_nan_cannot_be_sent() -> None:
     with pytest.raises(PayloadError):
         encode(message_class("groundspeed", False)(stamp=1, groundspeed_m_s=float("nan")))

@@ -23,6 +23,14 @@ MAX_PAYLOAD = 61_440
 """Bytes; a longer payload is refused unread. The rankings of 250 drones in JSON are shorter."""
 _MAX_DEPTH = 8
 
+
+def _refuse_reference(*_: Any) -> NoReturn:
+    raise ValueError("a value that refers to another")
+
+
+NO_REFERENCES = dict.fromkeys((25, 28, 29, 256), _refuse_reference)
+"""Tags with which a few hundred bytes say more than a memory holds, once somebody writes or hashes the values."""
+
 Message = TypeVar("Message")
 
 
@@ -140,7 +148,13 @@ def parse_cbor(data: bytes) -> Plain:
 def _parse_cbor(payload: bytes) -> Plain:
     stream = BytesIO(payload)
     try:
-        plain = cbor2.CBORDecoder(stream, max_depth=_MAX_DEPTH, allow_indefinite=False).decode()
+        plain = cbor2.CBORDecoder(
+            stream,
+            max_depth=_MAX_DEPTH,
+            allow_indefinite=False,
+            allow_duplicate_keys=False,
+            semantic_decoders=NO_REFERENCES,
+        ).decode()
     except (ValueError, cbor2.CBORError, RecursionError) as error:
         raise PayloadError(f"payload: not CBOR: {error}") from error
     if stream.tell() != len(payload):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from io import BytesIO
 from typing import Any
 
 import cbor2
 
-from .codec import MAX_PAYLOAD
+from .codec import MAX_PAYLOAD, NO_REFERENCES
 from .messages import CommandId
 
 
@@ -16,7 +17,7 @@ def identify(payload: bytes) -> CommandId | None:
     if not 0 < len(payload) <= MAX_PAYLOAD:
         return None
     try:
-        plain: Any = json.loads(payload) if payload[:1] == b"{" else cbor2.loads(payload)
+        plain: Any = json.loads(payload) if payload[:1] == b"{" else _lenient(payload)
     except (ValueError, cbor2.CBORError, RecursionError):
         return None
     if isinstance(plain, dict):
@@ -31,3 +32,8 @@ def identify(payload: bytes) -> CommandId | None:
     if not (0 < session < 2**32 and 0 <= seq < 2**32):
         return None
     return CommandId(session, seq)
+
+
+def _lenient(payload: bytes) -> Any:
+    """What CBOR says first, whatever follows."""
+    return cbor2.CBORDecoder(BytesIO(payload), semantic_decoders=NO_REFERENCES).decode()
