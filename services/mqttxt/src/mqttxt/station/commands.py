@@ -134,7 +134,7 @@ class StationCommands:
             right = command_right(drone)
             raise ConfigurationError(f"drone {drone}: {seal.name}'s certificate has no {right}; {name} was not sent")
         view = fog.drones.get(drone)
-        if view is None or view.clock is None:
+        if view is None or view.signing_clock is None:
             raise FogUnreachable(f"fog {fog.number}: no signed beacon of drone {drone}; {name} was not sent")
 
     def _signed(
@@ -164,10 +164,11 @@ class StationCommands:
 
     def _signed_for(self, view: DroneView, message: CommandMessage, ttl_ms: int, now_ms: int) -> Envelope | None:
         """A command as one drone is to have it: in its session, due in its clock."""
-        deadline_ms = view.clock.deadline_ms(now_ms, ttl_ms) if view.clock is not None else None
-        if view.clock is None or deadline_ms is None or self._channel.seal is None:
+        clock = view.signing_clock
+        deadline_ms = clock.deadline_ms(now_ms, ttl_ms) if clock is not None else None
+        if clock is None or deadline_ms is None or self._channel.seal is None:
             return None
-        own = replace(message, executor_session=view.clock.session, deadline_ms=max(0, deadline_ms))
+        own = replace(message, executor_session=clock.session, deadline_ms=max(0, deadline_ms))
         return self._channel.seal.sign(FogSide().commands(view.number), self._channel.encoded(own))
 
     def _addressed(

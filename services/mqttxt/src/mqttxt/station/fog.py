@@ -39,15 +39,24 @@ class HeardState:
 
 @dataclass
 class DroneView:
-    """One drone of a fog. `clock` is what the drone's own beacons say, where they are signed."""
+    """One drone of a fog. `clock` is what the drone's own beacons say, where they are signed.
+
+    `session` is the drone's in the fog's newest record of it that names one: a beacon can be moved to another fog.
+    """
 
     number: int
     clock: RemoteClock | None = None
+    session: int | None = None
     next_grant_ms: int = 0
     record: DroneRecord | None = None
     holder: str | None = None
     reachable: bool = False
     states: dict[str, HeardState] = field(default_factory=dict)
+
+    @property
+    def signing_clock(self) -> RemoteClock | None:
+        """The clock that signed commands are due in; None before drone and fog have named the same session."""
+        return self.clock if self.clock is not None and self.clock.session == self.session else None
 
 
 class FogView:
@@ -148,6 +157,7 @@ class FogView:
         if record.up and (drone.record is None or drone.record.drone_session != record.drone_session):
             drone.states.clear()
         drone.record = record
+        drone.session = record.drone_session or drone.session
         events = self._review(now_ms)
         if record.holder != drone.holder:
             drone.holder = record.holder
@@ -257,10 +267,7 @@ class FogView:
 
     def _can_address(self, drone: DroneView) -> bool:
         """Whether a command can be made out to a drone's session: signed ones name it."""
-        if self.channel.seal is None:
-            return True
-        record, clock = drone.record, drone.clock
-        return record is not None and clock is not None and clock.session == record.drone_session
+        return self.channel.seal is None or drone.signing_clock is not None
 
     def _review(self, now_ms: int) -> list[Event]:
         """What has changed in who is reachable."""
