@@ -499,6 +499,19 @@ def test_an_old_registration_is_not_heard_and_ends_nothing_either(world: World) 
     assert len(world.activator.leases) == 1
 
 
+def test_an_old_birth_of_an_activator_that_a_broker_repeats_frees_no_control(world: World) -> None:
+    """The station then has no beacon of the session, and asks for one: that is no end of its lease."""
+    birth = last_sent(world, "fog1/reachable")
+    old = seal("fog1").sign(birth.topic, encode(FogPresence(session=OTHER_SESSION, up=True))).encode()
+    for payload in (old, birth.payload):
+        world.run("gs", world.gs.on_message("cloud", Inbound(birth.topic, payload, 1), world.now_ms))
+        assert world.activator.leases.controls(GS_SESSION, 1)
+    world.pass_time(100)
+    assert world.gs.fogs[1].registered
+    world.run("gs", world.gs.goodbye(world.now_ms))
+    assert not world.activator.leases
+
+
 def test_control_follows_rights(world: World) -> None:
     two = seal("gs-two", Rights(command=frozenset({2})))
     registration(world, two, drones=(1, 2))

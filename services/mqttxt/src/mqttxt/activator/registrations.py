@@ -14,6 +14,11 @@ from ..security.seal import Seal, is_station
 from .leases import Key, Leases
 
 
+def is_question(message: Registration) -> bool:
+    """Whether a registration only asks for a beacon: who has none cannot say when a lease ends, and ends none."""
+    return message.lease_s == 0 and message.until_ms is None
+
+
 @dataclass
 class _Newest:
     counter: int

@@ -19,7 +19,7 @@ from .births import Births
 from .command_relay import Relay
 from .drones import CLOUD, FOG, Drones
 from .leases import Leases
-from .registrations import SignedRegistrations
+from .registrations import SignedRegistrations, is_question
 from .selector import Selector
 from .sensor_relay import Carried, SensorRelay
 from .state_relay import StateRelay
@@ -237,6 +237,8 @@ class Activator:
         is_new = (message.name, message.session) not in self.leases
         if is_new and message.lease_s > 0 and len(self.leases) >= MOST_STATIONS:
             return [Log("too_many_stations", f"{message.name}: {MOST_STATIONS} stations are registered already")]
+        if self._registrations is not None and is_question(message):
+            return [self._beacon(now_ms, message.nonce)]
         out = self.drones.controlled_anew(self.leases.register(message, now_ms), now_ms)
         out.append(self._beacon(now_ms, message.nonce))
         if is_new and message.lease_s > 0:
