@@ -512,6 +512,15 @@ def test_an_old_birth_of_an_activator_that_a_broker_repeats_frees_no_control(wor
     assert not world.activator.leases
 
 
+def test_a_beacon_confirms_one_registration(world: World) -> None:
+    beacon = last_sent(world, "fog1/clock")
+    world.gs.on_disconnected("cloud", world.now_ms)
+    fog = world.gs.fogs[1]
+    fog.up = True
+    world.gs.on_message("cloud", Inbound("fog1/clock", beacon.payload), world.now_ms)
+    assert not fog.registered
+
+
 def test_control_follows_rights(world: World) -> None:
     two = seal("gs-two", Rights(command=frozenset({2})))
     registration(world, two, drones=(1, 2))

@@ -132,6 +132,8 @@ class FogView:
         if self.clock is None or message.session != self.session:
             return [], False
         asked_ms = self._nonces.get(message.nonce) if message.nonce is not None else None
+        if asked_ms is not None and message.nonce is not None and self.channel.seal is not None:
+            del self._nonces[message.nonce]  # what answers once cannot be said again
         beacon = Beacon(message.session, message.now_ms, message.nonce, message.held_ms)
         self.clock.observe(beacon, now_ms, asked_ms)
         if asked_ms is not None and asked_ms == self._questioned_ms:
