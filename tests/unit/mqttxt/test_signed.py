@@ -521,6 +521,15 @@ def test_a_beacon_confirms_one_registration(world: World) -> None:
     assert not fog.registered
 
 
+def test_one_station_leaves_room_for_others(world: World) -> None:
+    for session in range(1000, 1000 + MOST_OF_ONE):
+        assert kinds(registration(world, seal("gs-h"), session=session)) == []
+    assert kinds(registration(world, seal("gs-h"), session=2000)) == ["too_many_stations"]
+    assert len(world.activator.leases) == 1 + MOST_OF_ONE
+    assert kinds(registration(world, seal("gs-new"))) == []
+    assert kinds(registration(world, seal("gs-h"), session=1000, counter=6)) == []
+
+
 def test_control_follows_rights(world: World) -> None:
     two = seal("gs-two", Rights(command=frozenset({2})))
     registration(world, two, drones=(1, 2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..core.session_owners import SessionOwners
+from ..core.session_owners import MOST_OF_ONE, SessionOwners
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.messages import Control, Registration
@@ -52,6 +52,8 @@ class SignedRegistrations:
             )
         if newest is not None and message.counter <= newest.counter:
             raise PayloadError(f"registration of {signed.signer}: expected a newer one", "old_registration")
+        if newest is None and sum(name == message.name for name, _ in self._newest) >= MOST_OF_ONE:
+            raise PayloadError(f"registration of {signed.signer}: {MOST_OF_ONE} are registered", "too_many_stations")
         if message.lease_s > 0:
             if message.until_ms is None or message.until_ms <= now_ms:
                 raise PayloadError(
