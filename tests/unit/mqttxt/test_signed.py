@@ -530,6 +530,20 @@ def test_one_station_leaves_room_for_others(world: World) -> None:
     assert kinds(registration(world, seal("gs-h"), session=1000, counter=6)) == []
 
 
+@pytest.mark.parametrize("is_record_first", [True, False])
+def test_nobody_takes_the_session_that_controls_a_drone_while_its_activator_starts(
+    world: World, is_record_first: bool
+) -> None:
+    birth = seal("gs-h").sign("gs/h/reachable", encode(Presence(session=GS_SESSION, up=True)), with_certificate=True)
+    record = last_sent(world, "fog1/drone1/reachable")
+    retained = [(record.topic, record.payload), ("gs/h/reachable", birth.encode())]
+    started = Activator(1, 0x99, Settings(), drones=(1,), seal=seal("fog1"))
+    for topic, payload in retained if is_record_first else reversed(retained):
+        started.on_message("cloud", Inbound(topic, payload, 1, True), 0)
+    assert started._owners.claim(GS_SESSION, "gs-g")
+    assert not started._owners.claim(GS_SESSION, "gs-h")
+
+
 def test_control_follows_rights(world: World) -> None:
     two = seal("gs-two", Rights(command=frozenset({2})))
     registration(world, two, drones=(1, 2))

@@ -281,6 +281,8 @@ class Activator:
             return [Log(error.kind, f"{message.topic}: {error}"), self.drones.record_of(drone)]
         if not self.born:
             self.drones.restore(drone, record, now_ms)
+            if record.holder is not None and record.holder_session is not None:
+                self._owners.restore(record.holder_session, f"gs-{record.holder}")
             return []
         if self.drones.is_own_record(drone, record):
             return []

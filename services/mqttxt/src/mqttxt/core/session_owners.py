@@ -20,5 +20,9 @@ class SessionOwners:
                 del self._owners[forgotten]
         return self._owners.setdefault(session, station) == station
 
+    def restore(self, session: int, station: str) -> None:
+        """A session's owner as it was known before this process started, whoever claims the session meanwhile."""
+        self._owners[session] = station
+
     def is_of(self, session: int, station: str) -> bool:
         return self._owners.get(session) == station
