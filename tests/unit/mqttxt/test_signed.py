@@ -298,6 +298,14 @@ def test_a_station_forgets_its_own_oldest_sessions_alone() -> None:
     assert not owners.claim(1, "gs-b")
 
 
+def test_a_station_that_runs_on_is_not_forgotten_for_those_that_came_and_went() -> None:
+    owners = SessionOwners()
+    for session in range(100, 100 + 2 * MOST_OF_ONE):
+        assert owners.claim(1, "gs-a")
+        assert owners.claim(session, "gs-a")
+    assert owners.is_of(1, "gs-a")
+
+
 def test_the_drone_looks_at_rights_itself_and_names_the_one_that_is_missing(world: World) -> None:
     watcher = seal("gs-watcher", Rights(command=frozenset({2}), observe=True))
     meet(world, watcher, OTHER_SESSION)

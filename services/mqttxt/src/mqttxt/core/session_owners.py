@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 MOST_OF_ONE = 64
-"""Sessions of one station, the newest: one for each start of its process."""
+"""Sessions of one station, those with the newest births: one for each start of its process."""
 
 
 class SessionOwners:
@@ -14,11 +14,13 @@ class SessionOwners:
 
     def claim(self, session: int, station: str) -> bool:
         """Whether a session is this station's, from now on if it was nobody's."""
-        if session not in self._owners:
-            own = [known for known, owner in self._owners.items() if owner == station]
-            for forgotten in own[: len(own) - MOST_OF_ONE + 1]:
-                del self._owners[forgotten]
-        return self._owners.setdefault(session, station) == station
+        if self._owners.setdefault(session, station) != station:
+            return False
+        self._owners[session] = self._owners.pop(session)  # in the order of their newest births
+        own = [known for known, owner in self._owners.items() if owner == station]
+        for forgotten in own[:-MOST_OF_ONE]:
+            del self._owners[forgotten]
+        return True
 
     def restore(self, session: int, station: str) -> None:
         """A session's owner as it was known before this process started, whoever claims the session meanwhile."""
