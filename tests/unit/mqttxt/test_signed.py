@@ -741,6 +741,18 @@ def test_a_restarted_fogs_presence_says_that_commands_must_be_signed(world: Worl
     assert presence.authenticated is True
 
 
+@pytest.mark.parametrize("topic", ["drone1/reachable", "drone1/clock", "gs/g/reachable", "drone1/commands_result/arm"])
+def test_nothing_that_somebody_adds_to_a_message_is_passed_on(world: World, topic: str) -> None:
+    signer = "gs-g" if topic.startswith("gs") else "drone1"
+    message = (
+        BeaconMessage(session=UAV_SESSION, now_ms=5) if "clock" in topic else Presence(session=GS_SESSION, up=True)
+    )
+    padded = seal(signer).sign(topic, encode(message), with_certificate=True).routed(b"\0" * 50_000)
+    link = "cloud" if topic.startswith("gs") else "fog"
+    out = list(world.activator.on_message(link, Inbound(topic, padded.encode(), 1), world.now_ms))
+    assert [type(effect) for effect in out] == [Log]
+
+
 # A choice of a drone.
 
 TARGET = Goto(47.3978, 8.5456, 12.0)

@@ -60,8 +60,14 @@ class Seal:
         return Envelope(payload, self.certificate.hash[:KID_BYTES], signature, certificate)
 
     def open(self, topic: str, data: bytes, signer: str) -> Signed:
-        """What `signer` said on `topic`; raises PayloadError where that is not so, and then nothing may follow."""
-        return self.verified(Envelope.parse(data), lambda _: topic, lambda certificate: certificate.name == signer)
+        """What `signer` said on `topic`; raises PayloadError where that is not so, and then nothing may follow.
+
+        What comes here has no relay that adds to it, and much of it is passed on byte by byte.
+        """
+        signed = self.verified(Envelope.parse(data), lambda _: topic, lambda certificate: certificate.name == signer)
+        if signed.envelope.route is not None:
+            raise PayloadError("route: expected none", "not_signed")
+        return signed
 
     def open_one_of(self, data: bytes, topics: dict[str, str]) -> Signed:
         """What one of several signers, each with the topic that it has for it, said; raises PayloadError."""
