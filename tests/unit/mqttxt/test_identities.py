@@ -206,6 +206,18 @@ def test_the_highest_revocation_list_counts_and_is_kept(acme: Authority, tmp_pat
     assert drone.fleet.revoked.number == 3
 
 
+def test_an_older_list_that_was_put_into_the_folder_counts_after_no_restart(acme: Authority) -> None:
+    folder = acme.issue("drone3")
+    older = (folder / "revoked.pem").read_bytes()
+    acme.issue("gs-a")
+    acme.revoke("gs-a")
+    drone = Identity.load(folder)
+    (folder / "revoked.pem").write_bytes(older)
+    drone.fleet.read_again()
+    assert drone.fleet.revoked.number == 2
+    assert Fleet.load(folder).revoked == drone.fleet.revoked
+
+
 def test_a_list_that_cannot_be_kept_is_not_taken(acme: Authority) -> None:
     folder = acme.issue("drone3")
     drone = Identity.load(folder)

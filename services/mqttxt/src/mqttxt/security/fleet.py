@@ -81,10 +81,17 @@ class Fleet:
         return True
 
     def read_again(self) -> None:
-        """Take the revocation list that the file has by now, if it is newer; raises ConfigurationError."""
-        if self._file is not None:
-            newer = RevocationList.of(files.read(self._file), self._key, str(self._file))
-            self.revoked = max(self.revoked, newer, key=lambda each: each.number)
+        """Take the revocation list that the file has by now, if it is newer; put an older one right.
+
+        Raises ConfigurationError.
+        """
+        if self._file is None:
+            return
+        found = RevocationList.of(files.read(self._file), self._key, str(self._file))
+        if found.number < self.revoked.number:
+            files.write(self._file, self.revoked.pem())
+        elif found.number > self.revoked.number:
+            self.revoked = found
 
     def _is_signed(self, certificate: Certificate) -> bool:
         """A signature is verified once: certificates stand in many messages."""
