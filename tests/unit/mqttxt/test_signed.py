@@ -176,9 +176,7 @@ def test_a_fog_that_denies_a_broadcast_and_hands_it_to_a_drone_is_told_of(world:
     for said_word in (Word.ACCEPTED, Word.COMPLETED):
         out = hear(world, word("drone1", said_word, "drone1/commands_result/arm", seq=sent.seq))
         assert kinds(out) == ["contradicted"]
-    assert [(o.drone, o.word, o.settled) for o in world.heard if isinstance(o, Outcome)] == [
-        (1, Word.COMPLETED, True)
-    ]
+    assert [(o.drone, o.word, o.settled) for o in world.heard if isinstance(o, Outcome)] == [(1, Word.COMPLETED, True)]
 
 
 def _of(publish: Publish) -> tuple[str, bytes, int]:

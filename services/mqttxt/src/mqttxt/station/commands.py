@@ -251,6 +251,9 @@ class StationCommands:
         """Pass on a word once: one last word for each drone, and at most one truth after an unconfirmed."""
         assert outcome.drone is not None
         before = pending.words.get(outcome.drone)
+        if before is None and pending.denied_by is not None and outcome.signer == f"drone{outcome.drone}":
+            before = pending.words[outcome.drone] = Word.DENIED
+            pending.signers[outcome.drone] = pending.denied_by
         if before is None or not before.is_last:
             if before is outcome.word and outcome.percent == pending.percents.get(outcome.drone):
                 return []
@@ -309,7 +312,7 @@ class StationCommands:
                 return self._say_to_open(pending, Word.DENIED, result.denied, now_ms, signer)
             if pending.roster is not None and not pending.choosing:
                 return []
-            pending.denied = True
+            pending.denied, pending.denied_by = True, signer
             name = pending.command.name
             return [Outcome(pending.id, fog.number, None, name, Word.DENIED, result.denied, signer=signer)]
         if pending.roster is None and result.roster is not None:

@@ -15,7 +15,8 @@ from ..protocol.words import PASSED_OVER
 class Pending:
     """A command of this station. `roster` are the drones that it concerns, None until that is known.
 
-    `signed_for` are those that it is signed for, and `signers` who has signed each drone's newest word.
+    `signed_for` are those that it is signed for, `signers` who has signed each drone's newest word, and `denied_by` who
+    that no drone has it.
 
     While it is `choosing`, PSMI may send it to another drone after a definite no.
     """
@@ -35,6 +36,7 @@ class Pending:
     percents: dict[int, int | None] = field(default_factory=dict)
     unconfirmed_here: set[int] = field(default_factory=set)
     denied: bool = False
+    denied_by: str | None = None
 
     def open_drones(self) -> list[int]:
         """The drones that have no last word: of the roster, or of those that were heard."""
