@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -334,6 +336,35 @@ def test_a_mode_that_a_superseded_command_had_asked_for_is_no_pilots() -> None:
     assert bench.hear(heartbeat(armed=True, main=4, sub=6)) == []
     bench.hear(heartbeat(armed=True, main=4, sub=5))
     assert said(bench.hear(heartbeat(armed=True, main=4, sub=6))) == [(2, Word.FAILED, "mode_changed")]
+
+
+@pytest.mark.parametrize(
+    "shown",
+    [
+        [PILOTS_POSITION],
+        [heartbeat(armed=True, main=4, sub=6), PILOTS_POSITION],
+        [heartbeat(armed=True, main=4, sub=6), heartbeat(armed=True, main=4, sub=3)],
+    ],
+    ids=["before its own", "after its own", "back to the one before"],
+)
+def test_a_command_without_an_acknowledgement_is_not_written_over_a_pilot(shown: list[Any]) -> None:
+    bench = Bench()
+    bench.hear(heartbeat(armed=True, main=4, sub=3))
+    bench.start(1, Land())
+    for one in shown:
+        bench.hear(one)
+        bench.until(bench.now_ms + 100)
+    out = bench.until(3000)
+    assert not [effect for effect in out if isinstance(effect, Transmit)]
+    assert said(out) == [(1, Word.UNCONFIRMED, "no_ack")]
+
+
+def test_a_command_without_an_acknowledgement_is_written_again_in_its_own_mode() -> None:
+    bench = Bench()
+    bench.hear(heartbeat(armed=True, main=4, sub=3))
+    bench.start(1, Land())
+    bench.hear(heartbeat(armed=True, main=4, sub=6))
+    assert [effect for effect in bench.until(600) if isinstance(effect, Transmit)]
 
 
 def test_a_mode_that_is_still_changing_has_three_seconds() -> None:

@@ -85,7 +85,7 @@ class Acknowledgements:
         run.accepted_ms = now_ms
         run.accepted_number, run.restarts = self.vehicle.number, self.vehicle.boots.restarts
         mode = self.vehicle.seen(FlightMode, run.sent_number)  # PX4 may show it before it acknowledges
-        run.entered_mode = mode is not None and run.plan.modes is not None and mode.mode in run.plan.modes
+        run.entered_mode |= mode is not None and run.plan.modes is not None and mode.mode in run.plan.modes
         run.modes_before |= modes_shown(self.vehicle)
         if isinstance(run.command, Offboard):
             self.pilot.begin(run, now_ms)

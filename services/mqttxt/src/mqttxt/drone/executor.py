@@ -14,7 +14,7 @@ from ..protocol.messages import CommandId, Word
 from ..protocol.states import FlightMode
 from .acknowledgements import Acknowledgements
 from .effects import Transmit
-from .interruptions import interrupted, modes_shown
+from .interruptions import interrupted, is_taken_over, modes_shown
 from .mavlink.plans import CannotExecute, Plan, check
 from .mavlink.raw import Limits, plan_raw
 from .mavlink.sources import HALTING, Source
@@ -230,6 +230,7 @@ class Executor:
     def _await_ack(self, run: Run, now_ms: int) -> list[Output]:
         if run.in_progress:
             return [self._time_out(run, now_ms)] if now_ms >= run.started_ms + run.limit_ms else []
+        run.is_outdated = run.is_outdated or is_taken_over(run, self.vehicle)
         if now_ms < run.last_send_ms + (ONCE_MS if run.plan.is_said_once else RESEND_MS):
             return []
         if (

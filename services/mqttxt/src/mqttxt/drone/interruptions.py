@@ -36,6 +36,20 @@ def interrupted(run: Run, runs: Runs, vehicle: Vehicle, now_ms: int) -> str | No
     return "mode_changed" if now_ms - run.passing_since_ms > MODE_GRACE_MS else None
 
 
+def is_taken_over(run: Run, vehicle: Vehicle) -> bool:
+    """Whether a heartbeat since the write of a command that is not acknowledged shows that somebody changed the mode.
+
+    It shows a mode that is neither the command's own nor that of a write, or the latter after the command's own.
+    """
+    told = vehicle.seen(FlightMode, run.sent_number)
+    if run.plan.modes is None or told is None:
+        return False
+    if told.mode in run.plan.modes:
+        run.entered_mode = True
+        return False
+    return run.entered_mode or told.mode not in run.modes_before
+
+
 def modes_shown(vehicle: Vehicle) -> frozenset[FlightModeName]:
     """The autopilot's mode by its newest heartbeat; none where none came."""
     told = vehicle.seen(FlightMode)

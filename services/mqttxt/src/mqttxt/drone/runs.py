@@ -86,8 +86,8 @@ class Run:
 
     `refusals` counts the copies that were refused, `restarts` the autopilot's starts when it accepted.
     `modes_before`: the modes that the autopilot may have been in when it accepted; `settled_number`: the newest message
-    once it has left them, None until then. `is_outdated`: a newer command of its group was started, and this one is not
-    sent again, whatever became of that.
+    once it has left them, None until then. `is_outdated`: a newer command of its group was started, or somebody changed
+    the mode, and this one is not sent again.
     """
 
     id: CommandId
