@@ -104,7 +104,7 @@ def _run(source: str, late: str, folder: Path) -> list[str]:
     """The lines of a run of tests whose fixture finds the machine late or not."""
     (folder / "tests").mkdir()
     (folder / "conftest.py").write_text((TESTS / "conftest.py").read_text())
-    for name in ("workers.py", "lateness.py", "soak.py"):
+    for name in ("__init__.py", "workers.py", "lateness.py", "soak.py"):
         (folder / "tests" / name).write_text((TESTS / name).read_text())
     (folder / "pyproject.toml").write_text(CONFIGURATION)
     (folder / "test_it.py").write_text(source.replace("LATE and", f"{late} and"))

@@ -34,6 +34,7 @@ CONFIGURATION = '[tool.pytest.ini_options]\nmarkers = ["soak(sources): a"]\ntest
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
     (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "__init__.py").touch()
     (tmp_path / "tests" / "soak.py").write_text(Path(soak.__file__).read_text())
     (tmp_path / "conftest.py").write_text('pytest_plugins = ["tests.soak"]\n')
     (tmp_path / "pyproject.toml").write_text(CONFIGURATION)

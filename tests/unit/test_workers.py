@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 
 pytestmark = pytest.mark.timeout(600)  # a pytest within pytest takes seconds, on a busy machine minutes
-TESTS_OWN = [Path(__file__).parents[1] / name for name in ("workers.py", "lateness.py", "soak.py")]
+TESTS_OWN = [Path(__file__).parents[1] / name for name in ("__init__.py", "workers.py", "lateness.py", "soak.py")]
 WORDS = ["--no-loadscope-reorder", "-p", "no:cacheprovider"]
 TESTS = """
 import json, os, time
