@@ -285,7 +285,7 @@ class System:
         self.folder = folder
         self.like = like
         self.streams = streams
-        self.fleet_file = fleet_file or quick_fleet(folder, LANDING)
+        self.fleet_file = fleet_file or quick_fleet(folder, LANDING if like == "px4" else {})
         self.cloud = Broker(folder, "cloud")
         self.fog = Broker(folder, "fog")
         self.autopilots = {drone: free_port(socket.SOCK_DGRAM) for drone in (1, 2)}

@@ -25,9 +25,9 @@ from mqttxt.station.outcomes import last_word
 
 DAY_S = 86_400.0
 MOSQUITTO = """#!/bin/sh
-cp "$2" {folder}/seen.conf
 trap 'echo reloaded >> {folder}/said' HUP
 trap 'exit 0' TERM
+cp "$2" {folder}/seen.conf
 echo '1: mosquitto version 2.0.21 running' >&2
 while :; do sleep 0.02; done
 """
