@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import sys
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,12 +25,13 @@ from mqttxt.security.rights import Rights
 from mqttxt.station.outcomes import last_word
 
 DAY_S = 86_400.0
-MOSQUITTO = """#!/bin/sh
-trap 'echo reloaded >> {folder}/said' HUP
-trap 'exit 0' TERM
-cp "$2" {folder}/seen.conf
-echo '1: mosquitto version 2.0.21 running' >&2
-while :; do sleep 0.02; done
+MOSQUITTO = """#!{python}
+import shutil, signal, sys
+signal.signal(signal.SIGHUP, lambda *_: open("{folder}/said", "w").close())
+shutil.copy(sys.argv[2], "{folder}/seen.conf")
+print("1: mosquitto version 2.0.21 running", file=sys.stderr, flush=True)
+while True:
+    signal.pause()
 """
 
 
@@ -122,7 +124,7 @@ async def test_an_embedded_broker_with_an_identity(acme: Authority, tmp_path: Pa
     acme.issue("fog1")
     acme.issue("drone1")
     program = tmp_path / "mosquitto"
-    program.write_text(MOSQUITTO.format(folder=tmp_path))
+    program.write_text(MOSQUITTO.format(python=sys.executable, folder=tmp_path))
     program.chmod(0o755)
     broker = EmbeddedBroker("127.0.0.1", 18831, program=str(program), files=BrokerFiles(folder))
     assert broker.url == "mqtts://127.0.0.1:18831"
