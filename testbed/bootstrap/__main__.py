@@ -7,7 +7,7 @@ import sys
 
 from .docker import compose_command, daemon_answers, ensure_docker, version
 from .images import BASE, IMAGES_NEED_MIB, NODE, ensure_images, has_image, node_is_current
-from .steps import ROOT, BootstrapError, check_python, print_rows
+from .steps import ROOT, check_python, command, print_rows
 from .venv import ensure_venv, lock, upgrade, venv_is_current
 
 
@@ -46,20 +46,6 @@ def _docker_hint() -> str:
     return "make containers (as root), or: sudo systemctl start docker"
 
 
-def main() -> int:
-    makes = {"venv": ensure_venv, "containers": containers}
-    actions = {**makes, "doctor": doctor, "lock": lock, "upgrade": upgrade}
-    if len(sys.argv) != 2 or sys.argv[1] not in actions:
-        print(f"usage: python3 -m testbed.bootstrap {' | '.join(actions)}", file=sys.stderr)
-        return 2
-    try:
-        actions[sys.argv[1]]()
-    except BootstrapError as error:
-        print(f"testbed: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
-    return 0
-
-
-sys.exit(main())
+if __name__ == "__main__":
+    actions = {"venv": ensure_venv, "containers": containers, "doctor": doctor, "lock": lock, "upgrade": upgrade}
+    sys.exit(command("testbed.bootstrap", "testbed", actions))

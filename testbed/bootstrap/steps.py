@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -118,3 +118,21 @@ def print_rows(rows: Sequence[tuple[str, bool, str, str]]) -> None:
     """A line for each name: whether it is there, and which, else what to type."""
     for name, there, found, hint in rows:
         print(f"  {name:<20} {'ok      ' if there else 'missing '} {found if there else 'type: ' + hint}")
+
+
+def command(module: str, name: str, actions: Mapping[str, Callable[[], object]]) -> int:
+    """Carry out the action that the command line names; returns the exit code of `python3 -m MODULE`.
+
+    `name` is whose error it is, in front of a line about a step that cannot be done.
+    """
+    if len(sys.argv) != 2 or sys.argv[1] not in actions:
+        print(f"usage: python3 -m {module} {' | '.join(actions)}", file=sys.stderr)
+        return 2
+    try:
+        actions[sys.argv[1]]()
+    except BootstrapError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from testbed.bootstrap.steps import BootstrapError, print_rows
+from testbed.bootstrap.steps import command, print_rows
 
 from .machine import ensure_machine, has_qemu, machine_is_current
 from .programs import chromium, ensure_chromium, ensure_tshark, has_tshark, tshark_version
@@ -29,19 +29,5 @@ def doctor() -> None:
     )
 
 
-def main() -> int:
-    actions = {"make": make, "doctor": doctor}
-    if len(sys.argv) != 2 or sys.argv[1] not in actions:
-        print(f"usage: python3 -m tests.tools {' | '.join(actions)}", file=sys.stderr)
-        return 2
-    try:
-        actions[sys.argv[1]]()
-    except BootstrapError as error:
-        print(f"tests: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
-    return 0
-
-
-sys.exit(main())
+if __name__ == "__main__":
+    sys.exit(command("tests.tools", "tests", {"make": make, "doctor": doctor}))
