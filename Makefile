@@ -18,7 +18,11 @@ COMMANDING ?=
 QOS ?=
 CHAIN ?=
 STATES ?=
-FACTORS = --streams '$(STREAMS)' --commanding '$(COMMANDING)' --qos '$(QOS)' --chain '$(CHAIN)' --states '$(STATES)'
+SECURITY ?=
+STATION ?=
+# Not empty: the flights are shown on the live page, and do not count.
+PAGE ?=
+FACTORS = --streams '$(STREAMS)' --commanding '$(COMMANDING)' --qos '$(QOS)' --chain '$(CHAIN)' --states '$(STATES)' --security '$(SECURITY)' --station '$(STATION)'
 # One fleet can be up at a time: where nobody chose a protocol it is MQTT-XT's.
 ONE_PROTOCOL = $(if $(filter file,$(origin PROTOCOLS)),mqttxt,$(PROTOCOLS))
 BOOTSTRAP := python3 -m testbed.bootstrap
@@ -28,18 +32,19 @@ export PYTHONPYCACHEPREFIX ?= $(CURDIR)/.cache/pycache
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 all summary arms links up down report test check soak bench docs sitl doctor lock upgrade clean venv containers tools
+.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 scenario-5 all summary arms links up down report test check soak bench docs sitl doctor lock upgrade clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
 messages: ## Ten kinds of messages with one drone, COUNT of each (COUNT= ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
-scenario-1: ## Fly scenario 1 over both: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE=lte PROTOCOLS= FOGS= DRONES=)
+scenario-1: ## Fly scenario 1 over both: arm, takeoff, hold, land, disarm (ATTEMPTS= ARM= PROFILE=lte PROTOCOLS= SECURITY= FOGS= DRONES= PAGE=1)
 scenario-2: ## The same with a point of its own for each drone, and the way back (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-3: ## Only up and down (ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
 scenario-4: ## As 2, and at its point each collects what a sensor measures there (SAMPLES= ATTEMPTS= ARM= PROFILE= PROTOCOLS=)
-messages scenario-1 scenario-2 scenario-3 scenario-4: containers
-	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' --samples '$(SAMPLES)' --count '$(COUNT)' $(FACTORS)
+scenario-5: ## Upload a survey of 100 items to each drone and fly it (ATTEMPTS= ARM= PROFILE=geo-2s PROTOCOLS=)
+messages scenario-1 scenario-2 scenario-3 scenario-4 scenario-5: containers
+	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' --samples '$(SAMPLES)' --count '$(COUNT)' $(FACTORS) $(if $(PAGE),--page)
 
 all: containers ## Fly everything, or go on where that was broken off (ATTEMPTS= EXPERIMENTS= ARMS= PROFILES= FOGS= DRONES=)
 	@$(PYTHON) -m testbed all --attempts '$(ATTEMPTS)' --experiments '$(EXPERIMENTS)' --arms '$(ARMS)' --profiles '$(PROFILES)' --shaper '$(SHAPER)' --samples '$(SAMPLES)' --count '$(COUNT)'
@@ -50,10 +55,10 @@ summary: venv ## All experiments, arms and profiles beside each other, from the 
 links: containers ## Probe the links of all profiles, configured beside measured, without flying (PROFILE=lte,sik)
 	@$(PYTHON) -m testbed links --profile '$(if $(filter file,$(origin PROFILE)),,$(PROFILE))' --shaper '$(SHAPER)'
 
-arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES=)
+arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES= SECURITY=)
 	@$(PYTHON) -m testbed arms
 
-up: containers ## Start the fleet and leave them running, to explore by hand (PROTOCOLS=mavlink, PROFILE=lte, FOGS= DRONES=)
+up: containers ## Start the fleet and leave them running, to explore by hand (PROTOCOLS=mavlink, PROFILE=lte, SECURITY=none, FOGS= DRONES=)
 	@$(PYTHON) -m testbed up --protocol '$(ONE_PROTOCOL)' --arm '$(ARM)' $(FACTORS) --encoding '$(ENCODING)' --profile '$(PROFILE)' --shaper '$(SHAPER)'
 
 down: containers ## End what `make up` started
@@ -84,7 +89,7 @@ docs: venv ## Make schemas, tables and pictures anew from the code, and the site
 	@$(PYTHON) -m spec.schema services/mqttxt/src/mqttxt/protocol/schemas
 	@$(PYTHON) -m spec.tables docs/protocol.md
 	@$(PYTHON) -m spec.pictures docs/pictures
-	@$(PYTHON) -m spec.options docs/activator.md docs/conformance.md docs/ground-station.md docs/security.md docs/uav-client.md
+	@$(PYTHON) -m spec.options docs/activator.md docs/conformance.md docs/gateway.md docs/ground-station.md docs/homeassistant.md docs/metrics.md docs/page.md docs/security.md docs/tutorial.md docs/uav-client.md
 	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict > .cache/site.log 2>&1 || (cat .cache/site.log; exit 1)
 	@echo "site: .cache/site/index.html"
 

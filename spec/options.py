@@ -13,7 +13,7 @@ from typing import Any
 import typer
 
 from mqttxt.cli.main import app
-from mqttxt_conformance import activator, gs, uav
+from mqttxt_conformance import activator, activator_signed, gs, uav
 from mqttxt_conformance.registry import Rule
 
 from .tables import filled, table
@@ -27,6 +27,12 @@ def subcommands(parent: Any = None, path: str = "") -> dict[str, Any]:
         whole = f"{path}{name}"
         found.update(subcommands(command, f"{whole}-") if hasattr(command, "commands") else {whole: command})
     return found
+
+
+def groups(path: str) -> list[str]:
+    """The groups that a subcommand is in: `gs` and `gs-plan` of `gs-plan-upload`."""
+    words = path.split("-")
+    return ["-".join(words[:count]) for count in range(1, len(words))]
 
 
 def group(name: str) -> str:
@@ -66,11 +72,10 @@ def main(*files: str) -> None:
     """Write the tables into `files`."""
     found = subcommands()
     sections = {f"options-{name}": partial(options, command) for name, command in found.items()}
-    sections |= {
-        f"options-{name}": partial(group, name) for name in {path.split("-")[0] for path in found if "-" in path}
-    }
-    kits = {"uav": uav, "activator": activator, "gs": gs}
-    sections |= {f"rules-{role}": partial(rules_table, kit.rules()) for role, kit in kits.items()}
+    sections |= {f"options-{name}": partial(group, name) for path in found for name in groups(path)}
+    rules = {"uav": uav.rules(), "activator": activator.rules(), "gs": gs.rules()}
+    rules["signed-activator"] = activator_signed.rules()
+    sections |= {f"rules-{role}": partial(rules_table, checked) for role, checked in rules.items()}
     for path in map(Path, files):
         path.write_text(filled(path.read_text(encoding="utf-8"), sections), encoding="utf-8")
 

@@ -147,7 +147,7 @@ def command() -> Drawing:
     def sends(y: float, hops: tuple[float, ...], label: str, kind: str = "code") -> None:
         for start, end in pairwise(hops):
             drawing.line((start, y), (end, y), arrow=True)
-        drawing.text((hops[0] + hops[-1]) / 2, y - 6, label, kind, "middle")
+        drawing.text((hops[0] + hops[-1]) / 2, y - 6, label, f"{kind} halo".lstrip(), "middle")
 
     def decides(x: float, y: float, *words: str) -> None:
         drawing.box(x - 112, y, 224, 18 + 15 * len(words), "room")
@@ -164,13 +164,13 @@ def command() -> Drawing:
     decides(drone, 268, "clock ≤ D′ before every write", "past D′ before the first: expired")
     sends(342, (drone, autopilot), "NAV_TAKEOFF")
     repeats = f"up to {SENDS} times, every {RESEND_MS / 1000:g} s"
-    drawing.text((drone + autopilot) / 2, 358, repeats, "small", "middle")
+    drawing.text((drone + autopilot) / 2, 358, repeats, "small halo", "middle")
     sends(388, (autopilot, drone), "COMMAND_ACK")
     for y, word in ((412, "accepted"), (486, "completed")):
         sends(y, (drone, broker, activator), field.commands_result(1, name))
         sends(y, (activator, cloud, station), fog.drone_result(1, name))
         for x in (broker, cloud):
-            drawing.text(x, y + 16, word, "title", "middle")
+            drawing.text(x, y + 18, word, "title halo", "middle")
     sends(462, (autopilot, drone), "telemetry: at the height")
     decides(activator, 514, "no last word: unconfirmed", f"{grace_s:g} s after D + limit")
     decides(station + 42, 514, "no last word: unconfirmed", f"{2 * grace_s:g} s after ttl + limit")

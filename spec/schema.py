@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mqttxt.protocol import bundles, messages, rankings, readings
+from mqttxt.protocol import bulk, bundles, messages, parameters, plans, rankings, readings
 from mqttxt.protocol.codec import FieldLayout, Layout, layout_of
-from mqttxt.protocol.fields import VERSION, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
+from mqttxt.protocol.fields import VERSION, Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.protocol.state_payload import message_class
 from mqttxt.protocol.states import STATES
 
@@ -32,6 +32,10 @@ MESSAGES: tuple[type[Any], ...] = (
     rankings.QodsMessage,
     readings.ReadingMessage,
     readings.ReadingAck,
+    bulk.BulkAsk,
+    bulk.BulkAnswer,
+    plans.PlanObject,
+    parameters.ParametersObject,
     bundles.DroneBundle,
     bundles.FogBundle,
 )
@@ -91,6 +95,8 @@ def _json_field(mark: Any, definitions: dict[str, Any]) -> dict[str, Any]:
         return {"type": "string", "pattern": f"^{mark.pattern}$"}
     if isinstance(mark, Text):
         return {"type": "string", "maxLength": mark.longest}
+    if isinstance(mark, Binary):
+        return {"type": "string", "pattern": f"^([0-9a-f]{{2}}){{{mark.least},{mark.most}}}$"}
     if isinstance(mark, Items):
         return {
             "type": "array",
@@ -165,6 +171,8 @@ def _cddl_type(mark: Any, rules: dict[str, str]) -> str:
         return f'tstr .regexp "{mark.pattern}"'
     if isinstance(mark, Text):
         return f"tstr .size (0..{4 * mark.longest})"
+    if isinstance(mark, Binary):
+        return f"bstr .size ({mark.least}..{mark.most})"
     if isinstance(mark, Items):
         return f"[{mark.least}*{mark.most} {_cddl_type(mark.of, rules)}]"
     if mark is bool:

@@ -10,6 +10,7 @@ text { font: 13px system-ui, sans-serif; fill: #1b2430; }
 .code { font: 11.5px ui-monospace, monospace; }
 .mqttxt { fill: #0b7a75; } .mavlink { fill: #c2570c; }
 .paper { fill: #ffffff; } .box { fill: #f3f6f9; stroke: #8a97a6; } .room { fill: #e4f1f0; stroke: #0b7a75; }
+.halo { paint-order: stroke; stroke: #ffffff; stroke-width: 5; }
 .line { stroke: #56616e; stroke-width: 1.4; fill: none; } .dashed { stroke-dasharray: 4 4; }
 """
 

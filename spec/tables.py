@@ -13,13 +13,14 @@ from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
+from mqttxt.drone.mavlink.guarded_parameters import GUARDED as GUARDED_PARAMETERS
 from mqttxt.drone.mavlink.raw import GUARDED, MAV_CMDS, TYPED
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.codec import Layout, layout_of
 from mqttxt.protocol.commands import BROADCASTABLE, COMMAND
-from mqttxt.protocol.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
+from mqttxt.protocol.fields import Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.protocol.messages import Word
-from mqttxt.protocol.policies import POLICIES, Policy
+from mqttxt.protocol.policies import ON_REQUEST, POLICIES, Policy
 from mqttxt.protocol.states import STATE, STATES
 from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE, TopicRow, topics_of
 from mqttxt.protocol.values import item_of, mark_of
@@ -27,8 +28,8 @@ from mqttxt.protocol.values import item_of, mark_of
 from .examples import examples
 from .schema import MESSAGES, rule_name
 
-_UNITS = {"_m_s": "m/s", "_deg": "°", "_pct": "%", "_ms": "ms", "_s": "s", "_m": "m"}
-_SMALL = {("m", 1000): "mm", ("m/s", 100): "cm/s"}
+_UNITS = {"_m_s": "m/s", "_deg": "°", "_pct": "%", "_ms": "ms", "_s": "s", "_m": "m", "_v": "V", "_a": "A"}
+_SMALL = {("m", 1000): "mm", ("m/s", 100): "cm/s", ("V", 1000): "mV", ("A", 100): "cA"}
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -73,7 +74,8 @@ def messages() -> str:
     """Each message with its fields in CBOR's order, and every enumeration that they use."""
     classes = [*MESSAGES]
     for cls in classes:
-        classes += [inner for inner in _inner_messages(cls) if inner not in classes]
+        parts_of = [*_variants_of(cls), *_inner_messages(cls)]
+        classes += [inner for inner in parts_of if inner not in classes]
     parts = [_message(cls) for cls in classes]
     return "\n\n".join([*parts, "#### Enumerations", *_enumerations(classes)])
 
@@ -88,15 +90,23 @@ def _message(cls: type[Any]) -> str:
     if layout.variant is not None:
         name, variant = layout.variant
         codes = [code for code, _, _ in variant.codes]
+        said = f"{min(codes)} to {max(codes)}, its code"
+        if _variants_of(cls):
+            said = ", ".join(f"{code} `{label}`" for code, label, _ in variant.codes)
         last = len(layout.fields)
         rows += [
-            (str(last), f"`{name}`", f"{min(codes)} to {max(codes)}, its code", "its name", "no"),
+            (str(last), f"`{name}`", said, "its name", "no"),
             (f"{last + 1} …", f"the {name}'s own fields", "as listed below", "on the same level", "no"),
         ]
     where = ", ".join(f"`{topic}`" for topic in topics_of(cls))
-    said = _docstring(cls)
-    head = f"#### {rule_name(cls)}\n\n" + (f"On {where}. " if where else "Part of other messages. ") + said
+    head = f"#### {rule_name(cls)}\n\n" + (f"On {where}. " if where else "Part of other messages. ") + _docstring(cls)
     return head + "\n\n" + table(("", "field", "CBOR", "JSON", "may be missing"), rows)
+
+
+def _variants_of(cls: type[Any]) -> list[type[Any]]:
+    """The bodies of a message that has no section of its own for them, as commands and states have."""
+    variant = layout_of(cls).variant
+    return [] if variant is None or variant[1] in (COMMAND, STATE) else [body for _, _, body in variant[1].codes]
 
 
 def _missing(layout: Layout, index: int) -> str:
@@ -163,6 +173,9 @@ def _forms(name: str, hint: Any) -> tuple[str, str]:
         return ("a name (R2.1)", "the same")
     if isinstance(mark, Text):
         return (f"text of at most {mark.longest} characters", "the same")
+    if isinstance(mark, Binary):
+        size = f"{mark.most}" if mark.least == mark.most else f"{mark.least} to {mark.most}"
+        return (f"{size} bytes", "in hexadecimal")
     if isinstance(mark, Items):
         count = f"{mark.most}" if mark.least == mark.most else f"at most {mark.most}"
         return (f"array of {count}: {_name_of(_inner(hint))}", "the same")
@@ -224,16 +237,31 @@ def mav_cmds() -> str:
     return f"Denied, because there is a command for it:\n\n{typed}\n\nDenied unless enabled:\n\n{guarded}"
 
 
+def guarded_parameters() -> str:
+    """The parameters that `set_parameter` does not set as others, by the reason."""
+    by_reason: dict[str, list[str]] = {}
+    for pattern, why in GUARDED_PARAMETERS.items():
+        by_reason.setdefault(why, []).append(f"`{pattern}`")
+    return table(("parameters", "why"), ((", ".join(names), why) for why, names in by_reason.items()))
+
+
 def states() -> str:
-    """Every state with its fields and when it is published."""
+    """Every state with its fields and when it is published; what no bundle carries has no code."""
+    codes = {name: str(code) for code, name, _ in STATE.codes}
     return table(
         ("code", "state", "fields in CBOR", "in JSON", "published beyond", "at most", "what"),
         (
-            (str(code), f"`{name}`", *_parameters(cls), policy.deadband, _rate(policy), _docstring(cls))
-            for code, name, cls in STATE.codes
-            for policy in [POLICIES[name]]
+            (codes.get(name, "–"), f"`{name}`", *_parameters(cls), *_published(name), _docstring(cls))
+            for name, cls in STATES.items()
         ),
     )
+
+
+def _published(name: str) -> tuple[str, str]:
+    """Beyond which change and how often at most; a text has no policy, but comes and goes."""
+    on_request = " (on request)" if name in ON_REQUEST else ""
+    policy = POLICIES.get(name)
+    return (f"each{on_request}", "5 Hz") if policy is None else (policy.deadband + on_request, _rate(policy))
 
 
 def _rate(policy: Policy) -> str:
@@ -264,6 +292,7 @@ SECTIONS: dict[str, Callable[[], str]] = {
     "words": words,
     "commands": commands,
     "mav_cmds": mav_cmds,
+    "guarded_parameters": guarded_parameters,
     "states": states,
     "examples": worked_examples,
 }

@@ -2,11 +2,37 @@
 
 from __future__ import annotations
 
+from functools import cache
+
+import pytest
 from hypothesis import HealthCheck, settings
+from typer import testing
 
 pytest_plugins = ("tests.lateness", "tests.soak", "tests.workers")
 
-# How long an example takes says how busy the machine is. The quick check tries fewer of them.
+# How long an example takes says how busy the machine is. The quick check tries a tenth of them (`examples`).
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("quick", settings.get_profile("any machine"), max_examples=20)
+settings.register_profile("quick", settings.get_profile("any machine"), max_examples=10)
 settings.load_profile("any machine")
+
+# A runner of typer makes a program's tree of options for every command that it runs, which takes longer than most do.
+testing._get_command = cache(testing._get_command)
+
+
+class Failures:
+    """What failed is said at once: a run that is broken off never comes to its summary."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        terminal = self._config.pluginmanager.get_plugin("terminalreporter")
+        if report.failed and terminal is not None:
+            said = report.longreprtext.rstrip().splitlines() or [""]
+            reasons = [line.removeprefix("E").strip() for line in said if line.startswith("E ")]
+            terminal.write_line(f"{report.when} of {report.nodeid} failed: {(reasons or said[-1:])[0][:300]}")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Failures(config))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import fcntl
 import os
 import re
@@ -10,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from _pytest.faulthandler import fault_handler_stderr_fd_key
 from xdist import is_xdist_worker
 from xdist.scheduler import LoadFileScheduling
 from xdist.workermanage import WorkerController
@@ -19,6 +21,8 @@ from tests import lateness
 NICE, NICEST = 5, 10
 """Of tests beside flights: of those with brokers and processes, and of those that need nothing but time. More would
 leave them no time on a machine that others load."""
+PATIENCE = 2
+"""A worker that is still with a test after so many of its time limits hangs: it says where, and ends."""
 FLIGHTS = "flights"
 
 
@@ -95,6 +99,18 @@ class Scheduling(LoadFileScheduling):  # type: ignore[misc]
         self._leave_once_none_is_left()
         super().mark_test_complete(node, item_index, duration)
 
+    def remove_node(self, node: WorkerController) -> str | None:
+        """As xdist's own, but for the test that its worker died of, from which the next one would die too."""
+        units = self.assigned_work[node].values()
+        unit, crashed = next(((u, one) for u in units for one, is_done in u.items() if not is_done), ({}, None))
+        if crashed is not None:
+            unit[crashed] = True
+            self._left.discard(crashed)
+        super().remove_node(node)
+        if crashed is not None:
+            self._leave_once_none_is_left()
+        return crashed
+
     def _assign_work_unit(self, node: WorkerController) -> None:
         super()._assign_work_unit(node)
         self._leave_once_none_is_left()
@@ -168,11 +184,20 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
         return (yield)
     if _has_flights and not _is_flight(item):
         _give_way(NICE if _is_integration(item) else NICEST)
+    faulthandler.cancel_dump_traceback_later()  # of the turn before
     _turn.take(item)
+    stderr = item.config.stash[fault_handler_stderr_fd_key]
+    faulthandler.dump_traceback_later(PATIENCE * _limit_s(item), file=stderr, exit=True)
     try:
         return (yield)
     finally:
+        faulthandler.cancel_dump_traceback_later()
         _turn.leave()
+
+
+def _limit_s(item: pytest.Item) -> float:
+    mark = item.get_closest_marker("timeout")
+    return float(mark.args[0] if mark else item.config.getini("timeout") or 120)
 
 
 def _give_way(nice: int) -> None:

@@ -7,12 +7,14 @@ import os
 import shutil
 import subprocess
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from .steps import CACHE, BootstrapError, apt_install, run, step, succeeds
 
 START_TIMEOUT_S = 60
 LOG = CACHE / "dockerd.log"
+PID_FILES = {"dockerd": Path("/var/run/docker.pid"), "containerd": Path("/var/run/docker/containerd/containerd.pid")}
 REAL_TIME = Path("/sys/fs/cgroup/cpu/cpu.rt_runtime_us")
 REAL_TIME_US = 900_000
 """Of every second; the kernel's own limit for all programs together is 950 ms."""
@@ -62,6 +64,7 @@ def start_daemon() -> None:
         CACHE.mkdir(exist_ok=True)
         deadline = time.monotonic() + START_TIMEOUT_S
         give_real_time()
+        remove_stale_pid_files()
         process = _spawn()
         while not daemon_answers():
             if time.monotonic() > deadline:
@@ -78,6 +81,15 @@ def _spawn() -> subprocess.Popen[bytes]:
         return subprocess.Popen(
             ["dockerd"], stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd="/"
         )
+
+
+def remove_stale_pid_files(files: Mapping[str, Path] = PID_FILES, processes: Path = Path("/proc")) -> None:
+    """Remove what a daemon left that was killed with its machine: dockerd takes any process of that number for it."""
+    for program, file in files.items():
+        if file.exists():
+            command = processes / file.read_text().strip() / "comm"
+            if not command.is_file() or command.read_text().strip() != program:
+                file.unlink()
 
 
 def give_real_time(of_all: Path = REAL_TIME) -> None:

@@ -125,6 +125,9 @@ def command(module: str, name: str, actions: Mapping[str, Callable[[], object]])
 
     `name` is whose error it is, in front of a line about a step that cannot be done.
     """
+    if sys.platform != "linux":
+        print(f"{name}: runs on Linux, not on {sys.platform}; mqttxt's ground station runs there too", file=sys.stderr)
+        return 2
     if len(sys.argv) != 2 or sys.argv[1] not in actions:
         print(f"usage: python3 -m {module} {' | '.join(actions)}", file=sys.stderr)
         return 2

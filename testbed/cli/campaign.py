@@ -14,8 +14,8 @@ from net.link_plan import SHAPERS
 from ..errors import DockerError
 from ..fly.campaign.run import fly_all
 from ..fly.campaign.targets import Wish, plans_of
-from ..fly.containers import only_run
 from ..fly.flights import settings_of
+from ..fly.only_run import only_run
 from ..fly.progress import ConsoleProgress
 from ..fly.results import Series
 from ..fly.runner import Begun, Interrupted, run_series, signals_interrupt

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import os
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,13 +16,12 @@ from rich.table import Table
 from net.link_plan import SHAPERS
 
 from ..errors import TestbedError, UserError
-from ..fly.containers import Containers, only_run
-from ..fly.flights import by_hand, settings_of
+from ..fly.flights import settings_of
 from ..fly.link_check import check_profiles
-from ..fly.links import plan_links, start_clock, write_plan
-from ..fly.live_links import changes, read_live_plan, tell
+from ..fly.only_run import only_run
+from ..fly.page_process import page_port, page_url
 from ..fly.progress import ConsoleProgress
-from ..fly.results import live_attempt, new_series, open_series
+from ..fly.results import new_series, open_series
 from ..fly.runner import run_series
 from ..numbers.metrics import measure_series, read_metrics, verdict
 from ..plan.experiments import (
@@ -31,31 +30,19 @@ from ..plan.experiments import (
     DEFAULT_SAMPLES,
     EXPERIMENTS,
     FACTORS,
-    PROTOCOLS,
     Plan,
     make_plan,
-    one_protocol,
 )
-from ..plan.fleets import fleet_of, standard_fleet
-from ..plan.overrides import files_of_standard_fleet, fleet_in, suffix
+from ..plan.fleets import fleet_of
+from ..plan.overrides import files_of_standard_fleet, suffix
 from ..present.report.compare import result_of
 from ..present.report.compare_page import print_comparison, write_comparison
 from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker, shown_path
 from . import profiles as profiles
 from .campaign import fly_everything
+from .live import PROFILE_HELP, SHAPER_HELP, down, factor_help, link, page, up
 from .packets import packets
 from .summary import summary
-
-LIVE = RESULTS / ".live"
-
-
-PROFILE_HELP = "How the links are: a name of `testbed profiles`, or the path of a .yaml file."
-SHAPER_HELP = f"What shapes the links: {', '.join(SHAPERS)}; auto: netem where the kernel has it."
-
-
-def _factor_help(name: str) -> str:
-    return f"{', '.join(FACTORS[name])}; empty: the arm's."
-
 
 app = typer.Typer(
     name="testbed",
@@ -74,22 +61,26 @@ def run(
     profile: Annotated[str, typer.Option(help=PROFILE_HELP)] = "ideal",
     shaper: Annotated[str, typer.Option(help=SHAPER_HELP)] = SHAPERS[0],
     protocols: Annotated[str, typer.Option(help="Over what, a list; empty: mqttxt,mavlink.")] = "",
-    streams: Annotated[str, typer.Option(help=_factor_help("streams"))] = "",
-    commanding: Annotated[str, typer.Option(help=_factor_help("commanding"))] = "",
-    qos: Annotated[str, typer.Option(help=_factor_help("qos"))] = "",
-    chain: Annotated[str, typer.Option(help=_factor_help("chain"))] = "",
-    states: Annotated[str, typer.Option(help=_factor_help("states"))] = "",
+    streams: Annotated[str, typer.Option(help=factor_help("streams"))] = "",
+    commanding: Annotated[str, typer.Option(help=factor_help("commanding"))] = "",
+    qos: Annotated[str, typer.Option(help=factor_help("qos"))] = "",
+    chain: Annotated[str, typer.Option(help=factor_help("chain"))] = "",
+    states: Annotated[str, typer.Option(help=factor_help("states"))] = "",
+    security: Annotated[str, typer.Option(help=factor_help("security"))] = "",
+    station: Annotated[str, typer.Option(help=factor_help("station"))] = "",
     samples: Annotated[str, typer.Option(help="Scenario 4: values of each series.")] = str(DEFAULT_SAMPLES),
     count: Annotated[str, typer.Option(help="messages: how many of each kind.")] = str(DEFAULT_COUNT),
+    page: Annotated[bool, typer.Option("--page", help="Show the flights on the live page; they do not count.")] = False,
     results: Annotated[Path, typer.Option(help="Folder for the results.")] = RESULTS,
 ) -> None:
     """Fly an experiment, measure it, and write its report. Exit code 0 only if every attempt was completed."""
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
+        factors |= {"security": security, "station": station}
         plan = make_plan(
             experiment, attempts, arm, profile, protocols, factors, shaper, samples, count, fleet_of(os.environ)
         )
-        _run(plan, results)
+        _run(replace(plan, page=page_port() if page else None), results)
 
 
 @app.command()
@@ -162,66 +153,6 @@ def arms() -> None:
 
 
 @app.command()
-def up(
-    protocol: Annotated[str, typer.Option(help=f"Over what: {' or '.join(PROTOCOLS)}.")] = PROTOCOLS[0],
-    arm: Annotated[str, typer.Option(help=f"How the fleet talks: {', '.join(ARMS)}.")] = "thesis",
-    streams: Annotated[str, typer.Option(help=_factor_help("streams"))] = "",
-    qos: Annotated[str, typer.Option(help=_factor_help("qos"))] = "",
-    chain: Annotated[str, typer.Option(help=_factor_help("chain"))] = "",
-    states: Annotated[str, typer.Option(help=_factor_help("states"))] = "",
-    commanding: Annotated[str, typer.Option(help=_factor_help("commanding"))] = "",
-    encoding: Annotated[str, typer.Option(help="Payloads of fogs and drones: cbor, or json for people.")] = "cbor",
-    profile: Annotated[str, typer.Option(help=PROFILE_HELP)] = "ideal",
-    shaper: Annotated[str, typer.Option(help=SHAPER_HELP)] = SHAPERS[0],
-) -> None:
-    """Start the fleet and leave it running, to explore by hand."""
-    with _errors_as_lines():
-        factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
-        fleet = fleet_of(os.environ)
-        plan = make_plan("scenario-1", "1", arm, profile, one_protocol(protocol), factors, shaper, fleet=fleet)
-        settings = settings_of(plan, protocol, encoding)
-        only_run()
-        attempt = live_attempt(LIVE, protocol)
-        write_plan(attempt.path / "links", plan_links(plan, 1), plan.topology, plan.shaper, always=True)
-        containers = Containers(protocol, LIVE, settings, fleet)
-        with ConsoleProgress(make_console()).phase(f"starting {containers.count} containers"):
-            containers.down()
-            containers.start()
-        start_clock(attempt.path / "links")
-        typer.echo(by_hand(plan, protocol, containers.name_of))
-
-
-@app.command()
-def link(
-    name: Annotated[str, typer.Argument(help="The link, as air:uav3; air:uav3:up for one direction of it.")],
-    rate: Annotated[str, typer.Option(help="Bits a second, as 1Mbit, or unlimited.")] = "",
-    queue: Annotated[str, typer.Option(help="Frames that wait for the rate, as '100 packets'.")] = "",
-    delay: Annotated[str, typer.Option(help="As 200ms.")] = "",
-    jitter: Annotated[str, typer.Option(help="As 20ms.")] = "",
-    loss: Annotated[str, typer.Option(help="As 20%.")] = "",
-    duplicate: Annotated[str, typer.Option(help="As 1%.")] = "",
-    corrupt: Annotated[str, typer.Option(help="As 1%.")] = "",
-    reorder: Annotated[str, typer.Option(help="As 1%.")] = "",
-    closed: Annotated[bool, typer.Option("--closed", help="Let nothing through.")] = False,
-    back: Annotated[bool, typer.Option("--back", help="As its profile says again.")] = False,
-) -> None:
-    """Change a link of the fleet that is up; what is not named is as its profile says."""
-    with _errors_as_lines():
-        given = {
-            **{"rate": rate, "queue": queue, "delay": delay, "jitter": jitter, "loss": loss},
-            **{"duplicate": duplicate, "corrupt": corrupt, "reorder": reorder},
-        }
-        typed = {option: value for option, value in given.items() if value}
-        fleet = fleet_in(LIVE)
-        containers = Containers(PROTOCOLS[0], LIVE, {}, fleet)
-        ask = functools.partial(containers.output, "net", user="0:0")
-        for change in changes(read_live_plan(ask), fleet.topology(), name, typed, closed=closed, back=back):
-            tell(ask, change)
-            said = [f"{option} {value}" for option, value in typed.items()] + (["closed"] if closed else [])
-            typer.echo(f"{change.link}: {', '.join(said) or 'as planned'}")
-
-
-@app.command()
 def links(
     profiles: Annotated[str, typer.Option("--profile", help="Whose links, a list with commas; empty: all.")] = "",
     shaper: Annotated[str, typer.Option(help=SHAPER_HELP)] = SHAPERS[0],
@@ -243,23 +174,22 @@ def make_fleet_files() -> None:
             typer.echo(shown_path(path))
 
 
-@app.command()
-def down() -> None:
-    """End what `up` started, over whatever protocol and with whatever fleet."""
-    with _errors_as_lines(), ConsoleProgress(make_console()).phase("ending the containers"):
-        Containers(PROTOCOLS[0], LIVE, {}, standard_fleet()).down()
-
-
 def _run(plan: Plan, results: Path) -> None:
     """Fly, measure and report a plan."""
     for protocol in plan.protocols:
         settings_of(plan, protocol)  # its errors are raised before anything is written
     console = make_console()
     only_run()
+    if plan.page is not None:
+        console.print(f"the page: {page_url(plan.page)} (what it shows does not count)", soft_wrap=True, markup=False)
     series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile.name)
     with reported_without_docker(series, console):
         endings = run_series(plan, series, ConsoleProgress(console))
     metrics = report_series(series.path, console)
+    if plan.page is not None:
+        if not all(ending.was_only_watched for ending in endings):
+            raise typer.Exit(1)
+        return
     counted = [attempt["status"] for side in metrics["protocols"].values() for attempt in side["attempts"]]
     if counted != ["completed"] * len(endings):
         raise typer.Exit(1)
@@ -279,6 +209,8 @@ def _errors_as_lines() -> Iterator[None]:
         raise typer.Exit(1) from None
 
 
+for live in (up, link, page, down):
+    app.command()(_errors_as_lines()(live))
 app.command()(_errors_as_lines()(packets))
 app.command()(_errors_as_lines()(summary))
 app.command(name="all")(_errors_as_lines()(fly_everything))

@@ -19,7 +19,7 @@ from ..plan.fleets import fleet_of
 from ..plan.profiles.directed import directed_links
 from ..plan.profiles.kernel import Commands, commands_of
 from ..plan.profiles.reading import Profile, profile_names, read_profile
-from ..plan.profiles.resolve import Plan, resolve
+from ..plan.profiles.resolve import LinksPlan, resolve
 from ..plan.profiles.units import parse_time_us, show_rate, show_share, show_time
 
 COLUMNS = ("link", "rate", "queue", "delay", "jitter", "loss", "duplicate", "corrupt", "reorder")
@@ -86,7 +86,7 @@ def script_of(commands: Commands) -> list[str]:
     return [*lines, "# at the end", *(" ".join(words) for words in commands.end)]
 
 
-def table_of(plan: Plan) -> Table:
+def table_of(plan: LinksPlan) -> Table:
     """Every directed link with its figures; links of one class that are alike share a row."""
     table = Table(*COLUMNS, box=None, pad_edge=False, header_style="bold")
     rows: dict[tuple[str, ...], list[str]] = {}
@@ -128,7 +128,7 @@ def _cells(link: LinkPlan) -> tuple[str, ...]:
     )
 
 
-def table_of_events(plan: Plan) -> Table:
+def table_of_events(plan: LinksPlan) -> Table:
     """The events of the plan in order of time."""
     table = Table("at", "link", "for", "change", box=None, pad_edge=False, header_style="bold")
     for event in plan.events:
@@ -137,7 +137,7 @@ def table_of_events(plan: Plan) -> Table:
     return table
 
 
-def sources_of(profile: Profile, plan: Plan) -> list[str]:
+def sources_of(profile: Profile, plan: LinksPlan) -> list[str]:
     """Every figure that is in force, once: where it stands, its value, where it comes from."""
     lines: dict[str, None] = {}
     for figures in plan.figures.values():

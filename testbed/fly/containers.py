@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import subprocess
-import tempfile
 import threading
 import time
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any
@@ -27,6 +24,7 @@ from ..plan.experiments import PROTOCOLS
 from ..plan.fleet import Fleet
 from ..plan.overrides import compose_files
 from ..plan.sensors import SENSOR_PROFILES
+from .daemon import Usage, is_healthy, real_time_us, usage_of
 from .images import autopilot_in_image
 
 PROJECT = "mqttxt-testbed"
@@ -34,28 +32,9 @@ HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE = 180.0, 30.0
 """Six real autopilots need 90 s on a busy machine of two cores, until GPS and estimator agree."""
 POLL_S = 0.5
 LOG_LINES = 12
-LOCK = Path(tempfile.gettempdir()) / "mqttxt-testbed.lock"
 SERVICE_LABEL = "com.docker.compose.service"
 PROJECT_LABEL = "com.docker.compose.project"
 NODE_USER = "1000:1000"
-REAL_TIME = Path("/sys/fs/cgroup/cpu/docker/cpu.rt_runtime_us")
-"""What a kernel with CONFIG_RT_GROUP_SCHED (cgroup v1) gives all of Docker's containers."""
-
-
-def real_time_us(given: Path = REAL_TIME) -> int:
-    """What of every second the link emulator may use in real time, in microseconds.
-
-    0 where the daemon's containers have none of their own, or need none: then CAP_SYS_NICE alone is enough.
-    """
-    return int(given.read_text()) if given.is_file() else 0
-
-
-@dataclass(frozen=True)
-class Usage:
-    """What a service has used: CPU seconds, and bytes of memory at the time of asking (None: unknown to the daemon)."""
-
-    cpu_s: float
-    memory_bytes: int | None
 
 
 class Containers:
@@ -264,18 +243,6 @@ def services_of(profiles: tuple[str, ...], path: Path = COMPOSE_FILE) -> list[st
     return [name for name, service in services if set(profiles) & set(service.get("profiles", profiles))]
 
 
-def only_run() -> None:
-    """Keep other runs out until this process ends: a fleet's addresses exist once. Raises DockerError naming them."""
-    handle = os.open(LOCK, os.O_RDWR | os.O_CREAT, 0o666)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        pid = os.read(handle, 20).decode() or "unknown"
-        raise DockerError(f"another run is going on (process {pid}); only one fleet can fly at a time") from None
-    os.truncate(handle, 0)
-    os.write(handle, str(os.getpid()).encode())
-
-
 def compose_command() -> list[str]:
     """`docker compose` where it is installed, else docker-compose; raises DockerError without either."""
     probe = ["docker", "compose", "version"]
@@ -284,30 +251,6 @@ def compose_command() -> list[str]:
     if shutil.which("docker-compose"):
         return ["docker-compose"]
     raise DockerError("neither `docker compose` nor docker-compose is installed; type: make doctor")
-
-
-def is_healthy(container: Any) -> bool:
-    """Whether a container is healthy, or has nothing that says so.
-
-    Docker first looks after a whole interval, which is seconds; until then its test is run here.
-    """
-    status = container.attrs["State"].get("Health", {}).get("Status")
-    if status != "starting" or container.status != "running":
-        return status in (None, "healthy")
-    kind, *words = container.attrs["Config"]["Healthcheck"]["Test"]
-    try:
-        return bool(container.exec_run(words if kind == "CMD" else ["sh", "-c", *words]).exit_code == 0)
-    except APIError:  # it has ended meanwhile
-        return False
-
-
-def usage_of(stats: dict[str, Any]) -> Usage:
-    """Out of the daemon's stats; memory is what `docker stats` shows: without file pages that can be had back."""
-    memory = stats.get("memory_stats", {})
-    reclaimable = memory.get("stats", {})
-    spare = reclaimable.get("total_inactive_file", reclaimable.get("inactive_file", 0))  # cgroup 1, 2
-    used = max(0, memory["usage"] - spare) if "usage" in memory else None
-    return Usage(round(stats["cpu_stats"]["cpu_usage"]["total_usage"] / 1e9, 2), used)
 
 
 def _read_lines(chunks: Iterator[bytes], lines: Queue[str | None]) -> None:

@@ -37,7 +37,7 @@ At 0.91 PX4s missed their own sensors, and went into failsafes.
 """
 SILENT_S = 2.0
 """The simulated barometer is in a log five times a second. One that is silent for so long is of a simulation that
-stands still: PX4 main's work queue of low priority, which has the slow sensors, now and then stops for good.
+stands still: a PX4 whose thread of timers sleeps on (`sitl.real.px4.BATCH`).
 """
 ARMED = 2
 """vehicle_status.arming_state of an armed PX4."""
@@ -78,10 +78,13 @@ class Comparison:
 def compare_flights(attempt: Attempt) -> dict[str, Comparison]:
     """Every drone that has a log, by its node. Raises ResultsError for a log or events that cannot be compared."""
     events = attempt.autopilot_events()
-    return {
-        folder.stem: compare(_newest_log(folder), events.get(folder.stem, []))
-        for folder in sorted((attempt.path / "sitl").glob("*.log"))
-    }
+    return {node: compare(path, events.get(node, [])) for node, path in _logs(attempt).items()}
+
+
+def _logs(attempt: Attempt) -> dict[str, Path]:
+    """The newest flight log of every PX4, by its node. ArduPilot's logs (DataFlash) are kept, and not compared."""
+    folders = [path for path in sorted((attempt.path / "sitl").glob("*.log")) if not any(path.glob("*.BIN"))]
+    return {folder.stem: _newest_log(folder) for folder in folders}
 
 
 def _newest_log(folder: Path) -> Path:
@@ -104,10 +107,9 @@ def simulation_reason(attempt: Attempt) -> str | None:
         took_ns = points[-1]["t_ns"] - points[0]["t_ns"] if points else 0
         if took_ns > 0 and (off := _too_slow((points[-1]["boot_ms"] - points[0]["boot_ms"]) * 1e6 / took_ns)):
             return f"{node}: {off}"
-    for folder in sorted((attempt.path / "sitl").glob("*.log")):
-        path = _newest_log(folder)
+    for node, path in _logs(attempt).items():
         if off := _silent(_read(path), path):
-            return f"{folder.stem}: {off}"
+            return f"{node}: {off}"
     return None
 
 

@@ -13,8 +13,10 @@ from ..plan import wording
 from ..plan.experiments import Plan
 from ..plan.fleet import FIRST_PORT
 from ..plan.fleets import standard_fleet
+from ..plan.identities import client_words, secured_settings, station_words
 from ..plan.overrides import FLEET_COPY, chosen
 from ..plan.sensors import sensor_settings, sensor_words
+from .results import KEY_LOG
 
 EVENTS = "/run-dir/events.jsonl"
 CONTROL_DIR = "/run-dir/sitl"
@@ -39,15 +41,19 @@ def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, 
             f"AUTOPILOT={overlaid['AUTOPILOT']}: expected none: only the stand-in can be put back each time"
         )
     alone = {"AUTOPILOT_ON": "0.0.0.0", "AUTOPILOT_TO": plan.fleet.address("gs")}
+    secured = plan.is_secured(protocol)
     return {
         "QOS": str(plan.factors.qos),
         "STREAMS": plan.factors.streams,
         "CHAIN": plan.factors.chain,
         "ENCODING_FLAG": ENCODINGS[encoding],
         "BUNDLES_FLAG": "--bundles" if plan.factors.states == "bundle" else "",
+        "ALL_STATES_FLAG": "--all-states" if plan.through_gateway(protocol) else "",
         **overlaid,
         **(alone if protocol == "mavlink" and plan.factors.chain == "direct" else {}),
-        **(sensor_settings(plan.fleet, protocol, plan.samples) if plan.has_sensors else {}),
+        **(sensor_settings(plan.fleet, protocol, plan.samples, secured=secured) if plan.has_sensors else {}),
+        **(secured_settings(plan.fleet, signed=plan.is_signed, sensors=plan.has_sensors) if secured else {}),
+        **({"TLS_KEYS": f"/run-dir/{KEY_LOG}"} if secured else {}),
         **({"ONLY_FLAG": f"--only {_one(plan)}", "CONTROL_DIR": CONTROL_DIR} if plan.is_message_set else {}),
         **({"FLEET_FILE": f"/run-dir/{FLEET_COPY}"} if plan.fleet != standard_fleet() else {}),
     }
@@ -88,7 +94,14 @@ def mission_command(plan: Plan, protocol: str, events: str = EVENTS) -> list[str
     if protocol == "mavlink":
         urls = ",".join(mavlink_urls(factors.chain, flying.fog_of))
         return [*command, "--mavlink", urls, "--streams", factors.streams, "--commanding", factors.commanding]
-    return [*command, "--cloud", plan.fleet.cloud_url, "--qos", str(factors.qos), "--states", factors.states]
+    secured = plan.is_secured(protocol)
+    command += [
+        "--cloud",
+        plan.fleet.broker_url("cloud", secured=secured),
+        *(station_words(plan.is_signed) if secured else []),
+    ]
+    command += ["--qos", str(factors.qos), "--states", factors.states]
+    return [*command, "--gateway", "--commanding", factors.commanding] if plan.through_gateway(protocol) else command
 
 
 def mavlink_urls(chain: str, drones: Iterable[int]) -> tuple[str, ...]:
@@ -115,11 +128,12 @@ def by_hand(plan: Plan, protocol: str, name_of: Callable[[str], str]) -> str:
   docker exec -it {name_of("net")} tcpdump -Z root -c 20 -nr /run-dir/pcap/uav{drone}.pcap
   {link}
   make down"""
+    client = f" {client_words()}" if plan.is_secured(protocol) else ""
     return f"""\
-{drones} up. To look and to fly:
+{drones} up. To look and to fly beside the page, which has control until then, and again afterwards:
   {here} mqttxt gs watch {fogs}
-  {here} mqttxt gs send arm --fog {fog} --drone {drone}
-  {here} mqttxt gs send takeoff 10 --fog {fog} --drone {drone}
-  {here} mosquitto_sub -h {plan.fleet.address("cloud")} -v -t 'fog{fog}/#'
+  {here} mqttxt gs send arm --fog {fog} --drone {drone} --take-over
+  {here} mqttxt gs send takeoff 10 --fog {fog} --drone {drone} --take-over
+  {here} mosquitto_sub -h {plan.fleet.address("cloud")}{client} -v -t 'fog{fog}/#'
   {link}
   make down"""

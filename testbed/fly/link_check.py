@@ -21,7 +21,7 @@ from ..plan.documents import shown
 from ..plan.experiments import PROTOCOLS
 from ..plan.fleet import Fleet
 from ..plan.profiles.reading import profile_names, read_profile
-from ..plan.profiles.resolve import Plan, resolve
+from ..plan.profiles.resolve import LinksPlan, resolve
 from ..plan.topology import Topology
 from .calibration import Calibration, Loss, calibrate, measure_losses
 from .calibration.calibrate import RunInNode, run_schedule
@@ -42,7 +42,7 @@ DOCUMENT = "links.json"
 class Checked:
     """What was measured of one profile's links."""
 
-    plan: Plan
+    plan: LinksPlan
     shaper: dict[str, Any]
     calibration: Calibration
     losses: tuple[Loss, ...]
@@ -92,7 +92,9 @@ def check_profiles(
     return not any(each.off for each in found)
 
 
-def _check(plan: Plan, topology: Topology, folder: Path, containers: Containers, progress: ConsoleProgress) -> Checked:
+def _check(
+    plan: LinksPlan, topology: Topology, folder: Path, containers: Containers, progress: ConsoleProgress
+) -> Checked:
     nodes = [node.name for node in topology.nodes]
     with _network(containers, nodes, f"{plan.profile}: network and nodes", progress) as run:
         said = read_shaper(folder / "links")

@@ -13,8 +13,7 @@ from typing import Any
 from net.link_plan import Gate
 
 from ..plan.experiments import Plan
-from ..plan.profiles.resolve import Plan as LinkPlan
-from ..plan.profiles.resolve import resolve
+from ..plan.profiles.resolve import LinksPlan, resolve
 from ..plan.profiles.run_plan import run_plan
 from ..plan.topology import Topology
 from .calibration import Calibration, Loss, measure_losses
@@ -31,14 +30,14 @@ from .results import (
 )
 
 
-def plan_links(plan: Plan, number: int) -> LinkPlan:
+def plan_links(plan: Plan, number: int) -> LinksPlan:
     """What every link does in an attempt: drawn from experiment and attempt, the same for every protocol."""
     return resolve(plan.profile, plan.topology, plan.experiment, number)
 
 
 def write_plan(
     folder: Path,
-    links: LinkPlan,
+    links: LinksPlan,
     topology: Topology,
     shaper: str,
     *,
@@ -66,7 +65,7 @@ def write_calibration(folder: Path, calibration: Calibration) -> dict[str, Any]:
     return found
 
 
-def off_lines(folder: Path, links: LinkPlan) -> tuple[str, ...]:
+def off_lines(folder: Path, links: LinksPlan) -> tuple[str, ...]:
     """How the links of a flight differed from its plan, a line each; empty when they did not, or none was shaped.
 
     The shaper kept up, and what it lost at random is what the plan says, as far as chance allows; it is kept beside

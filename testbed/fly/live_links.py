@@ -13,7 +13,7 @@ from ..errors import DockerError, UserError
 from ..plan.profiles.checks import unfitting
 from ..plan.profiles.kernel import change_words
 from ..plan.profiles.reading import PARSERS, read_figure
-from ..plan.profiles.resolve import Plan as LinksPlan
+from ..plan.profiles.resolve import LinksPlan
 from ..plan.topology import Topology
 
 PLAN_FILE = "/run-dir/links/plan.json"

@@ -14,7 +14,7 @@ from typing import Any
 from ..plan.documents import ROOT
 from ..plan.experiments import Plan
 from ..plan.fleets import standard_fleet
-from ..plan.profiles.resolve import Plan as LinkPlan
+from ..plan.profiles.resolve import LinksPlan
 from .results import MANIFEST_VERSION, Attempt
 
 NODE_PACKAGES = {
@@ -25,7 +25,7 @@ ROUTER_MODULE = ROOT / "services" / "router" / "go.mod"
 SITL_SEED = 1
 
 
-def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: LinkPlan) -> dict[str, Any]:
+def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: LinksPlan) -> dict[str, Any]:
     """What is known before the containers start."""
     return {
         "version": MANIFEST_VERSION,

@@ -67,6 +67,39 @@ def read_capture(path: Path) -> Capture:
     return _arranged(data, starts, order, step_ns, end != size)
 
 
+class CaptureTail:
+    """A capture that is still being written, read on from where it was left.
+
+    Parameters:
+        path: the file; it may come later.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._at = _FILE_HEADER
+
+    def more(self) -> Capture:
+        """The whole frames that came since the last call. Raises ResultsError when the file is no pcap."""
+        try:
+            with self._path.open("rb") as file:
+                head = file.read(_FILE_HEADER)
+                file.seek(self._at)
+                rest = file.read()
+        except OSError:
+            return empty_capture()
+        if len(head) < _FILE_HEADER:
+            return empty_capture()
+        if head[:4] not in _MAGIC:
+            raise ResultsError(f"{self._path}: not a capture: it begins with {head[:4]!r}")
+        order, step_ns = _MAGIC[head[:4]]
+        size = _FILE_HEADER + len(rest)
+        data = np.zeros(size + PADDING, dtype=np.uint8)
+        data[:size] = np.frombuffer(head + rest, dtype=np.uint8)
+        starts, end = _record_starts(data.data, size, order)
+        self._at += end - _FILE_HEADER
+        return _arranged(data, starts, order, step_ns, end != size)
+
+
 def empty_capture() -> Capture:
     """A capture without a frame."""
     return _arranged(np.zeros(PADDING, dtype=np.uint8), np.empty(0, dtype=np.int64), "<", 1, False)

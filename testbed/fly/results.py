@@ -17,7 +17,9 @@ METRICS = "metrics.json"
 REPORT = "report.html"
 MANIFEST_VERSION = 1
 LINKS = "links"
-FOLDERS = ("pcap", "sitl", "logs", LINKS)
+KEY_LOG = "tls/keys.log"
+"""Where the nodes write the session keys of their TLS connections, in the format of SSLKEYLOGFILE (RFC 9850)."""
+FOLDERS = ("pcap", "sitl", "logs", "tls", LINKS)
 """What an attempt's folder has, and the containers may write to."""
 LINKS_PLAN, LINKS_SHAPER, LINKS_CALIBRATION = "plan.json", "shaper.json", "calibration.json"
 LINKS_COUNTERS, LINKS_EVENTS, LINKS_START = "counters.json", "events.jsonl", "start"
@@ -58,6 +60,11 @@ class Attempt:
         nodes = tuple(Node(node["name"], node["address"]) for node in described["nodes"])
         links = tuple(Link(link["name"], link["lower"], link["upper"]) for link in described["links"])
         return Topology(nodes, links)
+
+    @property
+    def key_log(self) -> Path:
+        """What opens its captures, where its fleet flew encrypted."""
+        return self.path / KEY_LOG
 
     @property
     def was_flown(self) -> bool:
@@ -136,12 +143,13 @@ def new_attempt(series: Series, protocol: str, number: int, repeat: int = 0) -> 
 def live_attempt(path: Path, protocol: str) -> Attempt:
     """A folder for what is no attempt of a series, as a fleet flown by hand.
 
-    Nothing of earlier links is left in it.
+    Nothing of earlier links is left in it, nor of earlier session keys.
     """
     _make_folders(path)
-    for left in (path / LINKS).iterdir():
+    attempt = Attempt(path, protocol, 1)
+    for left in (*(path / LINKS).iterdir(), *attempt.key_log.parent.iterdir()):
         left.unlink()
-    return Attempt(path, protocol, 1)
+    return attempt
 
 
 def _make_folders(path: Path, *, exist_ok: bool = True) -> None:

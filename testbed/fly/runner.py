@@ -9,21 +9,24 @@ import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
 from net.link_plan import Gate
 
 from ..errors import DockerError, FleetError, ProbesLate, TestbedError, UserError
 from ..plan.experiments import Plan
-from ..plan.profiles.resolve import Plan as LinkPlan
+from ..plan.profiles.resolve import LinksPlan
 from ..plan.sensors import closed_links, gates_of
 from . import links as link_files
 from .calibration import calibrate
-from .containers import Containers, Usage, start_network
+from .containers import Containers, start_network
+from .daemon import Usage
 from .flights import limit_s_of, mission_command, profile_of, remove_sockets, settings_of
+from .identities import make_identities
 from .manifest import describe, mosquitto_version
 from .observations import observe
+from .page_process import page_beside
 from .quiet import LEAST_IDLE, LIMIT_S, Waited, wait_for_quiet
 from .results import Attempt, Series, new_attempt, point_latest, read_json, write_json
 from .validity import INTERRUPTED, Observed, Verdict, judge, paired
@@ -77,7 +80,7 @@ def run_series(
 
     Both attempts of a number met the same links, or neither counts: with one of them the other is void, and both are
     flown again, twice at most, each time after waiting for a quieter moment of the machine. A failed attempt does not
-    end the series; a lost Docker does, with DockerError.
+    end the series; a lost Docker does, with DockerError. What the live page shows is flown once: it never counts.
     `begun` is what there is of a series that was broken off, by number. Returns how each number's attempts ended at
     last, in the order in which they were flown.
     """
@@ -86,7 +89,7 @@ def run_series(
         for number in range(1, plan.attempts + 1):
             there = (begun or {}).get(number, Begun())
             flown = dict(there.flown)
-            for repeat in range(there.repeat, there.repeat + there.left):
+            for repeat in range(there.repeat, there.repeat + (there.left if plan.page is None else 1)):
                 flown, waited = ({}, _wait(progress)) if repeat > there.repeat else (flown, None)
                 for protocol in plan.order(number):
                     if any(attempt.protocol == protocol for attempt in flown):
@@ -96,8 +99,9 @@ def run_series(
                     with _disk_errors_named(attempt):
                         flown[attempt] = _fly(plan, attempt, progress, make_containers, waited)
                     progress.ended(flown[attempt].status, flown[attempt].reason)
-                    point_latest(series)
-                    if flown[attempt].is_void:
+                    if plan.page is None:
+                        point_latest(series)
+                    if flown[attempt].is_void and plan.page is None:
                         break
                 flown = write_paired(flown)
                 if not any(verdict.is_void for verdict in flown.values()):
@@ -154,7 +158,7 @@ def _fly(
     off_before, begun_s = None, time.monotonic()
     try:
         containers = make_containers(profile_of(plan, attempt.protocol), attempt.path, settings, plan.fleet)
-        with _fleet_up(containers, attempt, manifest, links, gates, progress):
+        with _fleet_up(plan, containers, attempt, manifest, links, gates, progress), page_beside(plan, attempt):
             command = mission_command(plan, attempt.protocol)
             failure = _mission(command, limit_s_of(plan), containers, attempt, progress)
     except Interrupted:
@@ -173,6 +177,7 @@ def _fly(
             if off_before is not None
             else observe(attempt, manifest, failure, lambda: link_files.off_lines(folder, links))
         )
+        seen = replace(seen, watched=plan.page is not None)
         verdict = judge(seen)
         manifest |= {**verdict.to_data(), "observed": asdict(seen), "took_s": round(time.monotonic() - begun_s, 1)}
         manifest["host"]["load_after"] = os.getloadavg()[0]
@@ -182,10 +187,11 @@ def _fly(
 
 @contextlib.contextmanager
 def _fleet_up(
+    plan: Plan,
     containers: Containers,
     attempt: Attempt,
     manifest: dict[str, Any],
-    links: LinkPlan,
+    links: LinksPlan,
     gates: Sequence[Gate],
     progress: Progress,
 ) -> Iterator[None]:
@@ -206,6 +212,9 @@ def _fleet_up(
         manifest["calibration"] = link_files.write_calibration(folder, calibration)
         if calibration.off:
             raise LinksOff("; ".join(calibration.off))
+        if plan.is_secured(attempt.protocol):
+            with progress.phase("making the fleet's identities"):
+                make_identities(containers, plan)
         with progress.phase(f"starting {containers.count - len(nodes) - 1} containers on them"):
             containers.start()
         manifest["images"] = containers.images()

@@ -16,6 +16,7 @@ from .results import Attempt
 COMPLETED, FAILED, VOID = "completed", "failed", "void"
 RUNNING = "running"
 """A manifest's status until its attempt is judged."""
+WATCHED = "the live page showed it (PAGE=1): a station that watches opens the gates of its fogs"
 CUT_OFF, INTERRUPTED = "the run was cut off", "interrupted"
 
 
@@ -34,6 +35,7 @@ class Observed:
     silent: the drones without an event of disarming.
     set_back: the file in which the clock was set back the furthest, and by how many seconds.
     unreadable: files that decide one of these and cannot be read, with the reason.
+    watched: whether the live page showed the flight.
     """
 
     failure: str | None = None
@@ -46,6 +48,7 @@ class Observed:
     silent: tuple[str, ...] = ()
     set_back: tuple[str, float] | None = None
     unreadable: tuple[str, ...] = ()
+    watched: bool = False
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,11 @@ class Verdict:
     @property
     def is_void(self) -> bool:
         return self.status == VOID
+
+    @property
+    def was_only_watched(self) -> bool:
+        """Whether nothing but the live page keeps it from being completed."""
+        return self.reasons == (WATCHED,) and self.failure is None
 
     @property
     def was_cut(self) -> bool:
@@ -100,12 +108,14 @@ def unread(reason: str) -> Verdict:
 def judge(seen: Observed) -> Verdict:
     """The verdict of a flight.
 
-    Links that are not as planned, and autopilots that were slowed down, make any attempt void: where its mission
-    failed, they may be the cause. Whatever else its numbers need makes only a completed attempt void: a failed one
-    stays in the tables with the numbers that it has.
+    Links that are not as planned, autopilots that were slowed down, and a live page that makes traffic of its own make
+    any attempt void: where its mission failed, they may be the cause. Whatever else its numbers need makes only a
+    completed attempt void: a failed one stays in the tables with the numbers that it has.
     """
     if seen.off_before is not None:
         return Verdict(VOID, (seen.off_before,))
+    if seen.watched:
+        return Verdict(VOID, (WATCHED,), seen.failure)
     conditions = (*seen.off_links, *seen.flights)
     if seen.failure is not None:
         was_ended = seen.failure in (CUT_OFF, INTERRUPTED)

@@ -52,9 +52,9 @@ def paired_test(differences: Sequence[float]) -> dict[str, Any] | None:
     }
 
 
-def significant(value: float, digits: int = 9) -> float:
-    """A number rounded to significant digits, so that it is the same on every machine."""
-    return float(f"{value:.{digits}g}")
+def significant(value: float) -> float:
+    """A number rounded to nine significant digits, so that it is the same on every machine."""
+    return float(f"{value:.9g}")
 
 
 def _rank_biserial(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:

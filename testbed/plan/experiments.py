@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from net.link_plan import SHAPERS
 
@@ -20,7 +21,7 @@ from .typed import one_of, whole_number
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,59}")
 MESSAGES = "messages"
-EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3", "scenario-4", MESSAGES)
+EXPERIMENTS = ("scenario-1", "scenario-2", "scenario-3", "scenario-4", "scenario-5", MESSAGES)
 WITH_SENSORS = ("scenario-4",)
 DEFAULT_SAMPLES, MOST_SAMPLES = 30, 600
 """Values of each series that a sensor measures, one a second."""
@@ -35,6 +36,8 @@ FACTORS: dict[str, tuple[str, ...]] = {
     "qos": ("0", "1"),
     "chain": ("per-uav", "shared", "direct"),
     "states": ("on-change", "fixed", "bundle"),
+    "security": ("none", "tls", "signed"),
+    "station": ("mqttxt", "mavsdk"),
 }
 """Every factor with its values; in capitals it is the variable that sets it."""
 
@@ -48,6 +51,8 @@ class Factors:
     qos         MQTT-XT: that of commands and results, 0 or 1
     chain       MAVLink: a chain of routers for each UAV, one that all share, or none
     states      MQTT-XT: published on change, at a fixed 1 Hz, or that in bundles
+    security    MQTT-XT: none, mutual TLS with identities that are made for the flight, or signed messages in that
+    station     MQTT-XT: its own API, or MAVSDK through `mqttxt gs mavlink` at the ground station
     """
 
     streams: str
@@ -55,6 +60,8 @@ class Factors:
     qos: int
     chain: str
     states: str
+    security: str = "none"
+    station: str = "mqttxt"
 
 
 @dataclass(frozen=True)
@@ -75,6 +82,7 @@ ARMS = {
         Arm("thesis-concurrent", replace(_THESIS, commanding="concurrent")),
         Arm("five-states", _FIVE_STATES),
         Arm("five-states-bundled", replace(_FIVE_STATES, states="bundle")),
+        Arm("gateway", Factors("px4-gcs", "concurrent", 1, "shared", "on-change", station="mavsdk")),
         Arm("direct", Factors("px4-onboard", "concurrent", 1, "direct", "on-change")),
     )
 }
@@ -98,6 +106,8 @@ class Plan:
     mission: Path | None = None
     count: int = DEFAULT_COUNT
     fleet: Fleet = field(default_factory=standard_fleet)
+    page: int | None = None
+    """The port where the live page shows the flights. They do not count then: a station that watches opens gates."""
 
     @property
     def is_message_set(self) -> bool:
@@ -118,7 +128,20 @@ class Plan:
     def label(self) -> str:
         """The arm with every factor in which the plan deviates from it, as the results' path has it."""
         own, flown = asdict(self.arm.factors), asdict(self.factors)
-        return "+".join([self.arm.name, *(f"{name}-{flown[name]}" for name in FACTORS if flown[name] != own[name])])
+        deviating = [f"{name}-{flown[name]}" for name in FACTORS if flown[name] != own[name]]
+        return "+".join([self.arm.name, *deviating, *(["page"] if self.page is not None else [])])
+
+    def is_secured(self, protocol: str) -> bool:
+        """Whether a side's nodes have identities: over MAVLink none has, whatever the factor."""
+        return protocol == "mqttxt" and self.factors.security != "none"
+
+    def through_gateway(self, protocol: str) -> bool:
+        """Whether MAVSDK commands a side through `mqttxt gs mavlink`."""
+        return protocol == "mqttxt" and self.factors.station == "mavsdk"
+
+    @property
+    def is_signed(self) -> bool:
+        return self.factors.security == "signed"
 
     def order(self, attempt: int) -> tuple[str, ...]:
         """Who flies first: as listed in odd attempts, the other way round in even ones."""
@@ -160,6 +183,8 @@ def make_plan(
         whole_number("COUNT", count, MOST_COUNT),
     )
     factors = _factors(ARMS[arm], overrides or {})
+    if factors.station == "mavsdk" and experiment in (*WITH_SENSORS, MESSAGES):
+        raise UserError(f"STATION=mavsdk: expected another experiment than {experiment}, which MAVSDK cannot fly")
     fleet = fleet or standard_fleet()
     if "mavlink" in chosen and not fleet.has_routers:
         expected = f"drones 1 to {MOST_ROUTED} over MAVLink, whose routers have system ids as well; or PROTOCOLS=mqttxt"
@@ -191,5 +216,5 @@ def _factors(arm: Arm, overrides: Mapping[str, str]) -> Factors:
     changed = {name: value for name, value in overrides.items() if value}
     for name, value in changed.items():
         one_of(name.upper(), value, FACTORS[name])
-    values = {name: str(value) for name, value in asdict(arm.factors).items()} | changed
-    return Factors(values["streams"], values["commanding"], int(values["qos"]), values["chain"], values["states"])
+    own: dict[str, Any] = {**changed, **({"qos": int(changed["qos"])} if "qos" in changed else {})}
+    return replace(arm.factors, **own)

@@ -80,9 +80,9 @@ class Fleet:
         """The address of `net` towards a node."""
         return str(self.network(node)[_NET_HOST])
 
-    @property
-    def cloud_url(self) -> str:
-        return f"mqtt://{self.address('cloud')}:1883"
+    def broker_url(self, node: str, *, secured: bool = False) -> str:
+        """Of the broker on a node, as others reach it; `secured`: in TLS."""
+        return f"{'mqtts' if secured else 'mqtt'}://{self.address(node)}:{8883 if secured else 1883}"
 
     def topology(self, *, sensors: bool = False) -> Topology:
         """Nodes and links, with the sensors' or without."""

@@ -9,7 +9,6 @@ from net.link_plan import Gate
 from .fleet import Fleet
 
 FOLDER, SERIES = "/run-dir/sensors", "/run-dir/series.json"
-UAV_BROKER = "0.0.0.0:1883"
 STORE = "/var/lib/mqttxt/sensors"
 SENSOR_PROFILES = ("sensors", "mavlink-sensors")
 """compose.yaml's profiles of what only runs with sensors."""
@@ -34,15 +33,16 @@ def sensor_profiles(protocol: str) -> tuple[str, ...]:
     return SENSOR_PROFILES if protocol == "mavlink" else SENSOR_PROFILES[:1]
 
 
-def sensor_settings(fleet: Fleet, protocol: str, samples: int) -> dict[str, str]:
-    """What compose.yaml's variables are with sensors."""
+def sensor_settings(fleet: Fleet, protocol: str, samples: int, *, secured: bool = False) -> dict[str, str]:
+    """What compose.yaml's variables are with sensors; `secured`: in TLS."""
+    listen = f"0.0.0.0:{8883 if secured else 1883}"
     nodes = [f"sensor{drone}" for drone in fleet.fog_of]
     return {
         "SAMPLES": str(samples),
         "SENSOR_NODES": " ".join(f"{node}={fleet.gateway(node)},{fleet.address(node)}" for node in nodes),
         "SENSOR_LINKS": " ".join(f"uav{drone}-sensor{drone}" for drone in fleet.fog_of),
         "SENSOR_FLAG": "--plain" if protocol == "mavlink" else "",
-        "SENSORS_FLAG": f"--sensors {UAV_BROKER} --sensor-store {STORE}" if protocol == "mqttxt" else "",
+        "SENSORS_FLAG": f"--sensors {listen} --sensor-store {STORE}" if protocol == "mqttxt" else "",
         "SENSOR_PROFILES": " ".join(sensor_profiles(protocol)),
     }
 
@@ -50,4 +50,4 @@ def sensor_settings(fleet: Fleet, protocol: str, samples: int) -> dict[str, str]
 def sensor_words(fleet: Fleet, protocol: str, samples: int) -> list[str]:
     """The options of `mission fly` for them."""
     words = ["--samples", str(samples), "--sensors", FOLDER, "--series", SERIES]
-    return [*words, "--sensor-broker", fleet.cloud_url] if protocol == "mavlink" else words
+    return [*words, "--sensor-broker", fleet.broker_url("cloud")] if protocol == "mavlink" else words

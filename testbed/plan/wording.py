@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 PROTOCOL_NAMES = {"mqttxt": "MQTT-XT", "mavlink": "MAVLink"}
-EXPERIMENT_NAMES = {f"scenario-{number}": f"Scenario {number}" for number in (1, 2, 3, 4)}
+EXPERIMENT_NAMES = {f"scenario-{number}": f"Scenario {number}" for number in range(1, 6)}
 EXPERIMENT_NAMES |= {"messages": "Message set"}
 EXPERIMENT_WHAT = {
     "scenario-1": "arm, take off to 10 m, hold for 15 s, land, all disarmed",
@@ -13,6 +13,7 @@ EXPERIMENT_WHAT = {
     "scenario-3": "arm, take off, land, all disarmed",
     "messages": "ten kinds of messages, one at a time, to and from one drone",
     "scenario-4": "as scenario 2, with readings of a sensor carried to the ground station from each point",
+    "scenario-5": "upload a survey of 100 items, arm, fly it, return and land, all disarmed",
 }
 _ITS_OWN_NAME = re.compile(r"^scenario-\d+ failed: ")
 """With what the mission begins a reason; where it is shown, the page has this already."""

@@ -9,6 +9,8 @@ FIGURES = (
     "activator",
     "uav_client",
     "latency",
+    "security",
+    "signing",
     "bytes_apiece",
     "bytes_fleet",
     "deadlines",

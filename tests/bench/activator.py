@@ -6,16 +6,21 @@ import asyncio
 import tempfile
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mqttxt.protocol.bundles import FogBundle, states_of
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import Registration
-from tests.bench.brokers import BenchBroker, cpu_s, rss_mb
+from mqttxt.protocol.messages import FogPresence, Registration
+from mqttxt.security.authority import Authority
+from mqttxt.security.identity import Identity
+from mqttxt.security.rights import Rights
+from mqttxt.security.seal import Seal
+from testbed.numbers.packets.signed import inside
+from tests.bench.brokers import BenchBroker, TwoWayBroker, cpu_s, rss_mb
 from tests.bench.fleet import FIVE, Fleet
 from tests.bench.raw_mqtt import RawClient
-from tests.rigs.processes import Process
+from tests.rigs.processes import Process, eventually
 
 DRONES_A_FOG = 250
 """As many as there are MAVLink system ids."""
@@ -77,6 +82,33 @@ async def _measure() -> list[str]:
     ]
 
 
+async def relay_secured(drones: int, hz: float, security: str) -> Relayed:
+    """As `relay_by_activators` at one activator, whose own connections are in TLS; `signed`: it signs, as all do.
+
+    The brokers have plain listeners too, for the drones and the station, so that nothing else is changed.
+    """
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        authority = Authority.create(folder / "acme", "acme")
+        cloud, fog = (TwoWayBroker(folder, place, authority.issue(f"broker-{place}")) for place in ("cloud", "fog1"))
+        for broker in (cloud, fog):
+            broker.start()
+            stack.callback(broker.kill)
+        is_signed = security == "signed"
+        identity = ["--identity", str(authority.issue("fog1")), *(["--signed"] if is_signed else [])]
+        brokers = ["--cloud", cloud.tls_url, "--fog-broker", fog.tls_url, "--fog-root", "f1/"]
+        ready = ["--ready-file", str(folder / "activator.ready")]
+        numbers = range(1, drones + 1)
+        seals = {number: seal_of(authority.issue(f"drone{number}")) for number in (numbers if is_signed else ())}
+        station = await _Station.at(cloud, stack)
+        process = Process(folder, "activator", "mqttxt", "activator", "--fog", "1", *brokers, *identity, *ready).start()
+        stack.callback(process.stop)
+        await asyncio.to_thread(process.wait_ready)
+        rights = Rights(None, take_over=True, observe=True)
+        await station.register(seal_of(authority.issue("gs-bench", rights)) if is_signed else None)
+        return await _relayed([Fleet(fog.port, numbers, "f1/", seals=seals)], station, hz, [process.pid])
+
+
 async def relay_by_activators(fogs: int, drones: int, hz: float, bundles: bool = False) -> Relayed:
     """Five states of each of `drones` drones at each of `fogs` activators, each `hz` times a second."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
@@ -90,8 +122,7 @@ async def relay_by_activators(fogs: int, drones: int, hz: float, bundles: bool =
             process = Process(folder, f"activator{number}", "mqttxt", "activator", *options, *ready).start()
             stack.callback(process.stop)
             await asyncio.to_thread(process.wait_ready)
-            registration = encode(Registration(name="bench", session=7, nonce=1, lease_s=600, bundles=bundles))
-            station.client.publish(f"fog{number}/init_connect", registration, qos=1)
+            await station.register(None, number, bundles)
             processes.append(process)
             fleets.append(Fleet(fog.port, range(1, drones + 1), f"f{number}/", bundles))
         return await _relayed(fleets, station, hz, [process.pid for process in processes])
@@ -107,6 +138,11 @@ async def relay_by_bridge(drones: int, hz: float) -> Relayed:
         return await _relayed([Fleet(fog.port, range(1, drones + 1), "f1/")], station, hz, [fog.pid])
 
 
+def seal_of(folder: Path) -> Seal:
+    """What the node signs with whose identity is in a folder."""
+    return Seal(Identity.load(folder))
+
+
 def _started(folder: Path, stack: ExitStack, name: str, more: str = "") -> BenchBroker:
     broker = BenchBroker(folder, name, more)
     broker.start()
@@ -119,6 +155,7 @@ class _Station:
 
     def __init__(self) -> None:
         self.states = 0
+        self.sessions: dict[str, int] = {}
         self.client: RawClient
 
     @classmethod
@@ -126,10 +163,26 @@ class _Station:
         station = cls()
         station.client = await RawClient.connect(cloud.port, "bench-station", station._heard)
         stack.callback(station.client.close)
-        await station.client.subscribe("+/+/state/#", "+/states")
+        await station.client.subscribe("+/+/state/#", "+/states", "+/reachable")
         return station
 
+    async def register(self, seal: Seal | None, fog: int = 1, bundles: bool = False) -> None:
+        """For ten minutes; with a seal as in a fleet that signs: for the activator's session, until a time to come."""
+        topic = f"fog{fog}/init_connect"
+        message = Registration(name="bench", session=7, nonce=1, lease_s=600, bundles=bundles)
+        if seal is None:
+            self.client.publish(topic, encode(message), qos=1)
+            return
+        await eventually(lambda: f"fog{fog}/reachable" in self.sessions, "the activator's birth")
+        session = self.sessions[f"fog{fog}/reachable"]
+        signed = replace(message, activator_session=session, counter=1, until_ms=2**40)
+        self.client.publish(topic, seal.sign(topic, encode(signed), with_certificate=True).encode(), qos=1)
+
     def _heard(self, topic: str, payload: bytes) -> None:
+        if topic.endswith("/reachable"):
+            if topic.count("/") == 1:
+                self.sessions[topic] = decode(FogPresence, inside(payload)).session
+            return
         self.states += len(states_of(decode(FogBundle, payload))) if topic.endswith("/states") else 1
 
 

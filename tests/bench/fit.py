@@ -15,7 +15,7 @@ from docker.errors import DockerException
 
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 from tests.bench import fit_replay
 from tests.bench.fit_network import ShapedNetwork
 from tests.bench.fit_search import Fit, Point, Trial, fit, wan_for
@@ -103,7 +103,7 @@ def _by_state(trial: Trial, found: Fit) -> Iterator[str]:
         yield f"one UAV loses 8-15 % of {state} with air (kbit/s): {listed}"
 
 
-def _replayed(made: ShapedNetwork, streams: Streams, plan: Plan, rates: Rates) -> Iterator[str]:
+def _replayed(made: ShapedNetwork, streams: Streams, plan: LinksPlan, rates: Rates) -> Iterator[str]:
     """Real packets with these rates; where a busy machine made it void, again."""
     for _ in range(REPLAYS):
         found = fit_replay.replay(made, streams, plan, *rates)
@@ -125,7 +125,7 @@ def _replayed(made: ShapedNetwork, streams: Streams, plan: Plan, rates: Rates) -
         )
 
 
-def _rates(plan: Plan) -> Rates:
+def _rates(plan: LinksPlan) -> Rates:
     """What the profile says now."""
     air_bps, wan_bps = plan.links["air:uav1:up"].rate_bps, plan.links[DOWN].rate_bps
     assert air_bps is not None

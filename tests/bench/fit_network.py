@@ -13,7 +13,7 @@ from typing import Any
 import docker
 from docker.types import IPAMConfig, IPAMPool
 
-from testbed.plan.profiles.resolve import Plan
+from testbed.plan.profiles.resolve import LinksPlan
 from testbed.plan.topology import Topology
 from tests.bench.fit_streams import ROOT
 
@@ -85,7 +85,7 @@ class ShapedNetwork:
         return str(said.decode())
 
     @contextmanager
-    def shaping(self, plan: Plan) -> Iterator[None]:
+    def shaping(self, plan: LinksPlan) -> Iterator[None]:
         """The emulator at work; `counters` after it has what it counted."""
         text = json.dumps(plan.to_data())
         self.output("net", ["sh", "-c", f'mkdir -p {FOLDER} && printf %s "$1" > {FOLDER}/plan.json', "sh", text])

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from testbed.plan.fleets import standard_fleet
-from testbed.plan.profiles.resolve import Plan
+from testbed.plan.profiles.resolve import LinksPlan
 from testbed.plan.topology import Topology
 from tests.bench.fit_network import PYTHON, REPOSITORY, ShapedNetwork
 from tests.bench.fit_search import SETTLED_NS, with_rates
@@ -57,7 +57,7 @@ def network(topology: Topology) -> Iterator[ShapedNetwork]:
         made.down()
 
 
-def replay(made: ShapedNetwork, streams: Streams, plan: Plan, air_bps: int, wan_bps: int) -> Replayed:
+def replay(made: ShapedNetwork, streams: Streams, plan: LinksPlan, air_bps: int, wan_bps: int) -> Replayed:
     """Send the streams from their drones to the ground station, on the plan's links with these rates."""
     rated = replace(plan, links=with_rates(plan.links, air_bps, wan_bps))
     with made.shaping(rated), ThreadPoolExecutor(len(streams) + 1) as threads:

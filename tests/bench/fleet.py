@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Mapping
 
 from mqttxt.protocol.bundles import drone_bundle
 from mqttxt.protocol.codec import decode, encode
@@ -21,6 +22,8 @@ from mqttxt.protocol.states import (
 )
 from mqttxt.protocol.topics import FogSide
 from mqttxt.protocol.values import Encoding
+from mqttxt.security.cose import Envelope
+from mqttxt.security.seal import Seal
 from tests.bench.raw_mqtt import RawClient, publish_packet
 
 FIVE: tuple[State, ...] = (
@@ -36,9 +39,17 @@ _FIRST_STAMP = 256
 
 
 class Fleet:
-    """`numbers` drones below `root` and their five states."""
+    """`numbers` drones below `root` and their five states; with `seals`, by number, they sign."""
 
-    def __init__(self, port: int, numbers: range, root: str = "", bundles: bool = False) -> None:
+    def __init__(
+        self,
+        port: int,
+        numbers: range,
+        root: str = "",
+        bundles: bool = False,
+        seals: Mapping[int, Seal] | None = None,
+    ) -> None:
+        self._seals = seals or {}
         self.sent = 0
         self._bundles = bundles
         self._port = port
@@ -53,7 +64,8 @@ class Fleet:
         client = self._client = await RawClient.connect(self._port, f"fleet-{self._topics.root}", self._on_lease)
         await client.subscribe(f"{self._topics.root}+/init_connect", qos=1)
         for number, session in self._sessions.items():
-            client.publish(self._topics.reachable(number), encode(Presence(session=session, up=True)), qos=1)
+            birth = encode(Presence(session=session, up=True))
+            self._say(number, self._topics.reachable(number), birth, qos=1, with_certificate=True)
             await asyncio.sleep(0)
             fastest = encode_state(StampedState(MaxGroundspeed(12.0), _FIRST_STAMP), Encoding.CBOR)
             client.publish(self._topics.state(number, MaxGroundspeed.name), fastest)
@@ -86,6 +98,13 @@ class Fleet:
         self._client.send(b"".join(head + now + tail for head, tail in packets))
         self.sent += len(packets) * (len(FIVE) if self._bundles else 1)
 
+    def _say(self, number: int, topic: str, payload: bytes, qos: int = 0, with_certificate: bool = False) -> None:
+        assert self._client is not None
+        seal = self._seals.get(number)
+        if seal is not None:
+            payload = seal.sign(topic.removeprefix(self._topics.root), payload, with_certificate).encode()
+        self._client.publish(topic, payload, qos)
+
     def stamp(self) -> int:
         """A stamp that three bytes of CBOR carry."""
         return max(256, int((time.monotonic() - self._born_s) * 100) + 256) % 65_536
@@ -95,9 +114,8 @@ class Fleet:
         self._client.close()
 
     def _on_lease(self, topic: str, payload: bytes) -> None:
-        assert self._client is not None
         number = self._topics.parse(topic).drone
-        lease = decode(DroneLease, payload)
+        lease = decode(DroneLease, Envelope.parse(payload).payload if self._seals else payload)
         now_ms = int((time.monotonic() - self._born_s) * 1000) + 2560
         beacon = BeaconMessage(session=self._sessions[number], now_ms=now_ms, nonce=lease.nonce, held_ms=0)
-        self._client.publish(self._topics.clock(number), encode(beacon))
+        self._say(number, self._topics.clock(number), encode(beacon))

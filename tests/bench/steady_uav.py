@@ -8,7 +8,7 @@ from pathlib import Path
 from mqttxt.cli.common import run_role, settings
 from mqttxt.core.mqtt.link import BrokerAddress
 from mqttxt.drone.journal import JournalFile
-from mqttxt.drone.mavlink.link import AutopilotAddress
+from mqttxt.drone.mavlink.transports import AutopilotAddress
 from mqttxt.drone.process import UavRunner
 from mqttxt.protocol.policies import Policy
 from tests.bench.fleet import FIVE
@@ -24,7 +24,7 @@ def main(drone: str, broker: str, autopilot_port: str, folder: str, form: str) -
             int(drone),
             BrokerAddress.parse(broker),
             AutopilotAddress("udp", "127.0.0.1", int(autopilot_port)),
-            JournalFile(base.with_suffix(".journal")),
+            JournalFile(base.with_suffix(".journal"), with_front=True),
             settings(1, json=False, bundles=form == "bundles"),
             ready_file=base.with_suffix(".ready"),
             policies={state.name: STEADY for state in FIVE},

@@ -66,7 +66,7 @@ def assert_tshark_agrees(attempt: Attempt) -> None:
     publishes = _publishes_by_node(packets.frames, packets.messages)
     frames = 0
     for path in paths:
-        told = count_by_tshark(path, nodes, path.name in packets.truncated)
+        told = count_by_tshark(path, nodes, path.name in packets.truncated, attempt.key_log)
         own = packets.frames.filter(pl.col("node").cast(pl.String) == path.stem)
         found = (len(own), own["size"].sum(), publishes[path.stem])
         assert found == (told.entered, told.entered_bytes, told.publishes), (
@@ -83,9 +83,13 @@ def _publishes_by_node(frames: pl.DataFrame, messages: pl.DataFrame) -> Counter[
     return Counter(frames["node"].gather(sent).cast(pl.String).to_list())
 
 
-def count_by_tshark(path: Path, nodes: Nodes, truncated: bool = False) -> Counted:
-    """Frames by tshark's own reading of a capture, PUBLISHes by its MQTT dissector with its TCP reassembly."""
+def count_by_tshark(path: Path, nodes: Nodes, truncated: bool = False, key_log: Path | None = None) -> Counted:
+    """Frames by tshark's own reading of a capture, PUBLISHes by its MQTT dissector with its TCP reassembly.
+
+    What is in TLS it decrypts with the keys of `key_log`.
+    """
     options = [word for name in _FIELDS for word in ("-e", name)]
+    options += ["-o", f"tls.keylog_file:{key_log}"] if key_log is not None and key_log.exists() else []
     done = subprocess.run(
         ["tshark", "-n", "-r", str(path), "-T", "fields", "-E", "separator=/t", "-E", "occurrence=a", *options],
         capture_output=True,

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 import docker
 import pytest
 
-from testbed.fly.containers import PROJECT_LABEL, SERVICE_LABEL, compose_command, is_healthy, services_of
+from testbed.fly.containers import PROJECT_LABEL, SERVICE_LABEL, compose_command, services_of
+from testbed.fly.daemon import is_healthy
 from testbed.plan.documents import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600), pytest.mark.soak("compose.yaml", "services/net/src")]

@@ -19,7 +19,7 @@ import cbor2
 with atheris.instrument_imports(include=["mqttxt"]):
     from mqttxt.errors import PayloadError
     from mqttxt.protocol.codec import decode, encode, layout_of
-    from mqttxt.protocol.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
+    from mqttxt.protocol.fields import Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
     from mqttxt.protocol.identify import identify
     from mqttxt.protocol.state_payload import decode_state, encode_state, message_class
     from mqttxt.protocol.states import STATES
@@ -92,6 +92,8 @@ def value(mark: Any, most: bool) -> Any:
         return mark.value
     if isinstance(mark, Text):
         return "x" * mark.longest if most else "x" if isinstance(mark, Name) else ""
+    if isinstance(mark, Binary):
+        return b"\xff" * (mark.most if most else mark.least)
     if isinstance(mark, Items):
         return (value(mark.of, most),) * max(1, mark.least)
     if mark is bool:
@@ -104,7 +106,8 @@ def value(mark: Any, most: bool) -> Any:
 def message(cls: Any, most: bool, variant_code: int | None = None) -> Any:
     """A message of a class with the least or the most in every field.
 
-    Where a class does not take that, one of the fields that may be missing is left out, or only the last one is there.
+    Where a class does not take that, one of the fields that may be missing is left out, or one of those that name
+    something, as a type that the value has to have, is at the other end, or only the last one is there.
     """
     layout = layout_of(cls)
     fields = {field.name: None if field.optional and not most else value(field.mark, most) for field in layout.fields}
@@ -112,9 +115,12 @@ def message(cls: Any, most: bool, variant_code: int | None = None) -> Any:
         name, variant = layout.variant
         bodies = {code: body for code, _, body in variant.codes}
         fields[name] = message(bodies[variant_code or min(bodies)], most)
-    for left_out in (None, *(field.name for field in layout.fields if field.optional)):
+    changes: list[dict[str, Any]] = [{}, *({field.name: None} for field in layout.fields if field.optional)]
+    named = [field for field in layout.fields if isinstance(field.mark, type) and issubclass(field.mark, Named)]
+    changes += [{field.name: value(field.mark, not most)} for field in named]
+    for change in changes:
         try:
-            return cls(**{name: None if name == left_out else value for name, value in fields.items()})
+            return cls(**{**fields, **change})
         except PayloadError:
             continue
     return cls(**{**fields, **{field.name: value(field.mark, False) for field in layout.fields[-1:]}})

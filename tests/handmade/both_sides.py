@@ -10,7 +10,7 @@ from testbed.fly.results import METRICS, Attempt, Series, new_attempt, write_jso
 from testbed.numbers.metrics.attempt import NOT_FLOWN
 from testbed.numbers.metrics.series import METRICS_VERSION, schema_error
 from testbed.numbers.observed import observe
-from testbed.numbers.packets import load
+from testbed.numbers.packets import table
 from testbed.numbers.quantities import ratios, statistics
 from testbed.numbers.statistics import loss_of
 from tests.handmade.attempts import SECOND, T0, manifest
@@ -181,8 +181,14 @@ def _write_attempt(series: Series, protocol: str, one: dict[str, Any]) -> Attemp
     for index, drone in enumerate(DRONES):
         log = "".join(json.dumps(event) + "\n" for event in _flight(protocol, index))
         (attempt.path / "sitl" / f"uav{drone}.jsonl").write_text(log)
-    load(attempt)  # the packets table is there, as after an attempt was measured
+    if not _WITHOUT_CAPTURES:
+        _WITHOUT_CAPTURES.append(table.build(attempt))
+    table._write(attempt.path, _WITHOUT_CAPTURES[0], table._sources(attempt))
     return attempt
+
+
+_WITHOUT_CAPTURES: list[table.Built] = []
+"""The packets table that is there after an attempt was measured: without captures it is the same for all."""
 
 
 def _events(protocol: str, one: dict[str, Any]) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from testbed.fly.calibration.calibrate import Calibration, Check
-from testbed.fly.containers import Usage
+from testbed.fly.daemon import Usage
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.overrides import compose_files
 
@@ -70,6 +70,9 @@ class Fleet:
         return "mosquitto version 2.0.21\n"
 
     def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+        if command[0] == "sh":
+            self.did.append("identities")
+            return 0
         self.did.append(f"mission in {service}")
         self.commands.append(command)
         (self._run_dir / "events.jsonl").write_text(json.dumps({"t_ns": 1, "event": "mission_end"}) + "\n")

@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from io import StringIO
 from typing import Any
 
+import pytest
 from rich.console import Console
 
 from testbed.fly.results import Series
+from testbed.present.report import compare_page
+from testbed.present.report.figures import files
 from testbed.present.report.html import write_report
 from testbed.present.report.terminal import print_summary
+from testbed.present.summary import page as summary_page
+
+
+@contextmanager
+def sketched_papers() -> Iterator[None]:
+    """A figure for papers is its title alone. Drawn, each takes a third of a second; `test_figures.py` looks at one."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (compare_page, files, summary_page):
+            patch.setattr(module, "pdf", lambda drawing, title: f"%PDF {title}".encode())
+        yield
 
 
 class Page(HTMLParser):

@@ -13,7 +13,7 @@ from net.emulator.link import CORRUPT, DROP, WAIT
 from net.emulator.network import Network
 from net.emulator.plan import parse_plan
 from net.link_plan import LinkPlan
-from testbed.plan.profiles.resolve import Plan
+from testbed.plan.profiles.resolve import LinksPlan
 from testbed.plan.topology import Link, Node, Topology
 
 TWO = Topology((Node("gs", "198.18.0.3"), Node("cloud", "198.18.1.3")), (Link("wan:gs", "gs", "cloud"),))
@@ -22,9 +22,9 @@ ETHERNET_BYTES = 14
 NEVER_NS = 1 << 62
 
 
-def plan_of(up: LinkPlan, down: LinkPlan | None = None, seed: int = 5) -> Plan:
+def plan_of(up: LinkPlan, down: LinkPlan | None = None, seed: int = 5) -> LinksPlan:
     """Both ways between gs and cloud."""
-    return Plan("own", seed, {UP: up, DOWN: down or LinkPlan()}, ())
+    return LinksPlan("own", seed, {UP: up, DOWN: down or LinkPlan()}, ())
 
 
 class SimulatedNodes:
@@ -33,7 +33,9 @@ class SimulatedNodes:
     `plan` is what the links really do. `late` rounds begin too late; `lost` are numbers of probes that vanish.
     """
 
-    def __init__(self, plan: Plan, topology: Topology = TWO, late: int = 0, lost: Callable[[int], bool] | None = None):
+    def __init__(
+        self, plan: LinksPlan, topology: Topology = TWO, late: int = 0, lost: Callable[[int], bool] | None = None
+    ):
         self.plan = plan
         self.rounds = 0
         self._topology = topology
@@ -122,6 +124,6 @@ class SimulatedNodes:
         ]
 
 
-def changed(plan: Plan, link: str, **figures: Any) -> Plan:
+def changed(plan: LinksPlan, link: str, **figures: Any) -> LinksPlan:
     """The plan with one link otherwise."""
     return replace(plan, links={**plan.links, link: replace(plan.links[link], **figures)})

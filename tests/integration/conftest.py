@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
+import asyncio
+from collections.abc import AsyncIterator, Generator, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
+from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 
+from tests.rigs.gateway import Client, Ground
 from tests.rigs.processes import Broker, Container, System
 from tests.rigs.shaped_link import ShapedLink
 
@@ -67,3 +71,31 @@ def broker(tmp_path: Path) -> Iterator[Broker]:
         yield made.start()
     finally:
         made.kill()
+
+
+@pytest.fixture
+def ground(tmp_path: Path) -> Iterator[Ground]:
+    system = Ground(tmp_path)
+    try:
+        yield system.start()
+    finally:
+        system.close()
+
+
+@pytest.fixture
+async def mavsdk(ground: Ground) -> AsyncIterator[Mavsdk]:
+    asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(16))
+    made = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+    try:
+        await made.add_any_connection(f"udpin://127.0.0.1:{ground.udp}")
+        yield made
+    finally:
+        made.destroy()
+
+
+@pytest.fixture
+def client(ground: Ground) -> Iterator[Client]:
+    made = Client(ground.tcp)
+    made.until(lambda message: message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1, "drone 1")
+    yield made
+    made.close()

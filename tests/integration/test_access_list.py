@@ -11,12 +11,15 @@ from dataclasses import dataclass
 
 import pytest
 
+from mqttxt.protocol.bulk import BulkAsk
 from mqttxt.protocol.messages import CommandMessage, Grant
 from mqttxt.protocol.rankings import SelectMessage
 from mqttxt.protocol.topic_table import (
     ACTIVATOR,
     ACTIVATORS,
+    CLOUD_NODES,
     CLOUD_SIDE,
+    FOG_NODES,
     FOG_SIDE,
     SENSOR,
     SENSOR_SIDE,
@@ -56,9 +59,11 @@ class Topic:
     drone: int = 0
     sensor: int = 0
     station: str = ""
+    local: int = 0
+    """The fog on whose side of a shared broker it is, 0 for the broker's own."""
 
 
-def topics(rows: tuple[TopicRow, ...], prefix: str) -> Iterator[Topic]:
+def topics(rows: tuple[TopicRow, ...], prefix: str, local: int = 0) -> Iterator[Topic]:
     for row in rows:
         levels = row.topic.split("/")
         for fog in (1, 2) if "fogX" in levels else (0,):
@@ -76,8 +81,15 @@ def topics(rows: tuple[TopicRow, ...], prefix: str) -> Iterator[Topic]:
                                 "K": "temperature",
                             }
                             text = prefix + "/".join(filled.get(level, level) for level in levels)
-                            yield Topic(text, row, fog, drone, sensor, station)
-    for text in ELSEWHERE:
+                            yield Topic(text, row, fog, drone, sensor, station, local)
+
+
+def every_topic(broker: str, prefix: str, fogs: frozenset[int]) -> Iterator[Topic]:
+    """Those of the table at a broker that some fogs share, and others."""
+    yield from topics(BROKERS[broker], prefix)
+    for fog in fogs:
+        yield from topics(FOG_SIDE, f"{prefix}fog{fog}/local/", fog)
+    for text in (*ELSEWHERE, f"{prefix}fog2/local/drone1/commands_result/arm"):
         yield Topic(text)
 
 
@@ -87,22 +99,26 @@ def expected(broker: str, node: str, topic: Topic) -> tuple[bool, bool]:
     if row is None:
         return False, False
     owns = (row.sender, row.receiver)
+    if topic.local and not node.startswith(("drone", f"fog{topic.local}")):
+        return False, False
     if node.startswith("fog"):
         if broker == "broker-fog1" and node != "fog1":
             return False, False
         mine = topic.fog in (0, int(node[3:]))
-        return _both(row, [mine and each in (ACTIVATOR, ACTIVATORS) for each in owns])
+        publish, hear = _both(row, [mine and each in (ACTIVATOR, ACTIVATORS, CLOUD_NODES, FOG_NODES) for each in owns])
+        as_readings = topic.local != 0 and row.topic.count("/") == 1  # to itself: the filter of readings matches
+        return publish or as_readings, hear
     if node.startswith("drone"):
         if broker == "broker-drone1":
             return _both(row, [node == "drone1" and each == UAV for each in owns])
-        return _both(row, [topic.drone == int(node[5:]) and each == UAV for each in owns])
+        return _both(row, [topic.drone in (0, int(node[5:])) and each in (UAV, FOG_NODES) for each in owns])
     if node.startswith("sensor"):
         return row.sender == SENSOR and topic.sensor == int(node[6:]), row.receiver == SENSORS
     rights = STATIONS_RIGHTS[node]
     if rights == Rights() or (topic.station and f"gs-{topic.station}" != node):
         return False, False
-    publish, hear = _both(row, [each in (STATION, STATIONS) for each in owns])
-    if row.payload in (CommandMessage, Grant, SelectMessage):
+    publish, hear = _both(row, [each in (STATION, STATIONS, CLOUD_NODES) for each in owns])
+    if row.payload in (CommandMessage, Grant, SelectMessage, BulkAsk):
         publish &= rights.may_command(topic.drone) if topic.drone else rights.command != frozenset()
     return publish, hear
 
@@ -122,12 +138,19 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Authority:
 
 
 @pytest.mark.parametrize(
-    ("name", "prefix"), [("broker-cloud", ""), ("broker-cloud", "acme/"), ("broker-fog1", ""), ("broker-drone1", "")]
+    ("name", "prefix", "fogs"),
+    [
+        ("broker-cloud", "", frozenset[int]()),
+        ("broker-cloud", "acme/", frozenset[int]()),
+        ("broker-cloud", "acme/", frozenset({1})),
+        ("broker-fog1", "", frozenset[int]()),
+        ("broker-drone1", "", frozenset[int]()),
+    ],
 )
-def test_delivered_is_what_the_table_says(fleet: Authority, name: str, prefix: str) -> None:
-    broker = SecureBroker(fleet, name, prefix)
+def test_delivered_is_what_the_table_says(fleet: Authority, name: str, prefix: str, fogs: frozenset[int]) -> None:
+    broker = SecureBroker(fleet, name, prefix, fogs=fogs)
     broker.let_witness()
-    every = list(topics(BROKERS[name], prefix))
+    every = list(every_topic(name, prefix, fogs))
     with ExitStack() as stack:
         stack.callback(broker.kill)
         broker.start()

@@ -11,7 +11,7 @@ from net.link_plan import LinkPlan
 from testbed.fly.calibration import Calibration, calibrate, check_losses
 from testbed.fly.calibration.calibrate import run_schedule
 from testbed.fly.calibration.schedule import make_load
-from testbed.plan.profiles.resolve import Plan
+from testbed.plan.profiles.resolve import LinksPlan
 from testbed.plan.topology import Link, Node, Topology
 from tests.rigs.shaped_link import DOWN, PYTHON, SUBNETS, UP, ShapedLink
 
@@ -31,11 +31,11 @@ FAST = LinkPlan(20_000_000, 100, delay_us=30_000, jitter_us=5_000, loss=0.02)
 SLOW = LinkPlan(128_000, 10, delay_us=10_000)
 
 
-def plan_of(up: LinkPlan, down: LinkPlan) -> Plan:
-    return Plan("own", 5, {UP: up, DOWN: down}, ())
+def plan_of(up: LinkPlan, down: LinkPlan) -> LinksPlan:
+    return LinksPlan("own", 5, {UP: up, DOWN: down}, ())
 
 
-def calibrated(link: ShapedLink, plan: Plan) -> Calibration:
+def calibrated(link: ShapedLink, plan: LinksPlan) -> Calibration:
     return calibrate(plan, TOPOLOGY, lambda node, command: link.output(node, command, user="1000:1000"))
 
 

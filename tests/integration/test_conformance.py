@@ -14,11 +14,15 @@ from pathlib import Path
 import pytest
 
 from mqttxt.core.address import BrokerAddress
+from mqttxt.security.authority import Authority
+from mqttxt.security.rights import Rights
 from mqttxt_conformance.activator import ActivatorTarget, check_activator
 from mqttxt_conformance.gs import GsTarget, check_gs
 from mqttxt_conformance.registry import Finding, Verdict
+from mqttxt_conformance.sealed import Folder
 from mqttxt_conformance.uav import UavTarget, check_uav
 from tests.rigs.processes import ROOT, Broker, free_port
+from tests.rigs.secure import SecureBroker
 
 pytestmark = [
     pytest.mark.integration,
@@ -36,6 +40,15 @@ UAV_VARIANTS = {
     "uav-forgets-the-order": {"keeps-the-order"},
     "uav-takes-retained": {"refuses-what-is-retained"},
     "uav-is-always-a-ground-station": {"is-a-ground-station-only-inside-the-lease"},
+}
+SIGNED_UAV_VARIANTS = {
+    "uav-verifies-nothing": {"hears-only-what-is-signed"},
+    "uav-takes-everybodys-session": {"leaves-a-session-to-its-owner"},
+    "uav-asks-for-no-right": {"looks-at-the-right"},
+    "uav-believes-the-route": {"is-due-at-the-earlier-deadline"},
+    "uav-takes-anybodys-lease": {"takes-leases-of-its-fog-alone"},
+    "uav-outlives-its-grant": {"control-ends-with-the-grant"},
+    "uav-signs-no-words": {"signs-what-it-says"},
 }
 ACTIVATOR_VARIANTS = {
     "activator-keeps-the-gate-open": {"holds-states-back", "closes-the-gate", "passes-readings-on"},
@@ -55,7 +68,25 @@ GS_VARIANTS = {
     "gs-refreshes-what-it-sends-again": {"sends-the-same-bytes-again"},
     "gs-leaves-its-lease": {"a-clean-stop-ends-the-lease"},
 }
-VARIANTS = {**UAV_VARIANTS, **ACTIVATOR_VARIANTS, **GS_VARIANTS}
+SIGNED_GS_VARIANTS = {
+    "gs-believes-anybody": {"believes-its-drone-alone", "sends-the-same-bytes-again"},
+    "gs-counts-no-registrations": {"registers-for-a-session-and-counts"},
+    "gs-grants-too-much": {"grants-its-control"},
+    "gs-takes-any-reading": {"acknowledges-readings-that-are-signed"},
+}
+SIGNED_ACTIVATOR_VARIANTS = {
+    "activator-forgets-the-route": {"makes-a-deadline-earlier"},
+    "activator-registers-whatever-is-signed": {"registers-only-in-order"},
+    "activator-signs-no-records": {"signs-what-it-says"},
+    "activator-signs-drones-words": {"passes-on-a-drones-words-alone"},
+    "activator-takes-any-reading": {"passes-on-readings-that-are-signed"},
+}
+SECURED = {"uav-in-tls": False, "uav-signed": True}
+"""The project's own UAV client with an identity, and whether it signs."""
+SECURED_GS = {"gs-in-tls": False, "gs-signed": True}
+SIGNED_ACTIVATOR = "activator-signed"
+SIGNED_VARIANTS = {**SIGNED_UAV_VARIANTS, **SIGNED_GS_VARIANTS, **SIGNED_ACTIVATOR_VARIANTS}
+VARIANTS = {**UAV_VARIANTS, **SIGNED_VARIANTS, **ACTIVATOR_VARIANTS, **GS_VARIANTS}
 AT_ONCE = 16
 """Checks that run side by side, each against implementations of its own."""
 
@@ -67,6 +98,16 @@ class Checks:
         self.folder = folder
         self.cloud = Broker(folder, "cloud")
         self.fog = Broker(folder, "fog")
+        self.authority = Authority.create(folder / "acme", "acme")
+        self.drones = {name: 101 + number for number, name in enumerate([*SECURED, *SIGNED_UAV_VARIANTS])}
+        for name in ("broker-fog1", "fog1", *(f"drone{number}" for number in self.drones.values())):
+            self.authority.issue(name)
+        self.authority.issue("gs-ops", Rights(None))
+        self.authority.issue("gs-guest", Rights(observe=True))
+        self.secured = SecureBroker(self.authority, "broker-fog1")
+        self.stations = {name: own_fleet(folder / name) for name in [*SECURED_GS, *SIGNED_GS_VARIANTS]}
+        names = [SIGNED_ACTIVATOR, *SIGNED_ACTIVATOR_VARIANTS]
+        self.activators = {name: own_fleet(folder / name, "broker-fog1") for name in names}
         self.found: dict[str, list[Finding]] = {}
         self._gate = asyncio.Semaphore(AT_ONCE)
 
@@ -75,6 +116,9 @@ class Checks:
         names = ["activator", *ACTIVATOR_VARIANTS]
         jobs += [self._activator(name, number) for number, name in enumerate(names, start=1)]
         jobs += [self._gs(name, number) for number, name in enumerate(["gs", *GS_VARIANTS], start=101)]
+        jobs += [self._secured_uav(name, signed=SECURED.get(name, True)) for name in self.drones]
+        jobs += [self._secured_gs(name, signed=SECURED_GS.get(name, True)) for name in self.stations]
+        jobs += [self._signed_activator(name) for name in self.activators]
         await asyncio.gather(*jobs)
 
     async def _uav(self, variant: str, drone: int) -> None:
@@ -85,6 +129,30 @@ class Checks:
         async with self._gate, self._implementation("uav", variant, [*options, *files], values) as line:
             target = UavTarget(drone, "127.0.0.1", port, run=line, log=self.folder / f"{variant}.log")
             self.found[variant] = await check_uav(BrokerAddress.parse(self.fog.url), target, lambda finding: None)
+
+    async def _secured_uav(self, variant: str, signed: bool) -> None:
+        port, drone = free_port(socket.SOCK_DGRAM), self.drones[variant]
+        options = [
+            "--drone",
+            "{drone}",
+            "--broker",
+            "{broker}",
+            "--autopilot",
+            "{autopilot}",
+            "--identity",
+            "{identity}",
+        ]
+        options += ["--signed", "--fog", "{fog}"] if signed else []
+        options += ["--journal", str(self.folder / f"{variant}.journal")]
+        address = self.secured.address
+        values = {"drone": str(drone), "broker": str(address), "autopilot": f"udp:127.0.0.1:{port}", "fog": "1"}
+        values["identity"] = str(self.authority.folder / f"drone{drone}")
+        how = "uav" if variant in SECURED else variant
+        folder = Folder(self.authority.folder, signed)
+        async with self._gate, self._implementation("uav", how, options, values) as line:
+            log = self.folder / f"{variant}.log"
+            target = UavTarget(drone, "127.0.0.1", port, run=line, log=log, folder=folder)
+            self.found[variant] = await check_uav(address, target, lambda finding: None)
 
     async def _activator(self, variant: str, fog: int) -> None:
         brokers = ["--cloud", "{broker}", "--fog-broker", "{fog_broker}"]
@@ -104,6 +172,35 @@ class Checks:
         async with self._gate:
             self.found[variant] = await check_gs(BrokerAddress.parse(self.cloud.url), target, lambda finding: None)
 
+    def brokers(self) -> list[SecureBroker]:
+        """Those with identities."""
+        return [
+            self.secured,
+            *(broker for own in (self.stations, self.activators) for _, found in own.values() for broker in found),
+        ]
+
+    async def _signed_activator(self, variant: str) -> None:
+        folder, (cloud, fog) = self.activators[variant]
+        addresses = {"broker": str(cloud.address), "fog_broker": str(fog.address)}
+        values = {**addresses, "fog": "1", "drones": "1,2", "identity": str(folder / "fog1")}
+        options = ["--fog", "{fog}", "--drones", "{drones}", "--cloud", "{broker}", "--fog-broker", "{fog_broker}"]
+        options += ["--identity", "{identity}", "--signed", "--signed-readings"]
+        how = "activator" if variant == SIGNED_ACTIVATOR else variant
+        async with self._gate, self._implementation("activator", how, options, values) as line:
+            log = self.folder / f"{variant}.log"
+            target = ActivatorTarget(1, run=line, log=log, folder=Folder(folder, True, signed_readings=True))
+            self.found[variant] = await check_activator(cloud.address, fog.address, target, lambda finding: None)
+
+    async def _secured_gs(self, variant: str, signed: bool) -> None:
+        folder, (broker,) = self.stations[variant]
+        what = "none" if variant in SECURED_GS else variant
+        words = [BROKEN, what, "gs", "{broker}", "{fog}", "{drone}", "{identity}", *(["signed"] if signed else [])]
+        log = self.folder / f"{variant}.log"
+        line = " ".join([sys.executable, *words])
+        target = GsTarget(1, drone=1, run=line, log=log, folder=Folder(folder, signed, signed_readings=signed))
+        async with self._gate:
+            self.found[variant] = await check_gs(broker.address, target, lambda finding: None)
+
     @contextlib.asynccontextmanager
     async def _implementation(
         self, role: str, variant: str, options: list[str], values: dict[str, str]
@@ -122,15 +219,31 @@ class Checks:
             process.wait()
 
 
+def own_fleet(folder: Path, *more: str) -> tuple[Path, list[SecureBroker]]:
+    """A fleet with a cloud's broker, and with `more` of them: stations of one cloud could not all be `ops`."""
+    folder.mkdir()
+    authority = Authority.create(folder / "acme", "acme")
+    brokers = ("broker-cloud", *more)
+    for name in (*brokers, "fog1", "drone1", "drone2", "sensor4"):
+        authority.issue(name)
+    authority.issue("gs-ops", Rights(None, take_over=True, observe=True))
+    authority.issue("gs-guest", Rights(observe=True))
+    return authority.folder, [SecureBroker(authority, name) for name in brokers]
+
+
 @pytest.fixture(scope="module")
 def checks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Checks]:
     made = Checks(tmp_path_factory.mktemp("conformance"))
     try:
         made.cloud.start()
         made.fog.start()
+        for secured in made.brokers():
+            secured.start()
         asyncio.run(made.run())
         yield made
     finally:
+        for secured in made.brokers():
+            secured.kill()
         made.fog.kill()
         made.cloud.kill()
 
@@ -139,11 +252,16 @@ def _said(found: list[Finding], verdict: Verdict) -> dict[str, str]:
     return {finding.rule.name: finding.evidence for finding in found if finding.verdict is verdict}
 
 
-@pytest.mark.parametrize("role", ["uav", "activator", "gs"])
+@pytest.mark.parametrize("role", ["uav", "activator", "gs", *SECURED, *SECURED_GS, SIGNED_ACTIVATOR])
 def test_the_projects_own_role_keeps_every_rule(checks: Checks, role: str) -> None:
     found = checks.found[role]
     assert _said(found, Verdict.FAIL) == {}
-    assert _said(found, Verdict.NOT_TESTED) == {}
+    left = set(_said(found, Verdict.NOT_TESTED))
+    unheard = {"subscribes-before-it-registers"}  # an access list has no topic that nobody hears
+    expected = {"uav-signed": {"denies-without-a-deadline"}, "gs-signed": unheard, "gs-in-tls": unheard}
+    assert left == expected.get(role, set())
+    signed = any(finding.rule.check.__module__.endswith("_signed") for finding in found)
+    assert signed is role.endswith("-signed")
     assert found
 
 
@@ -167,23 +285,14 @@ def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["uav", "--broker", "mqtt://127.0.0.1:1"], "--broker mqtt://127.0.0.1:1: no broker answers"),
-        (["uav", "--broker", "here"], "--broker 'here': expected mqtt://HOST[:PORT]"),
-        (["uav", "--broker", "mqtt://x", "--drone", "0"], "--drone 0: expected a whole number from 1 to 250"),
-        (["uav", "--broker", "mqtt://x", "--autopilot", "tcp:x:1"], "expected udp:HOST:PORT"),
-        (["uav", "--broker", "mqtt://x", "--format", "xml"], "--format 'xml': expected table or json"),
-        (
-            ["activator", "--broker", "{url}", "--fog-broker", "mqtt://127.0.0.1:1"],
-            "--fog-broker mqtt://127.0.0.1:1: no broker answers",
-        ),
-        (["activator", "--broker", "mqtt://x", "--fog-broker", "y"], "--fog-broker 'y': expected mqtt://HOST[:PORT]"),
-        (["gs", "--broker", "mqtt://x", "--ttl", "61"], "--ttl 61: expected more than 0 and at most 60 s"),
-        (["gs", "--broker", "{url}", "--run", "/nowhere/station"], "--run '/nowhere/station': No such file"),
-        (["uav", "--broker", "mqtt://x", "--run", "uav {port}"], "expected a command line, with {broker}, {drone}"),
+        (["activator", "--fog-broker", "mqtt://127.0.0.1:1"], "--fog-broker mqtt://127.0.0.1:1: no broker answers"),
+        (["gs", "--run", "/nowhere/station"], "--run '/nowhere/station': No such file"),
     ],
 )
-def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(broker: Broker, arguments: list[str], said: str) -> None:
-    done = _run(*(broker.url if argument == "{url}" else argument for argument in arguments))
+def test_what_a_person_gets_wrong_beside_a_broker_is_one_line_and_exit_code_2(
+    broker: Broker, arguments: list[str], said: str
+) -> None:
+    done = _run(*arguments, "--broker", broker.url)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     assert said in done.stderr.strip().splitlines()[-1]

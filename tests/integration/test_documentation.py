@@ -14,10 +14,11 @@ from itertools import pairwise
 from pathlib import Path
 from uuid import uuid4
 
-import docker
 import pytest
 
-from tests.rigs.processes import NODE_IMAGE, ROOT, System, free_port, wait_until
+from mqttxt.demo.process import CLOUD_PORT
+from tests.rigs.mosquitto_program import MosquittoProgram
+from tests.rigs.processes import ROOT, System, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -25,12 +26,8 @@ DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- tutorial: (?P<how>[^\n]*) -->\n```sh\n(?P<text>.*?)```", re.DOTALL)
 SAYS = re.compile(r'(?:says|until) "(.*)"')
 DISARMED_ITSELF = "takeoff denied(temporarily_rejected)"
+DEMO = f"mqtt://127.0.0.1:{CLOUD_PORT}"
 EXIT_CODE = re.compile(r"exit code (\d+)")
-MOSQUITTO = """\
-#!/bin/sh
-exec docker run --rm --init --label {label} --network host --user 1000:1000 --volume "$TMPDIR:$TMPDIR:ro" \\
-    --entrypoint mosquitto {image} "$@"
-"""
 
 
 @dataclass(frozen=True)
@@ -54,8 +51,8 @@ class Step:
 def steps() -> list[Step]:
     """The tutorial's blocks, each port replaced by one that nobody uses."""
     text = (DOCS / "tutorial.md").read_text()
-    ports = {old: str(free_port()) for old in ("1890", "1891")}
-    ports |= {old: str(free_port(socket.SOCK_DGRAM)) for old in ("14540", "14541", "14580", "14581")}
+    ports = {old: str(free_port()) for old in ("1894", "1895")}
+    ports |= {old: str(free_port(socket.SOCK_DGRAM)) for old in ("14540", "14580")}
     for old, new in ports.items():
         text = re.sub(rf"\b{old}\b", new, text)
     return [Step(block["how"], block["text"]) for block in BLOCK.finditer(text)]
@@ -66,17 +63,18 @@ class Laptop:
     """Terminals in which a person's commands run; `mosquitto` and `mqttxt` are on the PATH."""
 
     folder: Path
-    label: str = field(default_factory=lambda: f"mqttxt-tutorial-{uuid4().hex}")
+    demo: str = DEMO
+    """Where the demo's cloud broker is: another test may have the port that the page names."""
     terminals: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         tools, self.temporary = self.folder / "bin", self.folder / "tmp"
         for made in (tools, self.temporary):
             made.mkdir()
-        (tools / "mosquitto").write_text(MOSQUITTO.format(label=self.label, image=NODE_IMAGE))
+        self.mosquitto = MosquittoProgram(tools, f"mqttxt-tutorial-{uuid4().hex}")
         (tools / "mqttxt").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mqttxt "$@"\n')
         (tools / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
-        for tool in tools.iterdir():
+        for tool in (tools / "mqttxt", tools / "python"):
             tool.chmod(0o755)
         path = f"{tools}:{os.environ['PATH']}"
         home = {"HOME": str(self.folder), "TMPDIR": str(self.temporary), "PATH": path}
@@ -98,10 +96,12 @@ class Laptop:
         self.terminals.append(terminal)
         wait_until(lambda: terminal.poll() is not None or (step.says or "") in log.read_text(), f"{step}: {log}")
         assert terminal.poll() is None, log.read_text()
+        if found := re.search(r"MQTTXT_CLOUD=(\S+)", log.read_text()):
+            self.demo = found[1]
 
     def run(self, step: Step) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            ["bash", "-c", step.text],
+            ["bash", "-c", step.text.replace(DEMO, self.demo)],
             cwd=ROOT,
             env=self.environment,
             stdin=subprocess.DEVNULL,
@@ -118,8 +118,7 @@ class Laptop:
                 os.killpg(terminal.pid, signal.SIGTERM)
         for terminal in self.terminals:
             terminal.wait(30)
-        for left in docker.from_env().containers.list(filters={"label": self.label}):
-            left.remove(force=True)
+        self.mosquitto.close()
 
 
 @pytest.fixture
@@ -131,7 +130,7 @@ def laptop(tmp_path: Path) -> Iterator[Laptop]:
         made.close()
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(300)
 def test_the_tutorial_is_true(laptop: Laptop) -> None:
     found = steps()
     assert {step.how.split(",")[0] for step in found} == {"by hand", "terminal", "run"}

@@ -29,8 +29,8 @@ def resolved(profile: str, settings: dict[str, str], **environment: str) -> dict
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = yaml.safe_load(done.stdout)["services"]
     for service in found.values():
-        for name in ("cap_add", "profiles"):  # compose puts them in another order where it joins two files
-            service[name] = sorted(service.get(name, []))
+        for name in ("cap_add", "profiles", "volumes"):  # compose puts them in another order where it joins two files
+            service[name] = sorted(service.get(name, []), key=str)
     return {name: service for name, service in found.items() if profile in service["profiles"]}
 
 

@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import development as dialect
 from testbed.fly.results import Attempt, write_json
 from testbed.numbers.packets.table import load
 from tests.e2e.agreement import Nodes, assert_pymavlink_agrees, assert_tshark_agrees, count_by_tshark, kind_of
-from tests.rigs.processes import NODE_IMAGE, ROOT, Process, wait_until
+from tests.rigs.processes import NODE_IMAGE, ROOT, Process, listens, wait_until
 
 pytestmark = pytest.mark.integration
 
@@ -92,15 +92,10 @@ def broker(tmp_path: Path) -> Iterator[str]:
         detach=True,
     )
     try:
-        wait_until(lambda: _listens(ADDRESSES["cloud"]), "the broker listens")
+        wait_until(lambda: listens(PORT, ADDRESSES["cloud"]), "the broker listens")
         yield ADDRESSES["cloud"]
     finally:
         container.remove(force=True)
-
-
-def _listens(address: str) -> bool:
-    with socket.socket() as sock:
-        return sock.connect_ex((address, PORT)) == 0
 
 
 def _client(name: str, address: str, received: list[bytes]) -> paho.Client:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable
 from statistics import median
 from typing import Any
 
 import pytest
 
+from tests.rigs.processes import wait_until
 from tests.rigs.shaped_link import CONTROL, DOWN, FOLDER, LINKS, PYTHON, SUBNETS, UP, Emulator, ShapedLink, plan_of
 
 pytestmark = [
@@ -21,13 +20,6 @@ pytestmark = [
 OK = '{"ok": true}\n'
 GATE = {"link": "wan:gs", "drone": 1, "latitude_deg": 47.4, "longitude_deg": 8.5, "range_m": 50.0}
 STEADY = {"delay_us": 20_000}
-
-
-def eventually(condition: Callable[[], bool], within_s: float = 5.0) -> None:
-    deadline_s = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.05)
 
 
 def events(running: Emulator) -> list[dict[str, Any]]:
@@ -63,7 +55,7 @@ def test_events_wait_for_the_start_and_count_from_it(link: ShapedLink) -> None:
         assert len(rows) == 300
         assert median(row.delay_ms for row in rows) >= 20.0
         link.output("net", ["touch", f"{LINKS}/start"])
-        eventually(lambda: (UP, None, "profile") in changes(running))
+        wait_until(lambda: (UP, None, "profile") in changes(running), "its events")
         found = events(running)
         start_ns = next(event["t_ns"] for event in found if event.get("event") == "start")
         (closed_ns,) = (event["t_ns"] for event in found if event.get("change") == {"closed": True})
@@ -118,11 +110,11 @@ def test_a_gate_is_open_while_the_drone_is_near(link: ShapedLink) -> None:
         assert {(name, *change) for name, change, _ in changes(running)} == shut, "before there is any position"
         assert answered(link) == 0
         fly(47.4004)  # 44 m
-        eventually(lambda: len(changes(running)) == 4)
+        wait_until(lambda: len(changes(running)) == 4, "its events")
         assert changes(running)[2:] == [(UP, None, "range"), (DOWN, None, "range")]
         assert answered(link) == 5
         fly(47.4006)  # 67 m
-        eventually(lambda: len(changes(running)) == 6)
+        wait_until(lambda: len(changes(running)) == 6, "its events")
         assert answered(link) == 0
         found = running.end()["links"][UP]
     assert (found["closed"], found["left"]) == (10, 5)
@@ -135,7 +127,7 @@ def test_a_plan_that_shapes_nothing_needs_no_shaper(link: ShapedLink) -> None:
         answer = json.loads(change(link, UP, "loss=1"))
         assert answer == {"error": f"{UP}: links are not shaped in this run; expected `always` in plan.json"}
         link.output("net", ["touch", f"{LINKS}/start"])
-        eventually(lambda: len(events(running)) == 1)
+        wait_until(lambda: len(events(running)) == 1, "its events")
         assert running.end()["shaper"] == "none"
 
 

@@ -1,7 +1,7 @@
 """Starts a role of the project with one rule taken away: `python broken_roles.py VARIANT ROLE OPTIONS…`.
 
-A ground station sends three commands, one after another: `python broken_roles.py VARIANT gs CLOUD FOG DRONE`. The
-variant `none` takes nothing away.
+A ground station sends three commands, one after another: `python broken_roles.py VARIANT gs CLOUD FOG DRONE`, with
+an identity behind that, and `signed` behind it where it signs. The variant `none` takes nothing away.
 """
 
 from __future__ import annotations
@@ -15,18 +15,28 @@ from typing import Any
 import mqttxt
 from mqttxt.activator import psmi
 from mqttxt.activator.command_relay import Relay
+from mqttxt.activator.command_words import RelayWords
 from mqttxt.activator.drones import Drones
 from mqttxt.activator.leases import Leases
+from mqttxt.activator.registrations import SignedRegistrations
 from mqttxt.activator.sensor_relay import SensorRelay
+from mqttxt.activator.signed_commands import SignedCommand
+from mqttxt.core.channel import Channel
 from mqttxt.core.clock import stamp
 from mqttxt.core.effects import Publish
 from mqttxt.core.ledger import Admission, Ledger
+from mqttxt.core.session_owners import SessionOwners
 from mqttxt.drone.commands import CommandDesk
 from mqttxt.drone.executor import Executor
+from mqttxt.drone.grants import Grants
 from mqttxt.drone.role import UavClient
+from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import CommandMessage, ResultMessage, Word
+from mqttxt.protocol.messages import CommandMessage, DroneRecord, Registration, ResultMessage, Word
 from mqttxt.protocol.states import Armed, LandedState
+from mqttxt.security.cose import Envelope
+from mqttxt.security.rights import Rights
+from mqttxt.security.seal import Seal, Signed
 from mqttxt.station.commands import StationCommands
 from mqttxt.station.fog import FogView
 from mqttxt.station.role import StationRole
@@ -110,6 +120,70 @@ def uav_is_always_a_ground_station() -> None:
     wrap(UavClient, "is_controlled", lambda original: lambda self, now_ms: True)
 
 
+def uav_verifies_nothing() -> None:
+    def make(original: Any) -> Any:
+        def verified(self: Any, envelope: Any, topic: Any, expected: Any) -> Any:
+            try:
+                return original(self, envelope, topic, expected)
+            except PayloadError as error:
+                if error.kind != "forged":
+                    raise
+                known = [each for certificates in self._known.values() for each in certificates if expected(each)]
+                return Signed(known[0], envelope)
+
+        return verified
+
+    wrap(Seal, "verified", make)
+
+
+def uav_takes_everybodys_session() -> None:
+    for name in ("claim", "is_of"):
+        wrap(SessionOwners, name, lambda original: lambda self, session, signer: True)
+
+
+def uav_asks_for_no_right() -> None:
+    wrap(Rights, "may_command", lambda original: lambda self, drone: True)
+
+
+def uav_believes_the_route() -> None:
+    def make(original: Any) -> Any:
+        def tightened(self: Any, command: Any, route: Any) -> Any:
+            return command if route is None else replace(command, deadline_ms=route)
+
+        return tightened
+
+    wrap(CommandDesk, "_tightened", make)
+
+
+def uav_takes_anybodys_lease() -> None:
+    def make(original: Any) -> Any:
+        def opened(self: Any, message: Any, *more: Any) -> Any:
+            try:
+                return original(self, message, *more)
+            except PayloadError:
+                return Envelope.parse(message.payload).payload
+
+        return opened
+
+    wrap(Channel, "opened", make)
+
+
+def uav_outlives_its_grant() -> None:
+    wrap(Grants, "bound", lambda original: lambda self, session, until_ms, offboard_ms: (until_ms, offboard_ms))
+
+
+def uav_signs_no_words() -> None:
+    def make(original: Any) -> Any:
+        def payload(self: Any, topic: str, message: Any, *more: Any, **how: Any) -> Any:
+            return (
+                encode(message) if isinstance(message, ResultMessage) else original(self, topic, message, *more, **how)
+            )
+
+        return payload
+
+    wrap(Channel, "payload", make)
+
+
 def activator_keeps_the_gate_open() -> None:
     topics = Leases.want_topics
     wrap(Leases, "__bool__", lambda original: lambda self: True)
@@ -132,15 +206,15 @@ def activator_says_two_last_words() -> None:
     def make(original: Any) -> Any:
         def on_result(self: Any, link: Any, payload: bytes, name: str, now_ms: int) -> Any:
             result = decode(ResultMessage, payload)
-            entry = self.ledger.get(result.id)
+            entry = self._ledger.get(result.id)
             leg = entry.record.legs.get(link.number) if entry is not None else None
             if leg is not None and leg.is_closed and leg.words[-1].word is Word.COMPLETED:
-                return [self._words.publish_result(link.number, name, replace(result, relay_stamp=stamp(now_ms)))]
+                return [self._publish(link.number, name, replace(result, relay_stamp=stamp(now_ms)))]
             return original(self, link, payload, name, now_ms)
 
         return on_result
 
-    wrap(Relay, "on_result", make)
+    wrap(RelayWords, "on_result", make)
 
 
 def activator_copies_the_expiry() -> None:
@@ -180,6 +254,37 @@ def activator_believes_every_puback() -> None:
         return on_published
 
     wrap(SensorRelay, "on_published", make)
+
+
+def activator_forgets_the_route() -> None:
+    wrap(SignedCommand, "for_drone", lambda original: lambda self, drone, deadline_ms: self.envelopes[drone].encode())
+
+
+def activator_registers_whatever_is_signed() -> None:
+    def make(original: Any) -> Any:
+        def read(self: Any, topic: str, payload: bytes, leases: Any, now_ms: int) -> Any:
+            return decode(Registration, Envelope.parse(payload).payload)
+
+        return read
+
+    wrap(SignedRegistrations, "read", make)
+
+
+def activator_signs_no_records() -> None:
+    def make(original: Any) -> Any:
+        def payload(self: Any, topic: str, message: Any, *more: Any, **how: Any) -> Any:
+            return encode(message) if isinstance(message, DroneRecord) else original(self, topic, message, *more, **how)
+
+        return payload
+
+    wrap(Channel, "payload", make)
+
+
+def activator_signs_drones_words() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, drone, name, result, signed=None: original(self, drone, name, result)
+
+    wrap(RelayWords, "_publish", make)
 
 
 def gs_counts_nothing() -> None:
@@ -247,6 +352,54 @@ def gs_leaves_its_lease() -> None:
     wrap(StationRole, "goodbye", lambda original: lambda self, now_ms: original(self, now_ms)[-1:])
 
 
+def gs_believes_anybody() -> None:
+    def make(original: Any) -> Any:
+        def believed(self: Any, fog: Any, topic: Any, message: Any) -> Any:
+            try:
+                payload = Envelope.parse(message.payload).payload
+            except PayloadError:
+                payload = message.payload
+            return decode(ResultMessage, payload), f"drone{topic.drone}"
+
+        return believed
+
+    wrap(StationRole, "_result", make)
+
+
+def gs_counts_no_registrations() -> None:
+    def make(original: Any) -> Any:
+        def registration(self: Any, *arguments: Any, **more: Any) -> Any:
+            self._counter = 1
+            return original(self, *arguments, **more)
+
+        return registration
+
+    wrap(FogView, "registration", make)
+
+
+def gs_grants_too_much() -> None:
+    def make(original: Any) -> Any:
+        def grant(self: Any, drone: Any, clock: Any, now_ms: int) -> Any:
+            return original(self, drone, clock, now_ms + 60_000)
+
+        return grant
+
+    wrap(FogView, "_grant", make)
+
+
+def takes_any_reading() -> None:
+    def make(original: Any) -> Any:
+        def opened_reading(self: Any, payload: bytes, *more: Any) -> bytes:
+            try:
+                return Envelope.parse(payload).payload
+            except PayloadError:
+                return payload
+
+        return opened_reading
+
+    wrap(Channel, "opened_reading", make)
+
+
 VARIANTS: dict[str, Patch] = {
     "uav-starts-late": uav_starts_late,
     "uav-takes-any-session": uav_takes_any_session,
@@ -255,6 +408,13 @@ VARIANTS: dict[str, Patch] = {
     "uav-forgets-the-order": uav_forgets_the_order,
     "uav-takes-retained": uav_takes_retained,
     "uav-is-always-a-ground-station": uav_is_always_a_ground_station,
+    "uav-verifies-nothing": uav_verifies_nothing,
+    "uav-takes-everybodys-session": uav_takes_everybodys_session,
+    "uav-asks-for-no-right": uav_asks_for_no_right,
+    "uav-believes-the-route": uav_believes_the_route,
+    "uav-takes-anybodys-lease": uav_takes_anybodys_lease,
+    "uav-outlives-its-grant": uav_outlives_its_grant,
+    "uav-signs-no-words": uav_signs_no_words,
     "activator-keeps-the-gate-open": activator_keeps_the_gate_open,
     "activator-forwards-the-deadline": activator_forwards_the_deadline,
     "activator-says-two-last-words": activator_says_two_last_words,
@@ -263,18 +423,28 @@ VARIANTS: dict[str, Patch] = {
     "activator-obeys-everybody": activator_obeys_everybody,
     "activator-chooses-who-cannot-go": activator_chooses_who_cannot_go,
     "activator-believes-every-puback": activator_believes_every_puback,
+    "activator-forgets-the-route": activator_forgets_the_route,
+    "activator-registers-whatever-is-signed": activator_registers_whatever_is_signed,
+    "activator-signs-no-records": activator_signs_no_records,
+    "activator-signs-drones-words": activator_signs_drones_words,
+    "activator-takes-any-reading": takes_any_reading,
     "gs-counts-nothing": gs_counts_nothing,
     "gs-retains-commands": gs_retains_commands,
     "gs-never-renews": gs_never_renews,
     "gs-gives-more-time": gs_gives_more_time,
     "gs-refreshes-what-it-sends-again": gs_refreshes_what_it_sends_again,
     "gs-leaves-its-lease": gs_leaves_its_lease,
+    "gs-believes-anybody": gs_believes_anybody,
+    "gs-counts-no-registrations": gs_counts_no_registrations,
+    "gs-grants-too-much": gs_grants_too_much,
+    "gs-takes-any-reading": takes_any_reading,
 }
 
 
-async def send_three(cloud: str, fog: int, drone: int) -> None:
+async def send_three(cloud: str, fog: int, drone: int, identity: str | None = None, signed: str = "") -> None:
     """A ground station with something to do."""
-    async with mqttxt.GroundStation(cloud) as station:
+    signing = {"signed": bool(signed), "signed_readings": bool(signed)}
+    async with mqttxt.GroundStation(cloud, identity=identity, **signing) as station:
         for command in (mqttxt.Arm(), mqttxt.Hold(), mqttxt.Disarm()):
             (there,) = await station.connect([fog], timeout_s=30)
             await there.drone(drone).send(command)
@@ -287,6 +457,6 @@ if __name__ == "__main__":
     if variant != "none":
         VARIANTS[variant]()
     if sys.argv[1] == "gs":
-        asyncio.run(send_three(sys.argv[2], int(sys.argv[3]), int(sys.argv[4])))
+        asyncio.run(send_three(sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), *sys.argv[5:]))
     else:
         main()

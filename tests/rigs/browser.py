@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
+import signal
 import subprocess
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+
+from tests.rigs.processes import wait_until
 
 ANSWER_S = 60.0
 
@@ -56,6 +60,8 @@ class Browser:
 
     path: str
     said: list[str] = field(default_factory=list)
+    own: tuple[str, ...] = ("file:", "data:")
+    """How addresses begin that a page may ask for."""
     _loaded: int = 0
     _session: str | None = None
 
@@ -73,6 +79,7 @@ class Browser:
             ["bash", "-c", command, "bash", self.path, *options],
             pass_fds=(read_theirs, write_theirs),
             stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )
         os.close(read_theirs)
         os.close(write_theirs)
@@ -88,7 +95,17 @@ class Browser:
         self._process.wait(20)
         os.close(self._read)
         os.close(self._write)
-        self._folder.cleanup()
+        wait_until(self._is_cleared, "no process of the browser writes into its folder any more")
+
+    def _is_cleared(self) -> bool:
+        """Its other processes outlive the first one."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        try:
+            self._folder.cleanup()
+        except OSError:
+            return False
+        return True
 
     def look(self, page: Path, width: int, dark: bool = False, paper: bool = False) -> Look:
         """Show a page at a width in CSS pixels, whole, as on a screen or as on paper."""
@@ -137,6 +154,6 @@ class Browser:
             self.said.append(params["exceptionDetails"]["text"])
         if method == "Log.entryAdded":
             self.said.append(params["entry"]["text"])
-        if method == "Network.requestWillBeSent" and not params["request"]["url"].startswith(("file:", "data:")):
+        if method == "Network.requestWillBeSent" and not params["request"]["url"].startswith(self.own):
             self.said.append(f"asked for {params['request']['url']}")
         return told

@@ -24,7 +24,7 @@ async def fly(drone: Drone, *commands: Command) -> None:
     """Send one command after the other, each of which has to complete."""
     for command in commands:
         last = await drone.send(command)
-        assert (last.word, last.reason) == (Word.COMPLETED, None), command
+        assert (last.word, last.reason) == (Word.COMPLETED, None), f"{command}: {last.word}({last.reason})"
 
 
 async def start(drone: Drone, command: Command) -> tuple[list[Outcome], asyncio.Task[None]]:

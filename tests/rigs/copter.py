@@ -21,8 +21,10 @@ _PORTS_EACH = 10
 class Copter(Autopilot):
     """ArduCopter in a folder of its own; it keeps its parameters there over a restart."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, by_usb: bool = True) -> None:
+        """`by_usb`: the client is on SERIAL0, where unsigned messages count too, and the pilot on SERIAL1."""
         super().__init__(folder, "arducopter")
+        self._serials = (0, 1) if by_usb else (1, 0)
         self._folder = folder
         self._base_port = _free_row()
         self._more = folder / "more.parm"
@@ -35,8 +37,8 @@ class Copter(Autopilot):
         words += ["--sysid", str(SYSTEM), "--defaults", f"{given / 'copter.parm'},{self._more}", *self._wiped]
         words += ["--base-port", str(self._base_port), "--rc-in-port", str(self._base_port + 8)]
         words += ["--irlock-port", str(self._base_port + 9)]
-        words += ["--serial0", f"udpclient:127.0.0.1:{self.port}"]
-        words += ["--serial1", f"udpclient:127.0.0.1:{self.pilots_port}"]
+        for number, port in zip(self._serials, (self.port, self.pilots_port), strict=True):
+            words += [f"--serial{number}", f"udpclient:127.0.0.1:{port}"]
         self._run(words, self._folder)
         self._wiped = []
 

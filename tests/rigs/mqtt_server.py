@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import ssl
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Self
 
@@ -176,13 +176,3 @@ class Server:
         session.send(b"\x20" + _length(len(self._connack)) + self._connack)
         self.sessions.append(session)
         await session.serve()
-
-
-async def eventually(condition: Callable[[], bool], what: str) -> None:
-    """Wait until something holds."""
-    try:
-        async with asyncio.timeout(10):
-            while not condition():
-                await asyncio.sleep(0.005)
-    except TimeoutError:
-        raise AssertionError(f"never: {what}") from None

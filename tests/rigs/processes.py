@@ -49,7 +49,13 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
             return port
 
 
-def wait_until(condition: Callable[[], bool], what: str, limit_s: float = PATIENCE_S) -> None:
+def listens(port: int, host: str = "127.0.0.1") -> bool:
+    """Whether a TCP connection to a port is accepted."""
+    with socket.socket() as sock:
+        return sock.connect_ex((host, port)) == 0
+
+
+def wait_until(condition: Callable[[], object], what: str, limit_s: float = PATIENCE_S) -> None:
     """Wait until something holds; fails the test with `what` when it does not."""
     deadline = time.monotonic() + limit_s
     while not condition():
@@ -57,7 +63,7 @@ def wait_until(condition: Callable[[], bool], what: str, limit_s: float = PATIEN
         time.sleep(0.02)
 
 
-async def eventually(condition: Callable[[], bool], what: str, limit_s: float = PATIENCE_S) -> None:
+async def eventually(condition: Callable[[], object], what: str, limit_s: float = PATIENCE_S) -> None:
     """`wait_until` for a test whose event loop has to go on."""
     deadline = time.monotonic() + limit_s
     while not condition():
@@ -144,12 +150,8 @@ class Broker(Container):
         volumes = {str(self.configuration.parent): {"bind": self.folder_inside, "mode": "ro"}}
         configuration = f"{self.folder_inside}/{self.configuration.name}"
         self.run(["-c", configuration], entrypoint="mosquitto", user="1000:1000", volumes=volumes)
-        wait_until(self._listens, f"broker on port {self.port}")
+        wait_until(lambda: listens(self.port), f"broker on port {self.port}")
         return self
-
-    def _listens(self) -> bool:
-        with socket.socket() as sock:
-            return sock.connect_ex(("127.0.0.1", self.port)) == 0
 
 
 class Process:
@@ -162,6 +164,11 @@ class Process:
         how = ["-m", module] if ppm is None else [str(Path(__file__).with_name("odd_clock.py")), str(ppm)]
         self._command = [sys.executable, *how, *arguments]
         self._process: subprocess.Popen[bytes] | None = None
+
+    def with_more(self, *arguments: str) -> Self:
+        """The same, with more arguments."""
+        self._command += arguments
+        return self
 
     def start(self) -> Self:
         self.ready_file.unlink(missing_ok=True)

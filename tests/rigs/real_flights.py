@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 import struct
 import subprocess
@@ -15,6 +16,11 @@ from typing import Any, ClassVar, Self
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import Drone, GroundStation
+from mqttxt.drone.mavlink.key_install import Installation
+from mqttxt.drone.mavlink.signing import read_key
+from mqttxt.drone.mavlink.stamps import Stamps
+from mqttxt.drone.mavlink.transports import AutopilotAddress
+from mqttxt.errors import TransportError
 from tests.rigs.commanding import BOOT_S, armable
 from tests.rigs.processes import Broker, Process, eventually, free_port, wait_until
 
@@ -83,6 +89,12 @@ class Pilot(ABC):
         self._thread.join()
         self._socket.close()
 
+    def sign(self, key: bytes) -> None:
+        """From now on."""
+        signing = self._codec.signing
+        signing.timestamp = Stamps().now()
+        signing.secret_key, signing.sign_outgoing = key, True
+
     def watch(self) -> None:
         """Ask for what is looked at, until it comes."""
         names = {mavlink.mavlink_map[kind].msgname for kind in _WATCHED}
@@ -107,6 +119,9 @@ class Pilot(ABC):
         """As PX4 has them: a whole number travels as the bits of a float."""
         bits = struct.unpack("<f", struct.pack("<i", value))[0]
         self.set_parameter(name, bits, mavlink.MAV_PARAM_TYPE_INT32)
+
+    def ask_for_parameter(self, name: str) -> None:
+        self._write(mavlink.MAVLink_param_request_read_message(SYSTEM, 1, name.encode(), -1))
 
     @property
     def custom_mode(self) -> int:
@@ -157,23 +172,36 @@ class Pilot(ABC):
 class Flight:
     """The autopilot, its pilot, the brokers and the roles, for all tests of a file: it takes a minute until it arms."""
 
-    def __init__(self, folder: Path, autopilot: Autopilot, pilot: Pilot) -> None:
+    def __init__(self, folder: Path, autopilot: Autopilot, pilot: Pilot, key_file: Path | None = None) -> None:
+        """With a key's file the autopilot gets that key before its client starts; `signs` says whether it took it."""
+        self.folder, self.key_file = folder, key_file
+        self.signs = False
         self.autopilot, self.pilot = autopilot, pilot
         self.cloud, self.fog = Broker(folder, "cloud"), Broker(folder, "fog")
         fog = ["--fog", "1", "--cloud", self.cloud.url, "--fog-broker", self.fog.url, "--drones", str(SYSTEM)]
         ready = ["--ready-file", str(folder / "activator.ready")]
         self.activator = Process(folder, "activator", "mqttxt", "activator", *fog, *ready)
-        drone = ["--drone", str(SYSTEM), "--broker", self.fog.url, "--autopilot", f"udp:127.0.0.1:{autopilot.port}"]
-        files = ["--journal", str(folder / "uav.journal"), "--ready-file", str(folder / "uav.ready")]
-        self.uav = Process(folder, "uav", "mqttxt", "uav", *drone, *files)
+        keyed = [] if key_file is None else ["--mavlink-key", str(key_file)]
+        self.uav = Process(folder, "uav", "mqttxt", "uav", *self.uav_options("uav"), *keyed)
+
+    def uav_options(self, name: str) -> list[str]:
+        """Of a UAV client without a key."""
+        address = f"udp:127.0.0.1:{self.autopilot.port}"
+        drone = ["--drone", str(SYSTEM), "--broker", self.fog.url, "--autopilot", address]
+        files = [f"{name}.journal", f"{name}.ready"]
+        return [*drone, "--journal", str(self.folder / files[0]), "--ready-file", str(self.folder / files[1])]
 
     def __enter__(self) -> Self:
         try:
             for broker in (self.cloud, self.fog):
                 broker.start()
             self.start_autopilot()
-            for role in (self.activator.start(), self.uav.start()):
-                role.wait_ready()
+            if self.key_file is not None:
+                self.signs = self._install(read_key(self.key_file))
+            self.activator.start().wait_ready()
+            self.uav.start()
+            if self.key_file is None or self.signs:
+                self.uav.wait_ready()
         except BaseException:
             self.__exit__()
             raise
@@ -183,6 +211,15 @@ class Flight:
         self.pilot.close()
         for process in (self.uav, self.activator, self.autopilot, self.fog, self.cloud):
             process.kill()
+
+    def _install(self, key: bytes) -> bool:
+        address = AutopilotAddress("udp", "127.0.0.1", self.autopilot.port)
+        try:
+            asyncio.run(Installation(address, SYSTEM, key).run())
+        except TransportError:
+            return False
+        self.pilot.sign(key)
+        return True
 
     def start_autopilot(self) -> None:
         self.autopilot.start()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import socket
 import subprocess
 from typing import Self
 
@@ -17,7 +16,7 @@ from mqttxt.core.mqtt.tls import client_context
 from mqttxt.security.authority import Authority
 from mqttxt.security.broker import ACCESS_FILE, BrokerFiles
 from mqttxt.security.identity import Identity
-from tests.rigs.processes import Container, free_port, wait_until
+from tests.rigs.processes import Container, free_port, listens, wait_until
 
 WITNESS = "gs-witness"
 """Has no rights; a test lets it publish and hear everything, to see what is delivered."""
@@ -26,10 +25,17 @@ WITNESS = "gs-witness"
 class SecureBroker:
     """Mosquitto with the configuration of a broker's identity: the program on the PATH, else the testbed's image."""
 
-    def __init__(self, authority: Authority, name: str, prefix: str = "", host: str = "127.0.0.1") -> None:
+    def __init__(
+        self,
+        authority: Authority,
+        name: str,
+        prefix: str = "",
+        host: str = "127.0.0.1",
+        fogs: frozenset[int] = frozenset(),
+    ) -> None:
         self.host = host
         self.port = free_port()
-        self.files = BrokerFiles(authority.folder / name, prefix)
+        self.files = BrokerFiles(authority.folder / name, prefix, fogs=fogs)
         self.out = authority.folder.parent / f"files-{name}"
         self.configuration = self.files.write(self.out, host, self.port)
         self._log = self.out / "log"
@@ -56,7 +62,7 @@ class SecureBroker:
             volumes = {folder: {"bind": folder, "mode": "ro"}}
             command = ["-c", str(self.configuration)]
             self._container.run(command, entrypoint="mosquitto", user=f"{os.getuid()}:{os.getgid()}", volumes=volumes)
-        wait_until(self._listens, f"broker on port {self.port}")
+        wait_until(lambda: listens(self.port, self.host), f"broker on port {self.port}")
         return self
 
     def reload(self) -> None:
@@ -79,10 +85,6 @@ class SecureBroker:
         if self._container is not None:
             self._container.kill()
 
-    def _listens(self) -> bool:
-        with socket.socket() as sock:
-            return sock.connect_ex((self.host, self.port)) == 0
-
 
 class Node:
     """A plain MQTT client with a node's identity; raises ConnectionError where the broker does not accept it."""
@@ -92,6 +94,7 @@ class Node:
         self.heard: set[tuple[str, bytes]] = set()
         self._granted: set[int] = set()
         self._acknowledged: set[int] = set()
+        self._is_ended = False
         self._client = Client(
             CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5, reconnect_on_failure=False
         )
@@ -99,6 +102,7 @@ class Node:
         self._client.on_message = self._on_message
         self._client.on_subscribe = lambda _c, _u, mid, _r, _p: self._granted.add(mid)
         self._client.on_publish = lambda _c, _u, mid, _r, _p: self._acknowledged.add(mid)
+        self._client.on_disconnect = self._on_disconnect
         self._client.tls_set_context(client_context(identity))
         self._client.connect(broker.address.host, broker.address.port)
         self._client.loop_start()
@@ -119,13 +123,16 @@ class Node:
         self.subscribe("nothing/that/anybody/publishes")
 
     def publish(self, topics: list[str], payload: bytes) -> None:
-        """At QoS 1; returns when all are acknowledged, whether or not with a refusal."""
+        """At QoS 1; returns when all are acknowledged, whether or not with a refusal, or the broker has hung up."""
         mids = [self._client.publish(topic, payload, qos=1).mid for topic in topics]
-        wait_until(lambda: self._acknowledged.issuperset(mids), f"{self.name}: PUBACKs")
+        wait_until(lambda: self._is_ended or self._acknowledged.issuperset(mids), f"{self.name}: PUBACKs")
 
     def close(self) -> None:
         self._client.disconnect()
         self._client.loop_stop()
+
+    def _on_disconnect(self, *_: object) -> None:
+        self._is_ended = True
 
     def _on_message(self, _client: Client, _userdata: object, message: MQTTMessage) -> None:
         self.heard.add((message.topic, bytes(message.payload)))

@@ -14,7 +14,7 @@ from net.link_plan import EventPlan, LinkPlan
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.kernel import commands_of
 from testbed.plan.profiles.reading import read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 from testbed.plan.topology import Topology
 
 NODES = ("gs", "cloud", "fog1", "uav1", "uav2", "uav3")
@@ -49,7 +49,7 @@ class Round:
     """A plan and what is sent under it."""
 
     name: str
-    plan: Plan
+    plan: LinksPlan
     flows: tuple[Flow, ...]
 
 
@@ -137,9 +137,9 @@ def _ends(lower: str, upper: str) -> list[tuple[str, tuple[str, str]]]:
     return [("up", (lower, upper)), ("down", (upper, lower))]
 
 
-def _plan(name: str, links: Mapping[str, LinkPlan], events: Sequence[EventPlan] = ()) -> Plan:
+def _plan(name: str, links: Mapping[str, LinkPlan], events: Sequence[EventPlan] = ()) -> LinksPlan:
     names = [f"{link.name}:{way}" for link in topology().links for way in ("up", "down")]
-    return Plan(name, SEED, {each: links.get(each, LinkPlan()) for each in names}, tuple(events))
+    return LinksPlan(name, SEED, {each: links.get(each, LinkPlan()) for each in names}, tuple(events))
 
 
 def _shared() -> Round:

@@ -84,7 +84,7 @@ class Way:
         if self.store is not None:
             self.store.close()
         self.store = SensorStore(self.path, self.limit)
-        self.carrier = Carrier(1, LINK, Settings(), FogSide())
+        self.carrier = Carrier(1, Channel(LINK, "", Settings()), FogSide())
         self.to_store = Batch()
         self.cut()
 

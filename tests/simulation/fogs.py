@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from mqttxt.activator.role import Activator
-from mqttxt.core.effects import Inbound, Publish, Subscribe
+from mqttxt.core.effects import Audit, Effect, Inbound, Publish, Subscribe
 from mqttxt.core.settings import Settings
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Command
@@ -37,6 +38,7 @@ class ActivatorBench:
     def __init__(self, drones: tuple[int, ...] = (1,), born: bool = True, qos: int = 1) -> None:
         self.role = Activator(1, FOG_SESSION, Settings(qos=qos), drones=drones)
         self.now_ms = BORN_MS
+        self.audited: list[Audit] = []
         for subscribe in self.role.on_connected("fog", self.now_ms):
             self.role.on_subscribed(subscribe, self.now_ms)  # type: ignore[arg-type]
         self.subscribes = [e for e in self.role.on_connected("cloud", self.now_ms) if isinstance(e, Subscribe)]
@@ -47,18 +49,24 @@ class ActivatorBench:
 
     def cloud(self, rest: str, message: Any, retain: bool = False) -> list[Any]:
         payload = message if isinstance(message, bytes) else encode(message)
-        return list(self.role.on_message("cloud", Inbound(f"fog1/{rest}", payload, 1, retain), self.now_ms))
+        return self._done(self.role.on_message("cloud", Inbound(f"fog1/{rest}", payload, 1, retain), self.now_ms))
 
     def fog(self, topic: str, message: Any) -> list[Any]:
         payload = message if isinstance(message, bytes) else encode(message)
-        return list(self.role.on_message("fog", Inbound(topic, payload, 1), self.now_ms))
+        return self._done(self.role.on_message("fog", Inbound(topic, payload, 1), self.now_ms))
 
     def until(self, now_ms: int) -> list[Any]:
         out: list[Any] = []
         while self.now_ms < now_ms:
             self.now_ms += 100
-            out += self.role.tick(self.now_ms)
+            out += self._done(self.role.tick(self.now_ms))
         return out
+
+    def _done(self, effects: Iterable[Effect]) -> list[Any]:
+        """What the activator does; what it writes down is kept apart."""
+        found = list(effects)
+        self.audited += [effect for effect in found if isinstance(effect, Audit)]
+        return [effect for effect in found if not isinstance(effect, Audit)]
 
     def appear(self, drone: int = 1, session: int = UAV_SESSION) -> list[Any]:
         """A UAV client is born and echoes the activator's question."""

@@ -36,6 +36,7 @@ from tests.simulation.true_time import Broker, Connection, Events
 from tests.simulation.verdicts import Judge
 
 KEPT = 400
+THIEF = "activator"
 DRONES = (1, 2)
 
 
@@ -74,7 +75,8 @@ class Forger:
     def __init__(self, rng: Random) -> None:
         self.rng = rng
         self.seen: list[Publish] = []
-        self.attempts: Counter[str] = Counter()
+        self.attempts: Counter[tuple[str, str]] = Counter()
+        """By where, a broker's connection or THIEF, and by the way."""
         self._insider, self._stranger = seal("gs-eve", Rights(observe=True)), seal("gs-g", fleet="other")
         self._neighbour = seal("gs-two", Rights(command=frozenset({2})))
         """May command drone 2, but was never there: nothing that it signs is in a session of its own."""
@@ -105,7 +107,7 @@ class Forger:
         way = self.rng.choice(ways)
         publish = way(self.rng.choice(among))
         if publish is not None:
-            self.attempts[way.__name__.strip("_")] += 1
+            self.attempts[link, way.__name__.strip("_")] += 1
         return publish
 
     def _replayed(self, publish: Publish) -> Publish:
@@ -261,10 +263,10 @@ class HostileBroker(Broker):
         super().route(connection, publish, read_us)
         if before is not None and rng.random() < 0.05:
             self.retained[publish.topic] = before
-            self._forger.attempts["rolled back"] += 1
+            self._forger.attempts[publish.link, "rolled back"] += 1
         if publish.qos > 0 and publish.ref is not None and rng.random() < 0.1:
             connection.tell(connection.client.published, publish.ref, 0x10)
-            self._forger.attempts["said 0x10"] += 1
+            self._forger.attempts[publish.link, "said 0x10"] += 1
         if rng.random() < self._rate:
             forged = self._forger.forged(publish.link)
             if forged is not None:
@@ -286,7 +288,7 @@ class Thief(ActivatorNode):
             super()._carry_out_one(output, read_us)
             return
         for said in self._instead(sim, output):
-            sim.forger.attempts["stolen key"] += 1
+            sim.forger.attempts[THIEF, "stolen key"] += 1
             self._soon(rng.choice((0, 0, 200 * MS, 3 * S, 12 * S)), super()._carry_out_one, said, read_us)
 
     def _instead(self, sim: HostileSimulation, publish: Publish) -> list[Publish]:
@@ -298,7 +300,8 @@ class Thief(ActivatorNode):
             return [again, publish, replace(again, topic=other), again][: rng.randint(0, 4)]
         if publish.link == FOG and publish.topic.endswith("/init_connect"):
             lease = decode(DroneLease, signed_payload(publish.payload))
-            wide = replace(lease, deadline_ms=10**9, offboard_until_ms=10**9, epoch=0)
+            newer = {"counter": (lease.counter or 0) + 1, "heard_ms": (lease.heard_ms or 0) + 1}
+            wide = replace(lease, deadline_ms=10**9, offboard_until_ms=10**9, epoch=0, **newer)
             return [publish, self._signed(sim, publish, encode(wide))]
         if "/commands_result/" in publish.topic and "drone" in publish.topic:
             result = decode(ResultMessage, signed_payload(publish.payload))

@@ -231,5 +231,5 @@ class ActivatorNode(Node):
         return self.role.will() if link == CLOUD else None
 
     def remote_clock(self, topic: str) -> RemoteClock | None:
-        link = self.role.drones.get(int(topic[5])) if topic.startswith("drone") else None
+        link = self.role.drones.links.get(int(topic[5])) if topic.startswith("drone") else None
         return link.clock if link is not None else None

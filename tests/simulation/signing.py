@@ -13,7 +13,7 @@ from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal
 
-ALL = Rights(command=None, take_over=True)
+ALL = Rights(command=None, take_over=True, upload_plan=True, set_parameters=True)
 
 
 @cache

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from mqttxt.core.effects import Inbound
 from mqttxt.protocol.codec import encode, layout_of
 from mqttxt.protocol.commands import Offboard
-from mqttxt.protocol.fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
+from mqttxt.protocol.fields import Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
+from mqttxt.protocol.parameters import LARGEST, Parameter, ParameterType
 from mqttxt.protocol.state_payload import message_class
 from mqttxt.protocol.states import STATES
 from mqttxt.protocol.topic_table import TopicRow
@@ -38,9 +39,12 @@ def values(mark: Any, known: tuple[int, ...] = ()) -> st.SearchStrategy[Any]:
         low, high = round(mark.low * mark.per_unit), round(mark.high * mark.per_unit)
         return st.integers(low, high).map(lambda ticks: ticks / mark.per_unit)
     if isinstance(mark, Name):
-        return st.from_regex(mark.pattern, fullmatch=True, alphabet=st.characters(codec="ascii"))
+        names = st.from_regex(mark.pattern, fullmatch=True, alphabet=st.characters(codec="ascii"))
+        return names.map(lambda name: name[: mark.longest])
     if isinstance(mark, Text):
         return st.text(max_size=mark.longest)
+    if isinstance(mark, Binary):
+        return st.binary(min_size=mark.least, max_size=mark.most)
     if isinstance(mark, Items):
         most = mark.least or min(5, mark.most)
         return st.lists(values(mark.of, known), min_size=mark.least, max_size=most).map(tuple)
@@ -69,7 +73,16 @@ def messages(cls: type[Any], known: tuple[int, ...] = ()) -> st.SearchStrategy[A
         kinds = [{"velocity": fields.pop("velocity")}, {"attitude": fields.pop("attitude")}]
         chosen = [{name: strategy.filter(bool) for name, strategy in kind.items()} for kind in kinds]
         return st.one_of([st.builds(cls, **fields, **kind) for kind in chosen])
+    if cls is Parameter:
+        return st.builds(_typed, fields["name"], fields["type"], fields["value"]).filter(bool)
     return st.builds(cls, **fields)
+
+
+def _typed(name: str, kind: ParameterType, value: float | None) -> Parameter | None:
+    """A parameter whose value its type has, None where that cannot be."""
+    if kind.span is not None:
+        return Parameter(name, kind, kind.span[int(value or 0) % len(kind.span)])
+    return None if value is not None and abs(value) > LARGEST else Parameter(name, kind, value)
 
 
 def inbound(rows: tuple[TopicRow, ...], known: tuple[int, ...]) -> st.SearchStrategy[Inbound]:

@@ -74,9 +74,7 @@ class Judge:
 
     def hears_beacon(self, clock: RemoteClock | None, message: Inbound, sent_us: int, now_ms: int) -> None:
         """A beacon came, and the role took it in: (1 + rho) d - 4 rho t_r orders beacons by the bound they give."""
-        if clock is None or clock.last_beacon_ms != now_ms:
-            return
-        if decode(BeaconMessage, message.payload).session == clock.session:
+        if clock is not None and decode(BeaconMessage, message.payload).session == clock.session:
             read_us = self._events.now_us
             value = ((1 + RHO) * (read_us - sent_us) - 4 * RHO * (1 + 2 * RHO) * read_us) / 1000
             self._best_beacon[clock] = min(value, self._best_beacon.get(clock, float("inf")))
@@ -108,7 +106,7 @@ class Judge:
         if command.deadline_ms == 0:
             sent.questioned = True
         elif drone not in sent.early_drone_ms:
-            sent.early_drone_ms[drone] = self._hop_ms(node.role.drones.get(drone).clock, sent.end_us)
+            sent.early_drone_ms[drone] = self._hop_ms(node.role.drones.links.get(drone).clock, sent.end_us)
 
     def _refuses(self, node: Any, command_id: CommandId, read_us: int) -> None:
         sent = self.sent[command_id]

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.activator.role import Activator
-from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe
+from mqttxt.core.effects import Audit, Inbound, Log, Publish, Stop, Subscribe
 from mqttxt.core.settings import Settings
 from mqttxt.drone.commands import Unfinished
 from mqttxt.drone.effects import Journal, Transmit
@@ -18,6 +18,7 @@ from mqttxt.drone.mavlink.sources import Source
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import CommandId, CommandMessage, ResultMessage
+from mqttxt.protocol.values import Encoding
 from mqttxt.security.seal import Seal
 from mqttxt.station.role import StationRole
 from tests.simulation.signing import seal
@@ -127,6 +128,8 @@ class World:
     """A ground station, an activator and one drone, and everything that happened between them."""
 
     qos: int = 1
+    encoding: Encoding = Encoding.CBOR
+    bundles: bool = False
     signed: bool = False
     seal: Callable[[str], Seal | None] = seal
     """What a node signs with, where messages are signed."""
@@ -137,14 +140,17 @@ class World:
     journal: list[Journal] = field(default_factory=list)
     disk: Kept = field(default_factory=Kept)
     logs: list[Log] = field(default_factory=list)
+    audited: list[tuple[str, Audit]] = field(default_factory=list)
     stops: list[Stop] = field(default_factory=list)
     retained: dict[tuple[str, str], Publish] = field(default_factory=dict)
+    kind: int = mavlink.MAV_AUTOPILOT_PX4
+    """Of the autopilot, in the heartbeats of a UAV client's start."""
     drop: set[str] = field(default_factory=set)
     """Kinds of topics (their last or next to last level) that are lost on the way."""
 
     def __post_init__(self) -> None:
-        settings = Settings(qos=self.qos)
-        self.gs = StationRole("g", GS_SESSION, settings, seal=self._seal("gs-g"))
+        self.settings = Settings(qos=self.qos, encoding=self.encoding, bundles=self.bundles)
+        self.gs = StationRole("g", GS_SESSION, self.settings, seal=self._seal("gs-g"))
         self.activator = self._activator(FOG_SESSION)
         self.uav = self._uav(UAV_SESSION)
         self.subscribed: list[tuple[str, str, str, bool]] = []
@@ -153,10 +159,10 @@ class World:
         return self.seal(name) if self.signed else None
 
     def _activator(self, session: int) -> Activator:
-        return Activator(1, session, Settings(qos=self.qos), drones=(1,), seal=self._seal("fog1"))
+        return Activator(1, session, self.settings, drones=(1,), seal=self._seal("fog1"))
 
     def _uav(self, session: int, **left: Any) -> UavClient:
-        return UavClient(1, session, Settings(qos=self.qos), seal=self._seal("drone1"), fog=1, **left)
+        return UavClient(1, session, self.settings, seal=self._seal("drone1"), fog=1, **left)
 
     def start(self) -> World:
         """Everything connected, the drone reachable, the ground station registered."""
@@ -184,7 +190,7 @@ class World:
         will = self.uav.will()
         self.route("uav", Publish(FOG, will.topic, will.payload, 1, retain=True))
         self.uav = self._uav(session, unfinished=unfinished, remembers=remembers)
-        for message in (heartbeat(), home(), position(), landed(1)):
+        for message in (heartbeat(kind=self.kind), home(), position(), landed(1)):
             self.uav.on_mavlink(message, self.now_ms)
         self.run("uav", self.uav.on_connected(FOG, self.now_ms))
 
@@ -224,6 +230,8 @@ class World:
                     self.run("uav", answer(output.id, self.now_ms))
             elif isinstance(output, Log):
                 self.logs.append(output)
+            elif isinstance(output, Audit):
+                self.audited.append((name, output))
             elif isinstance(output, Stop):
                 self.stops.append(output)
             else:

@@ -6,6 +6,7 @@ import sys
 
 from testbed.bootstrap.steps import command, print_rows
 
+from .axe import AXE, ensure_axe
 from .machine import ensure_machine, has_qemu, machine_is_current
 from .programs import chromium, ensure_chromium, ensure_tshark, has_tshark, tshark_version
 
@@ -14,6 +15,7 @@ def make() -> None:
     """Install and make what is missing."""
     ensure_tshark()
     ensure_chromium()
+    ensure_axe()
     ensure_machine()
 
 
@@ -23,6 +25,7 @@ def doctor() -> None:
         [
             ("tshark, for tests", has_tshark(), tshark_version() if has_tshark() else "", "apt-get install tshark"),
             ("Chromium, for tests", chromium() is not None, chromium() or "", "apt-get install chromium"),
+            ("axe-core, for tests", AXE.exists(), AXE.name, "make tools"),
             ("QEMU, for tests", has_qemu(), "", "apt-get install qemu-system-x86"),
             ("kernel for tests", machine_is_current(), ".cache/machine", "make tools"),
         ]

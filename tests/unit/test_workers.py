@@ -30,6 +30,16 @@ def test_some(n):
     with (Path(__file__).parent / "log").open("a") as log:
         log.write(json.dumps(ran) + chr(10))
 """
+HANGS = """
+import signal, time
+import pytest
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(1)]
+
+def test_it():
+    signal.signal(signal.SIGALRM, signal.SIG_IGN)
+    time.sleep(200)
+"""
 FILES = {
     **{f"test_{name}": () for name in "abcd"},
     **{f"test_{name}": ("integration",) for name in "ij"},
@@ -66,12 +76,29 @@ def run(folder: Path, files: dict[str, tuple[str, ...]], workers: int = 3, *opti
         named = ", ".join(f"pytest.mark.{mark}" for mark in own_marks)
         load = 5_000_000 if "integration" in own_marks else 1_000_000
         (folder / f"{name}.py").write_text(TESTS.replace("MARKS", named).replace("LOAD", str(load)))
-    command = [sys.executable, "-m", "pytest", *WORDS, "--numprocesses", str(workers), *options]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
+    done = run_pytest(folder, "--numprocesses", str(workers), *options)
     assert done.returncode == 0, done.stdout
     found = [Ran(*json.loads(line)) for line in (folder / "log").read_text().splitlines()]
     assert options or len(found) == 4 * len(files)
     return found
+
+
+def run_pytest(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pytest", *WORDS, *options]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
+
+
+@pytest.mark.long
+def test_a_test_that_no_time_limit_ends_costs_its_worker_and_holds_nobody_up(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError):
+        run(tmp_path, {"test_x": ("alone",), "test_i": ("integration",)}, 2, "-k", "nothing")
+    (tmp_path / "test_j.py").write_text(HANGS)
+    done = run_pytest(tmp_path, "--numprocesses", "2")
+    lines = done.stdout.splitlines()
+    (named,) = [n for n, line in enumerate(lines) if "test_j.py::test_it failed: worker" in line]
+    assert named < lines.index(next(line for line in lines if "short test summary" in line))
+    assert "8 passed" in lines[-1], done.stdout
+    assert "in test_it" in done.stderr
 
 
 @pytest.mark.long

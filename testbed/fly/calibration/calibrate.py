@@ -14,7 +14,7 @@ from typing import Any
 from net.link_plan import SLOT_JITTERS, LinkPlan
 
 from ...errors import FleetError, ProbesLate
-from ...plan.profiles.resolve import Plan
+from ...plan.profiles.resolve import LinksPlan
 from ...plan.profiles.units import show_rate
 from ...plan.topology import Topology
 from . import estimate
@@ -104,7 +104,7 @@ class Calibration:
 
 
 def calibrate(
-    plan: Plan, topology: Topology, run_in_node: RunInNode, closed: Mapping[str, str] | None = None
+    plan: LinksPlan, topology: Topology, run_in_node: RunInNode, closed: Mapping[str, str] | None = None
 ) -> Calibration:
     """Probe every link with nothing else on it, before any event: about 3 to 11 s, more for what is very slow.
 
@@ -190,7 +190,7 @@ def _arrivals(schedule: Schedule, said: Mapping[str, Mapping[str, Any]]) -> dict
     return found
 
 
-def checks_of(plan: Plan, schedule: Schedule, arrived: Mapping[int, Arrivals], only: Iterable[str]) -> list[Check]:
+def checks_of(plan: LinksPlan, schedule: Schedule, arrived: Mapping[int, Arrivals], only: Iterable[str]) -> list[Check]:
     """Every figure of the links in `only`."""
     flows = {(flow.link, flow.purpose): flow for flow in schedule.flows}
     found: list[Check] = []

@@ -17,7 +17,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ...plan.profiles.resolve import Plan
+from ...plan.profiles.resolve import LinksPlan
 
 OUTSIDE = 0.001
 """How often the right links of a run are outside, any of them."""
@@ -57,12 +57,12 @@ class Loss:
         return {"configured": self.configured, "measured": self.measured, **asdict(self)}
 
 
-def check_losses(plan: Plan, counters: Mapping[str, Any], changed: Collection[str] = ()) -> tuple[str, ...]:
+def check_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collection[str] = ()) -> tuple[str, ...]:
     """One line for each link whose random loss is not as planned; empty when all are."""
     return tuple(loss.off for loss in measure_losses(plan, counters, changed) if loss.off is not None)
 
 
-def measure_losses(plan: Plan, counters: Mapping[str, Any], changed: Collection[str] = ()) -> tuple[Loss, ...]:
+def measure_losses(plan: LinksPlan, counters: Mapping[str, Any], changed: Collection[str] = ()) -> tuple[Loss, ...]:
     """Every link of the plan. `counters` is counters.json; `changed` are links that were changed by hand.
 
     Not judged are links whose loss an event or a person changes: which frames met which loss is not counted. Frames

@@ -17,7 +17,7 @@ from typing import Any
 
 from net.link_plan import SLOT_JITTERS, LinkPlan
 
-from ...plan.profiles.resolve import Plan
+from ...plan.profiles.resolve import LinksPlan
 from ...plan.topology import Topology
 from .expected import arriving
 
@@ -105,7 +105,7 @@ class Schedule:
 
 
 def make_schedule(
-    plan: Plan, topology: Topology, closed: Mapping[str, str], only: frozenset[str], again: int = 0
+    plan: LinksPlan, topology: Topology, closed: Mapping[str, str], only: frozenset[str], again: int = 0
 ) -> Schedule:
     """Probe the links in `only`; `closed` says of links, as sense:uav1, why nothing goes through them.
 
@@ -131,7 +131,7 @@ def make_schedule(
     return Schedule(tuple(flows), round(length_s, 3), unprobed)
 
 
-def make_load(plan: Plan, topology: Topology, closed: Mapping[str, str]) -> Schedule:
+def make_load(plan: LinksPlan, topology: Topology, closed: Mapping[str, str]) -> Schedule:
     """Frames on every link that loses some, so that the shaper's counters show how many; nothing is measured."""
     wanted = [name for name, link in plan.links.items() if link.loss and not _closed(name, closed)]
     ends, flows = _Ends(topology), list[Flow]()
@@ -151,7 +151,7 @@ def _closed(name: str, closed: Mapping[str, str]) -> str | None:
     return closed.get(name.rpartition(":")[0]) or closed.get(name)
 
 
-def _unprobed(plan: Plan, closed: Mapping[str, str]) -> Iterator[tuple[tuple[str, str], str]]:
+def _unprobed(plan: LinksPlan, closed: Mapping[str, str]) -> Iterator[tuple[tuple[str, str], str]]:
     for name, link in plan.links.items():
         why = _closed(name, closed)
         if why is None and arriving(link) < 1 - LOSSIEST:
@@ -208,7 +208,7 @@ def _delay_flow(link: LinkPlan, ends: tuple[str, str, str], number: int, name: s
     return Flow(number, name, DELAY, *ends, round(phase * every_s, 6), 1, round(every_s, 6), count, SMALLEST_FRAME)
 
 
-def _rate_groups(plan: Plan, names: list[str]) -> Iterator[list[str]]:
+def _rate_groups(plan: LinksPlan, names: list[str]) -> Iterator[list[str]]:
     """Links that are probed at the same time."""
     slow = [name for name in names if (plan.links[name].rate_bps or 0) <= FAST_BPS]
     second = [name for name in slow if plan.links[name].shared_with in slow and name.endswith(f":{DOWN}")]

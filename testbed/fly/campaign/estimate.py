@@ -12,7 +12,10 @@ from ...plan.experiments import MESSAGES, Plan
 from ..results import Attempt, attempt_of
 from ..resume import amount_in, amount_of
 
-NOMINAL_S = {"scenario-1": 80.0, "scenario-2": 150.0, "scenario-3": 65.0, "scenario-4": 190.0, MESSAGES: 60.0}
+NOMINAL_S = {
+    **{"scenario-1": 80.0, "scenario-2": 150.0, "scenario-3": 65.0, "scenario-4": 190.0, "scenario-5": 260.0},
+    MESSAGES: 60.0,
+}
 """An attempt with starting and ending its fleet; a mission of one's own as scenario 2."""
 NOMINAL_MESSAGE_S = 18.0
 """One message of each of the ten kinds."""

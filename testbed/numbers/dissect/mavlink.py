@@ -1,6 +1,6 @@
 """scapy layers for MAVLink: frames of version 1 and 2, and every message of common.xml under its own name.
 
-    from testbed.dissect import mavlink
+    from testbed.numbers.dissect import mavlink
     mavlink.bind()                                    # UDP 14540 to 14830
     frame = scapy.Ether(data)
     frame[mavlink.ATTITUDE].roll                      # messages and fields are named as in common.xml

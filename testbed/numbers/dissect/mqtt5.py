@@ -1,6 +1,6 @@
 """scapy layers for MQTT 5: the fifteen control packets with properties and reason codes (MQTT 5.0, section 3).
 
-    from testbed.dissect import mqtt5
+    from testbed.numbers.dissect import mqtt5
     mqtt5.bind()                                      # TCP 1883
     segment = scapy.Ether(data)
     segment[mqtt5.Publish].topic

@@ -34,6 +34,9 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict
     events = attempt.events()
     shaping = read_shaping(attempt)
     packets = load(attempt) if arm_asked_ns(events) is not None else None
+    if packets is not None and packets.unread:
+        expected = f"the session keys of every connection, {packets.unread} directions cannot be read to their ends"
+        raise ResultsError(f"{attempt.key_log}: expected {expected}")
     window = mission_window(attempt, events, packets)
     flights = flight_logs.compare_flights(attempt) if completed else {}
     entry = {

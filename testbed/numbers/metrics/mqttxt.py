@@ -15,6 +15,7 @@ from mqttxt.protocol.messages import CommandMessage, Presence
 from mqttxt.protocol.state_payload import decode_state
 
 from ..packets import Packets
+from ..packets.signed import by_drone, inside
 from .exchange import SENT, Exchange, calls_in, mean_frames, with_arrivals
 from .ways import STATION, Ways
 from .window import Window, is_command
@@ -56,7 +57,7 @@ def _left_ns(from_station: pl.DataFrame) -> int | None:
     said = from_station.filter(pl.col("topic").str.contains(r"^gs/[^/]+/reachable$")).sort("t_ns")
     for t_ns, body in said.select("t_ns", "body").iter_rows():
         try:
-            if not decode(Presence, body).up:
+            if not decode(Presence, inside(body)).up:
                 return int(t_ns)
         except PayloadError:
             continue
@@ -77,8 +78,7 @@ def kind_of(topic: str, body: bytes) -> str | None:
     """What a PUBLISH is: a command's name, `NAME result`, a state's name, or `states` for a bundle."""
     *before, last = topic.split("/")
     if last == "commands":
-        command = _command(body)
-        return command[2] if command is not None else None
+        return next((name for (_, _, name), _ in _commands(body)), None)
     if last == "states":
         return "states"
     kind = before[-1] if before else ""
@@ -113,10 +113,10 @@ def _commands_sent(publishes: pl.DataFrame, ways: Ways) -> tuple[dict[CommandKey
     frames: Counter[str] = Counter()
     columns = ("t_ns", "frame", "topic", "body", "copies")
     for t_ns, row, topic, body, copies in publishes.filter(is_command()).select(columns).iter_rows():
-        command = _command(body)
-        if command is not None:
-            frames[command[2]] += copies
-            for drone in _addressed(topic, ways):
+        commands = list(_commands(body))
+        frames.update(dict.fromkeys((name for (_, _, name), _ in commands), copies))
+        for command, signed_for in commands:
+            for drone in _addressed(topic, ways) if signed_for is None else (signed_for,):
                 sent.setdefault((*command, drone), (t_ns, row))
     return sent, frames
 
@@ -138,8 +138,7 @@ def _commands_received(publishes: pl.DataFrame, ways: Ways) -> dict[CommandKey, 
     drone_of = {link: drone for drone, node in ways.drones.items() for link in ways.entering(node)}
     arrived = publishes.filter(is_command(), pl.col("left_ns").is_not_null(), pl.col("link").is_in(list(drone_of)))
     for left_ns, link, body in arrived.sort("left_ns").select("left_ns", "link", "body").iter_rows():
-        command = _command(body)
-        if command is not None:
+        for command, _ in _commands(body):
             found.setdefault((*command, drone_of[link]), left_ns)
     return found
 
@@ -164,13 +163,17 @@ def _states(publishes: pl.DataFrame, time: str, relayed: bool) -> pl.DataFrame:
     return pl.DataFrame(rows, schema={**_STATE, time: pl.Int64(), "frame": pl.Int64()}, orient="row")
 
 
-def _command(payload: bytes) -> tuple[int, int, str] | None:
-    """(GS session, seq) and the command's name: what names a command from end to end."""
-    try:
-        message = decode(CommandMessage, payload)
-    except PayloadError:
-        return None
-    return (message.gs_session, message.seq, message.command.name)
+def _commands(body: bytes) -> Iterator[tuple[tuple[int, int, str], int | None]]:
+    """(GS session, seq, name) of each command in a PUBLISH, which names it from end to end, and for which drone it is
+    signed; None where the topic says to whom it goes.
+    """
+    drone: int | None
+    for drone, payload in by_drone(body).items() or ((None, inside(body)),):
+        try:
+            message = decode(CommandMessage, payload)
+        except PayloadError:
+            continue
+        yield (message.gs_session, message.seq, message.command.name), drone
 
 
 def state_keys(topic: str, payload: bytes, relayed: bool) -> Iterator[tuple[int, str, int]]:

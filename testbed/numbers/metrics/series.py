@@ -85,7 +85,18 @@ def schema_error(document: dict[str, Any]) -> str | None:
 def _validator() -> jsonschema.Draft202012Validator:
     schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
-    return jsonschema.Draft202012Validator(schema)
+    return jsonschema.Draft202012Validator(_without_references(schema, schema["$defs"]))
+
+
+def _without_references(part: Any, definitions: dict[str, Any]) -> Any:
+    """The schema with each definition where it is referred to: looking them up took half of the validator's time."""
+    if isinstance(part, list):
+        return [_without_references(one, definitions) for one in part]
+    if not isinstance(part, dict):
+        return part
+    if "$ref" in part:
+        return _without_references(definitions[part["$ref"].removeprefix("#/$defs/")], definitions)
+    return {name: _without_references(one, definitions) for name, one in part.items() if name != "$defs"}
 
 
 def _manifests(series: Series) -> tuple[list[Flown], dict[Attempt, str]]:

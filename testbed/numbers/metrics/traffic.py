@@ -32,7 +32,7 @@ def count_links(packets: Packets, window: Window) -> dict[str, LinkCount]:
         .agg(
             pl.len(),
             pl.col("lost").sum(),
-            pl.col("size", "ethernet", "ip", "transport", "protocol_bytes", "payload").sum(),
+            pl.col("size", "ethernet", "ip", "transport", "tls", "protocol_bytes", "payload").sum(),
         )
     )
     found: dict[str, LinkCount] = {}
@@ -42,6 +42,7 @@ def count_links(packets: Packets, window: Window) -> dict[str, LinkCount]:
         count.bytes += row["size"]
         count.lost += row["lost"]
         layers = {"ethernet": row["ethernet"], "ip": row["ip"], "payload": row["payload"]}
+        layers |= {"tls": row["tls"]} if row["tls"] else {}
         if row["protocol"] in _TRANSPORT:
             layers[_TRANSPORT[row["protocol"]]] = row["transport"]
         if row["protocol"] in _MESSAGING:

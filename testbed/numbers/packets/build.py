@@ -13,12 +13,14 @@ from ...errors import ResultsError
 from ...fly.pcap import Capture, Flags, Ints, Words, empty_capture, read_capture
 from ...fly.results import Attempt
 from . import purposes
-from .headers import MAVLINK, MQTT, MQTT_PORT, UDP, Headers, read_headers
+from .headers import MAVLINK, MQTT, MQTT_PORT, MQTTS_PORT, UDP, Headers, read_headers
 from .links import NOWHERE, Tree, match
 from .mavlink import Messages, find_messages
-from .mqtt import SYN, VERSION_5, Direction, Segment, read_direction
+from .mqtt import VERSION_5, Direction, randoms_of, read_direction, read_tls_direction
 from .rows import MESSAGE_SCHEMA, Columns, frame_rows, mavlink_rows, mqtt_rows, stray_rows
+from .streams import SYN, Segment
 from .tcp import retransmissions
+from .tls import Secrets, read_key_log
 
 _FROM_HEADERS = ("protocol", "source_port", "destination_port", "ethernet", "ip", "transport", "sequence", "flags")
 _OPENS_OR_ENDS = 0x07
@@ -27,7 +29,10 @@ _OPENS_OR_ENDS = 0x07
 
 @dataclass(frozen=True)
 class Built:
-    """`rows` are the frames on links in the order of time, and behind them those on none; see `table`."""
+    """`rows` are the frames on links in the order of time, and behind them those on none; see `table`.
+
+    `unread` counts the flows in TLS that the attempt's key log does not open, from somewhere on.
+    """
 
     rows: pl.DataFrame
     messages: pl.DataFrame
@@ -35,6 +40,7 @@ class Built:
     unmatched: int
     duplicates: int
     until_ns: dict[str, int]
+    unread: int
 
 
 @dataclass(frozen=True)
@@ -92,8 +98,8 @@ def build(attempt: Attempt) -> Built:
     del parts  # from here on memory is what the table itself takes, and each step gives back what it has used
     rows = np.concatenate([row_of[first + each.datagram] for first, each in zip(firsts, found, strict=False)])
     segments = _mqtt_segments(entered, bodies)
-    directions = _mqtt_directions(segments)
-    payload_bytes = np.zeros(len(order), dtype=np.int64)
+    directions, unread = _mqtt_directions(segments, read_key_log(attempt.key_log))
+    payload_bytes, tls_bytes = np.zeros(len(order), dtype=np.int64), np.zeros(len(order), dtype=np.int64)
     np.add.at(payload_bytes, rows, np.concatenate([each.payload_size for each in found]))
     messages = pl.concat([mavlink_rows(found, rows, entered["left_ns"]), mqtt_rows(directions)])
     del found, rows, order, row_of
@@ -101,10 +107,11 @@ def build(attempt: Attempt) -> Built:
     messages = messages.with_columns(purposes.of_messages(messages, tree.drones))
     for direction in directions:
         payload_bytes[list(direction.payload_bytes)] = list(direction.payload_bytes.values())
+        tls_bytes[list(direction.tls_bytes)] = list(direction.tls_bytes.values())
     duplicates = _copies(entered["key"], left["key"])
     unmatched = len(left["t_ns"]) - int((place != NOWHERE).sum())
     del left, place
-    frames = frame_rows(tree, nodes, entered, messages, payload_bytes)
+    frames = frame_rows(tree, nodes, entered, messages, payload_bytes, tls_bytes)
     frames = frames.with_columns(
         _frame_purposes(frames["purpose"], entered, directions),
         _repeats(len(frames), segments.values()),
@@ -119,6 +126,7 @@ def build(attempt: Attempt) -> Built:
         unmatched,
         duplicates,
         until_ns,
+        unread,
     )
 
 
@@ -207,18 +215,37 @@ def _mqtt_segments(entered: Columns, bodies: dict[int, bytes]) -> dict[tuple[int
     return segments
 
 
-def _mqtt_directions(segments: dict[tuple[int, ...], list[Segment]]) -> list[Direction]:
-    """Each direction of each connection; what a client asked for in its CONNECT decides how its broker's is read."""
-    found = []
+def _mqtt_directions(
+    segments: dict[tuple[int, ...], list[Segment]], key_log: dict[bytes, dict[str, bytes]]
+) -> tuple[list[Direction], int]:
+    """Each direction of each connection, and how many of them in TLS cannot be read, or not to their ends.
+
+    What a client asked for in its CONNECT decides how its broker's direction is read; so does its session in TLS. A
+    broker encrypts before the client knows the keys: where no key was logged, the client's direction says whether it is
+    missing.
+    """
+    found, unread = [], 0
     versions: dict[tuple[int, ...], int] = {}
-    for flow in sorted(segments, key=lambda flow: flow[4] != MQTT_PORT):  # those towards a broker first
+    sessions: dict[tuple[int, ...], list[Secrets]] = {}
+    brokers = (MQTT_PORT, MQTTS_PORT)
+    for flow in sorted(segments, key=lambda flow: flow[4] not in brokers):  # those towards a broker first
         _, source, source_port, destination, destination_port = flow
+        there = (source, source_port, destination, destination_port)
         back = (destination, destination_port, source, source_port)
-        direction = read_direction(segments[flow], versions.get(back, VERSION_5))
+        version = versions.get(back, VERSION_5)
+        if MQTTS_PORT in (source_port, destination_port):
+            is_clients = destination_port == MQTTS_PORT
+            if is_clients:
+                sessions[there] = [key_log[one] for one in randoms_of(segments[flow]) if one in key_log]
+            known = sessions.get(there if is_clients else back, [])
+            direction = read_tls_direction(segments[flow], known, version)
+            unread += direction.is_unread and (is_clients or bool(known))
+        else:
+            direction = read_direction(segments[flow], version)
         if direction.version is not None:
-            versions[(source, source_port, destination, destination_port)] = direction.version
+            versions[there] = direction.version
         found.append(direction)
-    return found
+    return found, unread
 
 
 def _frame_purposes(of_first: pl.Series, entered: Columns, directions: list[Direction]) -> pl.Series:
@@ -226,10 +253,13 @@ def _frame_purposes(of_first: pl.Series, entered: Columns, directions: list[Dire
     is_mqtt, flags = entered["protocol"] == MQTT, entered["flags"]
     rows = np.flatnonzero(of_first.is_null().to_numpy())
     goes_on = {row: packet for direction in directions for row, packet in direction.carried.items()}
+    keeps_tls = {row for direction in directions if not direction.is_unread for row in direction.tls_bytes}
     found = []
     for row in rows.tolist():
         if row in goes_on:
             found.append(purposes.of_packet(goes_on[row].kind, goes_on[row].topic))
+        elif row in keeps_tls:  # a handshake, a ticket
+            found.append("upkeep")
         elif not is_mqtt[row]:
             found.append("other")
         elif flags[row] & _OPENS_OR_ENDS:

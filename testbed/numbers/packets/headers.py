@@ -11,7 +11,8 @@ from ...fly.pcap import Bytes, Capture, Flags, Ints, Words, big_endian, windows
 PROTOCOLS = ("other", "arp", "ipv6", "icmp", "igmp", "tcp", "udp", "mqtt", "mavlink")
 """What a frame carries; the codes of `Headers.protocol` are places in it."""
 OTHER, ARP, IPV6, ICMP, IGMP, TCP, UDP, MQTT, MAVLINK = range(len(PROTOCOLS))
-MQTT_PORT = 1883
+MQTT_PORT, MQTTS_PORT = 1883, 8883
+"""Of brokers, and of brokers in TLS; what either carries is MQTT here."""
 ETHERNET = 14
 _IPV4, _ETHER_TYPES = 0x0800, {0x0806: ARP, 0x86DD: IPV6}
 _IP_PROTOCOLS = {1: ICMP, 2: IGMP, 6: TCP, 17: UDP}
@@ -63,7 +64,8 @@ def read_headers(capture: Capture) -> Headers:
     has_ports = is_tcp | is_udp
     source_port = np.where(has_ports, big_endian(behind, 0, 2), 0)
     destination_port = np.where(has_ports, big_endian(behind, 2, 2), 0)
-    protocol[is_tcp & ((source_port == MQTT_PORT) | (destination_port == MQTT_PORT))] = MQTT
+    for port in (MQTT_PORT, MQTTS_PORT):
+        protocol[is_tcp & ((source_port == port) | (destination_port == port))] = MQTT
     body = at + transport
     body_end = np.maximum(body, end)
     source = np.where(is_ip, big_endian(rows, 26, 4), -1)

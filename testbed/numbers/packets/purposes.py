@@ -13,8 +13,8 @@ sensors' readings; what keeps connections and clocks; acknowledgements of TCP, o
 _COMMAND, _RESULT, _STATE, _PRESENCE, _SENSOR, _UPKEEP, _ACKNOWLEDGEMENT, _OTHER = PURPOSES
 _TOPIC_ENDS = {
     **{"commands": _COMMAND, "states": _STATE, "sensor_ack": _ACKNOWLEDGEMENT},
-    **dict.fromkeys(("reachable", "QoDS", "PSMI"), _PRESENCE),
-    **dict.fromkeys(("clock", "init_connect"), _UPKEEP),
+    **dict.fromkeys(("reachable", "QoDS", "PSMI", "birth", "stations"), _PRESENCE),
+    **dict.fromkeys(("clock", "init_connect", "control"), _UPKEEP),
 }
 _TOPIC_MIDDLES = {"commands": _COMMAND, "commands_result": _RESULT, "state": _STATE, "mavlink": _STATE}
 _ACKS = ("puback", "pubrec", "pubrel", "pubcomp")

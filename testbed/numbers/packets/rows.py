@@ -20,7 +20,8 @@ _CAT = pl.Categorical()
 _INT = pl.Int64()
 FRAME_SCHEMA = pl.Schema({
     **{"t_ns": _INT, "left_ns": _INT, "link": _CAT, "source": _CAT, "destination": _CAT, "size": _INT},
-    **{"ethernet": _INT, "ip": _INT, "transport": _INT, "protocol_bytes": _INT, "payload": _INT},
+    **{"ethernet": _INT, "ip": _INT, "transport": _INT, "tls": _INT},
+    **{"protocol_bytes": _INT, "payload": _INT},
     **{"protocol": _CAT, "flow": _CAT, "messages": _INT, "kind": _CAT, "key": pl.UInt64()},
     **{"node": _CAT, "offset": _INT, "purpose": _CAT, "repeats": _CAT, "lost": pl.Boolean(), "begins": _INT},
 })  # fmt: skip
@@ -82,13 +83,13 @@ def mqtt_rows(directions: list[Direction]) -> pl.DataFrame:
 
 
 def frame_rows(
-    tree: Tree, nodes: list[str], entered: Columns, messages: pl.DataFrame, payload_bytes: Ints
+    tree: Tree, nodes: list[str], entered: Columns, messages: pl.DataFrame, payload_bytes: Ints, tls_bytes: Ints
 ) -> pl.DataFrame:
-    """Frames that entered a link; `payload_bytes` are those of messages' payloads in each."""
+    """Frames that entered a link; `payload_bytes` are those of messages' payloads in each, `tls_bytes` those of TLS."""
     count = len(entered["t_ns"])
     at = messages["frame"].to_numpy()
     protocol, body = entered["protocol"], entered["body"]
-    protocol_bytes = np.where((protocol == MQTT) | (protocol == MAVLINK), body - payload_bytes, 0)
+    protocol_bytes = np.where((protocol == MQTT) | (protocol == MAVLINK), body - payload_bytes - tls_bytes, 0)
     firsts, places = np.unique(at, return_index=True)
     first = np.full(count, len(messages), dtype=np.int64)
     first[firsts] = places
@@ -97,7 +98,7 @@ def frame_rows(
         {name: entered[name] for name in _AS_THEY_ARE}
         | {"left_ns": _or_null(entered["left_ns"], NOWHERE), "link": _named(tree.links, entered["link"])}
         | {name: _named(tree.nodes, entered[name]) for name in ("source", "destination")}
-        | {"protocol_bytes": protocol_bytes, "payload": body - protocol_bytes}
+        | {"tls": tls_bytes, "protocol_bytes": protocol_bytes, "payload": body - tls_bytes - protocol_bytes}
         | {"protocol": _named(PROTOCOLS, protocol), "flow": _named(flows, flow), "node": _named(nodes, entered["node"])}
         | {
             "messages": np.bincount(at, minlength=count),

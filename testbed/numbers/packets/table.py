@@ -14,9 +14,10 @@ version of the table has changed. Times are nanoseconds since the epoch, sizes b
 | `source`, `destination` | categorical | the nodes with its IP addresses |
 | `size` | i64 | the Ethernet frame without the FCS |
 | `ethernet`, `ip`, `transport` | i64 | bytes of headers (Ethernet with its padding; TCP or UDP) |
+| `tls` | i64 | bytes of TLS: what its records have around their data, and handshakes |
 | `protocol_bytes` | i64 | framing of MQTT or MAVLink |
 | `payload` | i64 | the rest: payloads of PUBLISHes and of MAVLink messages; what other protocols carry |
-| `protocol` | categorical | mqtt, mavlink, tcp, udp, icmp, igmp or other |
+| `protocol` | categorical | mqtt (in TLS too), mavlink, tcp, udp, icmp, igmp or other |
 | `flow` | categorical | `uav1:14540>fog1:14541`; without ports where there are none |
 | `messages` | i64 | how many messages begin in it; 0 for a bare TCP acknowledgement |
 | `kind` | categorical or null | the first of them |
@@ -63,11 +64,11 @@ from ...fly.results import Attempt
 from .build import Built, build
 from .rows import FRAME_SCHEMA, MESSAGE_SCHEMA
 
-VERSION = 7
+VERSION = 8
 """Rises with every change of a column's meaning or of how it is made."""
 FRAMES, MESSAGES = "packets.parquet", "messages.parquet"
 _ABOUT = "testbed"
-_TOLD = ("truncated", "unmatched", "duplicates", "until_ns")
+_TOLD = ("truncated", "unmatched", "duplicates", "until_ns", "unread")
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,8 @@ class Packets:
     `strays` (`t_ns`, `node`, `protocol`, `size`) are frames on no link, such as ARP, once for each capture that has
     them; `foreign` counts them by protocol. `unmatched` are frames that left a link and were not seen entering it,
     `duplicates` those of them that are further copies of a frame that did. Up to `until_ns` the capture at each node
-    is whole; 0 where there is none.
+    is whole; 0 where there is none. `unread` counts the flows in TLS whose messages are not all in the table, because
+    the attempt's key log does not open them.
     """
 
     frames: pl.DataFrame
@@ -88,6 +90,7 @@ class Packets:
     unmatched: int
     duplicates: int
     until_ns: dict[str, int]
+    unread: int
 
 
 def load(attempt: Attempt) -> Packets:
@@ -103,7 +106,7 @@ def load(attempt: Attempt) -> Packets:
 
 def _sources(attempt: Attempt) -> dict[str, list[int]]:
     """What the table is made from: each file's size and time of its last change; its topology is never changed."""
-    beside = (attempt.path / "pcap" / "captures.json", attempt.path / "events.jsonl")
+    beside = (attempt.path / "pcap" / "captures.json", attempt.path / "events.jsonl", attempt.key_log)
     paths = [*sorted((attempt.path / "pcap").glob("*.pcap")), *beside]
     found = {path.name: path.stat() for path in paths if path.exists()}
     return {name: [stat.st_size, stat.st_mtime_ns] for name, stat in found.items()}
@@ -147,5 +150,5 @@ def _packets(built: Built) -> Packets:
     frames = rows.head(len(rows) - len(strays))
     return Packets(
         *(frames, messages, tuple(built.truncated), dict(sorted(foreign.items())), strays),
-        *(built.unmatched, built.duplicates, built.until_ns),
+        *(built.unmatched, built.duplicates, built.until_ns, built.unread),
     )

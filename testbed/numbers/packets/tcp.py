@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 
-from .mqtt import Segment, connections
+from .streams import Segment, connections
 
 NEEDED, NEEDLESS = "needed", "needless"
 """What had to be sent again because a link had lost it, and what was sent again although it had arrived."""

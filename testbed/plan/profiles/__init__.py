@@ -3,7 +3,7 @@
 units     figures with their units
 reading   a file and what it inherits, checked against the schema -> `Profile`
 draws     seeds, and the times of outages and bursts
-resolve   profile, topology, experiment, attempt -> `Plan`, which every shaper takes
+resolve   profile, topology, experiment, attempt -> `LinksPlan`, which every shaper takes
 checks    what the schema cannot say: figures that do not fit together
 directed  plan -> the directed links that are shaped, each with its states
 kernel    plan -> `ip` and `tc` commands

@@ -11,7 +11,7 @@ from typing import Any
 from net.link_plan import DIRECTIONS, EventPlan, LinkPlan
 
 from ..topology import Topology
-from .resolve import Plan
+from .resolve import LinksPlan
 
 SMALLEST_FRAME_BITS = 60 * 8
 MOST_FRAMES_S = 100_000
@@ -59,7 +59,7 @@ class Directed:
         return self.states[0][1].shared_with is not None
 
 
-def directed_links(plan: Plan, topology: Topology, always: bool = False) -> list[Directed]:
+def directed_links(plan: LinksPlan, topology: Topology, always: bool = False) -> list[Directed]:
     """The links that are shaped at some time, or with `always` all of them, numbered in the order of all links."""
     found = []
     for number, name in enumerate(plan.links, 1):
@@ -74,7 +74,7 @@ def directed_links(plan: Plan, topology: Topology, always: bool = False) -> list
     return found
 
 
-def _states(plan: Plan, name: str) -> Iterator[tuple[float, LinkPlan, bool]]:
+def _states(plan: LinksPlan, name: str) -> Iterator[tuple[float, LinkPlan, bool]]:
     """A link's figures over time: later events stand above earlier ones for as long as they last."""
     base = asdict(plan.links[name])
     ahead = deque(event for event in plan.events if event.link == name)

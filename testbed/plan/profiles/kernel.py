@@ -32,7 +32,7 @@ from net.link_plan import LinkPlan
 from ..topology import Topology
 from .directed import Directed, directed_links, frames_in_flight
 from .draws import link_seed
-from .resolve import Plan
+from .resolve import LinksPlan
 
 RATE_DEVICE = "rate"
 IN_ORDER_BPS = 10_000_000_000
@@ -88,7 +88,7 @@ class Commands:
         }
 
 
-def commands_of(plan: Plan, topology: Topology, always: bool = False) -> Commands:
+def commands_of(plan: LinksPlan, topology: Topology, always: bool = False) -> Commands:
     """What shapes the plan's links; with `always` every link has its stages, whether or not anything is planned."""
     links = directed_links(plan, topology, always)
     begin: list[Words] = []
@@ -111,7 +111,9 @@ def commands_of(plan: Plan, topology: Topology, always: bool = False) -> Command
     )
 
 
-def change_words(plan: Plan, topology: Topology, name: str, link_plan: LinkPlan, closed: bool) -> tuple[Words, ...]:
+def change_words(
+    plan: LinksPlan, topology: Topology, name: str, link_plan: LinkPlan, closed: bool
+) -> tuple[Words, ...]:
     """What gives the directed link `name` other figures during a run whose links were made with `always`.
 
     Both directions of a shared rate have to be changed. Raises KeyError for a link that the plan does not have.

@@ -21,13 +21,15 @@ LONGEST_S = 900
 
 
 @dataclass(frozen=True)
-class Plan(link_plan.Plan):
+class LinksPlan(link_plan.Plan):
     """What every shaper takes. `figures` says where each link's figures come from; it is not part of the data."""
 
     figures: Mapping[str, Mapping[str, Figure]] = field(default_factory=dict, compare=False)
 
 
-def resolve(profile: Profile, topology: Topology, experiment: str, attempt: int, length_s: float = LONGEST_S) -> Plan:
+def resolve(
+    profile: Profile, topology: Topology, experiment: str, attempt: int, length_s: float = LONGEST_S
+) -> LinksPlan:
     """The plan of an attempt, `length_s` seconds long.
 
     Raises UserError naming file, field, value and what was expected: a link that does not exist, an event after the
@@ -54,7 +56,7 @@ def resolve(profile: Profile, topology: Topology, experiment: str, attempt: int,
     ]
     order = {name: place for place, name in enumerate(links)}
     events.sort(key=lambda event: (event.at_s, order[event.link]))
-    return Plan(profile.name, seed, links, tuple(events), figures)
+    return LinksPlan(profile.name, seed, links, tuple(events), figures)
 
 
 def _check_names(profile: Profile, topology: Topology) -> None:

@@ -10,11 +10,11 @@ from net.link_plan import RUN_VERSION, Gate
 
 from ..topology import Topology
 from .kernel import commands_of
-from .resolve import Plan
+from .resolve import LinksPlan
 
 
 def run_plan(
-    plan: Plan, topology: Topology, *, shaper: str = "auto", always: bool = False, gates: Sequence[Gate] = ()
+    plan: LinksPlan, topology: Topology, *, shaper: str = "auto", always: bool = False, gates: Sequence[Gate] = ()
 ) -> dict[str, Any]:
     """The file's content.
 

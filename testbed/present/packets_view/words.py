@@ -17,6 +17,7 @@ from mqttxt.protocol.values import Encoding
 
 from ...numbers.dissect.mavlink import MAVLink, Message
 from ...numbers.dissect.mavlink_fields import Number, Text
+from ...numbers.packets.signed import by_drone, inside
 
 _LEVELS = {
     **{"fogX": r"fog\d+", "droneY": r"drone\d+", "sensorS": r"sensor\d+"},
@@ -27,17 +28,25 @@ _SHOWN_BYTES = 24
 
 
 def said_by_publish(topic: str, body: bytes) -> str:
-    """The payload of a PUBLISH as JSON where MQTT-XT has a message for its topic, else its first bytes."""
+    """The payload of a PUBLISH as JSON where MQTT-XT has a message for its topic, else its first bytes.
+
+    What is signed is shown without its signature.
+    """
     found = payload_class(topic)
     if found is not None:
         try:
-            return encode(decode(found, body), Encoding.JSON).decode()
+            said = {drone: _json(found, payload) for drone, payload in by_drone(body).items()}
+            return ", ".join(f"drone {drone}: {text}" for drone, text in said.items()) or _json(found, inside(body))
         except PayloadError:
             pass
     if not body:
         return "empty"
     rest = f" … {len(body)} bytes" if len(body) > _SHOWN_BYTES else ""
     return body[:_SHOWN_BYTES].hex(" ") + rest
+
+
+def _json(message: type[Any], payload: bytes) -> str:
+    return encode(decode(message, payload), Encoding.JSON).decode()
 
 
 @cache

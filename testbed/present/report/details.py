@@ -15,6 +15,7 @@ Shown = dict[str, dict[str, Any]]
 LAYERS = (
     ("payload", ("payload",)),
     ("MQTT or MAVLink framing", ("mqtt", "mavlink")),
+    ("TLS", ("tls",)),
     ("TCP or UDP", ("tcp", "udp")),
     ("IP", ("ip",)),
     ("Ethernet", ("ethernet",)),

@@ -9,6 +9,10 @@ from ...plan import wording
 from ...plan.experiments import ARMS, FACTORS
 from . import thesis
 
+_READ_BY_KEYS = (
+    "captures are of encrypted traffic, whose bytes all count; topics, losses and delays by capture are read with the "
+    "session keys that each node wrote down (tls/keys.log), and without one of these there are no numbers"
+)
 _SAID = {
     "mqttxt": {
         "states": {
@@ -19,6 +23,15 @@ _SAID = {
         "qos": {
             "0": "commands, results and states go at QoS 0, without MQTT's acknowledgements",
             "1": "commands, results and states go at QoS 1: each is acknowledged on every hop",
+        },
+        "security": {
+            "none": "nothing is encrypted or signed, and the nodes have no identities",
+            "tls": f"every connection is mutual TLS 1.3, with identities made for the flight; {_READ_BY_KEYS}",
+            "signed": f"commands, words, beacons and leases are signed end to end, in mutual TLS 1.3; {_READ_BY_KEYS}",
+        },
+        "station": {
+            "mqttxt": "the ground station is a program on MQTT-XT's own API",
+            "mavsdk": "the ground station is MAVSDK, as over MAVLink, through `mqttxt gs mavlink` beside it",
         },
     },
     "mavlink": {
@@ -53,6 +66,9 @@ _MESSAGES_BESIDE = (
 )
 
 
+_SECURED = "SECURITY is MQTT-XT's alone: MAVLink flies as without it, neither encrypted nor signed."
+
+
 @dataclass(frozen=True)
 class Factor:
     """A factor of one side: its name, its value, and what it is in words."""
@@ -73,7 +89,7 @@ def factors_of(configuration: dict[str, Any], protocol: str, one_drone: bool = F
             continue
         value = _value(configuration, name)
         said.append(Factor(name, value, values.get(value, value)))
-    if protocol == "mqttxt" and said and not one_drone:
+    if protocol == "mqttxt" and said and not one_drone and _value(configuration, "station") != "mavsdk":
         said.append(Factor("commanding", "broadcast", _BROADCAST))
     return said
 
@@ -116,6 +132,8 @@ def fairness(configuration: dict[str, Any], one_drone: bool = False) -> list[str
         )
     if _value(configuration, "qos") == "0":
         said.append("QoS 0 spares MQTT-XT the acknowledgements of MQTT; those of TCP are counted.")
+    if _value(configuration, "security") in ("tls", "signed"):
+        said.append(_SECURED)
     for name, instead in (("AUTOPILOT", "the stand-in's place"), ("ROUTER", "the place of mavp2p as it is built here")):
         if configuration.get(name):
             said.append(f"Flown with {name}={configuration[name]} in {instead}.")

@@ -16,6 +16,7 @@ from .numbers import attempts_of
 LAYERS = {
     "payload": ("payload",),
     "MQTT or MAVLink": ("mqtt", "mavlink"),
+    "TLS": ("tls",),
     "TCP or UDP": ("tcp", "udp"),
     "IP": ("ip",),
     "Ethernet": ("ethernet",),
@@ -58,14 +59,15 @@ def bytes_of(cell: Cell) -> list[Bytes]:
 
 
 def table(found: list[Bytes]) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows; a purpose for which no side has a byte has no column."""
+    """Headings and rows; a purpose or a layer for which no side has a byte has no column."""
     used = [name for name in PURPOSES if any(one.purposes.get(name) for one in found)]
-    headings = ["arm", "", "completed", "bytes a second", *used, *LAYERS]
+    layers = [name for name in LAYERS if any(one.layers[name] for one in found)]
+    headings = ["arm", "", "completed", "bytes a second", *used, *layers]
     rows = [
         [
             *(one.arm, wording.name_of(one.protocol), one.attempts, one.a_second),
             *(_share(one.purposes.get(name)) for name in used),
-            *(_share(one.layers[name]) for name in LAYERS),
+            *(_share(one.layers[name]) for name in layers),
         ]
         for one in found
     ]

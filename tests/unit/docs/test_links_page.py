@@ -6,6 +6,8 @@ import json
 import re
 from pathlib import Path
 
+import pytest
+
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import SCHEMA_FILE, profile_names, read_profile
 from testbed.plan.profiles.resolve import resolve
@@ -38,6 +40,7 @@ def test_the_profile_of_ones_own_resolves(tmp_path: Path) -> None:
     assert [event.link for event in plan.events] == ["air:uav3:up", "air:uav3:down"]
 
 
+@pytest.mark.long
 def test_what_the_thesis_profile_loses_is_what_the_simulation_says() -> None:
     page = DOCS / "links-measured.md"
     told = page.read_text().partition(thesis.BEGIN)[2].partition(thesis.END)[0]

@@ -16,10 +16,12 @@ from spec import options
 
 ROOT = Path(__file__).resolve().parents[3]
 ROLE_PAGES = [
-    ROOT / "docs" / f"{name}.md" for name in ("activator", "conformance", "ground-station", "security", "uav-client")
+    ROOT / "docs" / f"{name}.md"
+    for name in ("activator", "conformance", "ground-station", "security", "tutorial", "uav-client")
 ]
 
 
+@pytest.mark.long
 def test_the_site_builds_strictly_and_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)],
@@ -53,7 +55,7 @@ def test_the_options_of_a_role_are_those_of_its_command(page: Path, tmp_path: Pa
 def test_every_subcommand_is_documented() -> None:
     text = "".join(page.read_text() for page in (ROOT / "docs").glob("*.md"))
     told = set(re.findall(r"<!-- generated: options-(\S+) -->", text))
-    assert [name for name in options.subcommands() if not told & {name, name.split("-")[0]}] == []
+    assert [name for name in options.subcommands() if not told & {name, *options.groups(name)}] == []
 
 
 def command_lines() -> list[tuple[str, list[str]]]:
@@ -63,7 +65,8 @@ def command_lines() -> list[tuple[str, list[str]]]:
         text = page.read_text().replace("\\\n", " ")
         for line in re.findall(r"^(?:ExecStart=\S*/|docker exec -it \S+ )?mqttxt (\w.*)$", text, re.MULTILINE):
             words = shlex.split(line, comments=True)
-            depth = 2 if words[0] in ("gs", "conformance", "keys") else 1
+            depth = 2 if words[0] in ("audit", "gs", "conformance", "keys") else 1
+            depth += words[:2] in (["gs", "plan"], ["gs", "params"])
             found.append(("-".join(words[:depth]), words[depth:]))
     return found
 
@@ -94,3 +97,12 @@ def test_required_options_and_defaults_are_told() -> None:
     assert "| `--drone` | This drone's number: its autopilot's MAVLink system id. | required |" in shown
     assert "| `udp:127.0.0.1:14540` |" in shown
     assert "Also from the environment's `MQTTXT_CLOUD`." in options.options(options.subcommands()["gs-send"])
+
+
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda page: page.name
+)
+def test_what_is_installed_is_in_the_clone_because_no_registry_has_it(page: Path) -> None:
+    installed = re.findall(r"^pip install (.*)$", page.read_text(), re.MULTILINE)
+    for what in (shlex.split(line, comments=True) for line in installed):
+        assert [one for one in what if not (ROOT / one.partition("[")[0] / "pyproject.toml").exists()] == []

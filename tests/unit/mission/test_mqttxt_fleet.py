@@ -15,12 +15,26 @@ from mission import mqttxt_fleet
 from mission.events import EventLog
 from mission.fleet import MissionError, Point, Result
 from mission.mqttxt_fleet import NEEDED_STATES, MqttxtFleet
-from mqttxt import BrokerRefused, Command, Goto, Outcome, Outcomes, PsmiList, Return, SentCommand, Stream, Word
+from mqttxt import (
+    BrokerRefused,
+    Command,
+    Goto,
+    Outcome,
+    Outcomes,
+    PsmiList,
+    Return,
+    SentCommand,
+    StateUpdate,
+    Stream,
+    Word,
+)
 from mqttxt.protocol.messages import CommandId
+from mqttxt.protocol.states import Fence, Mission, VitalState
 from mqttxt.station.heard import Record
 from mqttxt.station.outcomes import last_word
 
 FOGS = {1: (1, 2), 2: (4,)}
+HASH = bytes(range(16))
 
 
 def said(words: Iterable[Any], answer: Callable[[Any], Any]) -> SentCommand[Any, Any]:
@@ -73,7 +87,8 @@ class Fog:
 class Station:
     """What stands in for mqttxt.GroundStation."""
 
-    def __init__(self, answers: dict[int, Word | None]) -> None:
+    def __init__(self, answers: dict[int, Word | None], heard: Iterable[StateUpdate] = ()) -> None:
+        self._heard = heard
         self.asked: list[Any] = []
         self.options: dict[str, Any] = {}
         self.ends = asyncio.Event()
@@ -105,9 +120,10 @@ class Station:
         assert condition()
 
     async def events(self) -> AsyncIterator[Any]:
+        for event in self._heard:
+            yield event
         await self.ends.wait()
         raise self.end
-        yield
 
 
 async def _set_up(
@@ -140,10 +156,24 @@ async def test_a_station_that_the_broker_refuses_ends_the_mission_with_its_reaso
     assert "the ground station ended: cloud: another client took over" in caplog.text
 
 
+@pytest.mark.parametrize("state", [Mission(1, 0, 4, HASH), Fence(False, HASH)], ids=lambda state: state.name)
+async def test_what_names_a_plan_is_written_in_hexadecimal(
+    state: VitalState, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(mqttxt_fleet, "GroundStation", Station({}, [StateUpdate(1, 2, state, 90, age_ms=3)]))
+    fleet = MqttxtFleet("mqtt://cloud", FOGS, 0, EventLog(tmp_path / "events.jsonl", StringIO()))
+    await fleet.connect(5)
+    await fleet.changed()
+    await fleet.close()
+    events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
+    (written,) = [event["value"] for event in events if event["event"] == "state"]
+    assert written[state.name] == HASH.hex()
+
+
 async def test_on_change_asks_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     station = await _set_up(monkeypatch, "on-change")
     assert station.asked == []
-    assert station.options == {"qos": 0, "bundles": False, "insecure": True}
+    assert station.options == {"qos": 0, "bundles": False, "identity": None, "signed": False, "insecure": True}
 
 
 @pytest.mark.parametrize(("states", "bundles"), [("fixed", False), ("bundle", True)])

@@ -28,7 +28,8 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
     [
         (
             {"scenario": "scenario-9"},
-            "scenario 'scenario-9': expected one of scenario-1, scenario-2, scenario-3, scenario-4, messages",
+            "scenario 'scenario-9': expected one of "
+            "scenario-1, scenario-2, scenario-3, scenario-4, scenario-5, messages",
         ),
         ({"protocol": "pigeon"}, "--protocol 'pigeon': expected one of mqttxt, mavlink"),
         ({"qos": "2"}, "--qos '2': expected one of 0, 1"),
@@ -88,6 +89,14 @@ def _said(tmp_path: Path, scenario: str = "scenario-1", **changed: str) -> tuple
 )
 def test_a_mistake_is_named(changed: dict[str, str], said: str, tmp_path: Path) -> None:
     assert _said(tmp_path, **changed) == (2, f"mission: {said}\n")
+
+
+def test_a_gateway_belongs_to_mqttxt(tmp_path: Path) -> None:
+    over = ["--protocol", "mavlink", "--mavlink", "udpin://0.0.0.0:14540", "--gateway"]
+    words = ["--fleet", "1:1", "--events", str(tmp_path / "events.jsonl"), *over]
+    done = CliRunner().invoke(app, ["fly", "scenario-1", *words])
+    said = "mission: --gateway: scenario-1 over mavlink: expected another scenario over mqttxt\n"
+    assert (done.exit_code, done.stderr) == (2, said)
 
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:

@@ -13,9 +13,10 @@ import pytest
 
 from mission import scenarios, steps
 from mission.events import EventLog
-from mission.fleet import MissionError, Point, Reading, Result, Status
+from mission.fleet import MissionError, Point, Reading, Result, Status, Survey
 from mission.points import points_of
 from mission.steps import Steps
+from mission.surveys import surveys_of
 from mqttxt.protocol.readings import UNITS
 
 
@@ -52,6 +53,13 @@ class Fleet:
 
     async def return_home(self) -> list[Result]:
         return self._answer("return", Status(armed=False, mode="return", altitude_m=0.0, landed="on_ground"))
+
+    async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
+        self.asked.append(dict(surveys))
+        return self._answer("upload", self._now)
+
+    async def fly_survey(self) -> list[Result]:
+        return self._answer("survey", Status(armed=False, mode="hold", altitude_m=0.0, landed="on_ground"))
 
     async def land(self) -> list[Result]:
         return self._answer("land", Status(armed=False, mode="land", altitude_m=0.0, landed="on_ground"))
@@ -120,6 +128,20 @@ async def test_scenario_3_lands_at_once(log: EventLog, tmp_path: Path) -> None:
     await scenarios.scenario_3(fleet, Steps(fleet, log))
     assert fleet.asked == ["arm", 10.0, "takeoff", "land"]
     assert _done(tmp_path) == [(name, True) for name in ("arm", "takeoff", "land", "disarmed")]
+
+
+async def test_scenario_5_uploads_a_survey_to_each_drone_before_it_arms(log: EventLog, tmp_path: Path) -> None:
+    fleet = Fleet()
+    await scenarios.scenario_5(fleet, Steps(fleet, log))
+    assert fleet.asked == [surveys_of((1, 2)), "upload", "arm", "survey"]
+    assert _done(tmp_path) == [(name, True) for name in ("upload", "arm", "survey", "disarmed")]
+
+
+async def test_scenario_5_arms_nobody_where_an_upload_fails(log: EventLog) -> None:
+    fleet = Fleet(upload=[Result(1, "completed"), Result(2, "failed", "mission item 7: unsupported")])
+    with pytest.raises(MissionError, match=r"upload: drone 2: failed \(mission item 7: unsupported\)"):
+        await scenarios.scenario_5(fleet, Steps(fleet, log))
+    assert "arm" not in fleet.asked
 
 
 async def test_scenario_4_returns_when_every_series_is_there(log: EventLog, tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
-"""A disk that a test can fill."""
+"""A disk that a test can fill, and a group for the tasks of a gateway."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
@@ -19,3 +20,11 @@ def disk(tmp_path: Path) -> Iterator[SmallDisk]:
         yield small
     finally:
         small.close()
+
+
+@pytest.fixture
+async def group() -> AsyncIterator[asyncio.TaskGroup]:
+    async with asyncio.TaskGroup() as made:
+        yield made
+        for task in list(made._tasks):
+            task.cancel()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from mqttxt.activator.role import MOST_STATIONS
+from mqttxt.activator.stations import MOST_STATIONS
 from mqttxt.core.effects import Inbound, Log, Publish, Stop, Unsubscribe
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import BeaconMessage, Control, DroneLease, DroneRecord, FogPresence, Presence, Word
 from mqttxt.protocol.state_payload import decode_state
+from mqttxt.protocol.states import Armed
 from tests.simulation.fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
-from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION
+from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, heartbeat
 
 # Birth and rivals
 
@@ -65,7 +66,9 @@ def test_a_late_will_is_answered_with_a_new_birth(seen: FogPresence) -> None:
 
 def test_another_sessions_word_about_a_drone_is_put_right() -> None:
     bench = ActivatorBench()
-    (record,) = bench.cloud("drone1/reachable", DroneRecord(activator_session=99, up=True, drone_session=5), True)
+    bench.until(BORN_MS)
+    bench.cloud("drone1/reachable", DroneRecord(activator_session=99, up=True, drone_session=5), True)
+    (record,) = of(bench.until(BORN_MS + 1100), "fog1/drone1/reachable")
     assert decode(DroneRecord, record.payload) == DroneRecord(activator_session=FOG_SESSION, up=False)
 
 
@@ -233,3 +236,39 @@ def test_a_forged_will_again_and_again_does_not_put_the_birth_off() -> None:
         bench.cloud("reachable", FogPresence(session=FOG_SESSION, up=False), retain=True)
         births += len(of(bench.until(bench.now_ms + 800), "fog1/reachable"))
     assert 5 <= births <= 10
+
+
+@pytest.mark.parametrize("lost_lease", [False, True])
+@pytest.mark.parametrize("signed", [False, True])
+def test_what_drones_said_while_the_connection_to_the_fog_was_lost_comes_when_it_is_back(
+    signed: bool, lost_lease: bool
+) -> None:
+    """The drone's own connection stays, so that it does not know by itself that nobody has heard it."""
+    world = World(signed=signed).start()
+    world.pass_time(2000)
+    lost = [entry for entry in world.subscribed if entry[:2] == ("activator", "fog")]
+    world.subscribed = [entry for entry in world.subscribed if entry not in lost]
+    world.run("activator", world.activator.on_disconnected("fog", world.now_ms))
+    world.autopilot(heartbeat(armed=True))
+    world.pass_time(500)
+    world.drop = {"init_connect"} if lost_lease else set()
+    world.run("activator", world.activator.on_connected("fog", world.now_ms))
+    world.pass_time(100)
+    world.drop = set()
+    world.pass_time(11_000 if lost_lease else 1000)
+    assert world.gs.fogs[1].drones[1].states["armed"].message.state == Armed(True)
+    told = len(world.sent)
+    world.pass_time(15_000)
+    again = [publish.topic for sender, publish in world.sent[told:] if sender == "uav" and "/state/" in publish.topic]
+    assert "drone1/state/armed" not in again
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_starting_activator_says_nothing_of_a_drone_before_it_has_read_what_is_retained(signed: bool) -> None:
+    """Its record would replace the one that says who controls the drone, or that of an activator that is live."""
+    world = World(signed=signed).start()
+    world.pass_time(2000)
+    sent = len(world.sent)
+    world.restart_activator(FOG_SESSION + 1)
+    told = [publish.topic for name, publish in world.sent[sent:] if name == "activator"]
+    assert told.index("fog1/reachable") < told.index("fog1/drone1/reachable")

@@ -12,10 +12,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.drone.mavlink import link as mavlink_io
-from mqttxt.drone.mavlink.link import AutopilotAddress, AutopilotLink, _Serial
+from mqttxt.drone.mavlink import transports
+from mqttxt.drone.mavlink.frame_parser import Malformed
+from mqttxt.drone.mavlink.link import AutopilotLink
 from mqttxt.drone.mavlink.repeated_acks import Repeats
-from tests.rigs.mqtt_server import eventually
+from mqttxt.drone.mavlink.transports import AutopilotAddress, Serial
+from tests.rigs.processes import eventually
 from tests.simulation.world import ack, heartbeat
 
 AUTOPILOT = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -42,8 +44,8 @@ class LinkBench:
         self.link = AutopilotLink(address, 1, lambda message: self.heard.append(message.get_type()), self._on_malformed)
         self.sockets: list[socket.socket] = []
 
-    def _on_malformed(self, reason: str) -> None:
-        self.malformed.append(reason)
+    def _on_malformed(self, found: Malformed) -> None:
+        self.malformed.append(found.reason)
 
     def socket(self) -> socket.socket:
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -110,7 +112,7 @@ async def test_a_live_peer_keeps_the_link_and_is_alone_heard(bench: LinkBench, m
     await eventually(lambda: len(bench.malformed) == 2, "refused")
     assert bench.heard == ["HEARTBEAT"]
     assert bench.write() == [True, False]
-    monkeypatch.setattr(mavlink_io, "HEARTBEAT_LOST_MS", 0)  # its heartbeats stay away: it may have a new port
+    monkeypatch.setattr(transports, "HEARTBEAT_LOST_MS", 0)  # its heartbeats stay away: it may have a new port
     forger.send(beat(1))
     await eventually(lambda: len(bench.heard) == 2, "heard")
     assert bench.write() == [False, True]
@@ -129,7 +131,9 @@ async def test_an_acknowledgement_behind_other_messages_is_heard_in_the_same_tur
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
         found.bind(("127.0.0.1", 0))
         port = found.getsockname()[1]
-    link = AutopilotLink(AutopilotAddress("udp", "127.0.0.1", port), 1, on_message, heard.append)
+    link = AutopilotLink(
+        AutopilotAddress("udp", "127.0.0.1", port), 1, on_message, lambda found: heard.append(found.reason)
+    )
     running = asyncio.create_task(link.run())
     await eventually(lambda: link._transport is not None, "it listens")
     autopilot = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -145,7 +149,7 @@ async def test_an_acknowledgement_behind_other_messages_is_heard_in_the_same_tur
 def test_a_device_that_takes_nothing_holds_nobody_up() -> None:
     theirs, ours = os.openpty()
     tty.setraw(ours)
-    line = _Serial(AutopilotAddress("serial", os.ttyname(ours), 57600))
+    line = Serial(AutopilotAddress("serial", os.ttyname(ours), 57600), lambda message, _: message)
     try:
         assert line.write(b"heartbeat")
         assert os.read(theirs, 100) == b"heartbeat"

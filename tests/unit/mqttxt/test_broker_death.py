@@ -17,6 +17,7 @@ from mqttxt.core.effects import Publish
 from mqttxt.protocol.commands import Arm
 from mqttxt.protocol.messages import Word
 from mqttxt.station.outcomes import Outcome
+from tests.examples import first_quick
 from tests.simulation.world import World, ack, heartbeat
 
 ARM = 400
@@ -98,7 +99,7 @@ def instants(link: str, qos: int, drone: int | None) -> int:
 
 
 @pytest.mark.parametrize("drone", [1, None], ids=["one drone", "broadcast"])
-@pytest.mark.parametrize("qos", [1, 0], ids=["qos1", "qos0"])
+@pytest.mark.parametrize("qos", first_quick([1, 0]))
 @pytest.mark.parametrize("link", [FOG, CLOUD])
 def test_one_last_word_at_whatever_instant_a_broker_dies(link: str, qos: int, drone: int | None) -> None:
     for at, fate, away_ms, first in product(range(1, instants(link, qos, drone) + 1), FATES, (300, 8000), ENDS[link]):

@@ -11,11 +11,11 @@ from mqttxt.core.settings import Settings
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.bundles import MAX_DRONES, DroneBundle, FogBundle, drone_bundle, fog_bundles, states_of
 from mqttxt.protocol.codec import MAX_PAYLOAD, decode, encode, layout_of
-from mqttxt.protocol.fields import Integer, Scaled
+from mqttxt.protocol.fields import Binary, Integer, Scaled
 from mqttxt.protocol.messages import Control
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, QodsMessage, Ranked
 from mqttxt.protocol.state_payload import StampedState, decode_state
-from mqttxt.protocol.states import STATES, Armed, Battery, Groundspeed, Heading
+from mqttxt.protocol.states import STATE, Armed, AutopilotText, Battery, Groundspeed, Heading, Severity
 from mqttxt.protocol.values import Encoding
 from tests.simulation.fogs import ActivatorBench, of, ready
 from tests.simulation.world import UAV_SESSION, heartbeat, position
@@ -87,6 +87,14 @@ def test_bundles_are_served_from_topics_and_states_wait_for_each_other() -> None
     bench.tell(Armed(True))  # as before: said again, no news
     assert bundles(bench.until(bench.now_ms + 100)) == []
     assert bundles(bench.until(bench.now_ms + 1000)) == [[(1, "armed")]]
+
+
+def test_a_text_is_in_no_bundle() -> None:
+    bench = ready(controlled=False)
+    bench.register(bundles=True, control=Control.NONE)
+    bench.until(bench.now_ms + 100)
+    assert topics(bench.tell(AutopilotText(Severity.INFO, "Ready"))) == ["fog1/drone1/state/text"]
+    assert bundles(bench.until(bench.now_ms + 1500)) == []
 
 
 def test_no_value_of_a_state_that_comes_once_a_second_is_overtaken_whatever_the_clocks_drift() -> None:
@@ -176,7 +184,7 @@ def test_four_states_of_three_drones_are_less_than_a_mavlink_message_each() -> N
 @pytest.mark.parametrize("encoding", Encoding)
 def test_a_full_bundle_and_the_rankings_of_a_full_fog_fit_into_a_payload(encoding: Encoding) -> None:
     """All states of as many drones as a bundle takes; 250 drones left out, each with its figures and a long reason."""
-    states = [cls(**{f.name: _widest(f.mark) for f in layout_of(cls).fields}) for cls in STATES.values()]
+    states = [cls(**{f.name: _widest(f.mark) for f in layout_of(cls).fields}) for cls in STATE.by_code.values()]
     pairs = [(200 + n, StampedState(state, 60_000, 60_000)) for n in range(MAX_DRONES) for state in states]
     (bundle,) = fog_bundles(pairs)
     figures = {"distance_m": 12_345.6, "arrival_s": 1234.5, "max_groundspeed_m_s": 12.34, "remaining_pct": 88}
@@ -198,4 +206,6 @@ def _widest(mark: Any) -> Any:
     """The value that takes the most bytes."""
     if isinstance(mark, Integer | Scaled):
         return mark.high
+    if isinstance(mark, Binary):
+        return bytes(mark.most)
     return True if mark is bool else list(mark)[-1]

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish, Subscribe
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
@@ -19,6 +20,7 @@ from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import DroneLease
 from mqttxt.protocol.readings import ReadingAck, ReadingKey
 from mqttxt.protocol.topics import FogSide
+from tests.examples import examples
 from tests.simulation.carrying import BOOT, LINK, Way, carried, inbound, reading
 from tests.simulation.world import UAV_SESSION
 
@@ -29,7 +31,7 @@ def way(tmp_path: Path) -> Way:
 
 
 def carrier() -> Carrier:
-    return Carrier(1, LINK, Settings(), FogSide())
+    return Carrier(1, Channel(LINK, "", Settings()), FogSide())
 
 
 def full(made: Carrier, count: int = WINDOW) -> list[Any]:
@@ -50,6 +52,11 @@ def test_a_reading_is_acknowledged_only_once_it_is_stored() -> None:
     assert isinstance(ack, Publish)
     assert (ack.link, ack.topic, ack.qos) == ("sensors", "sensor_ack", 1)
     assert decode(ReadingAck, ack.payload).readings == (ReadingKey(sensor=1, boot=BOOT, seq=3),)
+
+
+def test_the_drones_own_revocation_list_is_no_reading() -> None:
+    made = carrier()
+    assert made.on_message(Inbound("fleet/revoked", b"a list", 1, True, (9, 4)), 0) == [Acknowledge("sensors", (9, 4))]
 
 
 def test_a_reading_that_was_refused_stays_with_its_sensor_and_frees_the_brokers_window() -> None:
@@ -264,7 +271,7 @@ STEPS = {
 """What may happen, and how often beside the others."""
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     steps=st.lists(st.sampled_from([step for step, often in STEPS.items() for _ in range(often)]), min_size=30),
     limit=st.integers(1, 60),

@@ -8,11 +8,12 @@ from itertools import pairwise
 from math import floor
 
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from mqttxt.core import clock as clocks
 from mqttxt.core.clock import MAX_TTL_MS, STAMP_TICK_MS, Beacon, RemoteClock, stamp
+from tests.examples import examples
 
 RHO = Fraction(1, 1000)
 SLOWEST = 1 - 2 * RHO
@@ -49,7 +50,7 @@ def drifting(durations: int) -> st.SearchStrategy[Clock]:
     return st.builds(Clock, starts, st.tuples(*[rates] * durations))
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(drifting(3), drifting(3), instants, ages, ttls)
 @example(Clock(Fraction(0), (1 - RHO,) * 3), Clock(Fraction(0), (1 + RHO,) * 3), Fraction(0), Fraction(0), 1)
 @example(Clock(PPM, (1 + RHO,) * 3), Clock(Fraction(0), (1 - RHO,) * 3), Fraction(0), Fraction(600_000), MAX_TTL_MS)
@@ -68,7 +69,7 @@ def test_one_hop_is_never_late_and_early_by_no_more_than_the_bound(
     assert at_end - deadline < early
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(drifting(2), drifting(2), instants, ages, st.integers(1, 2 * MAX_TTL_MS))
 def test_a_relay_hands_on_no_more_time_than_it_has_left(
     executor: Clock, relay: Clock, transit: Fraction, age: Fraction, left: int
@@ -90,7 +91,7 @@ def test_a_relay_hands_on_no_more_time_than_it_has_left(
     assert at_end - handed_on < (1 + RHO) * transit + (4 * RHO - 2 * RHO**2) / (1 - RHO) * own + 5 - 4 * RHO
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(
     st.tuples(drifting(4), drifting(4), drifting(4)),
     instants,
@@ -123,7 +124,7 @@ def test_over_two_hops_nothing_is_late(
     assert drone_at[4] - second < early
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(drifting(6), drifting(6), st.tuples(*[instants] * 6), st.lists(st.integers(0, 5), max_size=8), ttls)
 def test_of_several_beacons_in_any_order_the_largest_deadline_is_safe(
     executor: Clock, sender: Clock, durations: tuple[Fraction, ...], order: list[int], ttl: int
@@ -144,7 +145,7 @@ def test_of_several_beacons_in_any_order_the_largest_deadline_is_safe(
     assert executor_at[6] + (1 - RHO) * ttl >= best + 1
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(drifting(5), drifting(5), instants, instants, instants, ages, instants)
 def test_the_upper_bound_is_one_and_ages_never_too_small(
     remote: Clock, own: Clock, there: Fraction, held: Fraction, back: Fraction, later: Fraction, aged: Fraction
@@ -169,7 +170,7 @@ def test_the_upper_bound_is_one_and_ages_never_too_small(
         assert 0 <= over < unknown + STAMP_TICK_MS + 7
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(drifting(6), drifting(6), st.tuples(*[instants] * 6), st.lists(st.tuples(*[st.integers(0, 6)] * 3), max_size=6))
 def test_clocks_within_rho_never_contradict_themselves(
     remote: Clock, own: Clock, durations: tuple[Fraction, ...], echoes: list[tuple[int, int, int]]

@@ -19,13 +19,15 @@ from mqttxt.protocol.messages import (
     DroneRecord,
     FogPresence,
     FogResultMessage,
+    Grant,
     Presence,
     Registration,
     ResultMessage,
     Word,
 )
 from mqttxt.protocol.rankings import PsmiMessage, QodsMessage
-from mqttxt.protocol.states import STATES, Armed, Battery
+from mqttxt.protocol.readings import ReadingAck, ReadingKey
+from mqttxt.protocol.states import STATES, Armed, Battery, Mission
 from mqttxt.protocol.values import Encoding
 from mqttxt_conformance import activator, gs, shapes, uav
 from mqttxt_conformance.registry import Broken, Finding, Rule, Verdict, check_all, expect
@@ -43,7 +45,9 @@ MESSAGES = {
     "fog-presence": FogPresence(session=1, up=False),
     "registration": Registration(name="g", session=1, nonce=2, lease_s=30),
     "drone-lease": DroneLease(activator_session=1, drone_session=2, nonce=3, bound=True),
+    "grant": Grant(gs_session=1, drone_session=2, until_ms=3),
     "command": CommandMessage(gs_session=1, seq=2, executor_session=3, limit_s=5, command=Takeoff(10)),
+    "reading-ack": ReadingAck(readings=(ReadingKey(sensor=4, boot=5, seq=6),)),
     "psmi": PsmiMessage(gs_session=1, seq=2, session=3, stamp=4, listed=(), left_out=()),
     "qods": QodsMessage(session=3, stamp=4, ranking=()),
 }
@@ -82,6 +86,21 @@ def test_a_bundle_is_its_states(encoding: Encoding) -> None:
     payload = encode(drone_bundle(states, 7), encoding)
     alone = [(name, shapes.read_state(name, single, relayed=False)) for name, single in shapes.unbundled(payload)]
     assert alone == [("battery", {"stamp": 7, "remaining_pct": 50}), ("armed", {"stamp": 7, "armed": True})]
+
+
+@pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.JSON])
+@pytest.mark.parametrize("mission", [None, bytes(range(16))])
+def test_the_hash_of_a_state_may_be_absent(mission: bytes | None, encoding: Encoding) -> None:
+    payload = encode(drone_bundle((Mission(2, 1, 5, mission),), 7), encoding)
+    ((name, single),) = shapes.unbundled(payload)
+    known = {} if mission is None else {"mission": mission if encoding is Encoding.CBOR else mission.hex()}
+    assert shapes.read_state(name, single, relayed=False) == {
+        "stamp": 7,
+        "current": 2,
+        "reached": 1,
+        "total": 5,
+        **known,
+    }
 
 
 @pytest.mark.parametrize("payload", [b"{}", cbor2.dumps([1]), cbor2.dumps([1, [[99, 1]]]), cbor2.dumps([1, [5]])])

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import socket
+import re
 import subprocess
-import threading
-from collections.abc import AsyncIterator, Hashable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from ssl import PROTOCOL_TLS_SERVER, SSLContext, create_default_context
 from typing import Any
@@ -15,12 +14,16 @@ from typing import Any
 import pytest
 
 from mqttxt import GroundStation
-from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
+from mqttxt.core.effects import Inbound, Subscribe
 from mqttxt.core.mqtt import connection as connection_module
 from mqttxt.core.mqtt import link as mqtt_module
-from mqttxt.core.mqtt.client import CONNECT_THREAD, KEEPALIVE_S
+from mqttxt.core.mqtt.client import KEEPALIVE_S
 from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
-from mqttxt.errors import BrokerRefused, ConfigurationError
+from mqttxt.errors import BrokerRefused, ConfigurationError, FogUnreachable
+from mqttxt.security.authority import Authority
+from mqttxt.security.identity import Identity
+from mqttxt.security.rights import Rights
+from tests.rigs.linked import RECEIVE_MAXIMUM_2, WITH_WILL, Heard, linked, state
 from tests.rigs.mqtt_server import (
     CONNECT,
     DISCONNECT,
@@ -29,67 +32,18 @@ from tests.rigs.mqtt_server import (
     SILENCE,
     SUBSCRIBE,
     Server,
-    eventually,
     numbers,
     publish,
 )
+from tests.rigs.processes import eventually
 
 ALIASES_10 = b"\x22\x00\x0a"
-RECEIVE_MAXIMUM_2 = b"\x21\x00\x02"
-WITH_WILL = b"\x04"
+
+
 PACKETS_OF_200 = b"\x27\x00\x00\x00\xc8"
+
+
 STATES = ("battery", "location", "heading", "groundspeed", "flight_mode")
-
-
-class Heard:
-    """A runner that only notes what it hears."""
-
-    def __init__(self) -> None:
-        self.connections = self.losses = 0
-        self.messages: list[Inbound] = []
-        self.subscribes: list[Subscribe] = []
-        self.acknowledged: list[tuple[Hashable, int]] = []
-        self.counted: list[str] = []
-        self.fails_at: bytes | None = None
-
-    def connected(self, link: str) -> None:
-        self.connections += 1
-
-    def disconnected(self, link: str) -> None:
-        self.losses += 1
-
-    def received(self, link: str, message: Inbound) -> None:
-        if message.payload == self.fails_at:
-            raise RuntimeError("a role's mistake")
-        self.messages.append(message)
-
-    def subscribed(self, subscribe: Subscribe) -> None:
-        self.subscribes.append(subscribe)
-
-    def published(self, link: str, ref: Hashable, code: int) -> None:
-        self.acknowledged.append((ref, code))
-
-    def count(self, kind: str, detail: str) -> None:
-        self.counted.append(kind)
-
-
-@asynccontextmanager
-async def linked(server: Server, scheme: str = "mqtt", **how: Any) -> AsyncIterator[tuple[MqttLink, Heard]]:
-    """A link that is connected to `server`."""
-    heard = Heard()
-    address = BrokerAddress.parse(f"{scheme}://localhost:{server.port}")
-    link = MqttLink("fog", address, "client-1", Will("drone1/reachable", b"down"), heard, **how)
-    running = asyncio.create_task(link.run())
-    try:
-        await eventually(lambda: heard.connections == 1 or running.done(), "connected")
-        yield link, heard
-    finally:
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
-
-
-def state(name: str, payload: bytes = b"\x82\x01\x02", qos: int = 0, ref: Hashable = None) -> Publish:
-    return Publish("fog", f"drone1/state/{name}", payload, qos, ref=ref)
 
 
 async def test_what_is_published_in_one_turn_of_the_event_loop_leaves_in_one_segment() -> None:
@@ -169,6 +123,19 @@ async def test_no_more_is_in_flight_than_the_broker_takes() -> None:
             session.acknowledge(session.of(PUBLISH)[number].publish()[3])
         await eventually(lambda: heard.acknowledged == [(number, 0) for number in range(5)], "all acknowledged")
         assert [packet.publish()[2] for packet in session.of(PUBLISH)] == [bytes([n]) for n in range(5)]
+
+
+async def test_a_broker_that_acknowledges_nothing_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection_module, "MOST_HELD", 10)
+    async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, heard):
+        for number in range(15):
+            link.publish(state("armed", bytes([number]), qos=1, ref=number))
+        assert heard.counted == ["held_up"] * 3
+        (session,) = server.sessions
+        for number in range(12):
+            await eventually(lambda n=number: len(session.of(PUBLISH)) > n, "the next one")  # type: ignore[misc]
+            session.acknowledge(session.of(PUBLISH)[number].publish()[3])
+        await eventually(lambda: heard.acknowledged == [(number, 0) for number in range(12)], "all that waited")
 
 
 async def test_what_the_broker_would_refuse_for_its_length_is_not_sent() -> None:
@@ -262,160 +229,23 @@ async def test_a_broker_that_never_answers_does_not_hold_up_the_event_loop(monke
     silent.close()
 
 
-def test_a_broker_that_never_shakes_hands_does_not_hold_up_the_end() -> None:
-    def connecting() -> list[threading.Thread]:
-        return [thread for thread in threading.enumerate() if thread.name == CONNECT_THREAD]
-
-    async def begin_and_end(port: int) -> None:
-        link = MqttLink("cloud", BrokerAddress("127.0.0.1", port, tls=True), "client-1", None, Heard())
-        running = asyncio.create_task(link.run())
-        await eventually(lambda: connecting() != [], "a thread that connects")
-        running.cancel()
-        await asyncio.wait({running}, timeout=10)
-
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        asyncio.run(begin_and_end(silent.getsockname()[1]))
-        left = connecting()
-        assert left != []
-    for thread in left:  # reset with the listening socket
-        thread.join(10)
-        assert not thread.is_alive()
-
-
-async def test_a_refusal_that_cannot_be_mended_ends_the_link() -> None:
-    async with Server(code=0x86) as server:
-        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard())
-        with pytest.raises(BrokerRefused, match="0x86"):
-            async with asyncio.timeout(10):
-                await link.run()
-
-
-async def test_a_client_that_took_over_is_left_in_peace() -> None:
-    async with Server() as server:
-        heard = Heard()
-        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, heard)
-        running = asyncio.create_task(link.run())
-        await eventually(lambda: heard.connections == 1, "connected")
+async def test_where_messages_are_signed_a_broker_that_says_so_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mqtt_module, "FIRST_PAUSE_S", 0.01)
+    async with Server() as server, linked(server, ends_when_taken_over=False) as (_, heard):
         server.sessions[0].send(b"\xe0\x02\x8e\x00")
-        with pytest.raises(BrokerRefused, match="another client took over"):
-            async with asyncio.timeout(10):
-                await running
-        assert len(server.sessions) == 1
+        await eventually(lambda: heard.connections == 2, "connected again")
 
 
-@pytest.mark.parametrize("turns", range(8))
-@pytest.mark.parametrize("end", ["cancelled", "closed"])
-async def test_an_end_is_not_lost_that_comes_with_the_connack(
-    end: str, turns: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """However many turns of the event loop lie between the broker's answer and the end."""
-    answered = asyncio.Event()
-    on_connect = connection_module.Connection._on_connect
-
-    def notes(self: connection_module.Connection, *args: Any) -> None:
-        on_connect(self, *args)
-        answered.set()
-
-    monkeypatch.setattr(connection_module.Connection, "_on_connect", notes)
-    async with Server() as server:
-        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard())
-        running = asyncio.create_task(link.run())
-        await answered.wait()
-        for _ in range(turns):
-            await asyncio.sleep(0)
-        if end == "cancelled":
-            running.cancel()
-        else:
-            await link.close()
-        done, _ = await asyncio.wait({running}, timeout=10)
-        running.cancel()
-        assert done, "goes on"
-        assert running.cancelled() == (end == "cancelled")
-        await eventually(lambda: server.sessions[0].ended, "the end")
-        assert [packet.kind for packet in server.sessions[0].packets] == [CONNECT, DISCONNECT]
-
-
-async def test_a_clean_end_waits_for_its_last_words_to_be_acknowledged() -> None:
-    async with Server(acknowledges=False) as server, linked(server) as (link, _):
-        (session,) = server.sessions
-        link.publish(Publish("fog", "drone1/reachable", b"down", 1, retain=True))
-        closing = asyncio.create_task(link.close())
-        await eventually(lambda: len(session.of(PUBLISH)) == 1, "the last word")
-        assert session.of(DISCONNECT) == []
-        session.acknowledge(session.of(PUBLISH)[0].publish()[3])
-        await closing
-        await eventually(lambda: session.ended, "the end")
-        assert [packet.kind for packet in session.packets] == [CONNECT, PUBLISH, DISCONNECT]
-
-
-async def test_a_clean_end_is_told_though_messages_wait_that_nobody_will_read() -> None:
-    """A socket that is closed over unread bytes is reset, and its broker publishes the will."""
-    async with Server() as server, linked(server) as (link, _):
-        (session,) = server.sessions
-        session.send(publish("drone1/commands", b"x" * 100) * 2000)
-        await link.close()
-        await eventually(lambda: session.ended, "the end")
-        assert [packet.kind for packet in session.packets] == [CONNECT, DISCONNECT]
-        assert not session.was_reset
-
-
-async def test_a_last_word_that_the_broker_leaves_no_room_for_is_the_wills() -> None:
-    async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, _):
-        (session,) = server.sessions
-        for number in range(2):
-            link.publish(Publish("fog", f"drone{number}/reachable", b"up", 1, retain=True))
-        link.publish(Publish("fog", "drone1/reachable", b"down", 1, retain=True))
-        await link.close()
-        await eventually(lambda: session.ended, "the end")
-        assert [packet.kind for packet in session.packets] == [CONNECT, PUBLISH, PUBLISH, DISCONNECT]
-        assert session.packets[-1].body == WITH_WILL
-
-
-async def test_who_ends_without_a_clean_stop_leaves_the_last_word_to_the_will() -> None:
-    async with Server() as server:
-        async with linked(server):
-            (session,) = server.sessions
-        await eventually(lambda: session.ended, "the end")
-        assert [(packet.kind, packet.body) for packet in session.packets[1:]] == [(DISCONNECT, WITH_WILL)]
-
-
-async def test_a_broker_that_takes_no_bytes_ends_no_role_with_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mqtt_module, "GOODBYE_S", 0.1)
-    async with Server() as server:
-        heard = Heard()
-        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, heard)
-        running = asyncio.create_task(link.run())
-        await eventually(lambda: heard.connections == 1, "connected")
-        server.sessions[0].reads.clear()
-        async with asyncio.timeout(20):
-            while "held_up" not in heard.counted:
-                link.publish(state("location", bytes(15_000)))
-                await asyncio.sleep(0)
-        await link.close()
-        await asyncio.wait({running}, timeout=10)
-        assert running.done()
-        assert running.exception() is None
-
-
-async def test_a_broker_that_takes_no_bytes_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connection_module, "MOST_HELD", 10)
-    async with Server() as server, linked(server) as (link, heard):
-        (session,) = server.sessions
-        session.reads.clear()
-        link.publish(state("battery"))  # the server's reader is inside its read until this has come
-        await eventually(lambda: len(session.of(PUBLISH)) == 1, "the first message")
-        sent = 0
-        async with asyncio.timeout(20):
-            while "held_up" not in heard.counted:
-                link.publish(state("location", sent.to_bytes(4, "big") + bytes(15_000)))
-                sent += 1
-                await asyncio.sleep(0)
-        session.reads.set()
-        await eventually(lambda: len(session.of(PUBLISH)) == sent, "all that were not dropped")
-        link.publish(state("heading"))
-        await eventually(lambda: session.of(PUBLISH)[-1].publish()[0].endswith("heading"), "the next one")
-        assert heard.counted == ["held_up"]
-        assert heard.losses == 0
+def test_a_client_id_is_a_secret_where_nodes_have_identities(tmp_path: Path) -> None:
+    """Another member of the fleet cannot take it over; only a session that outlives its client keeps its id."""
+    identity = Identity.load(Authority.create(tmp_path / "acme", "acme").issue("drone1"))
+    broker = BrokerAddress("localhost", 1, tls=True)
+    ids = [MqttLink("fog", broker, "drone1", None, Heard(), identity=identity)._client_id for _ in range(2)]
+    assert all(re.fullmatch("drone1-[0-9a-f]{16}", each) for each in ids)
+    assert len(set(ids)) == 2
+    kept = MqttLink("sensors", broker, "drone1", None, Heard(), identity=identity, session_expiry_s=3600)
+    plain = MqttLink("fog", BrokerAddress("localhost", 1), "drone1", None, Heard())
+    assert kept._client_id == plain._client_id == "drone1"
 
 
 @contextmanager
@@ -467,6 +297,41 @@ async def test_a_certificate_that_nobody_vouches_for_is_not_talked_to(
             assert (heard.connections, server.sessions, running.done()) == (0, [], False)
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
+
+
+async def test_a_connection_to_a_broker_that_is_revoked_by_now_is_given_up(tmp_path: Path) -> None:
+    acme = Authority.create(tmp_path / "acme", "acme")
+    broker, identity = acme.issue("broker-cloud"), Identity.load(acme.issue("drone1"))
+    context = SSLContext(PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(broker / "certificate.pem", broker / "identity.pem")
+    async with Server(tls=context) as server, linked(server, "mqtts", identity=identity) as (link, heard):
+        link.check_broker()
+        assert heard.losses == 0
+        acme.revoke("broker-cloud")
+        assert identity.fleet.take(acme.fleet.revoked)
+        link.check_broker()
+        await eventually(lambda: heard.losses == 1, "given up")
+        await eventually(lambda: link.failure == "its certificate (broker-cloud) is revoked", "and not connected again")
+        assert heard.connections == 1
+
+
+async def test_a_broker_that_does_not_show_the_list_is_named(tmp_path: Path) -> None:
+    acme = Authority.create(tmp_path / "acme", "acme")
+    broker, own = acme.issue("broker-cloud"), acme.issue("gs-ops", Rights(observe=True))
+    context = SSLContext(PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(broker / "certificate.pem", broker / "identity.pem")
+    async with Server(tls=context) as server:
+        async with GroundStation(f"mqtts://localhost:{server.port}", identity=own) as station:
+            with pytest.raises(FogUnreachable, match=r"does not show the revocation list.*`mqttxt broker`.*waited 2 s"):
+                await station.share_list(2)
+        topics = [session.of(PUBLISH) for session in server.sessions]
+        assert any(b"fleet/revoked" in packet.body for packet in topics[0])
+    async with GroundStation("mqtts://localhost:1", identity=own) as station:
+        with pytest.raises(FogUnreachable, match="no connection"):
+            await station.share_list(0.1)
+    async with GroundStation("mqtt://localhost:1") as plain:
+        with pytest.raises(ConfigurationError, match="share_list: expected a station with an identity"):
+            await plain.share_list()
 
 
 @pytest.mark.parametrize("code", [0x80, 0x83, 0x91, 0x97])

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from mqttxt.core.effects import Inbound, Publish
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Transmit
 from mqttxt.drone.mavlink.sources import Source
+from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Hold, Offboard, Velocity
 from mqttxt.protocol.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
@@ -176,6 +179,52 @@ def test_a_takeover_names_the_epoch_that_was_seen_and_is_asked_for_once() -> Non
     assert (taken.control, taken.epoch, taken.drones) == (Control.TAKE, 4, (1,))
     (renewal,) = registrations(bench.until(bench.now_ms + 10_100))
     assert (renewal.control, renewal.epoch, renewal.drones) == (Control.WANT, None, None)
+
+
+def test_a_watcher_claims_single_drones_and_gives_them_up() -> None:
+    bench = StationBench(control=False)
+    (claimed,) = registrations(bench.role.claim(1, 2, True, bench.now_ms))
+    assert (claimed.control, claimed.drones) == (Control.WANT, (2,))
+    assert bench.role.claim(1, 2, True, bench.now_ms) == []
+    bench.role.claim(1, 1, True, bench.now_ms)
+    (taken,) = registrations(bench.role.take_over(1, (2,), bench.now_ms))
+    assert (taken.control, taken.drones) == (Control.TAKE, (2,))
+    (renewal,) = registrations(bench.until(bench.now_ms + 10_100))
+    assert (renewal.control, renewal.drones) == (Control.WANT, (1, 2))
+    for drone in (1, 2):
+        (released,) = registrations(bench.role.claim(1, drone, False, bench.now_ms))
+    assert (released.control, released.drones) == (Control.NONE, None)
+
+
+def test_a_station_that_wants_all_claims_none() -> None:
+    bench = StationBench()
+    with pytest.raises(ConfigurationError, match="control=False"):
+        bench.role.claim(1, 2, True, bench.now_ms)
+
+
+def test_what_is_claimed_before_the_fog_is_there_is_registered_with_it() -> None:
+    role = StationRole("w", 3, Settings(), control=False)
+    role.add_fogs([1])
+    assert role.claim(1, 2, True, 0) == []
+    message = decode(Registration, role.fogs[1].registration(0).payload)
+    assert (message.control, message.drones) == (Control.WANT, (2,))
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_claimed_drone_is_controlled_until_it_is_released(signed: bool) -> None:
+    world = World(signed=signed)
+    world.gs = StationRole("g", GS_SESSION, world.settings, control=False, seal=world.gs._channel.seal)
+    world.start()
+    world.pass_time(11_000)
+    assert not world.gs.fogs[1].controls(1)
+    world.run("gs", world.gs.claim(1, 1, True, world.now_ms))
+    assert world.gs.fogs[1].controls(1)
+    world.pass_time(65_000)
+    assert world.gs.fogs[1].controls(1)
+    assert world.uav.is_controlled(world.now_ms)
+    world.run("gs", world.gs.claim(1, 1, False, world.now_ms))
+    assert not world.gs.fogs[1].controls(1)
+    assert not world.uav.is_controlled(world.now_ms)
 
 
 def test_commands_carry_the_newest_epoch_of_their_fog() -> None:

@@ -3,31 +3,40 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import signal
 import subprocess
 import sys
-import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from mqttxt.core import embedded_broker as broker_module
+from mqttxt.core import mosquitto
 from mqttxt.core.embedded_broker import EmbeddedBroker
 from mqttxt.errors import ConfigurationError
+from mqttxt.security.authority import Authority
+from tests.rigs.processes import free_port, listens, wait_until
 
 RUN_BROKER = """
 import asyncio, sys
+from pathlib import Path
 from mqttxt.core.embedded_broker import EmbeddedBroker
-asyncio.run(EmbeddedBroker("127.0.0.1", 18830, program=sys.argv[1]).run())
+from mqttxt.security.broker import BrokerFiles
+_, program, port, *identity = sys.argv
+files = BrokerFiles(Path(*identity)) if identity else None
+asyncio.run(EmbeddedBroker("127.0.0.1", int(port), program=program, files=files).run())
 """
-
-
-def wait_for(condition: object, limit_s: float = 20.0) -> None:
-    deadline = time.monotonic() + limit_s
-    while not condition():  # type: ignore[operator]
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+BECOMES_ANOTHER = """#!{python}
+import os, pathlib, time
+pathlib.Path({told!r}).write_text(str(os.getpid()))
+os.setuid({other})
+time.sleep(600)
+"""
+NOBODY = 65534
 
 
 def runs(pid: int) -> bool:
@@ -38,23 +47,74 @@ def runs(pid: int) -> bool:
         return False
 
 
+@contextlib.contextmanager
+def running(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A role of its own that runs an embedded broker."""
+    role = subprocess.Popen([sys.executable, "-c", RUN_BROKER, *arguments])
+    try:
+        yield role
+    finally:
+        role.kill()
+        role.wait()
+
+
+def ends_with(role: subprocess.Popen[bytes], broker: int) -> None:
+    """Kill the role; its broker has to end, too."""
+    os.kill(role.pid, signal.SIGKILL)
+    role.wait()
+    wait_until(lambda: not runs(broker), "the broker ended, too")
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="prctl(2) is Linux's")
 def test_the_broker_of_a_killed_role_does_not_live_on_and_hold_its_port(tmp_path: Path) -> None:
     told = tmp_path / "pid"
     program = tmp_path / "mosquitto"
     program.write_text(f"#!/bin/sh\necho $$ > {told}\nexec sleep 600\n")
     program.chmod(0o755)
-    role = subprocess.Popen([sys.executable, "-c", RUN_BROKER, str(program)])
-    try:
-        wait_for(lambda: told.exists() and told.read_text().strip())
+    with running(str(program), "18830") as role:
+        wait_until(lambda: told.exists() and told.read_text().strip(), "the broker runs")
         broker = int(told.read_text())
         assert runs(broker)
-        os.kill(role.pid, signal.SIGKILL)
-        role.wait()
-        wait_for(lambda: not runs(broker))
-    finally:
-        role.kill()
-        role.wait()
+        ends_with(role, broker)
+
+
+@pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="root's Mosquitto alone becomes another user")
+def test_roots_broker_that_becomes_another_user_ends_with_a_killed_role(tmp_path: Path) -> None:
+    """Changing its user rids it of the signal that its parent's end sends (prctl(2))."""
+    told = tmp_path / "pid"
+    program = tmp_path / "mosquitto"
+    program.write_text(BECOMES_ANOTHER.format(python=sys.executable, other=NOBODY, told=str(told)))
+    program.chmod(0o755)
+    with running(str(program), "18830") as role:
+        wait_until(lambda: told.exists() and told.read_text(), "the broker runs")
+        broker = int(told.read_text())
+        wait_until(lambda: _owner(broker) == NOBODY, "it is another user's")
+        ends_with(role, broker)
+
+
+@pytest.mark.skipif(mosquitto.find() is None or os.geteuid() != 0, reason="takes root, and a Mosquitto on this machine")
+@pytest.mark.parametrize("owner", [None, 0, NOBODY], ids=["plain", "root's key", "another's key"])
+def test_a_real_mosquitto_of_root_ends_with_a_killed_role(tmp_path: Path, owner: int | None) -> None:
+    identity: list[str] = []
+    if owner is not None:
+        folder = Authority.create(tmp_path / "acme", "acme").issue("broker-fog1")
+        for path in (folder, *folder.iterdir()):
+            os.chown(path, owner, owner)
+        for path in folder.parents:
+            if path.stat().st_mode & 0o5 != 0o5:
+                path.chmod(0o755)
+        identity = [str(folder)]
+    port = free_port()
+    with running(str(mosquitto.find()), str(port), *identity) as role:
+        wait_until(lambda: listens(port), "the broker listens")
+        children = map(int, Path(f"/proc/{role.pid}/task/{role.pid}/children").read_text().split())
+        (broker,) = (child for child in children if Path(f"/proc/{child}/comm").read_text() == "mosquitto\n")
+        wait_until(lambda: (_owner(broker) == 0) is (owner == 0), "it is who it is to be")
+        ends_with(role, broker)
+
+
+def _owner(pid: int) -> int:
+    return Path(f"/proc/{pid}").stat().st_uid
 
 
 class Lives:
@@ -118,6 +178,46 @@ async def test_a_broker_that_is_killed_before_it_runs_comes_back(tmp_path: Path)
 @pytest.mark.usefixtures("impatient")
 async def test_a_broker_that_ran_is_tried_again_while_something_holds_its_port(tmp_path: Path) -> None:
     await Lives(tmp_path, f"{Lives.RUNS}; {Lives.KILLED}", Lives.TAKEN, Lives.TAKEN).run(until=4)
+
+
+class Files:
+    """What a broker's identity writes, without one."""
+
+    is_list_readable = True
+
+    def write(self, out: Path, host: str, port: int, newest: object = None) -> Path:
+        return out / "mosquitto.conf"
+
+    def write_access(self, out: Path, newest: object = None) -> None:
+        """Nothing."""
+
+
+@pytest.fixture
+def sighup_is_heard() -> Iterator[None]:
+    """Below nohup it is ignored, and a shell cannot trap it then."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("sighup_is_heard")
+async def test_a_broker_that_is_still_starting_is_told_of_a_newer_list_once_it_runs(tmp_path: Path) -> None:
+    """Mosquitto without a handler is ended by SIGHUP."""
+    lives = Lives(tmp_path, f"sleep 0.5; trap 'touch {tmp_path}/hup' HUP; {Lives.RUNS}; while :; do sleep 0.05; done")
+    files: Any = Files()
+    broker = EmbeddedBroker("127.0.0.1", 18830, program=str(lives.program), files=files)
+    running = asyncio.create_task(broker.run())
+    try:
+        while lives.begun < 1 and not running.done():
+            await asyncio.sleep(0.01)
+        broker.reload()
+        while not (tmp_path / "hup").exists() and not running.done():
+            await asyncio.sleep(0.01)
+        assert not running.done(), running
+        assert lives.begun == 1
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
 
 
 @pytest.mark.parametrize("how", [Lives.TAKEN, f"{Lives.SLOW}; {Lives.TAKEN}"], ids=["at once", "on a slow machine"])

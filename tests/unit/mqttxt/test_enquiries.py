@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.drone.enquiries import Enquiries
 from mqttxt.drone.mavlink.vehicle import Vehicle
+from mqttxt.protocol.plans import PlanList
 from tests.simulation.world import from_autopilot, heartbeat, home, landed, position
 
 
@@ -88,3 +90,16 @@ def test_an_autopilot_that_was_away_is_asked_for_what_it_does_not_send_any_more(
     asked = _asked(enquiries, vehicle, 12_000)
     assert mavlink.MAVLINK_MSG_ID_SYS_STATUS in asked
     assert mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE not in asked
+
+
+@pytest.mark.parametrize(("kind", "tells_of_fence"), [(12, False), (mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, True)])
+def test_the_progress_of_a_plan_is_asked_for_once_the_plan_was_read(kind: int, tells_of_fence: bool) -> None:
+    vehicle = Vehicle(1)
+    vehicle.update(heartbeat(kind=kind), 0)
+    enquiries = Enquiries(vehicle)
+    progress = {mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, mavlink.MAVLINK_MSG_ID_FENCE_STATUS}
+    _asked(enquiries, vehicle, 0)
+    assert not _asked(enquiries, vehicle, 4000) & progress
+    vehicle.mission.hashes.update(dict.fromkeys(PlanList, bytes(16)))
+    wanted = progress if tells_of_fence else {mavlink.MAVLINK_MSG_ID_MISSION_CURRENT}
+    assert _asked(enquiries, vehicle, 5000) & progress == wanted

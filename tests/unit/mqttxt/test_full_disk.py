@@ -8,17 +8,18 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from mqttxt.core import disk as disks
 from mqttxt.drone import journal as journals
 from mqttxt.drone.commands import Unfinished
 from mqttxt.drone.effects import Journal
 from mqttxt.drone.journal import MOST_DELIVERED, MOST_OUTDATED, JournalFile
 from mqttxt.protocol.messages import CommandId, Word
+from tests.rigs.faulty_disk import FaultyDisk
 from tests.rigs.small_disk import SmallDisk
 
 
@@ -78,13 +79,14 @@ def test_a_last_word_that_a_full_disk_did_not_take_is_written_with_the_next_reco
 def test_a_client_is_started_on_a_full_disk_and_records_once_there_is_room(disk: SmallDisk, was_there: bool) -> None:
     path = disk.folder / "journal"
     if was_there:
+        path.touch()
         before = JournalFile(path)
         before.record(opened(1))
         before.close()
     disk.fill(to_the_brim=True)
     journal = JournalFile(path)
     assert ids(journal.unfinished) == ([1] if was_there else [])
-    assert journal.is_new is not was_there
+    assert journal.has_gap is not was_there
     if not was_there:
         with pytest.raises(OSError, match=r"."):
             journal.record(opened(2))
@@ -125,45 +127,6 @@ def test_a_file_system_that_syncs_no_folder_is_good_enough(tmp_path: Path, monke
     assert ids(JournalFile(tmp_path / "journal").unfinished) == [1]
 
 
-class FaultyDisk:
-    """What the journal asks of the system, on a disk that fails as it is told: one answer for each call.
-
-    A sync that fails loses what was written since the last one; so does a power loss.
-    """
-
-    def __init__(self, faults: Iterator[str]) -> None:
-        self.faults = faults
-        self.synced: dict[int, int] = {}
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(os, name)
-
-    def open(self, path: Any, flags: int, mode: int = 0o777) -> int:
-        self._may_fail("open")
-        file = os.open(path, flags, mode)
-        self.synced[file] = os.fstat(file).st_size
-        return file
-
-    def write(self, file: int, data: Any) -> int:
-        fault = next(self.faults)
-        if fault == "partly":
-            return os.write(file, data[: max(1, len(data) // 2)])
-        if fault == "write":
-            raise OSError(errno.ENOSPC, "full")
-        return os.write(file, data)
-
-    def fsync(self, file: int) -> None:
-        if next(self.faults) == "sync":
-            if not os.path.isdir(f"/proc/self/fd/{file}"):
-                os.truncate(f"/proc/self/fd/{file}", self.synced[file])
-            raise OSError(errno.EIO, "lost")
-        self.synced[file] = os.fstat(file).st_size
-
-    def _may_fail(self, what: str) -> None:
-        if next(self.faults) == what:
-            raise OSError(errno.EIO, what)
-
-
 FAULTS = st.sampled_from(["", "", "", "", "partly", "write", "sync", "open"])
 RECORDS = st.lists(st.tuples(st.integers(1, 4), st.sampled_from(["open", "said", "done", "restart"])), max_size=20)
 
@@ -187,7 +150,9 @@ def test_what_was_said_to_be_recorded_is_there_whatever_failed_before_and_after(
 
     must_have: dict[int, set[Word | None]] = {}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(journals, "os", FaultyDisk(told()))
+        faulty = FaultyDisk(told())
+        patch.setattr(journals, "os", faulty)
+        patch.setattr(disks, "os", faulty)
         journal = JournalFile(path)
         for seq, what in records:
             command_id = CommandId(1, seq)

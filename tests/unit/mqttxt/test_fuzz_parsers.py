@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mqttxt.cli.broker import address_of
@@ -19,12 +19,13 @@ from mqttxt.core.effects import Publish, Subscribe
 from mqttxt.core.mqtt.link import BrokerAddress
 from mqttxt.core.settings import Settings
 from mqttxt.drone.journal import JournalFile
-from mqttxt.drone.mavlink.link import AutopilotAddress
+from mqttxt.drone.mavlink.transports import AutopilotAddress
 from mqttxt.drone.role import UavClient
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.commands import COMMANDS
 from mqttxt.protocol.topics import check_prefix, check_station_name
 from mqttxt.protocol.values import Encoding
+from tests.examples import examples
 from tests.simulation.strategies import PLAIN
 
 
@@ -73,7 +74,7 @@ def refused(parse: Callable[..., Any], *arguments: Any) -> str | None:
 
 
 @pytest.mark.parametrize("parse", PARSERS, ids=lambda parse: getattr(parse, "__qualname__", str(parse)))
-@settings(deadline=None, max_examples=200)
+@examples(200)
 @given(text=TEXTS)
 @example(text="mqtt://a..b:1883")
 @example(text="mqtt://" + "a" * 64)
@@ -120,7 +121,6 @@ RECORDS = st.fixed_dictionaries(
 LINES = RECORDS.map(json.dumps).map(str.encode) | PLAIN.map(repr).map(str.encode) | st.binary(max_size=40)
 
 
-@settings(deadline=None)
 @given(lines=st.lists(LINES, max_size=6), how=st.sampled_from(Encoding))
 @example(lines=[b"[" * 100_000], how=Encoding.CBOR)
 @example(lines=[b'{"gs_session": ' + b"9" * 5000 + b"}"], how=Encoding.CBOR)

@@ -36,8 +36,8 @@ FOG = 0x22
 class StationBench:
     """A ground station whose fog is this test."""
 
-    def __init__(self, qos: int = 1, registered: bool = True) -> None:
-        self.role = StationRole("alpha", GS_SESSION, Settings(qos=qos))
+    def __init__(self, qos: int = 1, registered: bool = True, control: bool = True) -> None:
+        self.role = StationRole("alpha", GS_SESSION, Settings(qos=qos), control=control)
         self.now_ms = 10_000
         self.role.add_fogs([1])
         self.subscribes = [e for e in self.role.on_connected("cloud", self.now_ms) if isinstance(e, Subscribe)]
@@ -70,6 +70,23 @@ class StationBench:
     def result(self, word: Word, seq: int = 1, **changed: Any) -> list[Any]:
         message = ResultMessage(gs_session=GS_SESSION, seq=seq, session=5, stamp=1, word=word, **changed)
         return [(o.word, o.settled) for o in self.hear("drone1/commands_result/arm", message) if isinstance(o, Outcome)]
+
+
+def test_a_station_of_no_fog_says_nothing_of_itself() -> None:
+    """One that only brings a revocation list: it may share its name with another session, in a fleet that signs."""
+    role = StationRole("alpha", GS_SESSION, Settings())
+    assert role.on_connected("cloud", 0) == role.tick(2000) == role.on_identity(2000) == role.goodbye(2000) == []
+    own, fog = role.add_fogs([1])
+    assert isinstance(own, Subscribe)
+    assert own.filters == ("gs/alpha/reachable",)
+    assert isinstance(fog, Subscribe)
+    assert fog.ref == 1
+    (birth,) = role.on_subscribed(own, 3000)
+    assert isinstance(birth, Publish)
+    assert decode(Presence, birth.payload) == Presence(session=GS_SESSION, up=True)
+    (more,) = role.add_fogs([2])
+    assert isinstance(more, Subscribe)
+    assert more.ref == 2
 
 
 def test_it_registers_after_the_suback_and_not_before() -> None:

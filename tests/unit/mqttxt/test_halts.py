@@ -112,6 +112,39 @@ def test_where_every_source_is_taken_the_first_acknowledgement_is_the_older_hold
     assert said(bench.hear(halt_ack(source=HALTING[-1])))[0] == (3, *ACCEPTED)
 
 
+LAST = HALTING[-1]
+
+
+def sharing(state: int = IN_AIR) -> Bench:
+    """A bench on which holds 2 and 3 were written by the same component."""
+    bench = flying(state)
+    for seq in range(4):
+        bench.start(seq, Hold())
+    return bench
+
+
+def test_a_refusal_is_not_the_older_holds_where_the_newer_one_may_have_drawn_it() -> None:
+    """The acknowledgement of the older one was lost: that it was denied would be a false no."""
+    bench = sharing()
+    heard = bench.hear(halt_ack(REJECTED, LAST)) + bench.until(10_000)
+    words = {seq: word for seq, word, _ in said(heard)}
+    assert words[2] is words[3] is Word.UNCONFIRMED
+
+
+def test_holds_that_share_a_component_are_denied_once_every_copy_of_both_was() -> None:
+    bench = sharing()
+    assert said(bench.hear(halt_ack(REJECTED, LAST))) == []
+    found = said(bench.hear(halt_ack(REJECTED, LAST)))
+    assert found == [(seq, Word.DENIED, "temporarily_rejected") for seq in (2, 3)]
+
+
+def test_a_refusal_behind_the_older_holds_acceptance_is_not_its_second_acknowledgement() -> None:
+    bench = sharing(ON_GROUND)
+    assert said(bench.hear(ack(MODE, source=LAST)))[0] == (2, *ACCEPTED)
+    words = said(bench.hear(ack(MODE, REJECTED, source=LAST)))
+    assert (2, Word.FAILED) not in [(seq, word) for seq, word, _ in words]
+
+
 def test_the_late_acknowledgement_of_an_older_hold_is_not_taken_for_the_newer() -> None:
     bench = flying()
     for seq in range(3):

@@ -18,7 +18,7 @@ from mqttxt.errors import ConfigurationError
 from mqttxt.security.authority import MEMBERS_FILE, Authority, hosts_of
 from mqttxt.security.certificate import Certificate
 from mqttxt.security.fleet import Fleet
-from mqttxt.security.identity import Identity
+from mqttxt.security.identity import Identity, read_certificate
 from mqttxt.security.names import Kind, NodeName
 from mqttxt.security.rights import Rights, command_right, parse_numbers, write_numbers
 from mqttxt.security.trusted_time import TrustedTime
@@ -63,7 +63,7 @@ def test_another_name_is_refused(text: str) -> None:
         NodeName.parse(text)
 
 
-@given(st.builds(Rights, st.none() | st.frozensets(st.integers(1, 250)), st.booleans(), st.booleans()))
+@given(st.builds(Rights, st.none() | st.frozensets(st.integers(1, 250)), st.booleans(), st.booleans(), st.booleans()))
 def test_rights_survive_their_certificate(rights: Rights) -> None:
     assert Rights.of_uris(rights.uris()) == rights
 
@@ -192,8 +192,10 @@ def test_the_highest_revocation_list_counts_and_is_kept(acme: Authority, tmp_pat
         acme.issue(name)
         acme.revoke(name)
         lists.append(acme.fleet.revoked.der)
-    assert [drone.fleet.replace(der) for der in (lists[2], lists[1], lists[0], lists[2])] == [True, False, False, False]
+    taken = [drone.fleet.take(drone.fleet.read(lists[at])) for at in (2, 1, 0, 2)]
+    assert taken == [True, False, False, False]
     assert drone.fleet.revoked.number == 3
+    drone.fleet.keep()
     assert Fleet.load(folder).revoked == drone.fleet.revoked
     theirs = Authority.create(tmp_path / "theirs", "acme")
     theirs.issue("gs-a")
@@ -202,7 +204,7 @@ def test_the_highest_revocation_list_counts_and_is_kept(acme: Authority, tmp_pat
         theirs.revoke("gs-a")
     for wrong in (theirs.fleet.revoked.der, b"", b"-----BEGIN X509 CRL-----", lists[2][:-1]):
         with pytest.raises(ConfigurationError, match=r"^revocation list: "):
-            drone.fleet.replace(wrong)
+            drone.fleet.read(wrong)
     assert drone.fleet.revoked.number == 3
 
 
@@ -213,22 +215,60 @@ def test_an_older_list_that_was_put_into_the_folder_counts_after_no_restart(acme
     acme.revoke("gs-a")
     drone = Identity.load(folder)
     (folder / "revoked.pem").write_bytes(older)
-    drone.fleet.read_again()
+    assert not drone.fleet.take(drone.fleet.in_folder())
+    drone.fleet.keep()
     assert drone.fleet.revoked.number == 2
-    assert Fleet.load(folder).revoked == drone.fleet.revoked
+    assert (folder / "revoked.pem").read_bytes() == drone.fleet.revoked.pem()
 
 
-def test_a_list_that_cannot_be_kept_is_not_taken(acme: Authority) -> None:
+def test_an_older_list_that_was_put_back_while_the_node_was_stopped_does_not_count(acme: Authority) -> None:
+    folder = acme.issue("drone3")
+    older = (folder / "revoked.pem").read_bytes()
+    acme.issue("gs-a")
+    acme.revoke("gs-a")
+    Identity.load(folder).fleet.keep()
+    (folder / "revoked.pem").write_bytes(older)
+    started = Identity.load(folder)
+    assert started.fleet.revoked.number == 2
+    assert started.fleet.verify(next(each for each in acme.issued() if each.name == "gs-a"), now_s()) == "revoked"
+    started.fleet.keep()
+    assert (folder / "revoked.pem").read_bytes() == started.fleet.revoked.pem()
+
+
+def test_a_list_that_cannot_be_kept_counts_and_is_kept_later(acme: Authority) -> None:
     folder = acme.issue("drone3")
     drone = Identity.load(folder)
     acme.issue("gs-a")
     acme.revoke("gs-a")
     moved = folder.rename(folder.with_name("elsewhere"))
+    assert drone.fleet.take(acme.fleet.revoked)
     with pytest.raises(ConfigurationError, match="expected to be able to write it"):
-        drone.fleet.replace(acme.fleet.revoked.der)
-    assert drone.fleet.revoked.number == 1
+        drone.fleet.keep()
     moved.rename(folder)
-    assert drone.fleet.replace(acme.fleet.revoked.der)
+    drone.fleet.keep()
+    assert Fleet.load(folder).revoked.number == 2
+
+
+def test_a_kept_list_of_another_fleet_is_named(acme: Authority, tmp_path: Path) -> None:
+    folder = acme.issue("drone3")
+    theirs = Authority.create(tmp_path / "theirs", "theirs")
+    (folder / "newest.pem").write_bytes(theirs.fleet.revoked.pem())
+    with pytest.raises(ConfigurationError, match=r"newest.pem: not signed by this fleet's authority"):
+        Identity.load(folder)
+
+
+def test_an_authority_that_was_restored_goes_on_from_a_nodes_newest_list(acme: Authority) -> None:
+    restored = (acme.folder / "revoked.pem").read_bytes()
+    folder = acme.issue("drone3")
+    for name in ("gs-a", "gs-b"):
+        acme.issue(name)
+    acme.revoke("gs-a")
+    Identity.load(folder).fleet.keep()
+    (acme.folder / "revoked.pem").write_bytes(restored)
+    (acme.folder / "revoked.pem").write_bytes((folder / "newest.pem").read_bytes())
+    again = Authority.load(acme.folder)
+    again.revoke("gs-b")
+    assert (again.fleet.revoked.number, len(again.fleet.revoked.serials)) == (3, 2)
 
 
 # An identity's folder.
@@ -343,11 +383,53 @@ def test_no_folder() -> None:
 
 def test_a_clock_at_1970_is_that_of_the_revocation_list(acme: Authority) -> None:
     identity = Identity.load(acme.issue("drone3"), system=lambda: 12.0)
-    assert identity.time.now_s() == acme.fleet.revoked.this_update_s
+    assert identity.time.now_s() == pytest.approx(acme.fleet.revoked.this_update_s, abs=60)
     acme.issue("gs-a")
     acme.revoke("gs-a")
-    identity.fleet.replace(acme.fleet.revoked.der)
-    assert identity.time.now_s() == acme.fleet.revoked.this_update_s
+    identity.fleet.take(acme.fleet.revoked)
+    assert identity.time.now_s() == pytest.approx(acme.fleet.revoked.this_update_s, abs=60)
+
+
+class Uptime:
+    """Seconds since a machine's start."""
+
+    def __init__(self) -> None:
+        self.now_s = 40.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_without_a_clock_time_goes_on_and_a_certificate_ends_in_flight(acme: Authority) -> None:
+    folder = acme.issue("gs-a", Rights(None), days=1)
+    uptime = Uptime()
+    clockless = TrustedTime(folder, acme.fleet, system=lambda: 12.0, running=uptime)
+    certificate = read_certificate(folder / "certificate.pem")
+    assert clockless.verify(certificate) is None
+    uptime.now_s += 2 * DAY_S
+    assert clockless.verify(certificate) == "expired"
+    clockless.keep()
+    anew = TrustedTime(folder, acme.fleet, system=lambda: 12.0, running=Uptime())
+    assert anew.verify(certificate) == "expired"
+    uptime.now_s += DAY_S
+    assert clockless.now_s() == pytest.approx(anew.now_s() + DAY_S, abs=2)
+
+
+def test_without_a_clock_a_certificate_that_is_newer_than_the_list_tells_the_time(acme: Authority) -> None:
+    """A fleet is made, and a month later a drone is issued, or renewed, that starts in 1970 each time."""
+    later = datetime.now(UTC) + timedelta(days=30)
+    drone = acme.issue("drone3", days=400, not_before=later)
+    station = acme.issue("gs-a", Rights(None), days=1, not_before=later - timedelta(days=10))
+    identity = Identity.load(drone, system=lambda: 12.0)
+    assert identity.time.now_s() >= later.timestamp() - 1
+    assert identity.time.verify(read_certificate(station / "certificate.pem")) == "expired"
+    identity.time.keep()
+    assert Identity.load(drone, system=lambda: 12.0).time.now_s() >= later.timestamp() - 1
+
+
+def test_with_a_clock_a_certificate_is_not_yet_valid(acme: Authority) -> None:
+    with pytest.raises(ConfigurationError, match="not valid before"):
+        Identity.load(acme.issue("drone3", not_before=datetime.now(UTC) + timedelta(days=1)))
 
 
 def test_time_never_goes_back_over_a_start(acme: Authority) -> None:

@@ -10,15 +10,22 @@ import pytest
 from mqttxt.core.mqtt.link import BrokerAddress
 from mqttxt.drone.commands import Unfinished
 from mqttxt.drone.effects import Journal
-from mqttxt.drone.journal import MOST_DELIVERED, JournalFile
+from mqttxt.drone.journal import ASKED_FOR_S, GAP_NOTED_S, MOST_DELIVERED, JournalFile
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.messages import CommandId, Word
 
 OPEN, SAID, DONE = CommandId(1, 1), CommandId(1, 2), CommandId(1, 3)
 
 
+def _whole(path: Path) -> JournalFile:
+    """A journal in which nothing of before is missing."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.touch()
+    return JournalFile(path)
+
+
 def _fill(path: Path) -> None:
-    journal = JournalFile(path)
+    journal = _whole(path)
     for command_id in (OPEN, SAID, DONE):
         journal.record(Journal(command_id, "takeoff"))
     for command_id in (SAID, DONE):
@@ -62,7 +69,7 @@ def test_a_line_that_a_power_loss_cut_off_costs_only_itself(tmp_path: Path, cut:
     journal = JournalFile(path)
     assert Unfinished(OPEN, "takeoff") in journal.unfinished
     assert [left.id for left in journal.unfinished] == [OPEN, SAID, DONE]
-    assert not journal.is_new
+    assert not journal.has_gap
     journal.close()
 
 
@@ -75,7 +82,7 @@ def test_a_line_that_cannot_be_read_in_the_middle_may_have_been_any_id(tmp_path:
     for _ in range(3):  # the file is written anew at each start, and nobody knows more then
         journal = JournalFile(path)
         assert [left.id for left in journal.unfinished] == [SAID, DONE]
-        assert journal.is_new
+        assert journal.has_gap
         journal.close()
 
 
@@ -91,8 +98,49 @@ def test_a_journal_that_the_disk_did_not_give_is_not_whole_once_it_was_replaced(
     journal.close()
     journal = JournalFile(path)
     assert [left.id for left in journal.unfinished] == [CommandId(2, 1)]
-    assert journal.is_new
+    assert journal.has_gap
     journal.close()
+
+
+def test_a_removed_journal_knows_of_no_id_of_before_until_nobody_can_ask_for_one(tmp_path: Path) -> None:
+    """The second client on it knows no more than the first: an `expired` would be a false no."""
+    path = tmp_path / "journal"
+    _fill(path)
+    path.unlink()
+    now_s = 0.0
+
+    def clock_s() -> float:
+        return now_s
+
+    for seq in range(3):
+        journal = JournalFile(path, clock_s)
+        assert journal.has_gap
+        now_s += ASKED_FOR_S / 3 - 1
+        journal.record(Journal(CommandId(2, seq), "land"))
+        journal.close()
+        now_s += 1_000_000  # while none runs nothing is counted: there may be no clock that did
+    journal = JournalFile(path, clock_s)
+    assert journal.has_gap
+    for _ in range(5):
+        now_s += GAP_NOTED_S
+        journal.record(Journal(CommandId(2, 9), "land"))
+    assert journal.has_gap
+    journal.close()
+    path.write_bytes(path.read_bytes() + b'{"gap_s": 1')
+    journal = JournalFile(path, clock_s)
+    assert not journal.has_gap
+    assert [left.id.seq for left in journal.unfinished] == [0, 1, 2, 9]
+    journal.close()
+
+
+@pytest.mark.parametrize("age", ["-1", "1e400", "NaN", "true", '"1"', "9.5"])
+def test_a_gap_without_an_age_begins_now(tmp_path: Path, age: str) -> None:
+    path = tmp_path / "journal"
+    path.write_text(f'{{"gap_s": {age}}}\n')
+    journal = JournalFile(path)
+    assert journal.has_gap
+    journal.close()
+    assert path.read_text() == '{"gap_s": 0}\n'
 
 
 def _fail(*_: object, **__: object) -> str:
@@ -102,7 +150,7 @@ def _fail(*_: object, **__: object) -> str:
 def test_an_id_whose_last_word_cannot_be_read_stays_known_over_restarts(tmp_path: Path) -> None:
     """It was started: that it is not in the journal would be answered as `expired`, which says the contrary."""
     path = tmp_path / "journal"
-    journal = JournalFile(path)
+    journal = _whole(path)
     journal.record(Journal(DONE, "takeoff"))
     journal.record(Journal(DONE, "takeoff", Word.FAILED))
     journal.record(Journal(DONE, "takeoff", done=True))

@@ -22,6 +22,16 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def unchanged_fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a fleet, for tests that see to it that nothing in it changes."""
+    folder = tmp_path_factory.mktemp("fleet")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        well_typed(*THREE_COMMANDS)
+    return folder
+
+
 def typed(*words: str) -> Result:
     return CliRunner().invoke(app, list(words))
 
@@ -39,7 +49,8 @@ def test_a_small_fleet_in_one_command(here: Path) -> None:
     assert identities == ["broker-cloud", "broker-fog1", "drone1", "drone2", "fog1", "gs-ops"]
     for name in identities:
         assert well_typed("keys", "check", f"acme/{name}").endswith("of fleet acme: good\n")
-    assert Identity.load(here / "acme/gs-ops").certificate.rights == Rights(None, take_over=True, observe=True)
+    every = Rights(None, take_over=True, observe=True, upload_plan=True, set_parameters=True)
+    assert Identity.load(here / "acme/gs-ops").certificate.rights == every
 
 
 def test_issue_one_by_one(here: Path) -> None:
@@ -49,7 +60,10 @@ def test_issue_one_by_one(here: Path) -> None:
     assert well_typed("keys", "issue", "broker", "cloud", "--address", "10.0.0.1") == "acme/broker-cloud\n"
     well_typed("keys", "issue", "station", "ops", "--may", "command", "--drones", "1-2", "--days", "90")
     assert "command/1-2" in well_typed("keys", "show", "acme/gs-ops")
-    assert len(well_typed("keys", "show").splitlines()) == 7
+    well_typed(*["keys", "issue", "station", "surveyor", "--may", "command", "--may", "upload-plan", "--drones", "1"])
+    surveyor = Identity.load(here / "acme/gs-surveyor").certificate.rights
+    assert surveyor == Rights(frozenset({1}), upload_plan=True)
+    assert len(well_typed("keys", "show").splitlines()) == 8
 
 
 def test_revoke_and_renew(here: Path) -> None:
@@ -106,6 +120,22 @@ def test_the_configuration_names_the_identitys_files(here: Path) -> None:
     assert "user gs-ops\n" not in (here / "out/access.acl").read_text()
 
 
+def test_a_fog_that_shares_the_clouds_broker_has_its_own_side_of_it(here: Path) -> None:
+    well_typed(*THREE_COMMANDS)
+    broker = ("broker", "cloud", "--identity", "acme/broker-cloud", "--out", "out", "--prefix", "x")
+    well_typed(*broker)
+    assert "/local/" not in (here / "out/access.acl").read_text()
+    well_typed(*broker, "--fogs", "1")
+    entries = {
+        (lines := each.splitlines())[0].removeprefix("user "): lines[1:]
+        for each in (here / "out/access.acl").read_text().split("\n\n")[1:]
+    }
+    assert "topic write x/fog1/local/+/commands" in entries["fog1"]
+    assert "topic read x/fog1/local/drone2/commands" in entries["drone2"]
+    assert not [line for line in entries["drone2"] if "drone1" in line]
+    assert "topic deny x/fog1/local/#" in entries["gs-ops"]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -121,6 +151,7 @@ def test_the_configuration_names_the_identitys_files(here: Path) -> None:
         ("keys issue station x", "station: expected --may command, --may take-over or --may observe"),
         ("keys issue station x --may command", "--may command: expected --drones beside it"),
         ("keys issue station x --may command --drones 0", "--drones: '0': expected numbers from 1 to 250"),
+        ("keys issue station x --may upload-plan", "--may upload-plan: expected --may command beside it"),
         ("keys issue station a/b --may observe", "node name 'gs-a/b': expected"),
         ("keys issue broker moon", "node name 'moon': expected"),
         ("keys issue broker sensor1", "broker-sensor1: expected broker-cloud, broker-fogX or broker-droneY"),
@@ -138,16 +169,20 @@ def test_the_configuration_names_the_identitys_files(here: Path) -> None:
         ("broker cloud --identity acme/broker-cloud --out out --listen x", "--listen 'x': expected HOST:PORT"),
         ("broker fog --identity acme/broker-fog1 --out out --prefix a", "--prefix 'a': expected at the cloud broker"),
         ("broker cloud --identity acme/broker-cloud --out out --prefix +", "topic prefix '+'"),
+        ("broker cloud --identity acme/broker-cloud --out out --fogs x", "--fogs: 'x': expected numbers from 1"),
+        ("broker cloud --identity acme/broker-cloud --out out --fogs 1-2", "--fogs '1-2': fog 2 is none of the fleet"),
+        ("broker fog --identity acme/broker-fog1 --out out --fogs 1", "--fogs '1': expected at the cloud broker"),
     ],
 )
-def test_bad_input_is_one_line(here: Path, words: str, said: str) -> None:
-    well_typed(*THREE_COMMANDS)
-    before = sorted(os.walk(here))
+def test_bad_input_is_one_line(unchanged_fleet: Path, words: str, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(unchanged_fleet)
+    monkeypatch.delenv("MQTTXT_FLEET", raising=False)
+    before = sorted(os.walk(unchanged_fleet))
     done = typed(*words.split())
     assert done.exit_code == 2, done.output
     assert said in done.output
     assert done.output.count("\n") == 1
-    assert sorted(os.walk(here)) == before
+    assert sorted(os.walk(unchanged_fleet)) == before
 
 
 def test_a_fleet_that_cannot_be_written_is_one_line(here: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mqttxt.core.ledger import CAPACITY, KEEP_MS, Admission, Ledger, Share
 from mqttxt.protocol.commands import Arm, Disarm, Land
 from mqttxt.protocol.messages import CommandId
@@ -56,13 +58,24 @@ def test_an_id_from_a_journal_matches_any_contents() -> None:
     assert ledger.examine(ONE, Disarm(), 5000, 10) is Admission.DUPLICATE
 
 
-def fill(ledger: Ledger[None], share: Share) -> int:
-    """Enter ids of one share until there is no room for it; how many."""
+def fill_by(ledger: Ledger[None], share: Share, station: int) -> int:
+    """Enter ids of one station in a share until there is no room for it; how many."""
     for seq in range(10_000):
-        verdict = ledger.examine(CommandId(100 + share.value, seq), Arm(), 100, 0, share)
-        if verdict is not Admission.NEW:
+        command_id = CommandId(1000 * station + share.value, seq)
+        if ledger.examine(command_id, Arm(), 100, 0, share, station) is not Admission.NEW:
             return seq
-        ledger.close(ledger.enter(CommandId(100 + share.value, seq), Arm(), None, 100, share), 0)
+        ledger.close(ledger.enter(command_id, Arm(), None, 100, share, station), 0)
+    raise AssertionError("never full")
+
+
+def fill(ledger: Ledger[None], share: Share) -> int:
+    """As many stations as it takes until there is no room for another one."""
+    taken = 0
+    for station in range(1, 100):
+        more = fill_by(ledger, share, station)
+        taken += more
+        if more == 0:
+            return taken
     raise AssertionError("never full")
 
 
@@ -72,6 +85,30 @@ def test_outsiders_fill_their_share_and_what_halts_a_drone_finds_room_last() -> 
     assert fill(ledger, Share.ORDINARY) == CAPACITY - CAPACITY // 4 - CAPACITY // 16
     assert fill(ledger, Share.OVERRIDING) == CAPACITY // 16
     assert len(ledger.entries()) == CAPACITY
+
+
+@pytest.mark.parametrize("share", Share)
+def test_one_station_leaves_as_much_of_a_share_as_it_takes(share: Share) -> None:
+    ledger: Ledger[None] = Ledger()
+    first, second, third = (fill_by(ledger, share, station) for station in (1, 2, 3))
+    assert first > 2 * third > 0
+    assert abs(first - 2 * second) <= 1
+    assert ledger.examine(ONE, Arm(), 5000, 0, share, 4) is Admission.NEW
+
+
+def test_one_station_that_fills_all_it_can_leaves_the_others_room_for_everything() -> None:
+    ledger: Ledger[None] = Ledger()
+    for share in Share:
+        fill_by(ledger, share, 1)
+    for share in Share:
+        assert fill_by(ledger, share, 2) > 500
+
+
+def test_who_is_denied_for_want_of_room_bars_itself_alone() -> None:
+    ledger: Ledger[None] = Ledger()
+    fill_by(ledger, Share.ORDINARY, 1)
+    assert ledger.examine(ONE, Arm(), 60_000, 0, Share.ORDINARY, 1) is Admission.FULL
+    assert ledger.examine(TWO, Arm(), 5000, 0, Share.ORDINARY, 2) is Admission.NEW
 
 
 def test_outsiders_without_room_hear_nothing_and_bar_nobody() -> None:

@@ -5,12 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from mqttxt.cli.main import app
 from mqttxt.cli.parameters import parse_command
 from mqttxt.errors import ConfigurationError
-from mqttxt.protocol.commands import COMMANDS, Attitude, Goto, Hold, Mavlink, Offboard, Stream, Takeoff, Velocity
+from mqttxt.protocol.commands import (
+    COMMANDS,
+    Attitude,
+    Goto,
+    Hold,
+    Mavlink,
+    Offboard,
+    SetParameter,
+    Stream,
+    Takeoff,
+    Velocity,
+)
 
 
 @pytest.mark.parametrize(
@@ -28,6 +37,7 @@ from mqttxt.protocol.commands import COMMANDS, Attitude, Goto, Hold, Mavlink, Of
         ("mavlink 203", Mavlink(203, (None,) * 7)),
         ("mavlink do_digicam_control", Mavlink(203, (None,) * 7)),
         ("mavlink MAV_CMD_DO_CHANGE_SPEED 1 - -1", Mavlink(178, (1.0, None, -1.0, None, None, None, None))),
+        ("set_parameter NAV_DLL_ACT -1", SetParameter("NAV_DLL_ACT", -1.0)),
         ("mavlink 203 NaN", Mavlink(203, (None,) * 7)),
     ],
 )
@@ -66,9 +76,3 @@ def test_what_is_off_is_named(typed: str, said: str) -> None:
     with pytest.raises(ConfigurationError) as refusal:
         parse_command(name, parameters)
     assert str(refusal.value) == said
-
-
-def test_a_negative_number_is_a_parameter_and_no_option() -> None:
-    result = CliRunner().invoke(app, ["gs", "send", "goto", "-91", "-8.25", "-5", "--drone", "1"])
-    assert result.exit_code == 2
-    assert "goto latitude_deg '-91': expected a number from -90 to 90" in result.output

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import logging
-import subprocess
 import sys
 
 import cbor2
@@ -12,6 +11,7 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
+from mqttxt.cli import main
 from mqttxt.cli.common import _Lines
 from mqttxt.cli.watch import _shown
 from mqttxt.core.effects import Inbound, Log
@@ -71,12 +71,16 @@ def test_a_log_line_is_one_line() -> None:
     assert line == "WARNING topic " + printable(HOSTILE)
 
 
-def test_an_error_that_ends_a_command_is_one_line() -> None:
-    command = [sys.executable, "-m", "mqttxt", "gs", "send", "arm\x1b[2J\nmqttxt: all is well"]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert ended.returncode == 2
-    assert "\x1b" not in ended.stderr
-    assert len(ended.stderr.splitlines()) == 1
+def test_an_error_that_ends_a_command_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["mqttxt", "gs", "send", "arm\x1b[2J\nmqttxt: all is well"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert "\x1b" not in said
+    assert len(said.splitlines()) == 1
 
 
 @pytest.mark.parametrize("name", NAMES)

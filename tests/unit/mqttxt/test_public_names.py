@@ -21,10 +21,23 @@ CLASSES = {name: found for name in mqttxt.__all__ if inspect.isclass(found := ge
 DOORS: dict[str, type[Any]] = {"GroundStation": GroundStation, "Fog": Fog, "Drone": Drone}
 """The classes whose methods a program calls."""
 PUBLIC = {
-    "GroundStation": {"best", "connect", "events", "fog", "name", "session", "take_over", "wait_until"},
+    "GroundStation": {
+        "best",
+        "connect",
+        "events",
+        "fog",
+        "name",
+        "reload",
+        "session",
+        "share_list",
+        "take_over",
+        "wait_until",
+    },
     "Fog": {"best", "broadcast", "drone", "drones", "is_live", "number", "ranking", "take_over"},
     "Drone": {
-        *("arm", "disarm", "goto", "hold", "land", "return_home", "send", "takeoff", "take_over"),
+        *("arm", "claim", "disarm", "release", "goto", "hold", "land", "return_home", "send", "takeoff", "take_over"),
+        *("clear_plan", "download", "pause", "resume", "set_current_item", "start_mission", "upload"),
+        *("parameters", "set_parameter"),
         *("holder", "is_controlled", "number", "is_reachable", "location", "readings", "state", "states"),
     },
     "SentCommand": set(),

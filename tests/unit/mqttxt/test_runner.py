@@ -19,7 +19,8 @@ from mqttxt.core.effects import Inbound, Publish, Subscribe, Will
 from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
 from mqttxt.core.runner import TICK_S, Runner, next_tick
 from mqttxt.errors import ConfigurationError
-from tests.rigs.mqtt_server import DISCONNECT, PUBLISH, Server, eventually
+from tests.rigs.mqtt_server import DISCONNECT, PUBLISH, Server
+from tests.rigs.processes import eventually
 
 CLEAN = b""
 PRESENCE = "drone1/reachable"
@@ -50,6 +51,9 @@ class Role:
     def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> list[Any]:
         return []
 
+    def on_identity(self, now_ms: int) -> list[Any]:
+        return []
+
     def tick(self, now_ms: int) -> list[Any]:
         if self.fails is not None:
             raise self.fails
@@ -65,8 +69,8 @@ class Role:
 def started(role: Role, server: Server) -> tuple[Runner, asyncio.Task[None]]:
     runner = Runner(role, SessionClock())
     for name in role.links:
-        will = Will(PRESENCE, b"down")
-        runner.links[name] = MqttLink(name, BrokerAddress("127.0.0.1", server.port), f"client-{name}", will, runner)
+        address = BrokerAddress("127.0.0.1", server.port)
+        runner.links[name] = MqttLink(name, address, f"client-{name}", lambda: Will(PRESENCE, b"down"), runner)
     return runner, asyncio.create_task(runner.run())
 
 

@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 
 from mqttxt import Arm, ConfigurationError, FogUnreachable, Goto, GroundStation, Hold, Land, Return
+from mqttxt.activator.role import Activator
 from mqttxt.core.clock import SessionClock
+from mqttxt.core.effects import Inbound
 from mqttxt.core.embedded_broker import EmbeddedBroker
 from mqttxt.core.runner import Runner
 from mqttxt.core.settings import Settings
@@ -21,14 +23,16 @@ from mqttxt.protocol.rankings import SelectMode
 from mqttxt.security.authority import Authority
 from mqttxt.security.broker import BrokerFiles
 from mqttxt.security.identity import Identity
+from mqttxt.security.revocation import RevocationList
 from mqttxt.security.rights import Rights
 from mqttxt.station.outcomes import last_word
 
 DAY_S = 86_400.0
 MOSQUITTO = """#!{python}
-import shutil, signal, sys
+import os, shutil, signal, sys
 signal.signal(signal.SIGHUP, lambda *_: open("{folder}/said", "w").close())
-shutil.copy(sys.argv[2], "{folder}/seen.conf")
+shutil.copy(sys.argv[2], "{folder}/half.conf")
+os.rename("{folder}/half.conf", "{folder}/seen.conf")
 print("1: mosquitto version 2.0.21 running", file=sys.stderr, flush=True)
 while True:
     signal.pause()
@@ -52,7 +56,7 @@ def acme(tmp_path: Path) -> Authority:
 
 def runner_of(identity: Identity) -> Runner:
     clock = SessionClock()
-    return Runner(UavClient(1, clock.session, Settings()), clock, identity=identity)
+    return Runner(UavClient(1, clock.session, Settings()), clock, identity=identity, lists={"fog": "fleet/revoked"})
 
 
 async def until(condition: Callable[[], bool]) -> None:
@@ -77,6 +81,51 @@ async def test_a_reload_takes_the_newer_list_and_a_bad_one_changes_nothing(
     await runner.reload()
     assert runner.identity.fleet.revoked.number == 2
     assert f"{folder}/revoked.pem: not a certificate revocation list" in caplog.text
+
+
+async def test_a_list_that_a_broker_shows_is_kept_and_given_to_the_nodes_own_broker(acme: Authority) -> None:
+    folder = acme.issue("fog1")
+    told: list[int] = []
+
+    class Node(Runner):
+        def tell_own_broker(self, newest: RevocationList) -> None:
+            told.append(newest.number)
+
+    clock = SessionClock()
+    role = Activator(1, clock.session, Settings())
+    runner = Node(role, clock, identity=Identity.load(folder), lists={"fog": "fleet/revoked"})
+    acme.issue("gs-a")
+    acme.revoke("gs-a")
+    (folder / "revoked.pem").unlink()
+    running = asyncio.create_task(runner.run())
+    try:
+        runner.received("fog", Inbound("fleet/revoked", acme.fleet.revoked.der, 1, True))
+        assert runner.identity is not None
+        assert runner.identity.fleet.revoked.number == 2
+        await until(lambda: all((folder / name).exists() for name in ("revoked.pem", "newest.pem")))
+        await until(lambda: told[-1:] == [2])
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+    assert Identity.load(folder).fleet.revoked.number == 2
+
+
+async def test_a_renewed_key_is_taken_at_a_reload(acme: Authority, caplog: pytest.LogCaptureFixture) -> None:
+    folder = acme.issue("drone1")
+    runner = runner_of(Identity.load(folder))
+    assert runner.identity is not None
+    before = runner.identity.certificate
+    acme.renew("drone1")
+    caplog.set_level(logging.INFO, "mqttxt")
+    await runner.reload()
+    assert "drone1 signs with its new key" in caplog.text
+    renewed = runner.identity.certificate
+    assert renewed != before
+    renewed.public_key.verify(runner.identity.sign(b"x"), b"x")
+    (folder / "identity.pem").write_bytes((acme.folder / "drone1~" / "identity.pem").read_bytes())
+    await runner.reload()
+    assert f"{folder}/identity.pem: not the key of certificate.pem (drone1)" in caplog.text
+    assert runner.identity.certificate == renewed
 
 
 def station_of(acme: Authority) -> tuple[GroundStation, Clock]:
@@ -119,6 +168,28 @@ async def test_a_station_whose_certificate_ends_in_flight_can_still_bring_its_dr
             runner.send(fog, 1, Arm(), 5.0, None, last_word)
 
 
+async def test_no_broker_reads_a_list_that_would_let_everybody_in(
+    acme: Authority, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bad file is put right before Mosquitto is told; where the disk does not take that, it is not told."""
+    files = BrokerFiles(acme.issue("broker-fog1"))
+    bad = files.identity.folder / "revoked.pem"
+    bad.write_bytes(b"garbage")
+    with pytest.raises(ConfigurationError, match=r"revoked.pem: not a certificate revocation list"):
+        files.write_access(tmp_path)
+    assert bad.read_bytes() == files.identity.fleet.revoked.pem()
+    assert files.is_list_readable
+    bad.write_bytes(b"garbage")
+
+    def full(*_: object, **__: object) -> None:
+        raise ConfigurationError("No space left on device")
+
+    monkeypatch.setattr("mqttxt.security.files.write", full)
+    with pytest.raises(ConfigurationError, match="No space left on device"):
+        files.write_access(tmp_path)
+    assert not files.is_list_readable
+
+
 async def test_an_embedded_broker_with_an_identity(acme: Authority, tmp_path: Path) -> None:
     folder = acme.issue("broker-fog1")
     acme.issue("fog1")
@@ -132,13 +203,23 @@ async def test_an_embedded_broker_with_an_identity(acme: Authority, tmp_path: Pa
     try:
         await until(lambda: (tmp_path / "seen.conf").exists())
         text = (tmp_path / "seen.conf").read_text()
-        assert "listener 18831 127.0.0.1\nallow_anonymous false\nrequire_certificate true\n" in text
+        assert (
+            "listener 18831 127.0.0.1\nmax_connections 2000\nallow_anonymous false\nrequire_certificate true\n" in text
+        )
         access = Path(text.rpartition("acl_file ")[2].strip())
         assert "user drone1\n" in access.read_text()
         acme.revoke("drone1")
         await asyncio.to_thread(broker.reload)
         assert "user drone1\n" not in access.read_text()
         await until(lambda: (tmp_path / "said").exists())
+        assert "user fog1\n" in access.read_text()
+        given, lists = acme.fleet.revoked, [folder / "revoked.pem", folder / "newest.pem"]
+        acme.revoke("fog1")
+        for each in lists:
+            each.write_bytes(given.pem())
+        await asyncio.to_thread(broker.reload, acme.fleet.revoked)
+        assert "user fog1\n" not in access.read_text()
+        assert [each.read_bytes() for each in lists] == [acme.fleet.revoked.pem()] * 2
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)

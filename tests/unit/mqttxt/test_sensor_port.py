@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from mqttxt.cli.main import app
 from mqttxt.cli.watch import everything
+from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish
 from mqttxt.core.mqtt.link import BrokerAddress
 from mqttxt.core.settings import Settings
@@ -36,7 +37,7 @@ class PortBench:
     """A port with a store and no broker; what it cannot do itself is noted."""
 
     def __init__(self, path: Path, limit: int = 100) -> None:
-        self.carrier = Carrier(1, "fog", Settings(), FogSide())
+        self.carrier = Carrier(1, Channel("fog", "", Settings()), FogSide())
         self.out: list[Any] = []
         self.acknowledged: list[Any] = []
         self.changed = asyncio.Event()
@@ -190,7 +191,7 @@ def test_the_reading_that_the_documentation_publishes_is_one() -> None:
     page = (Path(__file__).resolve().parents[3] / "docs" / "uav-client.md").read_text(encoding="utf-8")
     command = page.split("mosquitto_pub ")[1]
     topic, payload = command.split("-t ")[1].split()[0], command.split("-m '")[1].split("'")[0]
-    carrier = Carrier(1, "fog", Settings(), FogSide())
+    carrier = Carrier(1, Channel("fog", "", Settings()), FogSide())
     (store,) = carrier.on_message(Inbound(topic, payload.encode(), 1), 0)
     assert isinstance(store, StoreReading)
     assert (store.reading.kind, store.reading.message.value, store.reading.unit) == ("temperature", 21.5, "degC")

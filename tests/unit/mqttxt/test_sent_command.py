@@ -344,6 +344,7 @@ async def test_a_choice_goes_on_whether_or_not_somebody_waits_for_it() -> None:
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(0.01):
             await sent
+    await turns()
     assert modes(field) == [*OFFERED, ("fog2/commands/goto", SelectMode.COMMIT)]
     field.say(Word.ACCEPTED, sent=2, drone=4, fog=2)
     await turns()

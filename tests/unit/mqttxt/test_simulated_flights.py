@@ -5,85 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.protocol.commands import Arm, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity
 from mqttxt.protocol.messages import Word
-from mqttxt.station.outcomes import Outcome
-from sitl.fleet import DroneConfig
-from sitl.outputs import Reply
 from sitl.personalities import PERSONALITIES
-from sitl.vehicle import Vehicle
-from tests.simulation.world import World
+from tests.simulation.flight import Flight
 
-STEP_MS = 20
 HOME = (47.397742, 8.545594)
 NORTH_100_M = Goto(HOME[0] + 0.0009, HOME[1], 12.0)
-
-
-class Flight(World):
-    """The world with an autopilot in it: what the UAV client says reaches it, and what it says the client."""
-
-    def begin(self, like: str) -> Flight:
-        self.vehicle = Vehicle(DroneConfig(1, quiet=True), ["px4-normal"], like=PERSONALITIES[like])
-        self._downlink = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-        self.gs.add_fogs([1])
-        self.run("activator", self.activator.on_connected(FOG, self.now_ms))
-        self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
-        self.run("uav", self.uav.on_connected(FOG, self.now_ms))
-        self.run("gs", self.gs.on_connected(CLOUD, self.now_ms))
-        self.fly(3)
-        return self
-
-    def fly(self, seconds: float) -> None:
-        for _ in range(round(seconds * 1000 / STEP_MS)):
-            self.now_ms += STEP_MS
-            now_s = self.now_ms / 1000
-            self._hear([o.message for o in self.vehicle.advance(now_s) if isinstance(o, Reply)])
-            self._hear(self.vehicle.streamed(0, now_s))
-            for name in ("uav", "activator", "gs"):
-                self.run(name, getattr(self, name).tick(self.now_ms))
-
-    def outcome(self, command: Any, limit_s: float = 120) -> tuple[Word, str | None]:
-        """What a command ends with."""
-        sent = self.send(command)
-        for _ in range(round(limit_s)):
-            if (last := self.last_of(sent)) is not None:
-                return last.word, last.reason
-            self.fly(1)
-        raise AssertionError(f"{command}: no last word in {limit_s:g} s")
-
-    def set(self, **wanted: Any) -> None:
-        """Past all links: `mode` is a pilot's hand."""
-        _, out = self.vehicle.control({"set": wanted})
-        self._hear([o.message for o in out if isinstance(o, Reply)])
-
-    @property
-    def mode(self) -> str:
-        return str(self.vehicle.autopilot.mode.name)
-
-    @property
-    def up_m(self) -> float:
-        return float(self.vehicle.autopilot.motion.position[2])
-
-    def last_of(self, sent: Any) -> Outcome | None:
-        """The last word on a command, None before it."""
-        words = [o for o in self.heard if isinstance(o, Outcome) and o.id == sent]
-        return words[-1] if words and words[-1].is_last else None
-
-    def _hear(self, messages: list[Any]) -> None:
-        for message in messages:
-            for parsed in mavlink.MAVLink(None).parse_buffer(message.pack(self._downlink)) or ():
-                self.autopilot(parsed)
-
-    def _write(self, effect: Any) -> None:
-        super()._write(effect)
-        for parsed in (
-            mavlink.MAVLink(None).parse_buffer(effect.message.pack(mavlink.MAVLink(None, 1, effect.source.component)))
-            or ()
-        ):
-            self._hear([o.message for o in self.vehicle.handle(0, parsed) if isinstance(o, Reply)])
 
 
 @pytest.fixture(params=PERSONALITIES)

@@ -44,11 +44,14 @@ def test_version_and_help_load_nothing_heavy(arguments: list[str], said: str) ->
     assert modules.isdisjoint(HEAVY)
 
 
-def test_a_ground_station_loads_no_autopilots_dialect() -> None:
-    program = "import json, sys\nfrom mqttxt import GroundStation\nprint(json.dumps([0, sorted(sys.modules)]))"
+def test_a_ground_station_loads_no_autopilots_dialect_and_without_an_identity_no_cryptography() -> None:
+    program = (
+        "import json, sys\nfrom mqttxt import GroundStation\nGroundStation('mqtt://127.0.0.1')\n"
+        "print(json.dumps([0, sorted(sys.modules)]))"
+    )
     _, modules, _ = loaded(program)
     assert "mqttxt.station.process" in modules
-    assert modules.isdisjoint({"pymavlink", "rich", "typer", "mqttxt.activator", "mqttxt.drone"})
+    assert modules.isdisjoint({"cryptography", "pymavlink", "rich", "typer", "mqttxt.activator", "mqttxt.drone"})
 
 
 def test_every_public_name_is_found_where_it_is_first_asked_for() -> None:

@@ -8,7 +8,8 @@ from collections.abc import AsyncIterator
 import pytest
 
 from mqttxt import BrokerRefused, Event, GroundStation, StationEnded
-from tests.rigs.mqtt_server import Server, eventually
+from tests.rigs.mqtt_server import Server
+from tests.rigs.processes import eventually
 
 TAKEN_OVER = b"\xe0\x02\x8e\x00"
 

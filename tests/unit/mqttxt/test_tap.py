@@ -8,7 +8,8 @@ from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
 from mqttxt_conformance import tap as tap_module
 from mqttxt_conformance.tap import NO_PUBACK, Tap, clear_retained
-from tests.rigs.mqtt_server import PUBLISH, Server, eventually
+from tests.rigs.mqtt_server import PUBLISH, Server
+from tests.rigs.processes import eventually
 
 
 async def test_a_broker_that_acknowledges_nothing_holds_up_no_kit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,10 +10,13 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt.drone.mavlink.vehicle import Vehicle
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.states import (
+    Airframe,
     Armed,
     Battery,
     FlightMode,
     FlightModeName,
+    Gps,
+    GpsFix,
     Groundspeed,
     Heading,
     Health,
@@ -22,6 +25,8 @@ from mqttxt.protocol.states import (
     LandedState,
     Location,
     MaxGroundspeed,
+    Power,
+    VelocityNed,
 )
 from tests.simulation.world import from_autopilot, heartbeat, home, landed, position
 
@@ -34,22 +39,33 @@ def speed(groundspeed: float) -> Any:
     return mavlink.MAVLink_vfr_hud_message(0.0, groundspeed, 0, 0, 0.0, 0.0)
 
 
-def health(present: int, enabled: int, healthy: int) -> Any:
-    return mavlink.MAVLink_sys_status_message(present, enabled, healthy, 0, 0, 0, 50, 0, 0, 0, 0, 0, 0)
+def health(present: int, enabled: int, healthy: int, voltage_mv: int = 65_535, current_ca: int = -1) -> Any:
+    return mavlink.MAVLink_sys_status_message(
+        present, enabled, healthy, 0, voltage_mv, current_ca, 50, 0, 0, 0, 0, 0, 0
+    )
+
+
+def gps(fix: int, satellites: int, hdop_100: int) -> Any:
+    return mavlink.MAVLink_gps_raw_int_message(0, fix, 0, 0, 0, hdop_100, 0, 0, 0, satellites)
+
+
+def version(number: int) -> Any:
+    return mavlink.MAVLink_autopilot_version_message(0, number, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
 
 
 def parameter(name: bytes, value: float) -> Any:
     return mavlink.MAVLink_param_value_message(name, value, 9, 1, 0)
 
 
+PX4 = Airframe(mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_QUADROTOR)
 PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
 
 
 @pytest.mark.parametrize(
     ("message", "told"),
     [
-        (heartbeat(armed=True, main=4, sub=6), [Armed(True), FlightMode(FlightModeName.LAND)]),
-        (position(10.0), [Location(47.397742, 8.545594, 498.0, 10.0), Heading(90.0)]),
+        (heartbeat(armed=True, main=4, sub=6), [Armed(True), FlightMode(FlightModeName.LAND), PX4]),
+        (position(10.0), [Location(47.397742, 8.545594, 498.0, 10.0), Heading(90.0), VelocityNed(0.0, 0.0, 0.0)]),
         (landed(2), [LandedState(Landed.IN_AIR)]),
         (landed(9), []),
         (home(), [Home(47.397742, 8.545594, 488.0)]),
@@ -60,6 +76,13 @@ PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
         (from_autopilot(speed(float("nan"))), []),
         (from_autopilot(health(0b11, 0b11, 0b01)), [Health(False, 0b10)]),
         (from_autopilot(health(PREARM | 1, PREARM | 1, PREARM)), [Health(True, 1)]),
+        (from_autopilot(health(1, 1, 1, voltage_mv=15_800, current_ca=210)), [Health(False, 0), Power(15.8, 2.1)]),
+        (from_autopilot(health(1, 1, 1, voltage_mv=15_800, current_ca=-1)), [Health(False, 0), Power(15.8)]),
+        (from_autopilot(gps(3, 12, 85)), [Gps(GpsFix.FIX_3D, 12, 0.85)]),
+        (from_autopilot(gps(0, 255, 65_535)), [Gps(GpsFix.NO_GPS)]),
+        (from_autopilot(gps(9, 12, 85)), []),
+        (from_autopilot(version(0x010F00FF)), [Airframe(12, 2, 0x010F00FF)]),
+        (from_autopilot(version(0)), []),
         (from_autopilot(parameter(b"MPC_XY_VEL_MAX", 12.0)), [MaxGroundspeed(12.0)]),
         (from_autopilot(parameter(b"MPC_XY_CRUISE", 5.0)), []),
     ],

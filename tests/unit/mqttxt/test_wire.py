@@ -10,7 +10,7 @@ from typing import Any
 import cbor2
 import jsonschema
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mqttxt
@@ -34,6 +34,7 @@ from mqttxt.protocol.state_payload import StampedState, decode_state, encode_sta
 from mqttxt.protocol.states import STATES, Battery, Heading, Location
 from mqttxt.protocol.values import Encoding
 from spec import schema
+from tests.examples import examples
 from tests.simulation.strategies import PLAIN, messages
 
 SCHEMAS = Path(mqttxt.__file__).parent / "protocol" / "schemas"
@@ -46,7 +47,7 @@ MAVLINK = [message_class(f"mavlink/{name}", True) for name in ("ATTITUDE", "BATT
 
 
 @pytest.mark.parametrize("cls", EVERY, ids=lambda cls: cls.__name__)
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(data=st.data())
 def test_both_forms_give_the_same_message_back_and_follow_their_schemas(cls: type[Any], data: Any) -> None:
     message = data.draw(messages(cls))
@@ -57,7 +58,7 @@ def test_both_forms_give_the_same_message_back_and_follow_their_schemas(cls: typ
 
 
 @pytest.mark.parametrize("cls", MAVLINK, ids=lambda cls: cls.__name__)
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(data=st.data())
 def test_mavlink_messages_are_the_same_in_both_forms(cls: type[Any], data: Any) -> None:
     message = data.draw(messages(cls))
@@ -75,7 +76,7 @@ def test_the_schemas_in_the_package_are_made_from_the_messages() -> None:
 
 
 @pytest.mark.parametrize("cls", [*EVERY, *MAVLINK], ids=lambda cls: cls.__name__)
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(payload=st.binary(max_size=60))
 def test_no_bytes_raise_anything_but_payload_error(cls: type[Any], payload: bytes) -> None:
     for candidate in (payload, b"{" + payload, b"\x88\x01" + payload):
@@ -137,7 +138,7 @@ def test_what_is_off_is_refused_with_the_field_and_what_was_expected(changed: di
         (b'{"version":1,"session":1}', "up: expected a value"),
         (b"\x83\x01\x01\xf5\x00", "bytes behind the end"),
         (b"\x82\x01\x01", "up: expected a value"),
-        (b"\x84\x01\x01\xf5\x00", "at most 3 fields"),
+        (b"\x85\x01\x01\xf5\x00\x00", "at most 4 fields"),
         (b"\x9f\x01\x01\xf5\xff", "not CBOR"),
         (b"\x83\x01\xfb\x7f\xf8\x00\x00\x00\x00\x00\x00\xf5", "session: expected a whole number"),
         (b"\x81" * 500, "not CBOR"),
@@ -207,7 +208,8 @@ def test_a_malformed_command_can_still_be_named() -> None:
 def test_every_command_has_a_name_and_a_limit() -> None:
     assert [(code, name) for code, name, _ in COMMAND.codes] == [
         *[(1, "arm"), (2, "disarm"), (3, "takeoff"), (4, "land"), (5, "goto"), (6, "hold"), (7, "return")],
-        *[(8, "offboard"), (9, "stream"), (10, "mavlink")],
+        *[(8, "offboard"), (9, "stream"), (10, "mavlink"), (11, "upload_plan"), (12, "clear_plan")],
+        *[(13, "start_mission"), (14, "pause"), (15, "resume"), (16, "set_current_item"), (17, "set_parameter")],
     ]
     assert Goto(47.5, -8.25, 12.5).limit_s == 900
     assert Stream("mavlink/ATTITUDE", 0.1).limit_s == 30
@@ -257,7 +259,7 @@ def test_messages_are_what_the_specification_says() -> None:
 
 
 @pytest.mark.parametrize("name", STATES)
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(data=st.data())
 def test_a_state_relayed_as_it_came_says_what_one_written_anew_does(name: str, data: Any) -> None:
     came = decode_state(name, encode(data.draw(messages(message_class(name, False)))), relayed=False)

@@ -23,7 +23,7 @@ from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles import run_plan as host
 from testbed.plan.profiles.kernel import change_words
 from testbed.plan.profiles.reading import profile_names, read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 from tests.unit.net.fake_tc import FakeTc
 
 TOPOLOGY = standard_fleet().topology()
@@ -37,7 +37,7 @@ class Bench:
     """A plan's links by a fake kernel; the clock is moved by hand."""
 
     def __init__(
-        self, folder: Path, plan: Plan, monkeypatch: pytest.MonkeyPatch, tc: FakeTc | None = None, **options: Any
+        self, folder: Path, plan: LinksPlan, monkeypatch: pytest.MonkeyPatch, tc: FakeTc | None = None, **options: Any
     ):
         self.folder, self.plan, self.now_s = folder, plan, 1000.0
         monkeypatch.setattr(time, "monotonic", lambda: self.now_s)
@@ -68,7 +68,7 @@ class Bench:
         self.links.hold(UP, change, words)
 
 
-def plan_of(*events: EventPlan, **figures: Any) -> Plan:
+def plan_of(*events: EventPlan, **figures: Any) -> LinksPlan:
     plain = resolve(read_profile("ideal"), TOPOLOGY, "scenario-1", 1, 60)
     return replace(plain, links={**plain.links, UP: LinkPlan(**figures)}, events=events)
 

@@ -12,6 +12,7 @@ from router.__main__ import app
 from router.chains import ChainError, Router, parse_drones, read_chain
 from router.heard import Heard
 from router.process import Node, Turn
+from tests.rigs.processes import eventually
 
 PER_UAV = "udps:0.0.0.0:14541 udpc:h:14541 --hb-systemid=221\nudps:0.0.0.0:14542 udpc:h:14542 --hb-systemid=222\n"
 SHARED = "udps:0.0.0.0:14540 udpc:h:14540 --hb-systemid=221\n"
@@ -121,7 +122,7 @@ async def test_the_node_ends_with_the_reason_when_a_router_ends(
 async def test_it_is_ready_once_every_router_has_heard_its_autopilots(tmp_path: Path) -> None:
     speaks = program(tmp_path, f'echo "{APPEARED}"; exec sleep 60')
     node = asyncio.create_task(Node(speaks, (Router((), (3,)),), tmp_path / "ready", AT_ONCE).run())
-    await until(tmp_path / "ready")
+    await eventually((tmp_path / "ready").exists, "ready")
     await end(node)
 
 
@@ -131,12 +132,6 @@ def test_it_listens_from_when_it_says_so() -> None:
     assert not heard.listening
     heard.line(STARTED)
     assert heard.listening
-
-
-async def until(path: Path) -> None:
-    async with asyncio.timeout(30):
-        while not path.exists():
-            await asyncio.sleep(0.02)
 
 
 async def end(node: asyncio.Task[str]) -> None:
@@ -151,12 +146,10 @@ async def test_its_routers_start_when_the_next_node_says_that_its_own_listen(
     speaks = program(tmp_path, f'touch {tmp_path}/$1; echo "{STARTED}"; exec sleep 60')
     turn = Turn(after=tmp_path / "cloud", listening=tmp_path / "fog1")
     node = asyncio.create_task(Node(speaks, (Router(("a",), (1,)),), tmp_path / "ready", turn).run())
-    async with asyncio.timeout(30):
-        while "waiting for" not in capsys.readouterr().out:
-            await asyncio.sleep(0.02)
+    await eventually(lambda: "waiting for" in capsys.readouterr().out, "it waits for the next node")
     assert not (tmp_path / "a").exists()
     (tmp_path / "cloud").touch()
-    await until(tmp_path / "fog1")
+    await eventually((tmp_path / "fog1").exists, "fog1")
     assert (tmp_path / "a").exists()
     await end(node)
     assert not (tmp_path / "fog1").exists()
@@ -168,16 +161,16 @@ async def test_a_node_listens_when_the_last_of_its_routers_does(tmp_path: Path) 
     routers = (Router(("a",), (3,)), Router(("b",), ()))
     turn = Turn(None, tmp_path / "gs")
     node = asyncio.create_task(Node(speaks, routers, tmp_path / "ready", turn).run())
-    await until(tmp_path / "ready")
+    await eventually((tmp_path / "ready").exists, "ready")
     assert not (tmp_path / "gs").exists()
     (tmp_path / "go").touch()
-    await until(tmp_path / "gs")
+    await eventually((tmp_path / "gs").exists, "gs")
     await end(node)
 
 
 async def test_a_direct_chain_has_nothing_to_wait_with(tmp_path: Path) -> None:
     node = asyncio.create_task(Node("mavp2p", (), tmp_path / "ready", Turn(None, tmp_path / "gs")).run())
-    await until(tmp_path / "gs")
+    await eventually((tmp_path / "gs").exists, "gs")
     await end(node)
 
 

@@ -24,7 +24,7 @@ RECORDED = {
 """By family, the recording that the stand-in is held to."""
 FOLDERS = {"px4": "PX4_DIR", "ardupilot": "ARDUPILOT_DIR"}
 """By family, the variable that names a real autopilot's folder."""
-PAGE = RECORDINGS.parents[2] / "docs" / "mavlink.md"
+PAGE = RECORDINGS.parents[2] / "docs" / "stand-in.md"
 APPLYING = [(like, case) for like in MANNERS for case in CASES if not_flown(like, case) is None]
 
 
@@ -42,12 +42,24 @@ def test_the_stand_in_does_as_a_real_autopilot_was_recorded_to(like: str, case: 
 
 @pytest.mark.parametrize("like", RECORDED)
 def test_the_pages_tables_are_of_the_recording_and_of_these_flights(like: str, tmp_path: Path) -> None:
-    recorded, flown, copy = RECORDED[like], Recording("stand-in"), tmp_path / "mavlink.md"
+    recorded, flown, copy = RECORDED[like], Recording("stand-in"), tmp_path / "stand-in.md"
     for case in recorded.cases:
         flown.add(_flown_by_the_stand_in(case, like))
     copy.write_text(PAGE.read_text())
     page.write(copy, recorded, flown)
-    assert copy.read_text() == PAGE.read_text(), "type: .venv/bin/python -m sitl compare --write docs/mavlink.md"
+    assert copy.read_text() == PAGE.read_text(), "type: .venv/bin/python -m sitl compare --write docs/stand-in.md"
+
+
+def test_the_page_of_the_mavlink_side_has_the_streams() -> None:
+    assert page.streams() in (PAGE.parent / "mavlink.md").read_text()
+
+
+def test_a_page_without_a_table_is_refused(tmp_path: Path) -> None:
+    path, nothing = tmp_path / "page.md", Recording("stand-in")
+    path.write_text(page.STREAMS[0])
+    with pytest.raises(SitlError, match=r"page\.md: expected <!-- streams"):
+        page.write(path, nothing, nothing)
+    assert path.read_text() == page.STREAMS[0]
 
 
 @pytest.mark.parametrize("like", RECORDED)
@@ -64,7 +76,7 @@ def test_recordings_are_of_the_cases_and_small(name: str, like: str, tmp_path: P
     recording = load(path)
     assert set(recording.cases) <= set(CASES)
     assert recording.like == like
-    assert path.stat().st_size < 60_000
+    assert path.stat().st_size < 80_000
     (tmp_path / "again.json").write_text(recording.text())
     assert load(tmp_path / "again.json") == recording
 
@@ -92,7 +104,8 @@ def test_a_page_gets_the_table_of_its_family(like: str, tmp_path: Path) -> None:
     assert "before" in before
     table, _, after = rest.partition(end)
     assert after == "\nafter\n"
-    assert "| disarmed by itself | disarmed, s | 11 | 11 |" in table
+    row = "| disarmed by itself | results and transitions<br>disarmed, s | 4<br>11 | 4 the same<br>11 |"
+    assert row in table
     assert all(f"- {case}: {why}." in table for case, why in NOT_FLOWN[like].items())
 
 

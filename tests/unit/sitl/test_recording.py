@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from sitl.likeness.pilot import Pilot
 from sitl.likeness.procedures import Procedure
 from sitl.likeness.recording import Case, Recording, load
 from sitl.likeness.subjects import Simulated
+from tests.rigs.processes import free_port
 
 COPTER, PX4_MAIN = (str(RECORDINGS / name) for name in ("arducopter.json", "px4-main.json"))
 DIES = "#!/bin/sh\necho no floating point\nexit 3\n"
@@ -70,38 +72,43 @@ def test_a_kind_that_nobody_knows_is_one_line(tmp_path: Path) -> None:
     assert "like 'dji': expected one of px4, ardupilot" in _refused("compare", str(path))
 
 
-@pytest.mark.parametrize(
-    ("instance", "program", "is_executable", "error"),
-    [
-        (211, DIES, True, "ArduCopter ended with 3: no floating point"),
-        (212, DIES, False, "arducopter: Permission denied"),
-        (213, "no program", True, "arducopter: Exec format error"),
-        (214, SILENT, True, "ArduCopter does not say within 0.3 s that it could arm"),
-    ],
-)
-def test_a_broken_autopilot_is_one_line_and_no_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, instance: int, program: str, is_executable: bool, error: str
-) -> None:
-    monkeypatch.setattr(subjects, "STARTED_S", 0.3 if program == SILENT else 30.0)
+@pytest.fixture
+def copter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of an autopilot that is made up, and that is recorded at ports that nobody else uses."""
+    monkeypatch.setattr(subjects, "OWN", free_port(socket.SOCK_DGRAM))
     folder = tmp_path / "copter"
     folder.mkdir()
     (folder / "copter.parm").touch()
-    (folder / "arducopter").write_text(program)
-    (folder / "arducopter").chmod(0o755 if is_executable else 0o644)
-    path = tmp_path / "x.json"
-    assert error in _refused("record", str(path), "--ardupilot-dir", str(folder), "--instance", str(instance))
-    assert list(tmp_path.iterdir()) == [folder]
+    (folder / "arducopter").write_text(SILENT)
+    (folder / "arducopter").chmod(0o755)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("program", "is_executable", "error"),
+    [
+        (DIES, True, "ArduCopter ended with 3: no floating point"),
+        (DIES, False, "arducopter: Permission denied"),
+        ("no program", True, "arducopter: Exec format error"),
+        (SILENT, True, "ArduCopter does not say within 0.3 s that it could arm"),
+    ],
+)
+def test_a_broken_autopilot_is_one_line_and_no_recording(
+    tmp_path: Path, copter: Path, monkeypatch: pytest.MonkeyPatch, program: str, is_executable: bool, error: str
+) -> None:
+    monkeypatch.setattr(subjects, "STARTED_S", 0.3 if program == SILENT else 30.0)
+    (copter / "arducopter").write_text(program)
+    (copter / "arducopter").chmod(0o755 if is_executable else 0o644)
+    assert error in _refused("record", str(tmp_path / "x.json"), "--ardupilot-dir", str(copter), "--instance", "0")
+    assert list(tmp_path.iterdir()) == [copter]
 
 
 def test_a_recording_that_fails_leaves_its_port_to_the_next_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_collector: None
+    tmp_path: Path, copter: Path, monkeypatch: pytest.MonkeyPatch, no_collector: None
 ) -> None:
     monkeypatch.setattr(subjects, "STARTED_S", 0.1)
-    (tmp_path / "copter.parm").touch()
-    (tmp_path / "arducopter").write_text(SILENT)
-    (tmp_path / "arducopter").chmod(0o755)
     for _ in range(2):
-        said = _refused("record", str(tmp_path / "x.json"), "--ardupilot-dir", str(tmp_path), "--instance", "215")
+        said = _refused("record", str(tmp_path / "x.json"), "--ardupilot-dir", str(copter), "--instance", "0")
         assert "ArduCopter does not say within 0.1 s that it could arm" in said
 
 

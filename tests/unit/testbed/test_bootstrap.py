@@ -146,3 +146,16 @@ def test_dockers_containers_get_real_time_where_the_kernel_gives_it_by_cgroup(tm
     bootstrap_docker.give_real_time(of_all)
     assert (tmp_path / "docker" / "cpu.rt_runtime_us").read_text() == "900000"
     assert of_all.read_text() == "950000\n"
+
+
+@pytest.mark.parametrize(("running", "is_kept"), [("containerd", True), ("python3", False), (None, False)])
+def test_a_pid_file_whose_number_another_process_has_is_removed(
+    tmp_path: Path, running: str | None, is_kept: bool
+) -> None:
+    (tmp_path / "4711").mkdir()
+    if running:
+        (tmp_path / "4711" / "comm").write_text(f"{running}\n")
+    file = tmp_path / "containerd.pid"
+    file.write_text("4711")
+    bootstrap_docker.remove_stale_pid_files({"containerd": file, "dockerd": tmp_path / "docker.pid"}, tmp_path)
+    assert file.exists() == is_kept

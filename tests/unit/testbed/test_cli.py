@@ -10,8 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from testbed.cli import commands as cli
-from testbed.errors import DockerError
+from testbed.cli import live
+from testbed.errors import DockerError, TestbedError
 from testbed.fly.results import Series, new_attempt
+from testbed.fly.validity import WATCHED, Verdict
+from testbed.plan.experiments import Plan
 from testbed.plan.overrides import FLEET_COPY
 from testbed.present import reporting
 
@@ -40,7 +43,7 @@ def test_arms_and_factors_are_shown() -> None:
     code, shown, _ = _run("arms")
     assert code == 0
     rows = {line.split()[0]: line.split() for line in shown.splitlines() if line[0].isalpha()}
-    assert rows["QOS"] == ["QOS", "0", "0", "1", "1", "1", "0,", "1"]
+    assert rows["QOS"] == ["QOS", "0", "0", "1", "1", "1", "1", "0,", "1"]
     assert rows["STATES"][1:6] == ["on-change", "on-change", "fixed", "bundle", "on-change"]
 
 
@@ -63,10 +66,56 @@ def test_what_was_flown_is_reported_when_docker_is_lost(
     assert [path.parent.name for path in reported] == (["thesis+qos-1-ideal"] if was_flown else [])
 
 
+@pytest.mark.parametrize(
+    ("ending", "code"),
+    [(Verdict("void", (WATCHED,)), 0), (Verdict("void", (WATCHED,), "denied"), 1), (Verdict("void", ("late",)), 1)],
+)
+def test_flights_that_the_page_shows_are_judged_by_their_missions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: Verdict, code: int
+) -> None:
+    flown: list[Plan] = []
+
+    def fly(plan: Plan, *_: object) -> list[Verdict]:
+        flown.append(plan)
+        return [ending]
+
+    monkeypatch.setattr(cli, "only_run", lambda: None)
+    monkeypatch.setattr(cli, "run_series", fly)
+    monkeypatch.setattr(cli, "report_series", lambda *_: {})
+    found, said, _ = _run("run", "scenario-1", "--page", "--results", str(tmp_path))
+    assert found == code
+    (plan,) = flown
+    assert f"the page: http://127.0.0.1:{plan.page}/ (what it shows does not count)" in said
+
+
+@pytest.mark.parametrize("error", [None, "the page is not served: no room"])
+def test_a_fleet_that_is_up_says_where_its_page_is_or_why_it_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: str | None
+) -> None:
+    ports: list[int | None] = []
+
+    def start_page(plan: Plan, *_: object, watch_only: bool) -> None:
+        ports.append(plan.page)
+        assert not watch_only
+        if error is not None:
+            raise TestbedError(error)
+
+    containers = SimpleNamespace(count=23, down=lambda: None, start=lambda: None, name_of=str)
+    monkeypatch.setattr(live, "LIVE", tmp_path / "live")
+    monkeypatch.setattr(live, "only_run", lambda: None)
+    monkeypatch.setattr(live, "Containers", lambda *_: containers)
+    monkeypatch.setattr(live, "start_page", start_page)
+    code, shown, said = _run("up", "--security", "none")
+    assert code == 0
+    assert (f"the page: http://127.0.0.1:{ports[0]}/" in shown) is (error is None)
+    assert said == ("" if error is None else f"testbed: {error}\n")
+    assert "mqttxt gs watch --fog 1 --fog 2" in shown
+
+
 def test_a_fleet_is_ended_though_its_own_file_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ended = []
-    monkeypatch.setattr(cli, "LIVE", tmp_path)
-    monkeypatch.setattr(cli, "Containers", lambda *_: SimpleNamespace(down=lambda: ended.append(True)))
+    monkeypatch.setattr(live, "LIVE", tmp_path)
+    monkeypatch.setattr(live, "Containers", lambda *_: SimpleNamespace(down=lambda: ended.append(True)))
     (tmp_path / FLEET_COPY).write_text("fogs: [")
     assert _run("down")[0] == 0
     assert ended == [True]

@@ -15,9 +15,13 @@ from testbed.plan.experiments import FACTORS
 
 def _typed(*words: str, **environment: str) -> dict[str, str]:
     """The options of the last command that make would run, by their names."""
+    return {word: after for word, after in pairwise(_words(*words, **environment)) if word.startswith("--")}
+
+
+def _words(*words: str, **environment: str) -> list[str]:
     kept = {"PATH": os.environ["PATH"], **environment}
     done = subprocess.run(["make", "--dry-run", *words], cwd=ROOT, env=kept, capture_output=True, text=True, check=True)
-    return {word: after for word, after in pairwise(shlex.split(done.stdout.splitlines()[-1])) if word.startswith("--")}
+    return shlex.split(done.stdout.splitlines()[-1])
 
 
 def test_an_experiment_flies_both_and_leaves_the_factors_to_the_arm() -> None:
@@ -32,6 +36,12 @@ def test_each_factor_is_a_variable(target: str, name: str) -> None:
     value = FACTORS[name][-1]
     assert _typed(target, f"{name.upper()}={value}")[f"--{name}"] == value
     assert _typed(target, **{name.upper(): value})[f"--{name}"] == value
+
+
+def test_flights_are_shown_on_the_page_only_where_somebody_says_so() -> None:
+    assert "--page" not in _words("scenario-1")
+    assert "--page" in _words("scenario-1", "PAGE=1")
+    assert "--page" in _words("scenario-1", PAGE="1")
 
 
 def test_one_fleet_is_up_at_a_time_and_it_is_mqttxt_unless_somebody_says_otherwise() -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import faulthandler
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
@@ -26,6 +27,7 @@ from .scenarios import SCENARIOS, WITH_POINTS, WITH_SENSORS
 from .side_channel import SideChannel
 from .steps import SAMPLES, Steps
 
+Over = TypeVar("Over", bound=MqttxtFleet)
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
 
@@ -45,13 +47,18 @@ def fly(
     cloud: Annotated[
         str, typer.Option(help="mqttxt: the cloud broker, mqtt://HOST[:PORT].", envvar="MQTTXT_CLOUD")
     ] = "",
+    identity: Annotated[
+        Path | None, typer.Option(help="mqttxt: the folder of the station's identity; without: unencrypted.")
+    ] = None,
+    signed: Annotated[bool, typer.Option("--signed", help="mqttxt: sign, and hear only what is signed.")] = False,
+    gateway: Annotated[bool, typer.Option("--gateway", help="mqttxt: fly with MAVSDK, by mqttxt gs mavlink.")] = False,
     qos: Annotated[str, typer.Option(help="mqttxt: QoS of commands, 0 or 1.")] = "1",
     states: Annotated[str, typer.Option(help=f"mqttxt: {', '.join(STATES)}.")] = "on-change",
     mavlink: Annotated[
         str, typer.Option(help="mavlink: where MAVSDK connects, a list; udpin://HOST:PORT for each drone or for all.")
     ] = "",
     streams: Annotated[str, typer.Option(help=f"mavlink: {', '.join(STREAMS)}.")] = "px4-onboard",
-    commanding: Annotated[str, typer.Option(help=f"mavlink: {', '.join(COMMANDINGS)}.")] = "one-by-one",
+    commanding: Annotated[str, typer.Option(help=f"mavlink, --gateway: {', '.join(COMMANDINGS)}.")] = "one-by-one",
     samples: Annotated[int, typer.Option(help="Values of each series that sensors measure, one a second.")] = SAMPLES,
     sensors: Annotated[Path | None, typer.Option(help="Folder of what the sensors write down, sensorY.jsonl.")] = None,
     series: Annotated[Path | None, typer.Option(help="File for the check of what arrived of that, JSON.")] = None,
@@ -83,6 +90,9 @@ def fly(
             links_start=links_start,
             count=count,
             control=control,
+            identity=identity,
+            signed=signed,
+            gateway=gateway,
         )
         known = (scenario,) if scenario.endswith(SUFFIX) else (*SCENARIOS, MESSAGES)
         options.check(known, WITH_SENSORS)
@@ -113,7 +123,11 @@ def make_fleet(options: Options, log: EventLog) -> Fleet:
 
             how = (options.commanding, options.streams, log, options.sensor_broker)
             return MavsdkFleet(options.urls, options.fleet, *how)
-        return MqttxtFleet(options.cloud, options.fleet, int(options.qos), log, options.states)
+        if options.gateway:
+            from .gateway_fleet import GatewayFleet
+
+            return GatewayFleet(options, log)
+        return _over_mqttxt(MqttxtFleet, options, log)
 
 
 def make_message_set(options: Options, log: EventLog) -> tuple[Fleet, Mission]:
@@ -134,7 +148,12 @@ def _make_message_fleet(options: Options, log: EventLog) -> MessageFleet:
             from .mavsdk_messages import MavsdkMessageFleet
 
             return MavsdkMessageFleet(options.urls, options.fleet, options.commanding, options.streams, log)
-        return MqttxtMessageFleet(options.cloud, options.fleet, int(options.qos), log, options.states)
+        return _over_mqttxt(MqttxtMessageFleet, options, log)
+
+
+def _over_mqttxt(kind: type[Over], options: Options, log: EventLog) -> Over:
+    how = (options.states, options.identity, options.signed)
+    return kind(options.cloud, options.fleet, int(options.qos), log, *how)
 
 
 @contextlib.contextmanager
@@ -146,4 +165,5 @@ def _settings_as_values() -> Iterator[None]:
 
 
 if __name__ == "__main__":
+    faulthandler.enable()  # MAVSDK is a library in C++ in this process
     sys.exit(app())

@@ -34,6 +34,16 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Survey:
+    """Points that are flown to one after the other, behind a takeoff to the first one's altitude; then the return.
+
+    So it is a mission of two items more than it has points.
+    """
+
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
 class Status:
     """What is known of a drone: None where nothing was heard yet. Altitude is in metres above home."""
 
@@ -91,6 +101,12 @@ class Fleet(Protocol):
 
     async def return_home(self) -> list[Result]:
         """Back to the takeoff point and down; completed when landed and disarmed."""
+
+    async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
+        """Replace the mission of each drone of `surveys`; completed as the protocol says that the drone has it."""
+
+    async def fly_survey(self) -> list[Result]:
+        """Fly the missions that were uploaded; completed when landed and disarmed."""
 
     @property
     def readings(self) -> Sequence[Reading]:

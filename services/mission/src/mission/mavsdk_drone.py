@@ -10,6 +10,7 @@ from dataclasses import asdict
 from typing import Any, TypeVar
 
 from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.asyncio.system import System
 from mavsdk.plugins.action import ActionError, ActionResult
@@ -85,6 +86,7 @@ class MavsdkDrone:
         self.is_lost = False
         self._calls = calls
         self.system = system
+        self.mission = MissionRawAsync(system)
         self.telemetry = TelemetryAsync(system)
         self._streams = streams
         self._log = log

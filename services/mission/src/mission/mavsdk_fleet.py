@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -15,13 +14,26 @@ from mavsdk.asyncio.exceptions import MavsdkConnectionError
 from mavsdk.asyncio.system import System
 from mavsdk.logging import LogLevel, log_subscribe, log_unsubscribe
 from mavsdk.plugins.action import ActionError
+from mavsdk.plugins.mission_raw import MissionRawError
 
 from mqttxt import Word
 
 from .events import EventLog
-from .fleet import MissionError, Point, Reading, Result, Status
+from .fleet import MissionError, Point, Reading, Result, Status, Survey
+from .mavsdk_calls import go_to, items_of, take_off
 from .mavsdk_drone import Calls, MavsdkDrone
-from .mavsdk_outcomes import Goal, arm_goal, goto_goal, land_goal, refusal, return_goal, takeoff_goal
+from .mavsdk_outcomes import (
+    Goal,
+    arm_goal,
+    goto_goal,
+    land_goal,
+    raw_refusal,
+    refusal,
+    return_goal,
+    survey_goal,
+    takeoff_goal,
+    uploaded_goal,
+)
 from .options import COMMANDINGS, STREAMS
 from .plain_readings import PlainReadings
 
@@ -134,6 +146,16 @@ class MavsdkFleet:
 
     async def return_home(self) -> list[Result]:
         return await self._command("return", lambda drone: drone.action.return_to_launch(), return_goal())
+
+    async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
+        """Completed when the vehicle has acknowledged the mission: nothing is read back."""
+        goals = dict.fromkeys(surveys, uploaded_goal())
+        return await self._command_each(
+            "upload_plan", lambda drone: drone.mission.upload_mission(items_of(surveys[drone.number])), goals
+        )
+
+    async def fly_survey(self) -> list[Result]:
+        return await self._command("start_mission", lambda drone: drone.mission.start_mission(), survey_goal())
 
     @property
     def readings(self) -> Sequence[Reading]:
@@ -251,6 +273,8 @@ class MavsdkFleet:
             await self._calls.run(ask(drone))
         except ActionError as error:
             return self._note(call, command, drone, *refusal(error.result))
+        except MissionRawError as error:
+            return self._note(call, command, drone, *raw_refusal(error.result))
         self._note(call, command, drone, Word.ACCEPTED, None)
         return _Accepted(call, asked_s)
 
@@ -267,20 +291,6 @@ class MavsdkFleet:
             final=word.is_last,
         )
         return Result(drone.number, word.label, reason)
-
-
-async def take_off(drone: MavsdkDrone, altitude_m: float) -> None:
-    """MAVSDK's takeoff goes to the vehicle's own takeoff altitude, which is set before where it is another one."""
-    if drone.takeoff_altitude_m != altitude_m:
-        await drone.action.set_takeoff_altitude(altitude_m)
-        drone.takeoff_altitude_m = altitude_m
-    await drone.action.takeoff()
-
-
-async def go_to(drone: MavsdkDrone, point: Point) -> None:
-    """MAVSDK wants the altitude above sea level: home's is what the drone's own two altitudes differ by."""
-    amsl_m = drone.view.home_amsl_m + point.altitude_m
-    await drone.action.goto_location(point.latitude_deg, point.longitude_deg, amsl_m, math.nan)
 
 
 def _to_logger(level: LogLevel, message: str, file: str | None, line: int) -> bool:

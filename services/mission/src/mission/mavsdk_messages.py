@@ -16,8 +16,9 @@ from mqttxt import Word
 
 from .events import EventLog
 from .fleet import MissionError, Result, Told
+from .mavsdk_calls import go_to, take_off
 from .mavsdk_drone import FIVE_STATES_HZ, MavsdkDrone
-from .mavsdk_fleet import Ask, MavsdkFleet, go_to, take_off
+from .mavsdk_fleet import Ask, MavsdkFleet
 from .mavsdk_outcomes import mode_of, offboard_refusal, place_of
 from .message_set import HOVER_M
 from .points import points_of

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
 from mavsdk.plugins.action import ActionResult
+from mavsdk.plugins.mission_raw import MissionRawResult
 from mavsdk.plugins.offboard import OffboardResult
 from mavsdk.plugins.telemetry import FlightMode, LandedState, Position
 
-from mqttxt import Arm, FlightModeName, Goto, Land, Landed, Return, Takeoff, Word
+from mqttxt import Arm, FlightModeName, Goto, Land, Landed, Return, StartMission, Takeoff, UploadPlan, Word
 from mqttxt.drone.mavlink.plans import ALTITUDE_REACHED_M, ARRIVED_ACROSS_M, ARRIVED_ALTITUDE_M
 from mqttxt.protocol.commands import haversine_m
 
@@ -40,6 +41,12 @@ _OFFBOARD_WORDS: Final[dict[OffboardResult, tuple[Word, str | None]]] = {
     OffboardResult.TIMEOUT: (Word.UNCONFIRMED, "timeout"),
     OffboardResult.NO_SETPOINT_SET: (Word.FAILED, "no_setpoint_set"),
     OffboardResult.FAILED: (Word.FAILED, "autopilot"),
+}
+
+_RAW_WORDS: Final[dict[MissionRawResult, tuple[Word, str | None]]] = {
+    MissionRawResult.NO_SYSTEM: (Word.UNREACHABLE, "no_system"),
+    MissionRawResult.DENIED: (Word.DENIED, "autopilot"),
+    MissionRawResult.TIMEOUT: (Word.UNCONFIRMED, "timeout"),
 }
 
 _MODES: Final[dict[FlightMode, FlightModeName]] = {
@@ -72,6 +79,11 @@ def refusal(result: ActionResult) -> tuple[Word, str | None]:
     MAVSDK says COMMAND_DENIED for MAV_RESULT_DENIED and MAV_RESULT_TEMPORARILY_REJECTED alike.
     """
     return _WORDS.get(result, (Word.FAILED, result.name.lower()))
+
+
+def raw_refusal(result: MissionRawResult) -> tuple[Word, str | None]:
+    """The same for a result of MAVSDK's MissionRaw."""
+    return _RAW_WORDS.get(result, (Word.FAILED, result.name.lower()))
 
 
 def offboard_refusal(result: OffboardResult) -> tuple[Word, str | None]:
@@ -216,6 +228,17 @@ def land_goal() -> Goal:
 def return_goal() -> Goal:
     """On the ground and disarmed; some autopilots change to their landing mode for the end of it."""
     return Goal(_is_down, Return.limit_s, frozenset({FlightModeName.RETURN, FlightModeName.LAND}))
+
+
+def uploaded_goal() -> Goal:
+    """Nothing beyond the acknowledgement shows that a mission was uploaded."""
+    return Goal(lambda view, since_s: True, UploadPlan.limit_s)
+
+
+def survey_goal() -> Goal:
+    """On the ground and disarmed, behind the mission's own return."""
+    passing = {FlightModeName.TAKEOFF, FlightModeName.HOLD, FlightModeName.RETURN, FlightModeName.LAND}
+    return Goal(_is_down, StartMission.limit_s, frozenset({FlightModeName.MISSION}), frozenset(passing))
 
 
 def _is_down(view: View, since_s: float) -> bool:

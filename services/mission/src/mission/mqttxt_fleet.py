@@ -11,6 +11,7 @@ import contextlib
 import logging
 from collections.abc import AsyncIterable, Callable, Coroutine, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from mqttxt import (
@@ -25,37 +26,56 @@ from mqttxt import (
     LandedState,
     MqttxtError,
     Outcome,
+    Plan,
     Return,
     SensorReading,
+    StartMission,
     StateUpdate,
     Stream,
     Takeoff,
+    UploadPlan,
 )
+from mqttxt.protocol.plans import PlanItem, PlanObject
 
 from .events import EventLog
-from .fleet import MissionError, Point, Reading, Result, Status
+from .fleet import MissionError, Point, Reading, Result, Status, Survey
 
 FIVE_STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 FIVE_STATES_HZ = 1.0
 NEEDED_STATES = frozenset({"armed", "flight_mode", "landed_state", "location"})
+NAV_WAYPOINT, NAV_RETURN, NAV_TAKEOFF = 16, 20, 22
+FRAME_MISSION, FRAME_RELATIVE = 2, 3
+"""MAV_CMDs and MAV_FRAMEs: without a place, and above home."""
 logger = logging.getLogger("mission")
 
 
 class MqttxtFleet:
     """Drones of one or more fogs behind a cloud broker. `fogs` maps each fog to its drones.
 
-    `states` is `on-change`, `fixed` or `bundle`. Raises mqttxt.ConfigurationError for a setting that cannot work.
+    `states` is `on-change`, `fixed` or `bundle`. Without an `identity` nothing is encrypted.
+    Raises mqttxt.ConfigurationError for a setting that cannot work.
     """
 
     def __init__(
-        self, cloud: str, fogs: dict[int, tuple[int, ...]], qos: int, log: EventLog, states: str = "on-change"
+        self,
+        cloud: str,
+        fogs: dict[int, tuple[int, ...]],
+        qos: int,
+        log: EventLog,
+        states: str = "on-change",
+        identity: Path | None = None,
+        signed: bool = False,
     ) -> None:
-        self._station = GroundStation(cloud, qos=qos, bundles=states == "bundle", insecure=True)
+        insecure = identity is None
+        self._station = GroundStation(
+            cloud, qos=qos, bundles=states == "bundle", identity=identity, signed=signed, insecure=insecure
+        )
         self._at_fixed_rate = states in ("fixed", "bundle")
         self._wanted = fogs
         self._log = log
         self._fogs: dict[int, Fog] = {}
         self._readings: list[Reading] = []
+        self._plans: dict[int, Plan] = {}
         self._heard = asyncio.Event()
         self._listening: asyncio.Task[None] | None = None
         self._lost: BaseException | None = None
@@ -127,6 +147,16 @@ class MqttxtFleet:
     async def return_home(self) -> list[Result]:
         return await self._broadcast(Return())
 
+    async def upload(self, surveys: Mapping[int, Survey]) -> list[Result]:
+        """All drones at once; completed when what each autopilot gave back is its survey."""
+        self._plans = {drone: plan_of(survey) for drone, survey in surveys.items()}
+        return await self._all("upload", [self._upload(drone, plan) for drone, plan in self._plans.items()])
+
+    async def fly_survey(self) -> list[Result]:
+        """All leave at once."""
+        asked = [self._to_drone(drone, StartMission(plan.mission_hash)) for drone, plan in self._plans.items()]
+        return await self._all("survey", asked)
+
     @property
     def readings(self) -> Sequence[Reading]:
         return self._readings
@@ -176,6 +206,14 @@ class MqttxtFleet:
     async def _to_drone(self, drone: int, command: Command) -> list[Result]:
         fog = self._fog_of(drone)
         return await self._follow(fog, drone, command, fog.drone(drone).send)
+
+    async def _upload(self, drone: int, plan: Plan) -> list[Result]:
+        """A plan from its first piece to the drone's last word."""
+        call, fog = self._log.next_call(), self._fog_of(drone)
+        self._log.write("command", call=call, command=UploadPlan.name, fog=fog.number, drone=drone)
+        outcome = await fog.drone(drone).upload(plan)
+        self._note(call, outcome)
+        return [Result(drone, outcome.word.label, outcome.reason)]
 
     async def _follow(
         self, fog: Fog, drone: int | None, command: Command, send: Callable[[Command], AsyncIterable[Outcome]]
@@ -239,7 +277,24 @@ def as_goto(point: Point) -> Goto:
     return Goto(point.latitude_deg, point.longitude_deg, point.altitude_m)
 
 
+def plan_of(survey: Survey) -> Plan:
+    """The plan whose mission is a survey."""
+    first, *_ = survey.points
+    there = [(NAV_TAKEOFF, first), *((NAV_WAYPOINT, point) for point in survey.points)]
+    items = [_item(command, point) for command, point in there]
+    back = PlanItem(FRAME_MISSION, NAV_RETURN, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0, True)
+    return Plan(PlanObject(mission=(*items, back)))
+
+
+def _item(command: int, point: Point) -> PlanItem:
+    """An item at a point, above home; its heading is not set."""
+    place = (round(point.latitude_deg * 1e7), round(point.longitude_deg * 1e7), point.altitude_m)
+    return PlanItem(FRAME_RELATIVE, command, (0.0, 0.0, 0.0, None), *place, True)
+
+
 def plain(value: object) -> object:
-    """A state's value as the events have it."""
+    """A field of a state as the events have it: an enumeration by its label, bytes in hexadecimal."""
+    if isinstance(value, bytes):
+        return value.hex()
     label = getattr(value, "label", None)
     return label if label is not None else value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from pathlib import Path
 
 from mqttxt import (
     Arm,
@@ -41,9 +42,16 @@ class MqttxtMessageFleet(MqttxtFleet):
     tells_faster = False
 
     def __init__(
-        self, cloud: str, fogs: dict[int, tuple[int, ...]], qos: int, log: EventLog, states: str = "on-change"
+        self,
+        cloud: str,
+        fogs: dict[int, tuple[int, ...]],
+        qos: int,
+        log: EventLog,
+        states: str = "on-change",
+        identity: Path | None = None,
+        signed: bool = False,
     ) -> None:
-        super().__init__(cloud, fogs, qos, log, states)
+        super().__init__(cloud, fogs, qos, log, states, identity, signed)
         self._number = self.drones[0]
         self._following: asyncio.Task[None] | None = None
         self._told: asyncio.Queue[Told] = asyncio.Queue()

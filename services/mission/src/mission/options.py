@@ -38,6 +38,9 @@ class Options:
     links_start: Path | None = None
     count: int = 1
     control: Path | None = None
+    identity: Path | None = None
+    signed: bool = False
+    gateway: bool = False
 
     def check(self, scenarios: tuple[str, ...], with_sensors: tuple[str, ...]) -> None:
         """Raises ValueError naming what cannot be flown."""
@@ -47,6 +50,8 @@ class Options:
         _one_of("--states", self.states, STATES)
         _one_of("--streams", self.streams, STREAMS)
         _one_of("--commanding", self.commanding, COMMANDINGS)
+        if self.gateway and (self.protocol != "mqttxt" or self.scenario in (*with_sensors, MESSAGES)):
+            raise ValueError(f"--gateway: {self.scenario} over {self.protocol}: expected another scenario over mqttxt")
         if self.protocol == "mqttxt" and not self.cloud:
             raise ValueError("--cloud '': expected the cloud broker, mqtt://HOST[:PORT]")
         if not 1 <= self.samples <= MOST_SAMPLES:

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from .fleet import Fleet
 from .points import points_of
 from .steps import Steps
+from .surveys import surveys_of
 
 ALTITUDE_M = 10.0
 HOLD_S = 15.0
@@ -40,6 +41,15 @@ async def scenario_4(fleet: Fleet, steps: Steps) -> None:
     await _back(fleet, steps)
 
 
+async def scenario_5(fleet: Fleet, steps: Steps) -> None:
+    """Upload a survey of 100 items to each, arm, fly it, return to where it took off and land there, all disarmed."""
+    surveys = surveys_of(fleet.drones)
+    await steps.command("upload", lambda: fleet.upload(surveys), limit_s=300)
+    await steps.command("arm", fleet.arm, limit_s=30)
+    await steps.command("survey", fleet.fly_survey, limit_s=600)
+    await _disarmed(fleet, steps)
+
+
 async def _up(fleet: Fleet, steps: Steps) -> None:
     await steps.command("arm", fleet.arm, limit_s=30)
     await steps.command("takeoff", lambda: fleet.takeoff(ALTITUDE_M), limit_s=90)
@@ -69,9 +79,10 @@ SCENARIOS: dict[str, Callable[[Fleet, Steps], Awaitable[None]]] = {
     "scenario-2": scenario_2,
     "scenario-3": scenario_3,
     "scenario-4": scenario_4,
+    "scenario-5": scenario_5,
 }
 """Every scenario by the name that people type."""
-WITH_POINTS = ("scenario-2", "scenario-4")
+WITH_POINTS = ("scenario-2", "scenario-4", "scenario-5")
 """Those that send each drone to a point of its own."""
 WITH_SENSORS = ("scenario-4",)
 """Those that collect what sensors measure."""

@@ -2,11 +2,14 @@
 
 MqttxtError
 ├── ConfigurationError     a setting that cannot work; the message names it (exit code 2)
+├── AuditBroken            an audit log that is not as it was written
 ├── PayloadError           a payload or topic that does not follow the specification
 ├── TransportError         a broker or an autopilot link that refuses or is lost
 │   └── BrokerRefused      the broker answered CONNECT with a reason code that retrying cannot mend
 ├── FogUnreachable         no live activator answered a ground station in time
+├── TransferFailed         a drone did not keep, or not give, an object such as a plan
 ├── StationEnded           the ground station that was waited for has ended
+├── PartEnded              a process of the demo has ended by itself
 └── Refused                another live process already owns this drone's or fog's number
 """
 
@@ -23,6 +26,10 @@ class ConfigurationError(MqttxtError):
     """A setting that cannot work: the message names the setting, its value and what was expected."""
 
     exit_code = 2
+
+
+class AuditBroken(MqttxtError):
+    """An audit log that is not as it was written; the message names the first line that shows it."""
 
 
 class PayloadError(MqttxtError):
@@ -45,8 +52,16 @@ class FogUnreachable(MqttxtError):
     """No live activator answered a ground station in time."""
 
 
+class TransferFailed(MqttxtError):
+    """A drone did not keep, or not give, an object such as a plan; the message says why."""
+
+
 class StationEnded(MqttxtError):
     """The ground station has ended, and nothing more is heard by it."""
+
+
+class PartEnded(MqttxtError):
+    """A process of the demo has ended by itself; the message names it, how it ended, and its last words."""
 
 
 class Refused(MqttxtError):

@@ -9,16 +9,22 @@ from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
 from mqttxt.protocol.topics import CloudSide, FogSide
 
-from . import activator_gate as gate
+from . import activator_signed
 from .activator_kit import ActivatorKit, ActivatorTarget
+from .activator_signed_kit import SignedActivatorKit
 from .registry import RULES, Broken, Finding, Rule, check_all, unmet
+from .sealed import STATION, Folder
 from .subject import Subject
 from .tap import Tap, clear_retained
 
 # Their import enters their rules, in this order.
-from . import activator_commands, activator_control  # isort: skip
+from . import activator_gate, activator_presence, activator_commands, activator_control  # isort: skip
 
-ENDING = (gate.will_carries_the_session, gate.a_second_one_refuses_to_start, gate.a_clean_stop_says_down)
+ENDING = (
+    activator_presence.will_carries_the_session,
+    activator_presence.a_second_one_refuses_to_start,
+    activator_presence.a_clean_stop_says_down,
+)
 """Rules that end the implementation; they come last."""
 
 
@@ -35,6 +41,8 @@ async def check_activator(
     on_finding: Callable[[Finding], None],
 ) -> list[Finding]:
     """Check an activator; raises ConfigurationError for what cannot be tested as it was asked."""
+    if target.folder is not None:
+        return await _check_signed(cloud_broker, fog_broker, target, target.folder, on_finding)
     topics, fog_side = CloudSide(target.fog, target.prefix), FogSide(target.fog_root)
     clock = SessionClock()
     values = {
@@ -70,4 +78,54 @@ async def check_activator(
         await kit.close()
 
 
-__all__ = ["ActivatorTarget", "activator_commands", "activator_control", "check_activator", "rules"]
+async def _check_signed(
+    cloud_broker: BrokerAddress,
+    fog_broker: BrokerAddress,
+    target: ActivatorTarget,
+    folder: Folder,
+    on_finding: Callable[[Finding], None],
+) -> list[Finding]:
+    """The rules of section 12: each part of the kit has the connection that its identity gives it."""
+    topics, fog_side, clock = CloudSide(target.fog, target.prefix), FogSide(target.fog_root), SessionClock()
+    values = {"broker": str(cloud_broker), "fog_broker": str(fog_broker), "fog": str(target.fog), "drones": "1,2"}
+    values |= {"fog_root": target.fog_root, "identity": str(folder.path / f"fog{target.fog}")}
+    subject = Subject(target.run, values, target.log)
+
+    def tap(broker: BrokerAddress, name: str) -> Tap:
+        return Tap(broker, f"conformance-{secrets.token_hex(4)}", clock, folder.identity(name))
+
+    cloud, fog = tap(cloud_broker, f"gs-{STATION}"), {number: tap(fog_broker, f"drone{number}") for number in (1, 2)}
+    kit = SignedActivatorKit(folder, topics, fog_side, cloud, fog, subject, clock)
+    await cloud.connect("--broker")
+    for each in fog.values():
+        await each.connect("--fog-broker")
+    try:
+        if subject.is_ours:
+            before = tap(cloud_broker, kit.name)
+            await before.connect("--broker")
+            left = [topics.reachable, *map(topics.drone_reachable, fog), *map(topics.drone_birth, fog)]
+            await clear_retained(before, left)
+            await before.close()
+        await cloud.subscribe(f"{topics.root}#")
+        for number, each in fog.items():
+            await each.subscribe(f"{fog_side.root}drone{number}/#")
+        if subject.is_ours:
+            await subject.start()
+        try:
+            await kit.meet()
+        except Broken as broken:
+            return unmet(activator_signed.rules(), "birth-carries-its-certificate", str(broken), on_finding)
+        return await check_all(activator_signed.rules(), kit, on_finding)
+    finally:
+        await kit.close()
+
+
+__all__ = [
+    "ActivatorTarget",
+    "activator_commands",
+    "activator_control",
+    "activator_gate",
+    "activator_signed",
+    "check_activator",
+    "rules",
+]

@@ -18,6 +18,7 @@ from mqttxt.protocol.topics import CloudSide, FogSide, station_reachable
 from . import shapes
 from .fake_drone import FakeDrone, Forwarded
 from .registry import Broken, expect
+from .sealed import Folder
 from .subject import Subject
 from .tap import Heard, Tap, clear_retained
 from .words import Words, words_of
@@ -259,10 +260,11 @@ class ActivatorKit:
 
 @dataclass(frozen=True)
 class ActivatorTarget:
-    """Which activator is under test, and how to start it. `fog_root` None: as R1.1 says."""
+    """Which activator is under test, how to start it, and its fleet, if that signs. `fog_root` None: as R1.1 says."""
 
     fog: int
     prefix: str = ""
     fog_root: str = ""
     run: str | None = None
     log: Path | None = None
+    folder: Folder | None = None

@@ -52,9 +52,9 @@ class FakeDrone:
     def now_ms(self) -> int:
         return self._clock.now_ms()
 
-    def born(self, up: bool = True, session: int | None = None) -> None:
+    def born(self, up: bool = True) -> None:
         """Birth and first beacon, or the will."""
-        presence = Presence(session=session or self.session, up=up)
+        presence = Presence(session=self.session, up=up)
         self._tap.publish(self._topics.reachable(self.number), encode(presence), retain=True)
         if up:
             self.beacon()

@@ -7,6 +7,7 @@ commands when its user says so, and ends.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import secrets
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +23,10 @@ from mqttxt.protocol.topics import CloudSide
 from mqttxt.protocol.values import Encoding
 
 from . import shapes
-from .registry import Broken
+from .readings import KIND, SENSOR, Sensor
+from .registry import Broken, NotTested
+from .sealed import STATION, Folder
+from .secured import SecuredFog
 from .subject import Subject
 from .tap import NOBODY_SUBSCRIBED, Heard, Tap, clear_retained
 
@@ -62,8 +66,19 @@ class GsKit:
     """One ground station, seen from the cloud broker. Times are milliseconds of the kit's clock."""
 
     def __init__(
-        self, fog: int, drone: int, prefix: str, tap: Tap, subject: Subject, clock: SessionClock, ttl_s: float
+        self,
+        fog: int,
+        drone: int,
+        prefix: str,
+        tap: Tap,
+        subject: Subject,
+        clock: SessionClock,
+        ttl_s: float,
+        secured: SecuredFog | None = None,
     ) -> None:
+        self.secured = secured
+        self.twin = tap
+        """A connection that may publish what is the station's own."""
         self.topics = CloudSide(fog, prefix)
         self.drone = drone
         self.prefix = prefix
@@ -76,6 +91,12 @@ class GsKit:
         self.enrolments: list[Enrolment] = []
         self.commands: list[Command] = []
         self.malformed: list[str] = []
+        self.grants: list[tuple[Heard, dict[str, Any], float]] = []
+        self.forged_ms: int | None = None
+        self.sensor: Sensor | None = None
+        self.measured: list[int] = []
+        """Numbers of the sensor's own readings; `acknowledged` are the station's words on those."""
+        self.acknowledged: list[Heard] = []
         self.unheard: list[str] | None = None
         self.presence_topic: str | None = None
         self.anew_ms = 0
@@ -94,14 +115,17 @@ class GsKit:
         self.activator = SessionClock()
         self._beacons.clear()
         self.sessions.append(self.activator.session)
-        drones = (RosterEntry(drone=self.drone, session=self._drone_session),)
+        drones = (RosterEntry(drone=self.drone, session=self.drone_session),)
         birth = FogPresence(session=self.activator.session, up=True, authenticated=False, drones=drones)
         await self.tap.publish(self.topics.reachable, encode(birth), retain=True)
+        if self.secured is not None:
+            own = encode(Presence(session=self.drone_session, up=True))
+            self.tap.publish(self.topics.drone_birth(self.drone), own, retain=True)
         self._tell_record()
         self._beacon(None)
 
     @property
-    def _drone_session(self) -> int:
+    def drone_session(self) -> int:
         return self.activator.session % (2**32 - 1) + 1
 
     def _tell_record(self) -> None:
@@ -109,7 +133,7 @@ class GsKit:
         record = DroneRecord(
             activator_session=self.activator.session,
             up=True,
-            drone_session=self._drone_session,
+            drone_session=self.drone_session,
             holder=newest["name"] if newest else None,
             holder_session=newest["session"] if newest else None,
             epoch=EPOCH,
@@ -128,6 +152,9 @@ class GsKit:
         if message.session == self.activator.session:
             self._beacons.append((self.clock.now_ms(), message.now_ms))
             self.tap.publish(self.topics.clock, encode(message), qos=0)
+            if self.secured is not None:  # the drone's clock is the activator's
+                own = BeaconMessage(session=self.drone_session, now_ms=message.now_ms)
+                self.tap.publish(self.topics.drone_clock(self.drone), encode(own), qos=0)
 
     def _later(self, job: Any) -> None:
         task = asyncio.create_task(job)
@@ -138,22 +165,29 @@ class GsKit:
         """The drone's words about a command."""
         self.answered[command.heard.payload] = self.clock.now_ms()
         for word in words:
-            now = stamp(self.activator.now_ms())
-            result = ResultMessage(
-                gs_session=command.fields["gs_session"],
-                seq=command.fields["seq"],
-                session=self._drone_session,
-                relay_stamp=now,
-                stamp=now,
-                word=word,
-            )
-            self.tap.publish(self.topics.drone_result(self.drone, command.fields["command"]), encode(result))
+            self.tap.publish(*self._word(command, word))
+
+    def _word(self, command: Command, word: Word) -> tuple[str, bytes]:
+        now = stamp(self.activator.now_ms())
+        result = ResultMessage(
+            gs_session=command.fields["gs_session"],
+            seq=command.fields["seq"],
+            session=self.drone_session,
+            relay_stamp=now if self.secured is None else None,
+            stamp=now,
+            word=word,
+        )
+        return self.topics.drone_result(self.drone, command.fields["command"]), encode(result)
 
     # What the kit hears.
 
     def on_heard(self, heard: Heard) -> None:
         try:
-            if heard.topic == self.topics.init_connect:
+            if self.secured is not None and heard.topic == self.topics.drone_control(self.drone):
+                self.grants.append((heard, shapes.read("grant", heard.payload), self.latest(heard.at_ms, 0)))
+            elif heard.topic == self.topics.drone_sensor_ack(self.drone):
+                self.acknowledged.append(heard)
+            elif heard.topic == self.topics.init_connect:
                 self._on_registration(heard, shapes.read("registration", heard.payload))
             elif heard.topic.endswith("/commands") and heard.payload:
                 self._on_command(heard, shapes.read("command", heard.payload))
@@ -166,6 +200,9 @@ class GsKit:
         return max(bounds, default=0.0) + length_ms * (1 - RATE)
 
     def _on_registration(self, heard: Heard, fields: dict[str, Any]) -> None:
+        if self.secured is not None and fields["lease_s"] == 0 and "until_ms" not in fields:
+            self._beacon(fields["nonce"])  # R12.13: who has no beacon asks for one
+            return
         is_first = not self.enrolments
         latest_ms = self.latest(heard.at_ms, fields["lease_s"] * 1000)
         self.enrolments.append(Enrolment(heard, fields, latest_ms, self.activator.session))
@@ -178,7 +215,8 @@ class GsKit:
 
     def _on_command(self, heard: Heard, fields: dict[str, Any]) -> None:
         latest_ms = self.latest(heard.at_ms, self.ttl_ms)
-        self.commands.append(Command(heard, fields, latest_ms, self.activator.session))
+        named = self.activator.session if self.secured is None else self.drone_session
+        self.commands.append(Command(heard, fields, latest_ms, named))
 
     async def _probe(self) -> None:
         """Whom the broker reaches right after the first registration: PUBACK 0x10 says nobody, if it says so at all."""
@@ -192,7 +230,8 @@ class GsKit:
             self.topics.drone_state(self.drone, "battery"): state,
         }
         nowhere = f"{self.prefix}conformance/{secrets.token_hex(4)}"
-        futures = {topic: self.tap.publish(topic, payload) for topic, payload in {nowhere: b"", **probes}.items()}
+        said = {nowhere: b"", **probes}
+        futures = {topic: self.tap.publish(topic, payload, as_it_is=True) for topic, payload in said.items()}
         found = {topic: await future for topic, future in futures.items()}
         if found.pop(nowhere) == NOBODY_SUBSCRIBED:
             self.unheard = [topic for topic, code in found.items() if code == NOBODY_SUBSCRIBED]
@@ -209,6 +248,8 @@ class GsKit:
             raise Broken(f"no registration on {self.topics.init_connect} within {APPEAR_S:g} s")
         await self.tap.until(lambda: self.commands, APPEAR_S)
         self._say_nonsense()
+        self._forge()
+        self._measure()
         self._upset()
         await self._wait_for_renewal()
         before = len(self.enrolments)
@@ -223,14 +264,40 @@ class GsKit:
     def _say_nonsense(self) -> None:
         for topic in (self.topics.clock, self.topics.drone_result(self.drone, "arm"), self.topics.drone_state(1, "x")):
             for payload in (b"{", b"\xff\xff", b"\x81\x01", b""):
-                self.tap.publish(topic, payload)
+                self.tap.publish(topic, payload, as_it_is=True)
+
+    def _forge(self) -> None:
+        """Last words about the first command that its drone has not signed."""
+        if self.secured is None or not self.commands:
+            return
+        self.forged_ms = self.clock.now_ms()
+        topic, word = self._word(self.commands[0], Word.COMPLETED)
+        self.tap.publish(topic, word, as_it_is=True)
+        by_activator = self.secured.activator.sign(topic.removeprefix(self.prefix), word).encode()
+        by_station = self.secured.word(topic, word, self.secured.folder.seal(f"gs-{STATION}"))
+        for payload in (by_activator, by_station):
+            self.tap.publish(topic, payload, as_it_is=True)
+
+    def _measure(self) -> None:
+        """Readings that their sensor has signed, and others."""
+        if self.secured is None or not self.commands:
+            return
+        with contextlib.suppress(NotTested):  # the rule says why
+            self.sensor = sensor = Sensor(self.secured.folder)
+            self.measured = [3, 4]
+            readings = (sensor.measured(1), sensor.said(2, by=self.secured.activator), sensor.said(3), sensor.said(4))
+            for payload in readings:
+                topic = self.topics.drone_sensor(self.drone, SENSOR, KIND)
+                self.tap.publish(topic, payload, as_it_is=True)
 
     def _upset(self) -> None:
         """Another session's `down` on the station's retained topic."""
         if self.presence_topic is not None:
             self.upset_ms = self.clock.now_ms()
             other = Presence(session=secrets.randbelow(2**32 - 1) + 1, up=False)
-            self.tap.publish(self.presence_topic, encode(other), retain=True)
+            if self.secured is not None:
+                self.secured.speech.own.add(encode(other))
+            self.twin.publish(self.presence_topic, encode(other), retain=True)
 
     async def _wait_for_renewal(self) -> None:
         """Until a third of the lease has passed, and a command that nobody answers came again."""
@@ -281,12 +348,23 @@ class GsKit:
             await asyncio.sleep(0.2)
             self.killed_mark = len(self.tap.heard)
             await self.subject.kill()
-            await self.tap.until(lambda: self.presences(self.killed_mark or 0), 5)
+            await self.tap.until(self.last_words, 5)
+
+    def last_words(self) -> list[dict[str, Any]]:
+        """What its last session said after it was killed; the will of the session before may still be on its way."""
+        session = self.enrolments[-1].fields["session"]
+        said = [presence for _, presence in self.presences(self.killed_mark or 0)]
+        return [presence for presence in said if presence["session"] == session]
 
     def presences(self, mark: int = 0, end: int | None = None) -> list[tuple[Heard, dict[str, Any]]]:
         """What was heard on any station's retained topic."""
         below = f"{self.prefix}gs/"
-        found = [heard for heard in self.tap.heard[mark:end] if heard.topic.startswith(below) and heard.payload]
+        own = self.secured.speech.own if self.secured is not None else set()
+        found = [
+            heard
+            for heard in self.tap.heard[mark:end]
+            if heard.topic.startswith(below) and heard.payload and heard.payload not in own
+        ]
         return [(heard, shapes.read("presence", heard.payload)) for heard in found]
 
     async def close(self) -> None:
@@ -294,10 +372,14 @@ class GsKit:
         for task in list(self._tasks):
             task.cancel()
         topics = [self.topics.reachable, self.topics.drone_reachable(self.drone)]
-        topics += [command.heard.topic for command in self.commands if command.heard.retain]
-        topics += [heard.topic for heard in self.tap.heard if heard.topic.startswith(f"{self.prefix}gs/")]
+        topics += [self.topics.drone_birth(self.drone)] if self.secured is not None else []
+        theirs = [command.heard.topic for command in self.commands if command.heard.retain]
+        theirs += [heard.topic for heard in self.tap.heard if heard.topic.startswith(f"{self.prefix}gs/")]
         await clear_retained(self.tap, set(topics))
+        await clear_retained(self.twin, set(theirs))
         await self.tap.close()
+        if self.twin is not self.tap:
+            await self.twin.close()
 
 
 @dataclass(frozen=True)
@@ -310,3 +392,4 @@ class GsTarget:
     ttl_s: float = 5.0
     run: str | None = None
     log: Path | None = None
+    folder: Folder | None = None

@@ -256,6 +256,6 @@ async def will_carries_the_session(kit: GsKit) -> str:
         raise NotTested("started a second time it did not register")
     session = kit.enrolments[-1].fields["session"]
     wills = [presence for _, presence in kit.presences(kit.killed_mark)]
-    is_own = bool(wills) and (wills[0]["session"], wills[0]["up"]) == (session, False)
-    expect(is_own, f"SIGKILL: came {wills}, expected session {session}, down")
-    return f"will {wills[0]}"
+    own = kit.last_words()
+    expect(own and not own[0]["up"], f"SIGKILL: came {wills}, expected session {session}, down")
+    return f"will {own[0]}"

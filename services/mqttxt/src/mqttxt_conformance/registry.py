@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, TypeVar
+from typing import Any
 
-Kit = TypeVar("Kit")
 Check = Callable[[Any], Awaitable[str]]
 """Takes a role's kit; returns the evidence that the rule is kept, or raises Broken or NotTested."""
 
@@ -48,7 +47,7 @@ class Finding:
     evidence: str
 
 
-RULES: dict[str, list[Rule]] = {"uav": [], "activator": [], "gs": []}
+RULES: dict[str, list[Rule]] = {"uav": [], "activator": [], "signed activator": [], "gs": []}
 """Every rule of each role, in the order in which they are checked."""
 
 

@@ -27,7 +27,10 @@ WORDS = (
 )
 FIRST_WORDS = ("accepted", "in_progress")
 CONTROLS = ("none", "want", "take")
-COMMANDS = ("", "arm", "disarm", "takeoff", "land", "goto", "hold", "return", "offboard", "stream", "mavlink")
+COMMANDS = (
+    *("", "arm", "disarm", "takeoff", "land", "goto", "hold", "return", "offboard", "stream", "mavlink"),
+    *("upload_plan", "clear_plan", "start_mission", "pause", "resume", "set_current_item", "set_parameter"),
+)
 
 Judge = Callable[[Any, bool], bool]
 """Whether a value may stand in a field; the flag: the payload is JSON."""
@@ -67,6 +70,12 @@ def _is_of_name(character: str) -> bool:
     return character.isalnum() or character in "_.-"
 
 
+def _hash(value: Any, is_json: bool) -> bool:
+    if is_json:
+        return isinstance(value, str) and len(value) == 32 and set(value) <= set("0123456789abcdef")
+    return isinstance(value, bytes) and len(value) == 16
+
+
 def _flag(value: Any, _: bool) -> bool:
     return type(value) is bool
 
@@ -78,7 +87,9 @@ def _container(value: Any, _: bool) -> bool:
 _U32, _SESSION, _STAMP = _whole(0, 2**32 - 1), _whole(1, 2**32 - 1), _whole(0, 2**16 - 1)
 _MS, _VERSION, _REASON = _whole(0, 2**53 - 1), _whole(1, 1), _text(200)
 _LATITUDE, _LONGITUDE, _ALTITUDE = _scaled(-90, 90, 10**7), _scaled(-180, 180, 10**7), _scaled(-100_000, 100_000, 1000)
-_SPEED = _scaled(0, 655, 100)
+_SPEED, _SPEED_ALONG = _scaled(0, 655, 100), _scaled(-327.68, 327.67, 100)
+_FIXES = ("no_gps", "no_fix", "fix_2d", "fix_3d", "dgps", "rtk_float", "rtk_fixed", "static", "ppp")
+_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 _MODES = (
     *("unknown", "manual", "altitude", "position", "acro", "stabilized", "offboard", "hold", "mission", "takeoff"),
     *("return", "land", "follow", "precision_land", "orbit"),
@@ -86,8 +97,8 @@ _MODES = (
 _ID = {"version": _VERSION, "gs_session": _SESSION, "seq": _U32}
 
 MESSAGES: dict[str, dict[str, Judge]] = {
-    "presence": {"version": _VERSION, "session": _SESSION, "up": _flag},
-    "beacon": {"session": _SESSION, "now_ms": _MS, "nonce": _U32, "held_ms": _MS},
+    "presence": {"version": _VERSION, "session": _SESSION, "up": _flag, "revoked": _U32},
+    "beacon": {"session": _SESSION, "now_ms": _MS, "nonce": _U32, "held_ms": _MS, "revoked": _U32},
     "result": {
         **_ID,
         "session": _SESSION,
@@ -126,6 +137,7 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "broker": _REASON,
         "authenticated": _flag,
         "drones": _container,
+        "revoked": _U32,
     },
     "registration": {
         "version": _VERSION,
@@ -151,6 +163,9 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "holder_session": _SESSION,
         "deadline_ms": _MS,
         "offboard_until_ms": _MS,
+        "counter": _U32,
+        "heard_ms": _MS,
+        "anew": _flag,
     },
     "command": {
         **_ID,
@@ -159,6 +174,14 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "limit_s": _scaled(0.1, 86_400, 10),
         "epoch": _U32,
         "command": _coded(*COMMANDS),
+    },
+    "reading-ack": {"version": _VERSION, "readings": _container},
+    "grant": {
+        "version": _VERSION,
+        "gs_session": _SESSION,
+        "drone_session": _SESSION,
+        "until_ms": _MS,
+        "offboard_until_ms": _MS,
     },
     "psmi": {
         **_ID,
@@ -183,6 +206,8 @@ _REQUIRED = {
     "registration": 5,
     "drone-lease": 6,
     "command": 8,
+    "reading-ack": 2,
+    "grant": 4,
     "psmi": 7,
     "qods": 4,
 }
@@ -205,8 +230,18 @@ STATES: dict[str, dict[str, Judge]] = {
     "home": {"latitude_deg": _LATITUDE, "longitude_deg": _LONGITUDE, "altitude_amsl_m": _ALTITUDE},
     "health": {"armable": _flag, "unhealthy_sensors": _U32},
     "endurance": {"endurance_s": _whole(60, 86_400), "cruise_m_s": _SPEED},
+    "velocity": {"north_m_s": _SPEED_ALONG, "east_m_s": _SPEED_ALONG, "down_m_s": _SPEED_ALONG},
+    "gps": {"fix": _coded(*_FIXES), "satellites": _whole(0, 254), "hdop": _scaled(0, 655.34, 100)},
+    "power": {"voltage_v": _scaled(0, 65.534, 1000), "current_a": _scaled(0, 327.67, 100)},
+    "airframe": {"autopilot": _whole(0, 255), "kind": _whole(0, 255), "version": _U32},
+    "text": {"severity": _coded(*_SEVERITIES), "text": _text(200)},
+    "mission": {"current": _STAMP, "reached": _STAMP, "total": _STAMP, "mission": _hash},
+    "fence": {"breached": _flag, "fence": _hash},
 }
 """Each state's own fields; `stamp` goes before them, and `relay_stamp` before that on the cloud side."""
+
+_STATE_OPTIONAL = {"gps": 2, "power": 1, "airframe": 1, "mission": 1, "fence": 1}
+"""How many fields of a state may be missing at its end."""
 
 
 def read(kind: str, payload: bytes) -> dict[str, Any]:
@@ -225,7 +260,8 @@ def read_state(name: str, payload: bytes, relayed: bool) -> dict[str, Any]:
         raise Broken(f"state {name!r}: not in the specification's table")
     stamps: dict[str, Judge] = {"relay_stamp": _STAMP, "stamp": _STAMP} if relayed else {"stamp": _STAMP}
     table = {**stamps, **STATES[name]}
-    return _fields(f"state {name}", table, payload, len(table), open_ended=False)
+    required = len(table) - _STATE_OPTIONAL.get(name, 0)
+    return _fields(f"state {name}", table, payload, required, open_ended=False)
 
 
 def unbundled(payload: bytes) -> list[tuple[str, bytes]]:
@@ -287,6 +323,11 @@ def shown(payload: bytes) -> str:
     except (ValueError, cbor2.CBORError):
         text = payload.hex(" ")
     return text if len(text) <= 120 else text[:117] + "..."
+
+
+def reading_key(value: Any) -> tuple[Any, ...]:
+    """Sensor, boot and seq of a reading in an acknowledgement."""
+    return tuple(value.get(name) for name in ("sensor", "boot", "seq")) if isinstance(value, dict) else tuple(value)
 
 
 def roster_entry(value: Any) -> tuple[int, int | None]:

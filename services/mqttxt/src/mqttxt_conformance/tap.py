@@ -17,8 +17,9 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
+from mqttxt.core.mqtt.tls import client_context
 from mqttxt.errors import ConfigurationError
-from mqttxt.protocol.topics import check_prefix
+from mqttxt.security.identity import Identity
 
 CONNECT_S = 5.0
 NOBODY_SUBSCRIBED = 0x10
@@ -39,14 +40,25 @@ class Heard:
 
 
 class Tap:
-    """One connection; `heard` has everything in the order of its arrival, own publishes left out."""
+    """One connection; `heard` has everything in the order of its arrival, own publishes left out.
 
-    def __init__(self, address: BrokerAddress, client_id: str, clock: SessionClock, prefix: str = "") -> None:
+    With an `identity` it is that node's, in TLS. Where messages are signed, `seal` makes of what is published what goes
+    to the broker, and `read` of what came from there what it says.
+    """
+
+    def __init__(
+        self,
+        address: BrokerAddress,
+        client_id: str,
+        clock: SessionClock,
+        identity: Identity | None = None,
+    ) -> None:
         self.heard: list[Heard] = []
+        self.seal: Callable[[str, bytes], bytes] = lambda topic, payload: payload
+        self.read: Callable[[Heard], Heard] = lambda heard: heard
         self.on_heard: Callable[[Heard], None] = lambda heard: None
         self._address = address
         self._clock = clock
-        self._prefix = check_prefix(prefix)
         self._loop = asyncio.get_running_loop()
         self._arrived = asyncio.Event()
         self._connected: asyncio.Future[int] = self._loop.create_future()
@@ -57,7 +69,8 @@ class Tap:
         if address.username is not None:
             self._client.username_pw_set(address.username, address.password)
         if address.tls:
-            self._client.tls_set_context(ssl.create_default_context())
+            context = client_context(identity) if identity is not None else ssl.create_default_context()
+            self._client.tls_set_context(context)
         self._client.on_connect = lambda _c, _u, _f, code, _p: self._call(_resolve, self._connected, code.value)
         self._client.on_message = self._on_message
         self._client.on_publish = lambda _c, _u, mid, code, _p: self._call(self._acknowledged, mid, code.value)
@@ -89,9 +102,17 @@ class Tap:
             await done
 
     def publish(
-        self, topic: str, payload: bytes, *, qos: int = 1, retain: bool = False, expiry_s: int | None = None
+        self,
+        topic: str,
+        payload: bytes,
+        *,
+        qos: int = 1,
+        retain: bool = False,
+        expiry_s: int | None = None,
+        as_it_is: bool = False,
     ) -> asyncio.Future[int]:
-        """The future is the PUBACK's reason code, NO_PUBACK where none comes in time."""
+        """The future is the PUBACK's reason code, NO_PUBACK where none comes in time; `as_it_is`: not sealed."""
+        payload = payload if as_it_is or not payload else self.seal(topic, payload)
         properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
         if expiry_s is not None:
             properties.MessageExpiryInterval = expiry_s
@@ -138,6 +159,7 @@ class Tap:
         self._call(self._take, heard)
 
     def _take(self, heard: Heard) -> None:
+        heard = self.read(heard)
         self.heard.append(heard)
         self.on_heard(heard)
         self._arrived.set()

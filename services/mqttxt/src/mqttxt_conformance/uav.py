@@ -12,12 +12,13 @@ from mqttxt.protocol.topics import FogSide
 from . import uav_presence as presence
 from .autopilot import Autopilot
 from .registry import RULES, Broken, Finding, Rule, check_all, unmet
+from .secured import SecuredUav
 from .subject import Subject
 from .tap import Tap, clear_retained
 from .uav_kit import UavKit, UavTarget
 
 # Their import enters their rules, in this order.
-from . import uav_commands, uav_refusals, uav_control, uav_states  # isort: skip
+from . import uav_commands, uav_refusals, uav_control, uav_signed, uav_states  # isort: skip
 
 
 ENDING = (
@@ -28,15 +29,16 @@ ENDING = (
     presence.does_not_start_at_another_system,
 )
 """Rules that end the implementation; they come last."""
+LAST_WATCHED = (uav_signed.signs_what_it_says,)
 WATCHED = uav_states.__name__
 """Rules that are judged by everything that was heard before."""
 
 
-def rules() -> list[Rule]:
-    """Every rule of a UAV client in the order in which it is checked."""
-    found = RULES["uav"]
+def rules(signed: bool = True) -> list[Rule]:
+    """Every rule of a UAV client in the order in which it is checked; those of section 12 where messages are signed."""
+    found = [rule for rule in RULES["uav"] if signed or rule.check.__module__ != uav_signed.__name__]
     ending = [rule for rule in found if rule.check in ENDING]
-    watched = [rule for rule in found if rule.check.__module__ == WATCHED]
+    watched = [rule for rule in found if rule.check.__module__ == WATCHED or rule.check in LAST_WATCHED]
     return [rule for rule in found if rule not in ending and rule not in watched] + watched + ending
 
 
@@ -44,14 +46,23 @@ async def check_uav(broker: BrokerAddress, target: UavTarget, on_finding: Callab
     """Check a UAV client; raises ConfigurationError for what cannot be tested as it was asked."""
     topics = FogSide(target.fog_root)
     clock = SessionClock()
-    tap = Tap(broker, f"conformance-{secrets.token_hex(4)}", clock)
+    folder, name = target.folder, f"drone{target.drone}"
+    activator = folder.identity(f"fog{target.fog}") if folder is not None else None
+    tap = Tap(broker, f"conformance-{secrets.token_hex(4)}", clock, identity=activator)
     host, port = target.autopilot_host, target.autopilot_port
     values = {"broker": str(broker), "drone": str(target.drone), "autopilot": f"udp:{host}:{port}"}
+    values |= {"fog": str(target.fog), "identity": str(folder.path / name)} if folder is not None else {}
     subject = Subject(target.run, values, target.log)
-    kit = UavKit(target.drone, topics, Autopilot(host, port, target.drone, clock), tap, subject, clock)
+    secured = SecuredUav(folder, target.fog, target.drone, topics) if folder is not None and folder.signed else None
+    kit = UavKit(target.drone, topics, Autopilot(host, port, target.drone, clock), tap, subject, clock, secured)
+    if secured is not None:
+        tap.seal, tap.read = secured.sealed, secured.speech.read
     await tap.connect("--broker")
+    if folder is not None:  # its retained topic is the drone's own
+        kit.twin = Tap(broker, f"conformance-{secrets.token_hex(4)}", clock, identity=folder.identity(name))
+        await kit.twin.connect("--broker")
     try:
-        await clear_retained(tap, [topics.reachable(target.drone)] if subject.is_ours else [])
+        await clear_retained(kit.twin, [topics.reachable(target.drone)] if subject.is_ours else [])
         tap.on_heard = kit.on_heard
         await tap.subscribe(f"{topics.root}drone{target.drone}/#")
         await kit.autopilot.start()
@@ -60,10 +71,10 @@ async def check_uav(broker: BrokerAddress, target: UavTarget, on_finding: Callab
         try:
             await kit.meet()
         except Broken as broken:
-            return unmet(rules(), "birth-carries-the-session", str(broken), on_finding)
-        return await check_all(rules(), kit, on_finding)
+            return unmet(rules(secured is not None), "birth-carries-the-session", str(broken), on_finding)
+        return await check_all(rules(secured is not None), kit, on_finding)
     finally:
         await kit.close()
 
 
-__all__ = ["UavTarget", "check_uav", "rules", "uav_commands", "uav_control", "uav_refusals"]
+__all__ = ["UavTarget", "check_uav", "rules", "uav_commands", "uav_control", "uav_refusals", "uav_signed"]

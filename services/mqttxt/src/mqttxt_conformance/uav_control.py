@@ -45,7 +45,9 @@ async def denies_offboard_without_control(kit: UavKit) -> str:
     await kit.echo()
     mark = len(kit.autopilot.written)
     message = kit.command(Offboard(1.0, Velocity(1, 0, 0)))
-    evidence = (await kit.refused(message, "denied", "no_lease"))[1]
+    kit.leads = False
+    evidence = (await kit.refused(message, "denied", "no_lease" if kit.secured is None else "not_in_control"))[1]
+    kit.leads = True
     points = kit.autopilot.of_type(mark, _SET_POINT)
     expect(not points, f"{len(points)} set-points were written")
     return evidence
@@ -107,7 +109,8 @@ async def refuses_a_lower_epoch(kit: UavKit) -> str:
     kit.epoch += 5
     await kit.echo(holder_session=_HOLDER, deadline_ms=kit.deadline(20_000))
     words, _ = await kit.refused(kit.command(Arm(), epoch=kit.epoch - 1), "denied", "not_in_control")
-    await kit.echo(epoch=kit.epoch - 2)
+    old = {} if kit.secured is None else {"counter": 1}
+    await kit.echo(epoch=kit.epoch - 2, **old)
     again, _ = await kit.refused(kit.command(Arm(), epoch=kit.epoch - 2), "denied", "not_in_control")
     message = kit.command(Arm())
     kit.publish(message)

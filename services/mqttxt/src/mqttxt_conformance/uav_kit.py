@@ -12,13 +12,16 @@ from typing import Any
 from mqttxt.core.clock import Beacon, RemoteClock, SessionClock
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Command
-from mqttxt.protocol.messages import CommandMessage, DroneLease
+from mqttxt.protocol.messages import CommandMessage, DroneLease, Grant
 from mqttxt.protocol.topics import FogSide
 from mqttxt.protocol.values import Encoding
+from mqttxt.security.seal import Seal
 
 from . import shapes
 from .autopilot import HOLD_MODE, Autopilot, Written
 from .registry import Broken, expect
+from .sealed import Folder
+from .secured import SecuredUav
 from .subject import Subject
 from .tap import Heard, Tap, clear_retained
 from .words import Words, words_of
@@ -26,6 +29,7 @@ from .words import Words, words_of
 PATIENCE_S = 6.0
 """How long an answer may take that no rule gives a time for."""
 BIRTH_S = 30.0
+LEASE_MS = 60_000
 QUIET_S = 0.4
 """How long to listen for what must not come."""
 SLACK_MS = 250
@@ -36,12 +40,26 @@ class UavKit:
     """One UAV client, seen from both its sides. Times are milliseconds of the kit's clock."""
 
     def __init__(
-        self, drone: int, topics: FogSide, autopilot: Autopilot, tap: Tap, subject: Subject, clock: SessionClock
+        self,
+        drone: int,
+        topics: FogSide,
+        autopilot: Autopilot,
+        tap: Tap,
+        subject: Subject,
+        clock: SessionClock,
+        secured: SecuredUav | None = None,
     ) -> None:
+        self.secured = secured
+        self.leads = True
+        """Whether a command's station is given control first, where messages are signed (R12.17)."""
+        self._holder: int | None = None
+        self._newest_ms = 0
         self.drone = drone
         self.topics = topics
         self.autopilot = autopilot
         self.tap = tap
+        self.twin = tap
+        """A connection that may publish what is the drone's own."""
         self.subject = subject
         self.clock = clock
         self.activator_session = self.clock.session
@@ -71,6 +89,7 @@ class UavKit:
         self.births.append(birth)
         self.session = shapes.read("presence", birth.payload)["session"]
         self.remote = RemoteClock(self.session)
+        self._holder, self._newest_ms = None, 0
         for at_ms, beacon in self.beacons:
             if beacon["session"] == self.session:
                 self.observe(at_ms, beacon)
@@ -99,6 +118,7 @@ class UavKit:
             self.observe(heard.at_ms, beacon)
 
     def observe(self, at_ms: int, beacon: dict[str, Any]) -> None:
+        self._newest_ms = max(self._newest_ms, beacon["now_ms"])
         told = Beacon(beacon["session"], beacon["now_ms"], beacon.get("nonce"), beacon.get("held_ms"))
         self.remote.observe(told, at_ms, self.nonces.get(beacon.get("nonce", -1)))
 
@@ -108,8 +128,8 @@ class UavKit:
         found = await self.tap.until(lambda: [b for _, b in self.beacons if b.get("nonce") == nonce], PATIENCE_S)
         return found[0] if found else None
 
-    def lease(self, **changed: Any) -> int:
-        """Publish a lease for the session under test; returns its nonce."""
+    def lease(self, *, granted: bool = True, **changed: Any) -> int:
+        """Publish a lease for the session under test, with its station's grant; returns its nonce."""
         nonce = secrets.randbelow(2**32)
         self.nonces[nonce] = self.clock.now_ms()
         fields = {
@@ -119,9 +139,41 @@ class UavKit:
             "bound": True,
             "epoch": self.epoch,
         }
+        if self.secured is not None:
+            self.secured.counter += 1
+            fields |= {"counter": self.secured.counter, "heard_ms": self._newest_ms}
         lease = DroneLease(**{**fields, **changed})
+        self._holder = lease.holder_session
+        if lease.holder_session is not None and granted:
+            self.introduce(lease.holder_session)
+            self.grant(lease.holder_session, lease.deadline_ms, lease.offboard_until_ms)
         self.tap.publish(self.topics.init_connect(self.drone), encode(lease))
         return nonce
+
+    def introduce(self, gs_session: int, seal: Seal | None = None) -> None:
+        """Where messages are signed, hand on the birth of a station's session; without a seal the first station's."""
+        if self.secured is not None and (seal is not None or gs_session not in self.secured.introduced):
+            self.secured.introduced.add(gs_session)
+            payload = self.secured.birth(gs_session, seal)
+            self.tap.publish(self.topics.stations(self.drone), payload, as_it_is=True)
+
+    def grant(self, gs_session: int, until_ms: int | None, offboard_until_ms: int | None) -> None:
+        """Where messages are signed, the station's own word on how long it has control."""
+        if self.secured is None or until_ms is None:
+            return
+        grant = Grant(
+            gs_session=gs_session,
+            drone_session=self.session,
+            until_ms=until_ms,
+            offboard_until_ms=offboard_until_ms,
+        )
+        self.tap.publish(self.topics.control(self.drone), encode(grant))
+
+    @property
+    def signing(self) -> SecuredUav:
+        """For rules that are checked where messages are signed."""
+        assert self.secured is not None
+        return self.secured
 
     def deadline(self, ttl_ms: int) -> int:
         """`ttl_ms` from now, in the clock of the session under test."""
@@ -141,9 +193,17 @@ class UavKit:
             "epoch": self.epoch,
             "command": command or Arm(),
         }
-        return CommandMessage(**{**fields, **changed})
+        message = CommandMessage(**{**fields, **changed})
+        self.introduce(message.gs_session)
+        return message
+
+    def lead(self, gs_session: int) -> None:
+        """Where messages are signed, give a station's session control for a while, unless it has it."""
+        if self.secured is not None and self.leads and self._holder != gs_session:
+            self.lease(holder_session=gs_session, deadline_ms=self.deadline(LEASE_MS))
 
     def publish(self, message: CommandMessage, retain: bool = False, encoding: Encoding = Encoding.CBOR) -> None:
+        self.lead(message.gs_session)
         self.publish_raw(encode(message, encoding), retain)
 
     def publish_raw(self, payload: bytes, retain: bool = False) -> None:
@@ -208,8 +268,11 @@ class UavKit:
 
     async def close(self) -> None:
         await self.subject.kill()
-        await clear_retained(self.tap, [self.topics.reachable(self.drone), self.topics.commands(self.drone)])
+        await clear_retained(self.twin, [self.topics.reachable(self.drone)])
+        await clear_retained(self.tap, [self.topics.commands(self.drone)])
         await self.autopilot.close()
+        if self.twin is not self.tap:
+            await self.twin.close()
         await self.tap.close()
 
 
@@ -219,7 +282,7 @@ def _written(written: list[Written]) -> str:
 
 @dataclass(frozen=True)
 class UavTarget:
-    """Where the UAV client under test is, and how to start it."""
+    """Where the UAV client under test is, how to start it, and its fleet and fog, if it has an identity."""
 
     drone: int
     autopilot_host: str
@@ -227,3 +290,5 @@ class UavTarget:
     fog_root: str = ""
     run: str | None = None
     log: Path | None = None
+    folder: Folder | None = None
+    fog: int = 1

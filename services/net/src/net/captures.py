@@ -27,7 +27,7 @@ _COUNTS = {
 
 @dataclass(frozen=True)
 class Counts:
-    """What tcpdump says of one capture when it ends; None where it did not say.
+    """The counts that tcpdump prints for one capture when it ends; None where it printed none.
 
     `mac` is net's own: frames from it go to the node. `captured` is in the file; what was `received` beyond it still
     waited in the kernel's buffer at the end.
@@ -81,7 +81,7 @@ class Capture:
             self._process.send_signal(signal.SIGINT)
 
     def finish(self, deadline_s: float) -> Counts:
-        """What it counted; one that has not ended by `deadline_s` (monotonic clock) is killed and says nothing."""
+        """What it counted; one that has not ended by `deadline_s` (monotonic clock) is killed and has no counts."""
         try:
             self._process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:

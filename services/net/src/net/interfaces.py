@@ -15,7 +15,7 @@ OFFLOADS = ("tso", "gso", "gro", "tx", "rx")
 
 
 class NetError(Exception):
-    """Something about the network is not as it has to be; the text says what and what was expected."""
+    """Something about the network is not as it has to be; the text names it and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,10 @@ def read_ports(nodes: dict[str, Cable]) -> list[Port]:
     return find_ports(nodes, listed.stdout)
 
 
-def check_rights(status: str | None = None) -> None:
-    """Raises NetError without CAP_NET_ADMIN, which every command here needs; `status` as in /proc/self/status."""
-    text = STATUS_FILE.read_text() if status is None else status
-    effective = next(line.split()[1] for line in text.splitlines() if line.startswith("CapEff:"))
+def check_rights() -> None:
+    """Raises NetError without CAP_NET_ADMIN, which every command here needs."""
+    lines = STATUS_FILE.read_text().splitlines()
+    effective = next(line.split()[1] for line in lines if line.startswith("CapEff:"))
     if not int(effective, 16) >> NET_ADMIN & 1:
         raise NetError(f"capabilities {effective}: no CAP_NET_ADMIN; expected cap_add: [NET_ADMIN] as in compose.yaml")
 

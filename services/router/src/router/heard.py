@@ -1,4 +1,4 @@
-"""What mavp2p says of the nodes it hears, and which of its lines are worth keeping."""
+"""mavp2p's lines about the nodes that it hears, and which of its lines are worth keeping."""
 
 from __future__ import annotations
 

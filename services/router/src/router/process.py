@@ -1,4 +1,4 @@
-"""The node as processes: starts every mavp2p in its turn, follows what each says, and ends all when one ends."""
+"""The node as processes: starts every mavp2p in its turn, follows the output of each, and ends all when one ends."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Node:
                     await process.wait()
 
     async def _follow(self, router: Router, process: Process) -> str:
-        """Pass on what a router says, until it ends; returns how it ended."""
+        """Pass on a router's output, until it ends; returns how it ended."""
         assert process.stdout is not None
         said = ""
         async for line in process.stdout:

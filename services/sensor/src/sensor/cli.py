@@ -47,6 +47,9 @@ def run(
     events: Annotated[Path | None, typer.Option(help="File for every reading, JSON lines.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")] = False,
     identity: IdentityFolder = None,
+    signed: Annotated[
+        bool, typer.Option("--signed", help="Sign readings; takes --identity, and --signed-readings of the fleet.")
+    ] = False,
     insecure: Insecure = False,
     ready_file: Annotated[Path | None, typer.Option(help="File touched every second while connected.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")] = False,
@@ -68,8 +71,15 @@ def run(
         )
         transport = Transport.of(identity, insecure, f"sensor{number}")
         address = transport.check(BrokerAddress.parse(broker, "--broker"), "--broker")
-        files = {"events": events, "ready_file": ready_file}
-        return SensorRunner(address, options, settings(1, json), **files, identity=transport.identity)
+        return SensorRunner(
+            address,
+            options,
+            settings(1, json),
+            events=events,
+            ready_file=ready_file,
+            identity=transport.identity,
+            seal=transport.seal(signed),
+        )
 
     run_role(make)
 

@@ -9,12 +9,15 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from itertools import takewhile
 
+from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Effect, Inbound, Log, Publish, Subscribe
 from mqttxt.core.settings import Retry, Settings
 from mqttxt.errors import PayloadError
-from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.codec import decode
 from mqttxt.protocol.readings import Reading, ReadingAck, ReadingKey, ReadingMessage
 from mqttxt.protocol.topics import SensorSide
+from mqttxt.security.cose import Envelope
+from mqttxt.security.seal import Seal, is_drone
 
 from .model import QUANTITIES, value
 
@@ -80,13 +83,23 @@ class _Kept:
 
 
 class SensorNode:
-    """One boot of a sensor. Times are milliseconds of its session clock; `unix_ms` reads its wall clock."""
+    """One boot of a sensor. Times are milliseconds of its session clock; `unix_ms` reads its wall clock.
 
-    def __init__(self, boot: int, options: SensorOptions, settings: Settings, unix_ms: Callable[[], int]) -> None:
+    With a `seal` it signs its readings, and hears what a drone has signed alone.
+    """
+
+    def __init__(
+        self,
+        boot: int,
+        options: SensorOptions,
+        settings: Settings,
+        unix_ms: Callable[[], int],
+        seal: Seal | None = None,
+    ) -> None:
         self.options = options
         self.side = SensorSide()
         self._boot = boot
-        self._settings = settings
+        self._channel = Channel(LINK, "", settings, seal)
         self._unix_ms = unix_ms
         self._kept: dict[ReadingKey, _Kept] = {}
         self._seq = 0
@@ -120,7 +133,7 @@ class SensorNode:
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Output]:
         """`sensor_ack`: of all sensors of the drone."""
         try:
-            keys = decode(ReadingAck, message.payload).readings
+            keys = decode(ReadingAck, self._of_drone(message.payload)).readings
         except PayloadError as error:
             return [Log("acknowledgement", f"{message.topic}: {error}")]
         for key in keys:
@@ -135,6 +148,12 @@ class SensorNode:
             return self._send(now_ms)
         if kept is not None and kept.is_sent and kept.retry is None:
             kept.retry = Retry.unanswered(now_ms)
+        return []
+
+    def on_identity(self, now_ms: int) -> list[Output]:
+        """A renewed key signs from now on."""
+        if self._channel.seal is not None:
+            self._channel.seal.on_identity()
         return []
 
     def tick(self, now_ms: int) -> list[Output]:
@@ -205,5 +224,12 @@ class SensorNode:
 
     def _publish(self, kept: _Kept) -> Publish:
         reading = kept.reading
-        payload = encode(reading.message, self._settings.encoding)
-        return Publish(LINK, self.side.sensor(reading.sensor, reading.kind), payload, qos=1, ref=reading.key)
+        topic = self.side.sensor(reading.sensor, reading.kind)
+        return self._channel.publish(topic, reading.message, qos=1, ref=reading.key, with_certificate=True)
+
+    def _of_drone(self, payload: bytes) -> bytes:
+        """An acknowledgement; where this sensor signs, raises PayloadError for one that no drone has signed."""
+        seal = self._channel.seal
+        if seal is None:
+            return payload
+        return seal.verified(Envelope.parse(payload), lambda _: self.side.ack, is_drone).payload

@@ -13,7 +13,9 @@ from mqttxt.core.runner import Runner
 from mqttxt.core.settings import Settings
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.readings import Reading
+from mqttxt.protocol.topics import REVOKED
 from mqttxt.security.identity import Identity
+from mqttxt.security.seal import Seal
 
 from .node import LINK, Dropped, Finished, Measured, SensorNode, SensorOptions
 
@@ -58,10 +60,11 @@ class SensorRunner(Runner):
         events: Path | None = None,
         ready_file: Path | None = None,
         identity: Identity | None = None,
+        seal: Seal | None = None,
     ) -> None:
         clock = SessionClock()
-        node = SensorNode(clock.session, options, settings, lambda: time.time_ns() // 1_000_000)
-        super().__init__(node, clock, ready_file, identity)
+        node = SensorNode(clock.session, options, settings, lambda: time.time_ns() // 1_000_000, seal)
+        super().__init__(node, clock, ready_file, identity, {LINK: REVOKED}, patience_ms=None)
         self._events = EventFile(events) if events is not None else None
         client_id = f"mqttxt-sensor{options.number}-{clock.session:08x}"
         self.links[LINK] = MqttLink(

@@ -10,8 +10,10 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from .dynamics import Energy, Motion
 from .guidance import Guidance
+from .mission import MissionFlight
 from .outputs import Happened, Output, Reply
 from .parameters import Parameters
+from .plans import Plans
 
 STEP_S = 0.02
 FALL_M_S = -10.0
@@ -45,6 +47,8 @@ class Autopilot(ABC):
         self.parameters: Parameters = guidance.parameters
         self.battery = battery
         self.guidance = guidance
+        self.plans = Plans()
+        self.mission = MissionFlight(self.plans, guidance)
         self.mode = self.rest
         self.armed = False
         self.healthy = True

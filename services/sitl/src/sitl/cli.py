@@ -27,6 +27,7 @@ from .real.autopilot import Autopilot
 from .real.process import fly as fly_real
 from .real.px4 import Px4
 from .real.watching import Watching
+from .signing import read_key
 from .vehicle import Vehicle
 
 STAND_IN = "stand-in"
@@ -74,6 +75,9 @@ def fly(
     like: Annotated[
         str | None, typer.Option(help=f"Whom the stand-in is like: {', '.join(PERSONALITIES)}; px4 without.")
     ] = None,
+    mavlink_key: Annotated[
+        Path | None, typer.Option(help="The stand-in's MAVLink key: it signs, and takes no unsigned commands.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Without noise: what it says is true.")] = False,
 ) -> None:
     """Fly one simulated drone until Ctrl-C; a real autopilot's log goes beside its events."""
@@ -89,6 +93,8 @@ def fly(
             raise SitlError(f"--autopilot {autopilot!r}: expected one of {', '.join(AUTOPILOTS)}")
         if like is not None and autopilot != STAND_IN:
             raise SitlError(f"--like {like!r}: {autopilot} is like itself; expected without --like")
+        if mavlink_key is not None and autopilot != STAND_IN:
+            raise SitlError(f"--mavlink-key {mavlink_key}: of the stand-in alone; a real autopilot keeps its own")
         config = replace(load(fleet, system) if fleet is not None else DroneConfig(system), quiet=quiet)
         links = [LinkConfig(_address("--listen", listen), _reachable("--send", send), streams)]
         if autopilot != STAND_IN:
@@ -104,7 +110,8 @@ def fly(
             typer.echo(_how_to_connect(kind.title, system, links[0]))
         vehicle = Vehicle(config, [link.streams for link in links], seed, kind)
         files = {"events": events, "control": control, "ready_file": ready_file, "position_file": position_file}
-        process = Process(vehicle, links, **files)
+        key = read_key(mavlink_key) if mavlink_key is not None else None
+        process = Process(vehicle, links, **files, key=key)
         asyncio.run(_until_signal(process.run()))
 
 

@@ -81,7 +81,7 @@ class Motion:
         return math.hypot(self.velocity[0], self.velocity[1])
 
     def step(self, wanted: Vector, limits: Limits, dt_s: float) -> None:
-        """Move on by `dt_s` towards the wanted velocity; the ground stops."""
+        """Move on by `dt_s` towards the velocity that is set; the ground stops."""
         self._aim_across(wanted, limits, dt_s)
         self._aim_up(wanted[2], limits, dt_s)
         share = dt_s / LAG_S

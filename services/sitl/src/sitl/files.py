@@ -1,4 +1,4 @@
-"""The files in which an autopilot says what it does: events, a line each, and that it is ready."""
+"""The files that an autopilot writes: its events, a line each, and one while it is ready."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ _RANGES = {
     "charge_pct": (0, 100),
 }
 _OF_MISSIONS = {"endurance_s", "point"}
-"""What a fleet's file says of a drone for others than its autopilot; they check it."""
+"""A drone's fields in the fleet's file that others than its autopilot read, and check."""
 _SECTIONS = ("fogs", "addresses", "sensor_range_m", "parameters", "drones")
 
 ZURICH = Place(47.397742, 8.545594, 488.0)
@@ -38,7 +38,7 @@ class DroneConfig:
     charge_pct: float = 100.0
     parameters: dict[str, float] = field(default_factory=dict)
     quiet: bool = False
-    """Whether what it says is without noise."""
+    """Whether its telemetry is without noise."""
 
 
 def load(path: Path, system_id: int) -> DroneConfig:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import struct
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
 from .errors import SitlError
+
+HASH, NO_INDEX = "_HASH_CHECK", 2**16 - 1
+TYPE_MISMATCH = 7
+"""MAV_PARAM_ERROR, newer than pymavlink's."""
+INT32, REAL32 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32
 
 
 @dataclass(frozen=True)
@@ -33,6 +40,9 @@ class Parameters:
                 spec = specs[name]
                 raise SitlError(f"parameter {name}: expected {spec.low:g} to {spec.high:g}, got {value:g}")
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
     def __getitem__(self, name: str) -> float:
         return float(self._values[name])
 
@@ -45,44 +55,101 @@ class Parameters:
         return True
 
     def message(self, name: str) -> Any:
-        """PARAM_VALUE."""
-        value, place = self._values[name], (len(self._names), self._names.index(name))
-        kind = mavlink.MAV_PARAM_TYPE_INT32 if isinstance(value, int) else mavlink.MAV_PARAM_TYPE_REAL32
-        return mavlink.MAVLink_param_value_message(name.encode(), self._encoded(value), kind, *place)
+        """PARAM_VALUE as one of the list."""
+        return self._value(name, self._names.index(name))
+
+    def _value(self, name: str, index: int) -> Any:
+        value = self._values[name]
+        kind = INT32 if isinstance(value, int) else REAL32
+        return self._told(name, self._encoded(value), kind, index)
+
+    def _told(self, name: str, carried: float, kind: int, index: int) -> Any:
+        return mavlink.MAVLink_param_value_message(name.encode(), carried, kind, len(self._names), index)
 
     def on_message(self, message: Any) -> list[Any]:
-        """Answers to PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET; an unknown name has none.
-
-        A set of the wrong type or out of range is answered with the value that stays.
-        """
+        """Answers to PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET."""
         kind = message.get_type()
         if kind == "PARAM_REQUEST_LIST":
-            return [self.message(name) for name in self._names]
-        if kind == "PARAM_REQUEST_READ" and message.param_index >= 0:
-            return [self.message(name) for name in self._names[message.param_index : message.param_index + 1]]
-        name = str(message.param_id)
+            return self._list()
+        if kind == "PARAM_SET":
+            return self._set(message)
+        if message.param_index >= 0:
+            name = next(iter(self._names[message.param_index : message.param_index + 1]), "")
+        else:
+            name = str(message.param_id)
         if name not in self._values:
+            return self._unknown(message)
+        return [self.message(name) if message.param_index >= 0 else self._named(name)]
+
+    def _list(self) -> list[Any]:
+        return [self.message(name) for name in self._names]
+
+    def _set(self, message: Any) -> list[Any]:
+        """A value of any type is taken as the number that it is; the answer has no place in the list."""
+        name, value = str(message.param_id), float(message.param_value)
+        if name not in self._values or not math.isfinite(value):
             return []
-        if kind == "PARAM_SET" and (value := self._decoded(message, isinstance(self._values[name], int))) is not None:
-            self.set(name, value)
-        return [self.message(name)]
+        self.set(name, value)
+        return [self._value(name, NO_INDEX)]
+
+    def _named(self, name: str) -> Any:
+        """The answer to a question by name, which has no place in the list."""
+        return self._value(name, NO_INDEX)
+
+    def _unknown(self, message: Any) -> list[Any]:
+        """What is answered to a question for a parameter that there is not."""
+        return []
 
     def _encoded(self, value: float) -> float:
         """A value as PARAM_VALUE carries it."""
         return float(value)
 
-    def _decoded(self, message: Any, is_int: bool) -> float | None:
-        """A PARAM_SET's value; None for one of the wrong type."""
-        return float(message.param_value)
-
 
 class BytewiseParameters(Parameters):
-    """Whole numbers travel as their bytes in the float's place, and have to be set as such."""
+    """Whole numbers travel as their bytes in the float's place, and are set as such; a hash names all values.
+
+    What is wrong has an answer that says so, PARAM_ERROR; what is out of range has one with the value that stays.
+    """
+
+    def _list(self) -> list[Any]:
+        return [self._hash(), *super()._list()]
+
+    def on_message(self, message: Any) -> list[Any]:
+        if message.get_type() == "PARAM_REQUEST_READ" and str(message.param_id) == HASH:
+            return [self._hash()]
+        return super().on_message(message)
+
+    def _hash(self) -> Any:
+        crc = 0
+        for name in sorted(self._names):
+            value = self._values[name]
+            packed = struct.pack("<i" if isinstance(value, int) else "<f", value)
+            crc = zlib.crc32(name.encode() + packed, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
+        (carried,) = struct.unpack("<f", struct.pack("<I", crc))
+        return self._told(HASH, carried, mavlink.MAV_PARAM_TYPE_UINT32, NO_INDEX)
+
+    def _set(self, message: Any) -> list[Any]:
+        name = str(message.param_id)
+        if name not in self._values:
+            return self._unknown(message)
+        is_int = isinstance(self._values[name], int)
+        if message.param_type != (INT32 if is_int else REAL32):
+            return [_error(message, TYPE_MISMATCH)]
+        carried = message.param_value
+        self.set(name, struct.unpack("<i", struct.pack("<f", carried))[0] if is_int else carried)
+        return [self.message(name)]
+
+    def _named(self, name: str) -> Any:
+        return self.message(name)
+
+    def _unknown(self, message: Any) -> list[Any]:
+        return [_error(message, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)]
 
     def _encoded(self, value: float) -> float:
         return float(struct.unpack("<f", struct.pack("<i", value))[0]) if isinstance(value, int) else value
 
-    def _decoded(self, message: Any, is_int: bool) -> float | None:
-        if is_int != (message.param_type == mavlink.MAV_PARAM_TYPE_INT32):
-            return None
-        return int(struct.unpack("<i", struct.pack("<f", message.param_value))[0]) if is_int else message.param_value
+
+def _error(message: Any, error: int) -> Any:
+    to = (message.get_srcSystem(), message.get_srcComponent())
+    index = getattr(message, "param_index", -1)
+    return mavlink.MAVLink_param_error_message(*to, str(message.param_id).encode(), index, error)

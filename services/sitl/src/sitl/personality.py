@@ -13,6 +13,7 @@ from .dynamics import Energy
 from .fleet import DroneConfig
 from .outputs import Output
 from .parameters import Parameters
+from .plan_link import PlanLink
 from .telemetry import Telemetry
 
 Own = TypeVar("Own", bound=Autopilot)
@@ -25,6 +26,7 @@ class Personality(ABC, Generic[Own]):
     takes an interval for, although nothing makes it say them here. `no_interval`, `no_interval_told` and `no_message`
     are the results of asking it to set the interval of a message that it does not have, to tell it, and for that
     message. `tells_modes_at_once`: a change of mode is told by a heartbeat of its own. `answers_pings`: PING has one.
+    `unsigned` are the messages that it takes without a signature although it has a key.
     """
 
     name: ClassVar[str]
@@ -32,10 +34,13 @@ class Personality(ABC, Generic[Own]):
     release: ClassVar[int]
     capabilities: ClassVar[int] = (
         mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
     )
     silent: ClassVar[frozenset[int]] = frozenset()
     no_interval: ClassVar[int]
@@ -43,6 +48,7 @@ class Personality(ABC, Generic[Own]):
     no_message: ClassVar[int]
     tells_modes_at_once: ClassVar[bool]
     answers_pings: ClassVar[bool]
+    unsigned: ClassVar[frozenset[int]]
 
     @abstractmethod
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
@@ -62,7 +68,11 @@ class Personality(ABC, Generic[Own]):
 
     @abstractmethod
     def telemetry(self, autopilot: Own, seed: int, *, quiet: bool) -> Telemetry:
-        """What says its messages."""
+        """What makes its messages."""
+
+    @abstractmethod
+    def plan_link(self, autopilot: Own) -> PlanLink:
+        """The mission protocol on one more link."""
 
     @abstractmethod
     def handle(self, autopilot: Own, message: Any) -> list[Output]:

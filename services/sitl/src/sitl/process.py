@@ -19,6 +19,7 @@ from .errors import SitlError
 from .files import open_events, touch, write_event
 from .outputs import Happened, Output
 from .position_file import EVERY_S, PositionFile
+from .signing import Signing
 from .vehicle import Vehicle
 
 logger = logging.getLogger("sitl")
@@ -44,8 +45,7 @@ class _Link:
         self._process = process
         self._number = number
         self._peer: tuple[str, int] = config.send
-        self._codec = mavlink.MAVLink(None, srcSystem=process.vehicle.config.system_id, srcComponent=1)
-        self._codec.robust_parsing = True
+        self._codec = process.signing.codec()
         self._socket = bind(config.listen)
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -74,6 +74,8 @@ class _Link:
                 self._process.count(" ".join(message.reason.split()[:2]), message.reason)
             elif kind.startswith("UNKNOWN"):
                 self._process.count("unknown message", kind)
+            elif kind == "SETUP_SIGNING":
+                self._process.set_up_signing(message)
             else:
                 self._peer = addr
                 self._process.on_message(self._number, message, arrived_ns)
@@ -100,8 +102,10 @@ class Process:
         control: Path | None = None,
         ready_file: Path | None = None,
         position_file: Path | None = None,
+        key: bytes | None = None,
     ) -> None:
         self.vehicle = vehicle
+        self.signing = Signing(vehicle.config.system_id, vehicle.like.unsigned, key)
         self._configs = links
         self._links: list[_Link] = []
         self._events_path = events
@@ -132,6 +136,15 @@ class Process:
     def on_message(self, link: int, message: Any, arrived_ns: int) -> None:
         self._carry_out(link, self.vehicle.handle(link, message), arrived_ns)
 
+    def set_up_signing(self, message: Any) -> None:
+        """Take another key, on the ground alone."""
+        if not self.vehicle.is_for_us(message):
+            return
+        if self.vehicle.autopilot.armed:
+            self.vehicle.autopilot.say("Signing is not set up while armed", mavlink.MAV_SEVERITY_ERROR)
+        else:
+            self.signing.set_up(message)
+
     def count(self, kind: str, detail: str) -> None:
         self._counts[kind] += 1
         if self._counts[kind] == 1:
@@ -158,7 +171,7 @@ class Process:
             await asyncio.sleep(next_tick_s - (time.monotonic() - self._started))
 
     def _carry_out(self, link: int | None, outputs: list[Output], arrived_ns: int | None = None) -> None:
-        """Replies go to the link that asked; what the vehicle says by itself goes to all."""
+        """Replies go to the link that asked; what the vehicle sends by itself goes to all."""
         for output in outputs:
             if isinstance(output, Happened):
                 self._write(output, arrived_ns)

@@ -45,10 +45,10 @@ class Streams:
         So a busy machine, on which this is called late now and then, does not make the streams slower.
         """
         found = []
-        for name, hz in self._hz.items():
-            if hz <= 0:
+        for name, next_s in self._next_s.items():
+            if next_s > now_s or (hz := self._hz[name]) <= 0:
                 continue
-            if now_s - self._next_s[name] > max(LATE_S, 1 / hz):
+            if now_s - next_s > max(LATE_S, 1 / hz):
                 self._next_s[name] = now_s
             while self._next_s[name] <= now_s:
                 found.append(name)

@@ -237,4 +237,4 @@ MAKERS: dict[str, Callable[[Any], Any]] = {
     "VIBRATION": Telemetry._vibration,
     "SYSTEM_TIME": Telemetry._system_time,
 }
-"""What every kind says alike."""
+"""The messages that every kind fills alike."""

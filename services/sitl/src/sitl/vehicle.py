@@ -1,7 +1,7 @@
 """One simulated vehicle: the autopilot with its parameters, telemetry and links; no I/O.
 
-Everything but flight is answered here: parameters, requested messages, intervals, pings, the mission and file
-protocols (of which there is nothing to give).
+Everything but flight is answered here: parameters, plans, requested messages, intervals, pings, and the file protocol
+(of which there is nothing to give).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from .fleet import DroneConfig
 from .outputs import Happened, Output, Reply
 from .parameters import Parameters
 from .personality import Personality
+from .plan_link import MESSAGES as PLAN_MESSAGES
 from .progress import Progress
 from .px4.personality import PX4
 from .streams import Streams
@@ -37,6 +38,7 @@ class Vehicle:
         self.autopilot = like.autopilot(config, _battery(config, like, parameters), parameters)
         self.telemetry = like.telemetry(self.autopilot, seed * 1000 + config.system_id, quiet=config.quiet)
         self.links = [Streams(like.rates_hz(chosen), like.silent) for chosen in stream_sets]
+        self._plan_links = [like.plan_link(self.autopilot) for _ in stream_sets]
         self.muted: set[str] = set()
         self.progress = Progress()
 
@@ -55,11 +57,12 @@ class Vehicle:
         """The messages that are due on a link."""
         names = self.links[link].due(now_s)
         made = [self.telemetry.make(name) for name in names if name not in self.muted]
-        return [message for message in made if message is not None]
+        asked = [message for message in self._plan_links[link].due(now_s) if message.get_type() not in self.muted]
+        return [*asked, *(message for message in made if message is not None)]
 
     def handle(self, link: int, message: Any) -> list[Output]:
         """Answer a message that came in on a link; one for another system has no answer."""
-        return self._unmuted(self._answer(link, message)) if self._is_for_us(message) else []
+        return self._unmuted(self._answer(link, message)) if self.is_for_us(message) else []
 
     def _answer(self, link: int, message: Any) -> list[Output]:
         kind = message.get_type()
@@ -74,8 +77,9 @@ class Vehicle:
             return [Reply(mavlink.MAVLink_timesync_message(now_ns, message.ts1))]
         if kind == "FILE_TRANSFER_PROTOCOL":
             return [Reply(_ftp_nak(message))]
-        if kind == "MISSION_REQUEST_LIST":
-            return [Reply(mavlink.MAVLink_mission_count_message(*_source(message), 0, message.mission_type))]
+        if kind in PLAN_MESSAGES:
+            answers = self._plan_links[link].answer(message, self.autopilot.now_s)
+            return [*map(Reply, answers), *self.autopilot.take_out()]
         is_command = kind in ("COMMAND_LONG", "COMMAND_INT")
         steps = self.progress.take(message, self.autopilot.now_s) if is_command else None
         if steps is not None:
@@ -98,7 +102,8 @@ class Vehicle:
         """Where the drone is, for the events file."""
         return Happened("position", control.state(self.autopilot))
 
-    def _is_for_us(self, message: Any) -> bool:
+    def is_for_us(self, message: Any) -> bool:
+        """Whether a message names this autopilot, or nobody."""
         system = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
         return system in (0, self.config.system_id) and component in (0, 1)
@@ -137,7 +142,7 @@ class Vehicle:
         )
 
     def _unmuted(self, out: list[Output]) -> list[Output]:
-        """What is said, with a heartbeat behind each change of mode where that is told at once."""
+        """The messages to send, with a heartbeat behind each change of mode where that is sent at once."""
         changes = [o for o in out if isinstance(o, Happened) and o.event == "mode"]
         if changes and self.like.tells_modes_at_once:
             out = [*out, Reply(self.telemetry.make("HEARTBEAT"))]

@@ -17,7 +17,7 @@ NARROW, WIDE = 360.0, 920.0
 """The widths at which figures are drawn, for a phone and for everything else."""
 ROLES = frozenset(
     {"ink", "soft", "faint", "edge", "wash", "paper", "good", "bad", "mqttxt", "mavlink"}
-    | {f"l{number}" for number in range(6)}
+    | {f"l{number}" for number in range(7)}
 )
 
 

@@ -15,7 +15,7 @@ Parts = dict[str, dict[str, int]]
 
 
 def parts(name: str, title: str, note: str, order: Sequence[str], sides: Parts) -> Figure | None:
-    """None where there are no bytes. `order` names the parts from left to right; at most six."""
+    """None where there are no bytes. `order` names the parts from left to right; at most seven."""
     totals = {p: sum(by.values()) for p, by in sides.items() if sum(by.values())}
     if not totals:
         return None

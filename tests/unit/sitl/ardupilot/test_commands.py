@@ -172,6 +172,7 @@ def test_the_fleets_parameters_have_counterparts(make_copter: Any) -> None:
     copter = make_copter(MPC_XY_CRUISE=14, RTL_RETURN_ALT=10, MPC_XY_VEL_MAX=14)
     (speed,) = copter.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1))
     assert (speed.param_value, speed.param_type) == (1400, mavlink.MAV_PARAM_TYPE_REAL32)
+    assert speed.param_index == 65_535, "asked by its name it has no place in the list"
     (height,) = copter.tell(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 2000.0, mavlink.MAV_PARAM_TYPE_REAL32))
     assert (height.param_value, copter.autopilot.parameters["RTL_ALT"]) == (2000.0, 2000)
     with pytest.raises(SitlError, match=r"drones\.1\.parameters\.NAV_ACC_RAD: ArduCopter has no such parameter"):

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from sitl.errors import SitlError
 from sitl.fleet import DroneConfig
-from sitl.parameters import BytewiseParameters
+from sitl.parameters import TYPE_MISMATCH, BytewiseParameters
 from sitl.px4.parameters import SPECS
 from sitl.vehicle import Vehicle
 
@@ -21,7 +21,8 @@ INT32, REAL32 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32
 
 
 def test_the_list_has_right_counts_and_indices(drone: Any) -> None:
-    listed = drone.tell(mavlink.MAVLink_param_request_list_message(1, 1))
+    hashed, *listed = drone.tell(mavlink.MAVLink_param_request_list_message(1, 1))
+    assert (hashed.param_id, hashed.param_index) == ("_HASH_CHECK", 65_535)
     assert [value.param_id for value in listed] == list(SPECS)
     assert [value.param_index for value in listed] == list(range(len(SPECS)))
     assert {value.param_count for value in listed} == {len(SPECS)}
@@ -32,8 +33,9 @@ def test_read_by_name_and_by_index(drone: Any) -> None:
     (by_index,) = drone.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"", by_name.param_index))
     assert (by_name.param_id, by_name.param_value) == (by_index.param_id, by_index.param_value)
     assert by_name.param_value == 12.0
-    assert drone.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"NOBODY", -1)) == []
-    assert drone.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"", 999)) == []
+    for unknown in ((b"NOBODY", -1), (b"", 999)):
+        (error,) = drone.tell(mavlink.MAVLink_param_request_read_message(1, 1, *unknown))
+        assert error.error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
 
 
 def test_a_float_is_set(drone: Any) -> None:
@@ -55,15 +57,20 @@ def test_an_integer_travels_as_its_bytes(drone: Any) -> None:
         ("MPC_ACC_HOR", -1.0, REAL32),
         ("MPC_ACC_HOR", math.nan, REAL32),
         ("RTL_RETURN_ALT", math.inf, REAL32),
-        ("RTL_RETURN_ALT", 20.0, INT32),
-        ("NAV_DLL_ACT", 2.0, REAL32),
     ],
 )
-def test_a_set_that_is_wrong_is_answered_with_what_stays(drone: Any, name: str, value: float, kind: int) -> None:
+def test_a_set_that_is_out_of_range_is_answered_with_what_stays(drone: Any, name: str, value: float, kind: int) -> None:
     before = drone.autopilot.parameters[name]
     (answer,) = drone.tell(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
     assert answer.param_id == name
     assert drone.autopilot.parameters[name] == before == SPECS[name].default
+
+
+@pytest.mark.parametrize(("name", "value", "kind"), [("RTL_RETURN_ALT", 20.0, INT32), ("NAV_DLL_ACT", 2.0, REAL32)])
+def test_a_set_of_another_type_is_refused(drone: Any, name: str, value: float, kind: int) -> None:
+    (answer,) = drone.tell(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
+    assert (answer.param_id, answer.error) == (name, TYPE_MISMATCH)
+    assert drone.autopilot.parameters[name] == SPECS[name].default
 
 
 def test_its_own_identity_and_battery_are_its_configurations(drone: Any) -> None:

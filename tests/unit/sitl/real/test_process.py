@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import socket
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,9 +13,10 @@ from pathlib import Path
 import pytest
 
 from sitl.errors import AutopilotDied, SitlError
+from sitl.real import process
 from sitl.real.process import fly
 from sitl.real.watching import Watching
-from tests.unit.sitl.real.waiting import free_port, until
+from tests.rigs.processes import eventually, free_port
 
 BEATS = """
 import signal, socket, sys, time
@@ -55,13 +57,19 @@ class MadeUp:
             raise SitlError(f"ITS_PARAMETER is {answers['ITS_PARAMETER']}; expected right")
 
 
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine takes longer to end a program than two seconds."""
+    monkeypatch.setattr(process, "END_S", 60.0)
+
+
 async def test_it_is_ready_once_it_is_checked_and_ended_with_who_started_it(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    port, ready = free_port(), tmp_path / "ready"
+    port, ready = free_port(socket.SOCK_DGRAM), tmp_path / "ready"
     watching = Watching(3, ("127.0.0.1", port), ready_file=ready)
     flight = asyncio.create_task(fly(MadeUp(tmp_path, BEATS, port), watching))
-    await until(ready.exists)
+    await eventually(ready.exists, "it is ready")
     flight.cancel()
     with contextlib.suppress(asyncio.CancelledError):
         await flight
@@ -72,7 +80,7 @@ async def test_it_is_ready_once_it_is_checked_and_ended_with_who_started_it(
 async def test_one_that_dies_is_said_with_its_exit_code_and_what_it_printed(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     dying = MadeUp(tmp_path, "print('Error opening startup file'); raise SystemExit(255)", port)
     with pytest.raises(AutopilotDied, match="ended with exit code 255"):
         await fly(dying, Watching(3, ("127.0.0.1", port)))
@@ -80,14 +88,14 @@ async def test_one_that_dies_is_said_with_its_exit_code_and_what_it_printed(
 
 
 async def test_a_setting_that_it_did_not_take_ends_it(tmp_path: Path) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     with pytest.raises(SitlError, match="ITS_PARAMETER is wrong; expected right"):
         await fly(MadeUp(tmp_path, BEATS, port, answer="wrong"), Watching(3, ("127.0.0.1", port)))
     assert (tmp_path / "ended").exists()
 
 
 async def test_a_program_that_cannot_be_started_is_one_line(tmp_path: Path) -> None:
-    port, missing = free_port(), MadeUp(tmp_path, "", 0)
+    port, missing = free_port(socket.SOCK_DGRAM), MadeUp(tmp_path, "", 0)
     missing._words[0] = str(tmp_path / "none")
     with pytest.raises(AutopilotDied, match=r"none: No such file or directory"):
         await fly(missing, Watching(3, ("127.0.0.1", port)))

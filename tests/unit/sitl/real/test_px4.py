@@ -69,7 +69,15 @@ def test_both_ways_to_set_parameters_get_all_in_the_units_that_this_px4_has(
 def test_it_is_started_in_a_folder_of_its_own_with_all_its_commands(tmp_path: Path) -> None:
     _, words, environment = prepared(tmp_path, NEW)
     work = tmp_path / "work"
-    assert words == [f"{work}/bin/px4", *("-d", "-i", "3", "-w"), str(work), f"{tmp_path}/given/etc"]
+    assert words == [
+        "chrt",
+        "--batch",
+        "0",
+        f"{work}/bin/px4",
+        *("-d", "-i", "3", "-w"),
+        str(work),
+        f"{tmp_path}/given/etc",
+    ]
     assert environment["PATH"].startswith(f"{work}/hooks:")
     assert {path.name for path in (work / "bin").iterdir()} == {"px4", "px4-alias.sh", "px4-commander", "px4-param"}
     assert (work / "bin" / "px4-param").read_text() == "the program"

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from sitl.errors import SitlError
 from sitl.real.watching import Watching
 from sitl.real.witness import WANTED_HZ, Witness
-from tests.unit.sitl.real.waiting import free_port, until
+from tests.rigs.processes import eventually, free_port
 
 ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 ON_GROUND, IN_AIR = mavlink.MAV_LANDED_STATE_ON_GROUND, mavlink.MAV_LANDED_STATE_IN_AIR
@@ -113,7 +113,7 @@ def test_bytes_that_are_no_mavlink_are_passed_over() -> None:
 
 
 async def test_files_are_as_the_stand_ins_and_requests_go_to_the_autopilot_alone(tmp_path: Path) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     log, place, ready = tmp_path / "uav3.jsonl", tmp_path / "position.json", tmp_path / "ready"
     watching = Watching(3, ("127.0.0.1", port), events=log, ready_file=ready, position_file=place)
     task = asyncio.create_task(watching.run())
@@ -123,15 +123,16 @@ async def test_files_are_as_the_stand_ins_and_requests_go_to_the_autopilot_alone
     ):
         other.setblocking(False)
 
-        def say() -> None:
+        def is_there(file: Path) -> bool:
             autopilot.sendto(heartbeat(True), ("127.0.0.1", port))
             autopilot.sendto(position(1000), ("127.0.0.1", port))
             other.sendto(heartbeat(True, system=4), ("127.0.0.1", port))
+            return file.exists()
 
-        await until(place.exists, say)
+        await eventually(lambda: is_there(place), "its place")
         assert not ready.exists()
         autopilot.sendto(health(mavlink.MAV_SYS_STATUS_PREARM_CHECK), ("127.0.0.1", port))
-        await until(ready.exists, say)
+        await eventually(lambda: is_there(ready), "it is ready")
         assert autopilot.recv(2048)
         with pytest.raises(BlockingIOError):
             other.recv(2048)

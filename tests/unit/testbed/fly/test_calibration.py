@@ -13,7 +13,7 @@ from testbed.errors import FleetError, ProbesLate
 from testbed.fly.calibration import Calibration, calibrate
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import profile_names, read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 from tests.handmade.simulated_links import DOWN, TWO, UP, SimulatedNodes, changed, plan_of
 
 TOPOLOGY = standard_fleet().topology()
@@ -21,7 +21,7 @@ RADIO = LinkPlan(64_000, 30, DOWN, 40_000, 20_000, loss=0.01)
 SHARED = plan_of(RADIO, LinkPlan(64_000, 30, UP, 40_000, 20_000, loss=0.01))
 
 
-def measured(plan: Plan, really: Plan | None = None, **options: object) -> Calibration:
+def measured(plan: LinksPlan, really: LinksPlan | None = None, **options: object) -> Calibration:
     """What is measured for a plan over links that are `really` so."""
     nodes = SimulatedNodes(really or plan, **options)  # type: ignore[arg-type]
     return calibrate(plan, TWO, nodes.run)
@@ -47,7 +47,7 @@ def test_no_probe_is_taken_for_mavlink(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("profile", profile_names())
 def test_links_that_are_as_planned_are_within_tolerance(profile: str) -> None:
     plan = resolve(read_profile(profile), TOPOLOGY, "scenario-1", 1)
-    found = calibrate(plan, TOPOLOGY, SimulatedNodes(Plan(plan.profile, plan.seed, plan.links, ()), TOPOLOGY).run)
+    found = calibrate(plan, TOPOLOGY, SimulatedNodes(LinksPlan(plan.profile, plan.seed, plan.links, ()), TOPOLOGY).run)
     assert found.off == ()
     assert {check.link for check in found.checks} == set(plan.links)
 

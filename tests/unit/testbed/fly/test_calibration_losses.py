@@ -9,7 +9,7 @@ import pytest
 
 from net.link_plan import EventPlan, LinkPlan
 from testbed.fly.calibration.losses import binomial_interval, check_losses, measure_losses
-from testbed.plan.profiles.resolve import Plan
+from testbed.plan.profiles.resolve import LinksPlan
 from tests.handmade.simulated_links import DOWN, UP, plan_of
 
 
@@ -74,7 +74,7 @@ def test_the_interval_is_wider_the_more_links_there_are() -> None:
 def test_a_link_whose_loss_changes_is_skipped_and_says_why() -> None:
     base = plan_of(LinkPlan(loss=0.05), LinkPlan(loss=0.05))
     events = (EventPlan(5.0, UP, 1.0, {"loss": 0.5}), EventPlan(5.0, DOWN, 1.0, {"closed": True}))
-    plan = Plan("own", 1, base.links, events)
+    plan = LinksPlan("own", 1, base.links, events)
     up, down = measure_losses(plan, counters((400, 600), (400, 600)))
     assert (up.off, up.note) == (None, "its loss changes by events")
     assert down.off is not None, "what a closed link refuses is counted by itself"

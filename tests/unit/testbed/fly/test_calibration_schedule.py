@@ -12,13 +12,13 @@ from net.probe import parse_schedule
 from testbed.fly.calibration.schedule import DELAY, RATE, Flow, Schedule, make_schedule
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import profile_names, read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 from tests.handmade.simulated_links import DOWN, TWO, UP, plan_of
 
 TOPOLOGY = standard_fleet().topology()
 
 
-def of_profile(name: str) -> tuple[Plan, Schedule]:
+def of_profile(name: str) -> tuple[LinksPlan, Schedule]:
     plan = resolve(read_profile(name), TOPOLOGY, "scenario-1", 1)
     return plan, make_schedule(plan, TOPOLOGY, {}, frozenset(plan.links))
 

@@ -27,8 +27,10 @@ from testbed.fly.runner import Begun, Interrupted, run_series
 from testbed.fly.validity import Verdict
 from testbed.plan.experiments import ARMS, EXPERIMENTS, Plan
 from testbed.plan.fleets import FLEET_FILE
+from testbed.plan.profiles.reading import profile_names
 from tests.handmade.finished import both, finished
 from tests.handmade.made_up_fleet import CALIBRATED, Fleet, Quiet
+from tests.handmade.pages import sketched_papers
 
 HERE = {"commit": "c0ffee", "dirty": False}
 SMALL = Wish(attempts="2", experiments="scenario-3", arms="thesis,direct", profiles="ideal")
@@ -98,7 +100,7 @@ def breaking_off(at: int) -> Callable[[], Fleet]:
 def test_what_people_ask_first_comes_first_and_everything_comes_once() -> None:
     plans = plans_of(Wish())
     names = [(plan.experiment, plan.arm.name, plan.profile.name) for plan in plans]
-    assert len(names) == len(set(names)) == len(EXPERIMENTS) * len(ARMS) * 11
+    assert len(names) == len(set(names)) == len(EXPERIMENTS) * len(ARMS) * len(profile_names())
     first = names[: 2 * len(EXPERIMENTS)]
     assert {(arm, profile) for _, arm, profile in first} == {("thesis", "ideal"), ("thesis", "thesis")}
     assert {experiment for experiment, _, _ in first} == set(EXPERIMENTS)
@@ -307,18 +309,9 @@ def test_a_run_that_is_broken_off_says_what_to_type_and_leaves_the_page(
     finished(tmp_path, *both())
     monkeypatch.setattr(campaign_cli, "only_run", lambda: None)
     monkeypatch.setattr(campaign_cli, "run_series", broken)
-    words = [
-        "all",
-        "--arms",
-        "direct",
-        "--experiments",
-        "scenario-3",
-        "--profiles",
-        "ideal",
-        "--results",
-        str(tmp_path),
-    ]
-    result = CliRunner().invoke(app, words)
+    words = ["all", "--arms", "direct", "--experiments", "scenario-3", "--profiles", "ideal", "--results"]
+    with sketched_papers():
+        result = CliRunner().invoke(app, [*words, str(tmp_path)])
     assert result.exit_code == code
     assert result.stderr.splitlines() == [
         f"testbed: {raised}",

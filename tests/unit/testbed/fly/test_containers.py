@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 
 from testbed.errors import DockerError, FleetError
-from testbed.fly import containers
-from testbed.fly.containers import Containers, Usage, services_of, usage_of
+from testbed.fly import containers, daemon, only_run
+from testbed.fly.containers import Containers, services_of
+from testbed.fly.daemon import Usage, usage_of
 from testbed.plan.sensors import SENSOR_PROFILES
 
 
@@ -137,10 +138,10 @@ def test_a_start_that_compose_gives_up_is_the_fleets_own_failure(
 
 
 def test_a_second_run_is_told_who_flies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(containers, "LOCK", tmp_path / "lock")
+    monkeypatch.setattr(only_run, "LOCK", tmp_path / "lock")
     program = (
-        "import sys, pathlib; from testbed.fly import containers; containers.LOCK = pathlib.Path(sys.argv[1]);"
-        "containers.only_run(); print('flying', flush=True); sys.stdin.read()"
+        "import sys, pathlib; from testbed.fly import only_run; only_run.LOCK = pathlib.Path(sys.argv[1]);"
+        "only_run.only_run(); print('flying', flush=True); sys.stdin.read()"
     )
     command = [sys.executable, "-c", program, str(tmp_path / "lock")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as first:
@@ -148,9 +149,9 @@ def test_a_second_run_is_told_who_flies(tmp_path: Path, monkeypatch: pytest.Monk
         assert first.stdin is not None
         assert first.stdout.readline() == "flying\n"
         with pytest.raises(DockerError, match=rf"another run is going on \(process {first.pid}\)"):
-            containers.only_run()
+            only_run.only_run()
         first.stdin.close()
-    containers.only_run()
+    only_run.only_run()
 
 
 @pytest.mark.parametrize(
@@ -186,18 +187,18 @@ class _Tested:
 def test_a_container_that_Docker_has_not_looked_at_is_asked_itself(exit_code: int, expected: bool) -> None:
     asked = _Tested("starting", ["CMD", "test", "-e", "/run/ready"], exit_code)
     in_a_shell = _Tested("starting", ["CMD-SHELL", "test -e /run/ready"], exit_code)
-    assert [containers.is_healthy(asked), containers.is_healthy(in_a_shell)] == [expected, expected]
+    assert [daemon.is_healthy(asked), daemon.is_healthy(in_a_shell)] == [expected, expected]
     assert [asked.ran, in_a_shell.ran] == [[["test", "-e", "/run/ready"]], [["sh", "-c", "test -e /run/ready"]]]
 
 
 def test_a_container_that_Docker_has_looked_at_or_that_ended_is_not_asked() -> None:
     known = [_Tested(None, []), _Tested("healthy", []), _Tested("unhealthy", []), _Tested("starting", [], 0, "exited")]
-    assert [containers.is_healthy(container) for container in known] == [True, True, False, False]
+    assert [daemon.is_healthy(container) for container in known] == [True, True, False, False]
     assert not any(container.ran for container in known)
 
 
 def test_the_emulator_may_use_as_much_real_time_as_dockers_containers_have(tmp_path: Path) -> None:
     given = tmp_path / "cpu.rt_runtime_us"
-    assert containers.real_time_us(given) == 0
+    assert daemon.real_time_us(given) == 0
     given.write_text("900000\n")
-    assert containers.real_time_us(given) == 900_000
+    assert daemon.real_time_us(given) == 900_000

@@ -107,6 +107,14 @@ def test_an_attempt_of_stand_ins_has_nothing_to_compare(tmp_path: Path) -> None:
     assert simulation_reason(Attempt(tmp_path, "mqttxt", 1)) is None
 
 
+def test_the_logs_of_an_ardupilot_are_not_compared(tmp_path: Path) -> None:
+    logs = tmp_path / "sitl" / "uav1.log"
+    logs.mkdir(parents=True)
+    (logs / "00000001.BIN").write_bytes(b"DataFlash")
+    attempt = Attempt(tmp_path, "mqttxt", 1)
+    assert (compare_flights(attempt), against(attempt), simulation_reason(attempt)) == ({}, None, None)
+
+
 @pytest.mark.parametrize(
     ("topics", "said"),
     [

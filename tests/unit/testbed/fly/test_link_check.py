@@ -17,7 +17,7 @@ from testbed.fly.calibration.table import BEGIN, END, HEAD, document_rows, markd
 from testbed.fly.link_check import check_profiles
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 from tests.handmade.simulated_links import SimulatedNodes, changed
 
 TOPOLOGY = standard_fleet().topology()
@@ -27,7 +27,7 @@ SIK = resolve(read_profile("sik"), TOPOLOGY, "links", 1)
 class SimulatedNetwork:
     """Containers whose links are really as `really` makes them of a plan."""
 
-    def __init__(self, really: Callable[[Plan], Plan] = lambda plan: plan, void: str | None = None) -> None:
+    def __init__(self, really: Callable[[LinksPlan], LinksPlan] = lambda plan: plan, void: str | None = None) -> None:
         self.did: list[Any] = []
         self._really, self._void = really, void
         self._folder = Path()
@@ -37,7 +37,7 @@ class SimulatedNetwork:
         self._folder = run_dir / "links"
         name = json.loads((self._folder / "plan.json").read_text())["plan"]["profile"]
         plan = resolve(read_profile(name), TOPOLOGY, "links", 1)
-        self._nodes = SimulatedNodes(self._really(Plan(plan.profile, plan.seed, plan.links, ())), TOPOLOGY)
+        self._nodes = SimulatedNodes(self._really(LinksPlan(plan.profile, plan.seed, plan.links, ())), TOPOLOGY)
         return self
 
     def start(self, *services: str) -> None:

@@ -11,12 +11,12 @@ from testbed.errors import DockerError, UserError
 from testbed.fly.live_links import Change, changes, read_live_plan, tell
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.reading import read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 
 TOPOLOGY = standard_fleet().topology()
 
 
-def _plan(profile: str = "ideal") -> Plan:
+def _plan(profile: str = "ideal") -> LinksPlan:
     return resolve(read_profile(profile), TOPOLOGY, "scenario-1", 1)
 
 

@@ -7,7 +7,15 @@ from pathlib import Path
 import pytest
 
 from testbed.errors import ResultsError, UserError
-from testbed.fly.results import new_attempt, new_series, open_series, point_latest, read_json_lines, write_json
+from testbed.fly.results import (
+    live_attempt,
+    new_attempt,
+    new_series,
+    open_series,
+    point_latest,
+    read_json_lines,
+    write_json,
+)
 
 
 def test_two_series_of_one_second_do_not_share_a_folder(tmp_path: Path) -> None:
@@ -24,6 +32,15 @@ def test_latest_moves_on(tmp_path: Path) -> None:
         latest = tmp_path / "scenario-1" / "latest"
         assert latest.is_symlink()
         assert open_series(latest).path == series.path.resolve()
+
+
+def test_a_fleet_by_hand_has_nothing_of_the_one_before(tmp_path: Path) -> None:
+    before = live_attempt(tmp_path / "live", "mqttxt")
+    for left in (before.path / "links" / "plan.json", before.key_log):
+        left.write_text("of the fleet before")
+    attempt = live_attempt(tmp_path / "live", "mqttxt")
+    assert not attempt.key_log.exists()
+    assert list((attempt.path / "links").iterdir()) == []
 
 
 def test_what_is_no_series_is_named(tmp_path: Path) -> None:

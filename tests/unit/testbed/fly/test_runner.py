@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
 import signal
 from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,10 @@ from testbed.errors import ContainerDied, ContainerUnhealthy, DockerError, Probe
 from testbed.fly import flight_logs, runner
 from testbed.fly.calibration.calibrate import Calibration
 from testbed.fly.quiet import Waited
-from testbed.fly.results import Series, new_series, read_json
+from testbed.fly.results import Attempt, Series, new_series, read_json
 from testbed.fly.runner import Interrupted, run_series
-from testbed.fly.validity import Verdict
-from testbed.plan.experiments import make_plan
+from testbed.fly.validity import WATCHED, Verdict
+from testbed.plan.experiments import Plan, make_plan
 from tests.handmade.made_up_fleet import CALIBRATED, OFF, Fleet, Quiet
 
 
@@ -87,6 +89,25 @@ def test_with_sensors_their_nodes_run_their_links_are_gated_and_not_probed(
     assert gated == set(unprobed[0]) == {f"sense:uav{drone}" for drone in range(1, 7)}
     (path,) = tmp_path.glob("scenario-4/*/*/mqttxt/attempt-01/manifest.json")
     assert len(json.loads(path.read_text())["topology"]["nodes"]) == 16
+
+
+def test_a_secured_fleet_has_its_identities_before_its_roles_start_and_mavlink_has_none(tmp_path: Path) -> None:
+    fleet = Fleet([TAKEOFF])
+    _, endings, _ = _fly(tmp_path, fleet, protocols="mqttxt,mavlink", security="tls")
+    assert endings == [Verdict("completed")] * 2
+    assert fleet.did[:5] == ["down", "network", "identities", "fleet", "mission in gs"]
+    assert fleet.did.count("identities") == 1
+
+
+def test_where_an_identity_cannot_be_made_the_attempt_fails_with_what_was_said(tmp_path: Path) -> None:
+    class Full(Fleet):
+        def execute(self, service: str, command: list[str], *, limit_s: float) -> Generator[str, None, int]:
+            yield "mqttxt: /run/fleet/testbed: No space left on device"
+            return 2
+
+    _, endings, _ = _fly(tmp_path, Full([TAKEOFF]), security="tls")
+    reason = "the fleet's identities: mqttxt: /run/fleet/testbed: No space left on device"
+    assert endings == [Verdict("failed", (reason,))]
 
 
 def test_a_failed_mission_keeps_its_reason_and_the_series_goes_on(tmp_path: Path) -> None:
@@ -412,6 +433,7 @@ def test_a_factor_reaches_containers_mission_manifest_and_path(tmp_path: Path) -
     configuration = _manifest(tmp_path, "mavlink")["configuration"]
     assert configuration == {
         **{"streams": "px4-gcs", "commanding": "one-by-one", "qos": 1, "chain": "shared", "states": "on-change"},
+        **{"security": "none", "station": "mqttxt"},
         **fleet.settings,
     }
 
@@ -454,3 +476,35 @@ def test_a_signal_ends_everything_and_keeps_what_there_is(tmp_path: Path, number
     assert fleet.did[-3:] == ["stop net", "logs", "down"]
     assert (_manifest(tmp_path)["status"], _manifest(tmp_path)["reason"]) == ("failed", "interrupted")
     assert signal.getsignal(number) is before
+
+
+def test_what_the_page_shows_is_flown_once_over_both_marked_and_not_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+
+    @contextlib.contextmanager
+    def page_beside(plan: Plan, attempt: Attempt) -> Generator[None]:
+        shown.append(attempt.protocol)
+        yield
+
+    monkeypatch.setattr(runner, "page_beside", page_beside)
+    plan = replace(make_plan("scenario-1", protocols="mqttxt,mavlink"), page=8080)
+    series = new_series(tmp_path, plan.experiment, plan.label, plan.profile.name)
+    endings = run_series(plan, series, Quiet(), Fleet([]))
+    assert endings == [Verdict("void", (WATCHED,))] * 2
+    assert shown == ["mqttxt", "mavlink"]
+    for protocol in shown:
+        (path,) = tmp_path.glob(f"scenario-1/thesis+page-ideal/*/{protocol}/attempt-*/manifest.json")
+        manifest = json.loads(path.read_text())
+        assert (manifest["status"], manifest["reason"]) == ("void", WATCHED)
+        assert manifest["observed"]["watched"] is True
+    assert not (tmp_path / "scenario-1" / "latest").exists()
+
+
+def test_a_watched_mission_that_fails_keeps_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "page_beside", lambda *_: contextlib.nullcontext())
+    plan = replace(make_plan("scenario-1", protocols="mqttxt"), page=8080)
+    series = new_series(tmp_path, plan.experiment, plan.label, plan.profile.name)
+    (ending,) = run_series(plan, series, Quiet(), Fleet(["mission: denied"], 1))
+    assert ending == Verdict("void", (WATCHED,), "denied")

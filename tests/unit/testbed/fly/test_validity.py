@@ -12,6 +12,7 @@ from testbed.fly.results import Attempt
 from testbed.fly.validity import (
     CUT_OFF,
     INTERRUPTED,
+    WATCHED,
     Observed,
     Verdict,
     as_measured,
@@ -36,6 +37,8 @@ DENIED = "arm: drone 3: denied"
         (Observed(failure=INTERRUPTED, off_before="wan"), Verdict("void", ("wan",))),
         # conditions under which any mission proves nothing
         (Observed(off_links=(LATE,)), Verdict("void", (LATE,))),
+        (Observed(watched=True), Verdict("void", (WATCHED,))),
+        (Observed(failure=DENIED, off_links=(LATE,), watched=True), Verdict("void", (WATCHED,), DENIED)),
         (Observed(flights=(SLOW,)), Verdict("void", (SLOW,))),
         (Observed(failure=DENIED, off_links=(LATE,)), Verdict("void", (LATE,), DENIED)),
         (Observed(failure=DENIED, flights=(SLOW,)), Verdict("void", (SLOW,), DENIED)),

@@ -11,6 +11,8 @@ from mqttxt.protocol.bundles import drone_bundle, fog_bundles
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.state_payload import StampedState
 from mqttxt.protocol.states import Battery, Groundspeed, Heading
+from mqttxt.security.addressed import Addressed
+from mqttxt.security.cose import Envelope
 from testbed.errors import ResultsError
 from testbed.fly.results import new_series
 from testbed.numbers.metrics import measure_series
@@ -133,6 +135,35 @@ def test_a_command_sent_again_by_whichever_layer_is_one_command_in_several_frame
     (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
     assert (measured["commands_sent"], measured["frames_per_call"]) == (1, {"arm": 3.0})
     assert measured["mqtt"]["publish"] == 5 + 2  # those of the other hops, and the station's two
+
+
+def test_commands_signed_for_drones_are_told_apart_and_found_again_at_each(tmp_path: Path) -> None:
+    """A broadcast carries one for each drone of the fog; the drone gets its own in its envelope."""
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    signed = Envelope(arm_command(), b"kid1", bytes(64))
+    down = Addressed(9, 5000, {1: signed}).encode()
+    sent = frame("gs", "cloud", publish("fog1/commands", down), 1)
+    came = frame("fog1", "uav1", publish("drone1/commands", signed.routed(4000).encode()), 3, (1883, 6))
+    write_pcap(attempt.path / "pcap" / "gs.pcap", [(T0, sent)])
+    write_pcap(attempt.path / "pcap" / "fog1.pcap", [(T0 + SECOND, came)])
+    write_pcap(attempt.path / "pcap" / "uav1.pcap", [(T0 + 2 * SECOND, came)])
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert measured["messages"]["commands"]["arm"]["drones"] == {"1": {"sent": 1, "lost": 0, "open": 0}}
+    assert (measured["delay_ms"], measured["frames_per_call"]) == ({"arm": [2000.0]}, {"arm": 1.0})
+
+
+def test_an_attempt_in_tls_without_its_session_keys_has_no_numbers_and_says_so(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-1", "thesis", "ideal")
+    attempt = make_attempt(series)
+    make_attempt(series, number=2)
+    record = b"\x17\x03\x03\x00\x20" + bytes(32)
+    hello = b"\x16\x03\x01\x00\x2a\x01" + bytes(41)
+    write_pcap(attempt.path / "pcap" / "uav1.pcap", [(T0, frame("uav1", "fog1", hello + record, 1, (40_000, 8883)))])
+    side = measure_series(series)["protocols"]["mqttxt"]
+    assert [counted["attempt"] for counted in side["attempts"]] == [2]
+    expected = "tls/keys.log: expected the session keys of every connection, 1 directions cannot be read to their ends"
+    assert [void["reason"] for void in side["void"]] == [f"mqttxt/attempt-01/{expected}"]
 
 
 def test_a_command_for_whoever_arrives_first_is_in_frames_but_in_no_count_of_what_was_sent(tmp_path: Path) -> None:

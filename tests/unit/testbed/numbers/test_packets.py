@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 from scapy.layers.inet import ICMP, IP, UDP
@@ -26,6 +26,7 @@ from testbed.numbers.packets import Packets, load
 from testbed.numbers.packets.links import match
 from testbed.numbers.packets.mavlink import find_messages
 from testbed.numbers.packets.purposes import of_messages
+from tests.examples import examples
 from tests.handmade.attempts import SECOND, T0, frame, make_attempt, publish, write_pcap
 from tests.handmade.mavlink_attempts import (
     HOP,
@@ -364,7 +365,7 @@ _KNOWN = st.builds(
 )  # fmt: skip
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@examples(60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.binary(max_size=100) | _KNOWN, max_size=4), st.integers(0, 80))
 def test_no_capture_makes_the_table_raise(tmp_path: Path, frames: list[bytes], cut: int) -> None:
     attempt = Attempt(tmp_path, "mqttxt", 1)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from testbed.numbers import quantities
 from testbed.numbers.metrics.delays import summary
 from testbed.numbers.observed import observe
 from testbed.numbers.statistics import ALL_SIGNS, interval, loss_of, paired_test
+from tests.examples import examples
 from tests.handmade.both_sides import entry, failed
 
 
@@ -113,7 +114,7 @@ def test_a_99th_percentile_needs_a_thousand_values() -> None:
     assert summary([]) == {"n": 0, "mean": None, "p50": None, "p90": None, "p99": None, "max": None}
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(st.lists(st.floats(-1e6, 1e6), min_size=6, max_size=8))
 def test_an_interval_lies_within_its_points_and_a_p_between_0_and_1(points: list[float]) -> None:
     found, tested = interval(points), paired_test(points)

@@ -75,7 +75,9 @@ def test_each_drone_has_a_sensor_below_it(fleet: Fleet, services: dict[str, Any]
     for drone in fleet.fog_of:
         meter = services[f"meter{drone}"]
         assert meter["network_mode"] == f"service:sensor{drone}"
-        assert f"sensor --broker mqtt://{fleet.address(f'uav{drone}')}:1883 --number {drone} " in meter["command"]
+        broker = f"${{MQTT:-mqtt}}://{fleet.address(f'uav{drone}')}:${{MQTT_PORT:-1883}}"
+        assert f"sensor --broker {broker} --number {drone} " in meter["command"]
+        assert f" ${{SENSOR{drone}_AS:---insecure}} " in meter["command"]
         assert f"--events /run-dir/sensors/sensor{drone}.jsonl" in meter["command"]
 
 
@@ -91,7 +93,8 @@ def test_plain_brokers_lead_from_each_uav_over_its_fog_to_the_cloud(fleet: Fleet
 def test_each_drone_talks_to_its_own_fog_and_its_own_autopilot(fleet: Fleet, services: dict[str, Any]) -> None:
     for drone, fog in fleet.fog_of.items():
         client, autopilot = services[f"client{drone}"], services[f"sitl{drone}"]
-        to_fog = f"--broker mqtt://{fleet.address(f'fog{fog}')}:1883"
+        to_fog = f"--broker ${{MQTT:-mqtt}}://{fleet.address(f'fog{fog}')}:${{MQTT_PORT:-1883}}"
+        assert f" ${{UAV{drone}_AS:---insecure}} " in client["command"]
         assert f"--drone {drone} {to_fog} --autopilot udp:127.0.0.1:{14540 + drone}" in client["command"]
         assert f"--endurance-s {fleet.drones[drone]['endurance_s']} " in client["command"]
         assert f"--system {drone} " in autopilot["command"]
@@ -103,7 +106,9 @@ def test_each_activator_has_the_drones_of_its_fog(fleet: Fleet, services: dict[s
     for fog, drones in fleet.fogs.items():
         said = re.findall(r"--(fog|drones|cloud) (\S+)", services[f"activator{fog}"]["command"])
         listed = ",".join(str(drone) for drone in drones)
-        assert said == [("fog", str(fog)), ("drones", listed), ("cloud", fleet.cloud_url)]
+        cloud = f"${{MQTT:-mqtt}}://{fleet.address('cloud')}:${{MQTT_PORT:-1883}}"
+        assert said == [("fog", str(fog)), ("drones", listed), ("cloud", cloud)]
+        assert f" ${{FOG{fog}_AS:---insecure}} " in services[f"activator{fog}"]["command"]
 
 
 def test_both_protocols_have_the_same_nodes_and_nothing_else_in_common(fleet: Fleet, services: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from testbed.plan.compose import COMPOSE_FILE
 from testbed.plan.documents import ROOT
 from testbed.plan.experiments import ARMS, FACTORS, Factors, Plan, make_plan, one_protocol
 from testbed.plan.fleets import fleet_of
+from testbed.plan.identities import making
 from testbed.plan.profiles.reading import profile_names
 
 PROFILES = ", ".join(profile_names())
@@ -41,6 +42,7 @@ def test_without_a_word_both_protocols_fly_the_thesis_once() -> None:
         ("thesis-concurrent", Factors("px4-onboard", "concurrent", 0, "per-uav", "on-change")),
         ("five-states", Factors("five-states", "concurrent", 1, "shared", "fixed")),
         ("five-states-bundled", Factors("five-states", "concurrent", 1, "shared", "bundle")),
+        ("gateway", Factors("px4-gcs", "concurrent", 1, "shared", "on-change", station="mavsdk")),
         ("direct", Factors("px4-onboard", "concurrent", 1, "direct", "on-change")),
     ],
 )
@@ -60,6 +62,7 @@ def test_every_arm_uses_values_that_one_could_type() -> None:
         ("thesis", {"qos": "1", "states": "", "chain": "shared"}, "thesis+qos-1+chain-shared"),
         ("thesis", {"qos": "0", "streams": "px4-onboard"}, "thesis"),
         ("direct", {"qos": "0"}, "direct+qos-0"),
+        ("thesis", {"security": "signed"}, "thesis+security-signed"),
     ],
 )
 def test_a_factor_by_itself_is_named_where_it_deviates_from_the_arm(
@@ -75,7 +78,7 @@ def test_a_factor_by_itself_leaves_the_others_as_the_arm_has_them() -> None:
 def test_the_page_about_experiments_has_every_arm_as_it_is() -> None:
     rows = [line for line in (ROOT / "docs" / "experiments.md").read_text().splitlines() if line.startswith("| `")]
     cells = [[cell.strip(" `") for cell in row.split("|")[1:-1]] for row in rows]
-    told = {row[0]: row[1:6] for row in cells if row[0] in ARMS}
+    told = {row[0]: row[1:8] for row in cells if row[0] in ARMS}
     assert told == {arm.name: [str(getattr(arm.factors, name)) for name in FACTORS] for arm in ARMS.values()}
 
 
@@ -87,9 +90,26 @@ def test_who_flies_first_alternates() -> None:
 def test_compose_gets_every_factor_that_a_container_needs() -> None:
     assert settings_of(_plan(), "mqttxt") == {
         **{"QOS": "0", "STREAMS": "px4-onboard", "CHAIN": "per-uav", "ENCODING_FLAG": "", "BUNDLES_FLAG": ""},
+        "ALL_STATES_FLAG": "",
     }
     assert settings_of(_plan(), "mqttxt", "json")["ENCODING_FLAG"] == "--json"
     assert settings_of(_plan("five-states-bundled"), "mqttxt")["BUNDLES_FLAG"] == "--bundles"
+
+
+def test_in_the_arm_gateway_mavsdk_flies_both_sides() -> None:
+    plan = _plan("gateway", security="signed")
+    assert settings_of(plan, "mqttxt")["ALL_STATES_FLAG"] == "--all-states"
+    assert settings_of(plan, "mavlink")["ALL_STATES_FLAG"] == ""
+    words = " ".join(mission_command(plan, "mqttxt"))
+    assert words.endswith(" --signed --qos 1 --states on-change --gateway --commanding concurrent")
+    assert "--gateway" not in mission_command(plan, "mavlink")
+    assert "--gateway" not in mission_command(_plan(), "mqttxt")
+
+
+@pytest.mark.parametrize("experiment", ["scenario-4", "messages"])
+def test_what_mavsdk_cannot_fly_over_the_gateway_is_refused(experiment: str) -> None:
+    with pytest.raises(UserError, match=f"STATION=mavsdk: expected another experiment than {experiment}"):
+        make_plan(experiment, arm="gateway")
 
 
 def test_autopilots_talk_to_the_ground_station_themselves_where_no_router_runs() -> None:
@@ -101,7 +121,39 @@ def test_autopilots_talk_to_the_ground_station_themselves_where_no_router_runs()
 
 def test_compose_takes_every_setting() -> None:
     text = COMPOSE_FILE.read_text()
-    assert [name for name in settings_of(_plan("direct"), "mavlink") if f"${{{name}:-" not in text] == []
+    with_sensors = make_plan("scenario-4", overrides={"security": "signed"})
+    for settings in (settings_of(_plan("direct"), "mavlink"), settings_of(with_sensors, "mqttxt")):
+        taken = [name for name in settings if f"${{{name}:-" not in text]
+        assert taken in ([], ["SENSOR_PROFILES"])  # that one is the run's own
+
+
+def test_a_secured_fleet_has_an_identity_at_every_node_and_mavlink_has_none() -> None:
+    tls, signed = (settings_of(_plan(security=value), "mqttxt") for value in ("tls", "signed"))
+    assert (tls["MQTT"], tls["MQTT_PORT"], tls["TLS_KEYS"]) == ("mqtts", "8883", "/run-dir/tls/keys.log")
+    assert (tls["SIGNED"], signed["SIGNED"], tls["INSECURE"]) == ("0", "1", "0")
+    assert tls["UAV4_AS"] == "--identity /run/fleet/testbed/drone4"
+    assert signed["UAV4_AS"] == "--identity /run/fleet/testbed/drone4 --signed --fog 2"
+    assert signed["FOG2_AS"] == "--identity /run/fleet/testbed/fog2 --signed"
+    assert " ".join(mission_command(_plan(security="signed"), "mqttxt")) == (
+        "mission fly scenario-1 --protocol mqttxt --fleet 1:1,2,3;2:4,5,6 --events /run-dir/events.jsonl "
+        "--links-start /run-dir/links/start --cloud mqtts://198.18.1.3:8883 "
+        "--identity /run/fleet/testbed/gs-ops --signed --qos 0 --states on-change"
+    )
+    assert settings_of(_plan(security="signed"), "mavlink") == settings_of(_plan(), "mavlink")
+    assert mission_command(_plan(security="signed"), "mavlink") == mission_command(_plan(), "mavlink")
+    assert "-p 8883 --cafile" in by_hand(_plan(security="tls"), "mqttxt", str)
+    assert "-p 8883" not in by_hand(_plan(), "mqttxt", str)
+
+
+def test_sensors_of_a_secured_fleet_have_identities_and_their_drones_brokers() -> None:
+    plan = make_plan("scenario-4", overrides={"security": "signed"})
+    settings = settings_of(plan, "mqttxt")
+    assert settings["SENSOR2_AS"] == "--identity /run/fleet/testbed/sensor2"
+    assert settings["SENSORS_FLAG"].startswith("--sensors 0.0.0.0:8883 ")
+    issued = [" ".join(command) for command in making(plan.fleet, sensors=True)]
+    assert any("issue broker drone6 --address 198.18.26.3 " in said for said in issued)
+    assert any("issue sensor 1,2,3,4,5,6 " in said for said in issued)
+    assert not any("sensor" in " ".join(command) for command in making(plan.fleet, sensors=False))
 
 
 def test_the_mission_is_told_how_mqttxt_talks() -> None:
@@ -149,6 +201,10 @@ def test_mavsdk_listens_on_a_port_for_each_drone_unless_they_share_a_chain(chain
 def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
     name_of = "testbed_{}_1".format
     assert "docker exec -it testbed_gs_1 mqttxt gs watch --fog 1 --fog 2" in by_hand(_plan(), "mqttxt", name_of)
+    for command in ("arm", "takeoff 10"):
+        assert f"gs send {command} --fog 1 --drone 1 --take-over" in by_hand(_plan(), "mqttxt", name_of), (
+            "the page has it"
+        )
     mavlink = by_hand(_plan(chain="shared"), "mavlink", name_of)
     assert "--fleet '1:1,2,3;2:4,5,6' --events /tmp/events.jsonl --mavlink udpin://127.0.0.1:14540" in mavlink
     assert "mqttxt" not in mavlink
@@ -161,7 +217,8 @@ def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
         ({"samples": "many"}, "SAMPLES=many: expected a whole number from 1 to 600"),
         (
             {"experiment": "scenario-9"},
-            "experiment=scenario-9: expected one of scenario-1, scenario-2, scenario-3, scenario-4, messages",
+            "experiment=scenario-9: expected one of "
+            "scenario-1, scenario-2, scenario-3, scenario-4, scenario-5, messages",
         ),
         *(
             ({"experiment": "messages", "count": text}, f"COUNT={text}: expected a whole number from 1 to 1000")
@@ -175,7 +232,7 @@ def test_what_to_type_by_hand_is_for_the_protocol_that_is_up() -> None:
         ({"attempts": ""}, "ATTEMPTS=: expected a whole number from 1 to 99"),
         (
             {"arm": "fast"},
-            "ARM=fast: expected one of thesis, thesis-concurrent, five-states, five-states-bundled, direct",
+            "ARM=fast: expected one of thesis, thesis-concurrent, five-states, five-states-bundled, gateway, direct",
         ),
         ({"profile": "wifi"}, f"PROFILE=wifi: expected one of {PROFILES}, or the path of a .yaml file"),
         ({"protocols": "mqttxt,carrier-pigeon"}, "PROTOCOLS=carrier-pigeon: expected one of mqttxt, mavlink"),

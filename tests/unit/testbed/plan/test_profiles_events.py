@@ -13,14 +13,14 @@ from testbed.errors import UserError
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.draws import link_seed, occurrences, plan_seed
 from testbed.plan.profiles.reading import Rule, read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 
 TOPOLOGY = standard_fleet().topology()
 
 SECOND = 1_000_000
 
 
-def _plan(folder: Path, event: str, links: str = "{}", attempt: int = 1, length_s: float = 60) -> Plan:
+def _plan(folder: Path, event: str, links: str = "{}", attempt: int = 1, length_s: float = 60) -> LinksPlan:
     path = folder / "own.yaml"
     path.write_text(f"description: own\nlinks: {links}\nevents: [{{{event}, source: s}}]")
     return resolve(read_profile(str(path)), TOPOLOGY, "scenario-1", attempt, length_s)

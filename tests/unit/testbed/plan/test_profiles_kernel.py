@@ -17,14 +17,14 @@ from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.directed import directed_links
 from testbed.plan.profiles.kernel import Commands, Words, beyond, change_words, commands_of
 from testbed.plan.profiles.reading import FOLDER, profile_names, read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 
 TOPOLOGY = standard_fleet().topology()
 
 AIR = "{air: {both: {delay: 40ms, source: s}}}"
 
 
-def _plan(folder: Path, links: str, events: str = "[]") -> Plan:
+def _plan(folder: Path, links: str, events: str = "[]") -> LinksPlan:
     path = folder / "own.yaml"
     path.write_text(f"description: own\nlinks: {links}\nevents: {events}")
     return resolve(read_profile(str(path)), TOPOLOGY, "scenario-1", 1, 60)

@@ -18,12 +18,12 @@ from testbed.plan.documents import ROOT
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles import units
 from testbed.plan.profiles.reading import FOLDER, PARSERS, SCHEMA_FILE, profile_names, read_profile
-from testbed.plan.profiles.resolve import Plan, resolve
+from testbed.plan.profiles.resolve import LinksPlan, resolve
 
 TOPOLOGY = standard_fleet().topology()
 
 HEADER = "# yaml-language-server: $schema=profile.schema.json"
-FACTS = {"ideal", "lan", "thesis", "lte", "3g", "edge", "leo", "geo", "sik", "lossy", "bursty"}
+FACTS = {"ideal", "lan", "thesis", "lte", "3g", "edge", "leo", "geo", "geo-2s", "sik", "lossy", "bursty"}
 
 
 def _write(folder: Path, text: str, name: str = "own") -> str:
@@ -32,7 +32,7 @@ def _write(folder: Path, text: str, name: str = "own") -> str:
     return str(path)
 
 
-def _resolve(name: str, folder: Path = FOLDER) -> Plan:
+def _resolve(name: str, folder: Path = FOLDER) -> LinksPlan:
     return resolve(read_profile(name, folder), TOPOLOGY, "scenario-1", 1)
 
 
@@ -254,8 +254,8 @@ AIR = "description: own\nlinks: {air: {both: "
         ),
         (
             "description: own\ninherits: nobody",
-            "own.yaml: inherits: 'nobody': expected one of ideal, 3g, bursty, edge, geo, lan, leo, lossy, lte, sik, "
-            "thesis",
+            "own.yaml: inherits: 'nobody': expected one of ideal, 3g, bursty, edge, geo, geo-2s, lan, leo, lossy, lte, "
+            "sik, thesis",
         ),
         (
             'description: own\noverrides: {"air:uav9": {both: {loss: 1%, source: s}}}',

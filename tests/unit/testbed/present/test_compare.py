@@ -14,6 +14,7 @@ from testbed.fly.results import Series, new_series
 from testbed.present.report import compare
 from testbed.present.report.compare_page import print_comparison, write_comparison
 from tests.handmade.both_sides import entry, failed, make_series
+from tests.handmade.pages import sketched_papers
 
 
 def result(name: str, folder: Path, *entries: tuple[str, dict[str, Any]], **changed: Any) -> compare.Result:
@@ -119,7 +120,8 @@ def test_the_terminal_and_the_page_say_the_same_and_the_page_twice_so(tmp_path: 
 def test_each_result_links_to_its_own_report(tmp_path: Path, first: compare.Result) -> None:
     (first.series.path / "report.html").write_text("")
     page = tmp_path / "compare.html"
-    write_comparison(first, compare.Result("B", Series(tmp_path), first.metrics, first.manifests), page)
+    with sketched_papers():
+        write_comparison(first, compare.Result("B", Series(tmp_path), first.metrics, first.manifests), page)
     link = f'href="{first.series.path.relative_to(tmp_path)}/report.html"'
     assert link in page.read_text()
     assert page.read_text().count("report.html") == 1

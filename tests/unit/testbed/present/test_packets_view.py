@@ -12,6 +12,7 @@ from typer.testing import CliRunner, Result
 from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Presence
 from mqttxt.protocol.rankings import SelectMessage
 from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE
+from mqttxt.protocol.topics import REVOKED
 from testbed.cli import packets as cli
 from testbed.cli.commands import app
 from testbed.errors import UserError
@@ -200,7 +201,8 @@ def test_a_segment_that_begins_within_a_packet_is_left_as_bytes() -> None:
 
 
 def test_every_topic_of_the_table_names_its_message() -> None:
-    for row in (*CLOUD_SIDE, *FOG_SIDE, *SENSOR_SIDE):
+    rows = [row for row in (*CLOUD_SIDE, *FOG_SIDE, *SENSOR_SIDE) if row.topic != REVOKED]  # its payload is DER
+    for row in rows:
         topic = row.topic.replace("fogX", "fog1").replace("droneY", "drone2").replace("sensorS", "sensor3")
         for letter, name in (("/Z", "/battery"), ("/C", "/goto"), ("/K", "/temperature"), ("gs/G", "gs/me")):
             topic = topic.replace(letter, name) if letter == "gs/G" or topic.endswith(letter) else topic

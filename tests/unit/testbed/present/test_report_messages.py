@@ -30,7 +30,7 @@ from tests.handmade.message_attempts import (
     make_mqttxt_messages,
     message_events,
 )
-from tests.handmade.pages import Page
+from tests.handmade.pages import Page, sketched_papers
 
 Metrics = dict[str, Any]
 
@@ -50,7 +50,8 @@ def metrics(series: Series) -> Metrics:
 
 @pytest.fixture(scope="module")
 def page(series: Series, metrics: Metrics) -> str:
-    return write_report(series, metrics, papers=True).read_text()
+    with sketched_papers():
+        return write_report(series, metrics, papers=True).read_text()
 
 
 def test_a_row_is_of_one_message(metrics: Metrics) -> None:
@@ -130,7 +131,8 @@ def test_the_page_is_whole_and_self_contained(series: Series, page: str) -> None
 
 @pytest.mark.long
 def test_the_same_results_give_the_same_page(series: Series, metrics: Metrics, page: str) -> None:
-    assert write_report(series, measure_series(series), papers=True).read_text() == page
+    with sketched_papers():
+        assert write_report(series, measure_series(series), papers=True).read_text() == page
 
 
 def test_the_figures_data_have_what_was_lost_in_its_place(series: Series, page: str) -> None:
@@ -188,7 +190,8 @@ def test_two_message_sets_are_compared_for_one_message(series: Series, metrics: 
     assert changes["mean command: delay", "mavlink"] == pytest.approx(3.0)
     assert changes["land: its own bytes", "mqttxt"] == 1.0
     assert "mean command: delay ×3.0" in " ".join(compare.sentences(*both))
-    write_comparison(*both, tmp_path / "compare.html")
+    with sketched_papers():
+        write_comparison(*both, tmp_path / "compare.html")
     assert "For one message, means of the completed attempts" in (tmp_path / "compare.html").read_text()
 
 

@@ -23,7 +23,7 @@ class Births:
     def on_drone(self, drone: int, payload: bytes) -> list[Effect]:
         """A drone is there (again): it hears of the registered stations, and they of it."""
         self._of_drones[drone] = payload
-        told = [self._publish(station, drone) for station in self._stations if self._may(station, drone)]
+        told = [self._publish(station, drone) for station in self._stations if self._is_told(station)]
         return [self._of_drone(drone), *told]
 
     def on_station(self, station: str, certificate: Certificate, session: int, payload: bytes) -> list[Effect]:
@@ -32,19 +32,19 @@ class Births:
         return self.on_registered(station)
 
     def on_registered(self, station: str) -> list[Effect]:
-        """A station is registered: the drones that it may command hear of it."""
+        """A station is registered: the drones hear of it."""
         if station not in self._stations:
             return []
         numbers = [link.number for link in self._drones.links.values() if link.up]
-        return [self._publish(station, number) for number in numbers if self._may(station, number)]
+        return [self._publish(station, number) for number in numbers if self._is_told(station)]
 
     def of_drones(self) -> list[Effect]:
         """What the cloud broker is to keep, for a session of the activator that was just born."""
         return [self._of_drone(drone) for drone in self._of_drones]
 
-    def _may(self, station: str, drone: int) -> bool:
+    def _is_told(self, station: str) -> bool:
         certificate, session, _ = self._stations[station]
-        return (station, session) in self._leases and certificate.rights.may_command(drone)
+        return (station, session) in self._leases and certificate.rights.may_hear
 
     def _of_drone(self, drone: int) -> Publish:
         return Publish(CLOUD, self._cloud.drone_birth(drone), self._of_drones[drone], qos=1, retain=True)

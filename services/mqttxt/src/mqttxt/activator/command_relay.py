@@ -1,4 +1,4 @@
-"""The activator's way with commands: admit, forward within the deadline, carry the words back, close.
+"""The activator's way with commands: admit, forward within the deadline, close what nobody answers.
 
 Before it publishes a command to the fog broker only the activator may close it; afterwards only the UAV
 client, until the deadline, the limit and a grace have passed. A command that names an earlier session of this
@@ -12,35 +12,35 @@ from dataclasses import replace
 from typing import Any
 
 from ..core.channel import Channel
-from ..core.clock import MAX_TTL_MS, expiry_s, stamp
-from ..core.effects import Effect, Inbound, Log, Publish
+from ..core.clock import MAX_TTL_MS, expiry_s
+from ..core.effects import Audit, Effect, Inbound, Log, Publish
+from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
 from ..core.ledger import OVERRIDING, Admission, Entry, Ledger, Share
 from ..core.session_owners import SessionOwners
 from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry
 from ..errors import PayloadError
 from ..protocol.codec import decode
-from ..protocol.commands import BROADCASTABLE, Goto, Land, Offboard, Return, Takeoff
+from ..protocol.commands import BROADCASTABLE, Goto, Land, Offboard, Resume, Return, StartMission, Takeoff
 from ..protocol.identify import identify
-from ..protocol.messages import CommandId, CommandMessage, ResultMessage, Word, without_contradiction
+from ..protocol.messages import CommandId, CommandMessage, Word
+from ..protocol.rankings import SelectMessage
 from ..protocol.topics import CloudSide, FogSide
-from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_SIGNED
-from ..security.cose import Envelope
-from ..security.rights import command_right
+from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_SIGNED
 from .command_words import RelayWords
 from .drones import DroneLink, Drones
 from .leases import Leases
 from .legs import CHOSEN, Job, Leg
 from .signed_commands import SignedCommand, SignedCommands
 
-FLYING = (Takeoff, Goto, Land, Return, Offboard)
+FLYING = (Takeoff, Goto, Land, Return, Offboard, StartMission, Resume)
 """A drone is busy from one of these to its last word."""
 
 
 class Relay:
-    """The commands of one activator session. `on_…` methods take what arrived and return effects.
+    """The commands of one activator session; `words` publishes their results.
 
-    `on_last_word` hears of each leg of a chosen drone that was closed, `on_overriding` of the sessions whose hold,
-    land or return was admitted.
+    `on_…` methods take what arrived and return effects. `on_overriding` hears of the sessions whose hold, land or
+    return was admitted. While `is_audited` says no, commands other than these are denied (R14.6).
     """
 
     def __init__(
@@ -55,15 +55,18 @@ class Relay:
         owners: SessionOwners,
     ) -> None:
         self._session = session
-        self._words = RelayWords(session, to_cloud, cloud)
         self._leases = leases
+        self._owners = owners
         self._channel = to_fog
         self._fog = fog
         self._drones = drones
         self.signed = SignedCommands(to_cloud.seal, owners) if to_cloud.seal is not None else None
         self.ledger: Ledger[Job] = Ledger()
+        self.words = RelayWords(session, to_cloud, cloud, drones, self.ledger)
         self.fog_connected = False
-        self.on_last_word: Callable[[Entry[Job], Leg, int], list[Effect]] = lambda entry, leg, now_ms: []
+        self._repetitions: Repetitions[CommandId] = Repetitions()
+        self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
+        self.is_audited: Callable[[], bool] = lambda: True
         self.on_overriding: Callable[[int, int], list[Effect]] = lambda gs_session, now_ms: []
 
     def on_command(self, drone: int | None, message: Inbound, now_ms: int) -> list[Effect]:
@@ -85,8 +88,8 @@ class Relay:
         if entry is None:
             return out
         if isinstance(command.command, OVERRIDING) and not entry.record.query:
-            out += self.on_overriding(command.gs_session, now_ms)
-        return out + self._start(entry, now_ms)
+            out = [*out, *self.on_overriding(command.gs_session, now_ms)]
+        return [*out, *self._start(entry, now_ms)]
 
     def enter(
         self,
@@ -96,41 +99,61 @@ class Relay:
         retained: bool,
         now_ms: int,
         signed: SignedCommand | None = None,
+        select: SelectMessage | None = None,
     ) -> tuple[Entry[Job] | None, list[Effect]]:
-        """Admit a command to the ledger; None where it was a duplicate or is denied, with the answer."""
+        """Admit a command, or what a `select` asks; None where it was a duplicate or is denied, with the answer."""
         known = command.executor_session == self._session and command.deadline_ms is not None
         deadline_ms = command.deadline_ms if known and command.deadline_ms is not None else now_ms
         keep_ms = min(deadline_ms, now_ms + MAX_TTL_MS)
         in_control = self._leases.controls(command.gs_session, target or None)
         share = Share.of(command.command, in_control)
-        verdict = self.ledger.examine(command.id, contents, keep_ms, now_ms, share)
+        station = self._station(command.gs_session)
+        if not self._budget.takes((station, isinstance(command.command, OVERRIDING)), now_ms):
+            return None, [Log("flood", f"{command.command.name} of {station}: too many")]
+        verdict = self.ledger.examine(command.id, contents, keep_ms, now_ms, share, station)
         entry = self.ledger.get(command.id)
         if verdict is Admission.DUPLICATE and entry is not None and entry.record.target == target:
-            return None, self._answer(entry)
+            job = entry.record
+            job.signed = job.signed.signed_again(signed) if job.signed is not None else None
+            again = self.words.repeat(entry)
+            return None, again if again and self._repetitions.may_answer(entry.id, now_ms) else []
         if verdict is Admission.IGNORED:
             return None, [
                 Log("outsiders", f"{command.command.name} of session {command.gs_session:08x}: no room for it")
             ]
         if verdict is not Admission.NEW:
+            if not self._repetitions.may_answer(command.id, now_ms):
+                return None, []
             reason = "ledger_full" if verdict is Admission.FULL else "id_conflict"
-            return None, [self._denial(target, command.command.name, command.id, reason, now_ms)]
+            return None, [self.words.deny(target, command.command.name, command.id, reason, now_ms)]
         close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
         query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
         job = Job(target, command, deadline_ms, close_at_ms, query, signed)
-        entry = self.ledger.enter(command.id, contents, job, keep_ms, share)
+        entry = self.ledger.enter(command.id, contents, job, keep_ms, share, station)
+        out: list[Effect] = [self._audited(command, target, select, now_ms)]
         refusal = self._refusal(job, known, retained, now_ms)
-        return (entry, []) if refusal is None else (None, self.refuse(entry, refusal, now_ms))
+        return (entry, out) if refusal is None else (None, out + self.refuse(entry, refusal, now_ms))
+
+    def _station(self, gs_session: int) -> Hashable:
+        """What a station is known by: the name in its certificate, and where nothing is signed its session."""
+        return (self._owners.owner(gs_session) if self.signed is not None else None) or gs_session
+
+    def _audited(self, command: CommandMessage, target: int | None, select: SelectMessage | None, now_ms: int) -> Audit:
+        session, is_signed = command.gs_session, self.signed is not None
+        who = self._owners.owner(session) if is_signed else self._leases.station(session)
+        if select is not None:
+            return Audit("select", select, now_ms, who, None, is_signed)
+        return Audit("command", command, now_ms, who, target, is_signed)
 
     def refuse(self, entry: Entry[Job], reason: str, now_ms: int) -> list[Effect]:
         """Deny a command as a whole."""
         job = entry.record
         if job.target is not None and job.target != CHOSEN:
             leg = job.legs[job.target] = Leg(job.target)
-            return self._close(entry, leg, Word.DENIED, reason, now_ms)
+            return self.words.close(entry, leg, Word.DENIED, reason, now_ms)
         job.choosing = False
-        job.answer = self._words.fog_result(entry.id, now_ms, None, reason)
         self.ledger.close(entry, now_ms)
-        return [self._words.publish_fog_result(job.message.command.name, job.answer)]
+        return self.words.deny_whole(entry, reason, now_ms)
 
     def forward_to(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
         """Send a command to the drone that was chosen for it."""
@@ -146,38 +169,6 @@ class Relay:
             if not leg.is_closed and isinstance(entry.record.message.command, FLYING)
         }
 
-    def on_result(
-        self, link: DroneLink, payload: bytes, name: str, now_ms: int, signed: Envelope | None = None
-    ) -> list[Effect]:
-        """A word of the drone bound to `link`, as it was `signed`: relayed unless it repeats what was said."""
-        result = decode(ResultMessage, payload)
-        if result.session != link.session or link.clock is None:
-            return [Log("unknown_session", f"result of drone {link.number} from session {result.session:08x}")]
-        age_ms = link.clock.age_ms(result.stamp, now_ms)
-        relayed = replace(result, relay_stamp=stamp(now_ms - age_ms) if age_ms is not None else None)
-        entry = self.ledger.get(result.id)
-        if entry is None:
-            return [self._words.publish_result(link.number, name, relayed, signed)]
-        leg = entry.record.legs.get(link.number)
-        if leg is None:
-            return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
-        if leg.is_closed:
-            unconfirmed = leg.words[-1].word is Word.UNCONFIRMED and leg.words[-1].session == self._session
-            if not unconfirmed or leg.truth or not result.word.is_last or result.word is Word.UNCONFIRMED:
-                return []
-            leg.truth = replace(relayed, settled=True)
-            if signed is not None:
-                leg.signed[leg.truth] = signed
-            return [self._words.publish_result(link.number, name, leg.truth, signed)]
-        if any(word.word is result.word and word.percent == result.percent for word in leg.words):
-            return []
-        earlier = leg.words[-1].word if leg.words else None
-        word, reason = without_contradiction(relayed.word, relayed.reason, earlier)
-        relayed = replace(relayed, word=word, reason=reason)
-        if signed is not None:
-            leg.signed[relayed] = signed
-        return self._say(entry, leg, relayed, now_ms)
-
     def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
         """PUBACK of a forwarded command; nobody subscribed means that it was not published.
 
@@ -189,7 +180,7 @@ class Relay:
         if entry is None or leg is None or leg.is_closed or leg.words or leg.publishes > 1:
             return []
         if code == NO_MATCHING_SUBSCRIBERS and not entry.record.query and entry.record.signed is None:
-            return self._close(entry, leg, Word.UNREACHABLE, "no_subscriber", now_ms)
+            return self.words.close(entry, leg, Word.UNREACHABLE, "no_subscriber", now_ms)
         return []
 
     def on_drone_reachable(self, link: DroneLink, now_ms: int) -> list[Effect]:
@@ -204,12 +195,13 @@ class Relay:
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Commands that nobody answers: asked for again, and at last unconfirmed."""
-        out: list[Effect] = []
+        again = (self.ledger.get(command_id) for command_id in self._repetitions.due(now_ms))
+        out = [effect for entry in again if entry is not None for effect in self.words.repeat(entry)]
         for entry in self.ledger.open_entries():
             for leg in [leg for leg in entry.record.legs.values() if not leg.is_closed]:
-                link = self._drones.get(leg.drone)
+                link = self._drones.links.get(leg.drone)
                 if now_ms > entry.record.close_at_ms:
-                    out += self._close(entry, leg, Word.UNCONFIRMED, None, now_ms)
+                    out += self.words.close(entry, leg, Word.UNCONFIRMED, None, now_ms)
                 elif link is not None and link.announced and leg.retry is not None and leg.retry.is_due(now_ms):
                     out += self._send_again(entry, leg, link, now_ms)
         return out
@@ -223,6 +215,8 @@ class Relay:
             return "deadline_too_far"
         if job.target is None and not isinstance(job.message.command, BROADCASTABLE):
             return "not_broadcastable"
+        if not (job.query or isinstance(job.message.command, OVERRIDING) or self.is_audited()):
+            return NOT_AUDITED
         return None
 
     def _start(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
@@ -232,8 +226,7 @@ class Relay:
             job.legs[job.target] = Leg(job.target)
             return self._forward(entry, job.legs[job.target], now_ms)
         roster = self._drones.asked() if job.query else self._drones.roster()
-        job.answer = self._words.fog_result(entry.id, now_ms, roster, None)
-        out: list[Effect] = [self._words.publish_fog_result(job.message.command.name, job.answer)]
+        out: list[Effect] = [self.words.say_roster(entry, roster, now_ms)]
         for listed in roster:
             job.legs[listed.drone] = Leg(listed.drone)
             out += self._forward(entry, job.legs[listed.drone], now_ms)
@@ -244,24 +237,24 @@ class Relay:
     def _forward(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
         """The first way to a drone: closed here if it cannot be gone, else from then on the drone's."""
         job = entry.record
-        link = self._drones.get(leg.drone)
+        link = self._drones.links.get(leg.drone)
         refusal = _not_signed(job, leg.drone)
         if refusal is not None:
-            return self._close(entry, leg, Word.DENIED, refusal, now_ms)
+            return self.words.close(entry, leg, Word.DENIED, refusal, now_ms)
         if job.query:
             leg.retry = Retry.of(0, now_ms, 0)
             return self._send_again(entry, leg, link, now_ms) if link is not None and link.announced else []
         remaining_ms = job.deadline_ms - now_ms
         if remaining_ms <= 0:
-            return self._close(entry, leg, Word.EXPIRED, None, now_ms)
+            return self.words.close(entry, leg, Word.EXPIRED, None, now_ms)
         if link is None or not link.announced or not self.fog_connected:
-            return self._close(entry, leg, Word.UNREACHABLE, None, now_ms)
+            return self.words.close(entry, leg, Word.UNREACHABLE, None, now_ms)
         refusal = self._leases.refusal(leg.drone, job.message.gs_session, job.message.epoch)
         if refusal is not None:
-            return self._close(entry, leg, Word.DENIED, refusal, now_ms)
+            return self.words.close(entry, leg, Word.DENIED, refusal, now_ms)
         deadline_ms = link.clock.deadline_ms(now_ms, remaining_ms) if link.clock is not None else None
         if deadline_ms is None or deadline_ms <= 0 or link.session is None:
-            return self._close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
+            return self.words.close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
         leg.sent = replace(job.message, executor_session=link.session, deadline_ms=deadline_ms)
         leg.retry = Retry.of(self._channel.settings.qos, now_ms, remaining_ms)
         if isinstance(job.message.command, Offboard):
@@ -275,12 +268,6 @@ class Relay:
             leg.sent = replace(entry.record.message, executor_session=link.session, deadline_ms=QUERY_DEADLINE_MS)
         return [self._publish_command(entry, leg, entry.record.deadline_ms - now_ms)]
 
-    def _is_in_offboard(self, drone: int) -> bool:
-        """Whether another offboard command is open for a drone: its lease has to be renewed often."""
-        jobs = [entry.record for entry in self.ledger.open_entries()]
-        legs = [job.legs[drone] for job in jobs if drone in job.legs and isinstance(job.message.command, Offboard)]
-        return any(not leg.is_closed for leg in legs)
-
     def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:
         assert leg.sent is not None
         leg.publishes += 1
@@ -291,53 +278,24 @@ class Relay:
         payload = signed.for_drone(leg.drone, leg.sent.deadline_ms or QUERY_DEADLINE_MS)
         return Publish(self._channel.link, topic, payload, self._channel.settings.qos, expiry_s=expires_s, ref=ref)
 
-    def _close(self, entry: Entry[Job], leg: Leg, word: Word, reason: str | None, now_ms: int) -> list[Effect]:
-        return self._say(entry, leg, self._words.own_word(entry.id, word, reason, now_ms), now_ms)
-
-    def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
-        leg.words.append(result)
-        link = self._drones.get(leg.drone)
-        if leg.is_closed and link is not None and isinstance(entry.record.message.command, Offboard):
-            link.in_offboard = self._is_in_offboard(leg.drone)
-        leg.retry = Retry.after_word(self._channel.settings.qos, now_ms)
-        if entry.record.is_over:
-            self.ledger.close(entry, now_ms)
-        signed = leg.signed.get(result)
-        if entry.record.query and result.word.is_last:
-            result = replace(result, beacon=self._words.beacon(now_ms))
-        out: list[Effect] = [self._words.publish_result(leg.drone, entry.record.message.command.name, result, signed)]
-        if leg.is_closed and entry.record.choosing:
-            out += self.on_last_word(entry, leg, now_ms)
-        return out
-
-    def _answer(self, entry: Entry[Job]) -> list[Effect]:
-        """A duplicate hears the roster, each drone's newest word, and the truth that came after it."""
-        job = entry.record
-        name = job.message.command.name
-        out: list[Effect] = [self._words.publish_fog_result(name, job.answer)] if job.answer is not None else []
-        newest = [(leg, word) for leg in job.legs.values() for word in (*leg.words[-1:], leg.truth) if word]
-        return out + [self._words.publish_result(leg.drone, name, word, leg.signed.get(word)) for leg, word in newest]
-
     def on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
         out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
         known = identify(message.payload)
-        if known is not None and self.ledger.get(known) is None:
-            out.append(self._denial(drone, "malformed", known, str(error), now_ms))
+        if known is None or self.ledger.get(known) is not None:
+            return out
+        is_taken = self._budget.takes((self._station(known.gs_session), False), now_ms)
+        if is_taken and self._repetitions.may_answer(known, now_ms):
+            out.append(self.words.deny(drone, "malformed", known, str(error), now_ms))
         return out
-
-    def _denial(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> Effect:
-        """A denial of something that has no place in the ledger."""
-        if drone is None or drone == CHOSEN:
-            return self._words.publish_fog_result(name, self._words.fog_result(command_id, now_ms, None, reason))
-        return self._words.publish_result(drone, name, self._words.own_word(command_id, Word.DENIED, reason, now_ms))
 
 
 def _not_signed(job: Job, drone: int) -> str | None:
     """Why a drone is not sent what others have signed: its station did not sign it for it, or may not."""
     if job.signed is None:
         return None
-    if not job.signed.signer.rights.may_command(drone):
-        return f"{NOT_ALLOWED}, {command_right(drone)}"
+    missing = job.signed.signer.rights.missing(job.message.command, drone)
+    if missing is not None:
+        return f"{NOT_ALLOWED}, {missing}"
     if job.signed.is_expired and not isinstance(job.message.command, OVERRIDING):
         return CERTIFICATE_EXPIRED
     return None if drone in job.signed.envelopes else NOT_SIGNED

@@ -1,25 +1,137 @@
-"""The words that an activator says of commands, and the topics that it says them on."""
+"""An activator's results: the drones' words as it passes them on, and words of its own."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 from ..core.channel import Channel
 from ..core.clock import stamp
-from ..core.effects import Publish
-from ..protocol.messages import BeaconMessage, CommandId, FogResultMessage, ResultMessage, RosterEntry, Word
+from ..core.effects import Audit, Effect, Log, Publish
+from ..core.ledger import Entry, Ledger
+from ..core.settings import Retry
+from ..protocol.codec import decode
+from ..protocol.commands import Offboard
+from ..protocol.messages import (
+    BeaconMessage,
+    CommandId,
+    FogResultMessage,
+    ResultMessage,
+    RosterEntry,
+    Word,
+    without_contradiction,
+)
 from ..protocol.topics import CloudSide
 from ..protocol.words import NO_DEADLINE
 from ..security.cose import Envelope
+from .drones import DroneLink, Drones
+from .legs import CHOSEN, Job, Leg
 
 
 class RelayWords:
-    """One activator session's own words, and its way of passing on those of drones."""
+    """The words about one activator session's commands. `on_last_word` hears of each closed leg of a chosen drone."""
 
-    def __init__(self, session: int, channel: Channel, cloud: CloudSide) -> None:
+    def __init__(self, session: int, to_cloud: Channel, cloud: CloudSide, drones: Drones, ledger: Ledger[Job]) -> None:
+        self.on_last_word: Callable[[Entry[Job], Leg, int], list[Effect]] = lambda entry, leg, now_ms: []
         self._session = session
-        self._channel = channel
+        self._name = f"fog{cloud.fog}"
+        self._channel = to_cloud
         self._cloud = cloud
+        self._drones = drones
+        self._ledger = ledger
 
-    def own_word(self, command_id: CommandId, word: Word, reason: str | None, now_ms: int) -> ResultMessage:
+    def on_result(
+        self, link: DroneLink, payload: bytes, name: str, now_ms: int, signed: Envelope | None = None
+    ) -> list[Effect]:
+        """A word of the drone bound to `link`, as it was `signed`: relayed unless it repeats an earlier one."""
+        result = decode(ResultMessage, payload)
+        if result.session != link.session or link.clock is None:
+            return [Log("unknown_session", f"result of drone {link.number} from session {result.session:08x}")]
+        age_ms = link.clock.age_ms(result.stamp, now_ms)
+        relayed = replace(result, relay_stamp=stamp(now_ms - age_ms) if age_ms is not None else None)
+        entry = self._ledger.get(result.id)
+        if entry is None:
+            return [self._publish(link.number, name, relayed, signed)]
+        leg = entry.record.legs.get(link.number)
+        if leg is None:
+            return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
+        if leg.is_closed:
+            unconfirmed = leg.words[-1].word is Word.UNCONFIRMED and leg.words[-1].session == self._session
+            if not unconfirmed or leg.truth or not result.word.is_last or result.word is Word.UNCONFIRMED:
+                return []
+            leg.truth = replace(relayed, settled=True)
+            if signed is not None:
+                leg.signed[leg.truth] = signed
+            leg.said.append(self._publish(link.number, name, leg.truth, signed))
+            return [self._audited(leg, leg.truth, now_ms), leg.said[-1]]
+        if any(word.word is result.word and word.percent == result.percent for word in leg.words):
+            return []
+        earlier = leg.words[-1].word if leg.words else None
+        word, reason = without_contradiction(relayed.word, relayed.reason, earlier)
+        relayed = replace(relayed, word=word, reason=reason)
+        if signed is not None:
+            leg.signed[relayed] = signed
+        return self._say(entry, leg, relayed, now_ms)
+
+    def close(self, entry: Entry[Job], leg: Leg, word: Word, reason: str | None, now_ms: int) -> list[Effect]:
+        """The activator's own last word for a drone."""
+        return self._say(entry, leg, self._own(entry.id, word, reason, now_ms), now_ms)
+
+    def say_roster(self, entry: Entry[Job], roster: tuple[RosterEntry, ...], now_ms: int) -> Publish:
+        """Whom a broadcast is for."""
+        result = self._fog_result(entry.id, roster, None, now_ms)
+        entry.record.answer = self._publish_of_fog(entry.record.message.command.name, result)
+        return entry.record.answer
+
+    def deny_whole(self, entry: Entry[Job], reason: str, now_ms: int) -> list[Effect]:
+        """Why the whole fog is denied a command."""
+        result = self._fog_result(entry.id, None, reason, now_ms)
+        entry.record.answer = self._publish_of_fog(entry.record.message.command.name, result)
+        return [Audit("word", result, now_ms, self._name, None, self._channel.seal is not None), entry.record.answer]
+
+    def deny(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> Publish:
+        """A denial of something that has no place in the ledger."""
+        if drone is None or drone == CHOSEN:
+            return self._publish_of_fog(name, self._fog_result(command_id, None, reason, now_ms))
+        return self._publish(drone, name, self._own(command_id, Word.DENIED, reason, now_ms))
+
+    def repeat(self, entry: Entry[Job]) -> list[Effect]:
+        """A duplicate hears the roster, each drone's newest word, and the truth behind that, as they were published."""
+        answer = [entry.record.answer] if entry.record.answer is not None else []
+        return [*answer, *(said for leg in entry.record.legs.values() for said in leg.said)]
+
+    def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
+        leg.words.append(result)
+        link = self._drones.links.get(leg.drone)
+        if leg.is_closed and link is not None and isinstance(entry.record.message.command, Offboard):
+            link.in_offboard = self._is_in_offboard(leg.drone)
+        leg.retry = Retry.after_word(self._channel.settings.qos, now_ms)
+        if entry.record.is_over:
+            self._ledger.close(entry, now_ms)
+        signed = leg.signed.get(result)
+        if entry.record.query and result.word.is_last:
+            result = replace(result, beacon=self._beacon(now_ms))
+        leg.said = [self._publish(leg.drone, entry.record.message.command.name, result, signed)]
+        out: list[Effect] = [*leg.said]
+        if leg.is_closed:
+            out.append(self._audited(leg, leg.words[-1], now_ms))
+        if leg.is_closed and entry.record.choosing:
+            out += self.on_last_word(entry, leg, now_ms)
+        return out
+
+    def _audited(self, leg: Leg, word: ResultMessage, now_ms: int) -> Audit:
+        """A last word of a drone, or of this activator in its place."""
+        who = self._name if word.session == self._session else f"drone{leg.drone}"
+        is_signed = self._channel.seal is not None and (who == self._name or word in leg.signed)
+        return Audit("word", word, now_ms, who, leg.drone, is_signed)
+
+    def _is_in_offboard(self, drone: int) -> bool:
+        """Whether another offboard command is open for a drone: its lease has to be renewed often."""
+        jobs = [entry.record for entry in self._ledger.open_entries()]
+        legs = [job.legs[drone] for job in jobs if drone in job.legs and isinstance(job.message.command, Offboard)]
+        return any(not leg.is_closed for leg in legs)
+
+    def _own(self, command_id: CommandId, word: Word, reason: str | None, now_ms: int) -> ResultMessage:
         return ResultMessage(
             gs_session=command_id.gs_session,
             seq=command_id.seq,
@@ -28,11 +140,11 @@ class RelayWords:
             stamp=stamp(now_ms),
             word=word,
             reason=reason,
-            beacon=self.beacon(now_ms) if reason == NO_DEADLINE else None,
+            beacon=self._beacon(now_ms) if reason == NO_DEADLINE else None,
         )
 
-    def fog_result(
-        self, command_id: CommandId, now_ms: int, roster: tuple[RosterEntry, ...] | None, denied: str | None
+    def _fog_result(
+        self, command_id: CommandId, roster: tuple[RosterEntry, ...] | None, denied: str | None, now_ms: int
     ) -> FogResultMessage:
         return FogResultMessage(
             gs_session=command_id.gs_session,
@@ -41,13 +153,13 @@ class RelayWords:
             stamp=stamp(now_ms),
             roster=roster,
             denied=denied,
-            beacon=self.beacon(now_ms) if denied == NO_DEADLINE else None,
+            beacon=self._beacon(now_ms) if denied == NO_DEADLINE else None,
         )
 
-    def beacon(self, now_ms: int) -> BeaconMessage:
+    def _beacon(self, now_ms: int) -> BeaconMessage:
         return BeaconMessage(session=self._session, now_ms=now_ms)
 
-    def publish_result(self, drone: int, name: str, result: ResultMessage, signed: Envelope | None = None) -> Publish:
+    def _publish(self, drone: int, name: str, result: ResultMessage, signed: Envelope | None = None) -> Publish:
         """A word; one that its drone signed as it is, with what the relay says of it beside it (R12.11)."""
         topic = self._cloud.drone_result(drone, name)
         if signed is None:
@@ -55,5 +167,5 @@ class RelayWords:
         payload = signed.routed([result.relay_stamp, bool(result.settled)]).encode()
         return Publish(self._channel.link, topic, payload, self._channel.settings.qos)
 
-    def publish_fog_result(self, name: str, result: FogResultMessage) -> Publish:
+    def _publish_of_fog(self, name: str, result: FogResultMessage) -> Publish:
         return self._channel.publish(self._cloud.fog_result(name), result)

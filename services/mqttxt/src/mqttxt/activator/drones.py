@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ..core.channel import Channel
 from ..core.clock import Beacon, RemoteClock, stamp, stamp_supersedes
 from ..core.effects import Effect, Log, Publish
+from ..core.settings import Rebirth
 from ..protocol.messages import BeaconMessage, DroneLease, DroneRecord, Presence, RosterEntry
 from ..protocol.state_payload import StampedState
 from ..protocol.topics import CloudSide, FogSide
@@ -21,12 +22,12 @@ OFFBOARD_LEASE_MS = 3000
 """How long an offboard flight may go on after its station's newest renewal was sent."""
 OFFBOARD_RENEWAL_MS = 500
 STATE_KEPT_MS = 600_000
-"""A stamp's span is 655 s: older states are not told any more."""
+"""A stamp's span is 655 s: older states are not published any more."""
 
 
 @dataclass
 class Known:
-    """A state as it came, and when; `said_ms` bounds from below when it was said, once the drone's clock is known."""
+    """A state as it came, and when; `said_ms` is a lower bound of when the drone sent it, once its clock is known."""
 
     state: StampedState
     received_ms: int
@@ -48,6 +49,11 @@ class DroneLink:
     contest_until_ms: int = 0
     next_lease_ms: int = 0
     in_offboard: bool = False
+    knows_certificate: bool = False
+    heard_ms: int | None = None
+    leases: int = 0
+    missed: bool = False
+    """Whether the connection to the fog broker is another one, and the drone has not echoed a lease that says so."""
 
     def age_ms(self, name: str, now_ms: int) -> int | None:
         """Upper bound of a state's age; None where it or the drone's clock is not known."""
@@ -55,7 +61,7 @@ class DroneLink:
         return None if said_ms is None else now_ms - said_ms
 
     def said_ms(self, name: str, now_ms: int) -> int | None:
-        """The own time before which a state was not said; None where it or the drone's clock is not known.
+        """A lower bound, in the own time, of when the drone sent a state; None where that or its clock is not known.
 
         Decided once: a bound of the drone's clock that came later says nothing about earlier times.
         """
@@ -74,7 +80,8 @@ class DroneLink:
 class Drones:
     """Every drone configured for the fog or seen in this session.
 
-    `appeared` and `roster_changed` are what the activator has yet to act upon.
+    `appeared` and `roster_changed` are what the activator has yet to act upon. `tells`: it is the fog's, and says so of
+    drones; before that it reads what another session has retained of them.
     """
 
     def __init__(
@@ -96,11 +103,10 @@ class Drones:
         self._leases = leases
         self.links: dict[int, DroneLink] = {number: DroneLink(number) for number in configured}
         self._of_before: set[int] = set()
+        self._shown_wrong: dict[int, Rebirth] = {}
         self.appeared: list[DroneLink] = []
         self.roster_changed = False
-
-    def get(self, number: int) -> DroneLink | None:
-        return self.links.get(number)
+        self.tells = False
 
     def roster(self) -> tuple[RosterEntry, ...]:
         return tuple(
@@ -109,7 +115,7 @@ class Drones:
         )
 
     def asked(self) -> tuple[RosterEntry, ...]:
-        """Whom an earlier session of this activator may have sent a command: the roster, and whom that told of."""
+        """Whom an earlier session of this activator may have sent a command: roster, and the drones of its records."""
         missing = (RosterEntry(drone=number) for number in self._of_before - self.links.keys())
         return tuple(sorted((*self.roster(), *missing), key=lambda entry: entry.drone))
 
@@ -118,6 +124,8 @@ class Drones:
         gone = [link.number for link in self.links.values() if link.announced]
         for link in self.links.values():
             link.up = link.announced = False
+            link.missed = True
+            link.nonces.clear()
         self.roster_changed = self.roster_changed or bool(gone)
         return gone
 
@@ -146,13 +154,17 @@ class Drones:
         if link is None or message.session != link.session or link.clock is None:
             return [Log("unknown_session", f"beacon of drone {number} from session {message.session:08x}")]
         asked_ms = link.nonces.pop(message.nonce, None) if message.nonce is not None else None
+        if asked_ms is not None:
+            link.knows_certificate, link.missed = True, False
         link.clock.observe(Beacon(message.session, message.now_ms, message.nonce, message.held_ms), now_ms, asked_ms)
+        link.heard_ms = max(message.now_ms, link.heard_ms or 0)
         out: list[Effect] = []
         was_contested_ms = link.contest_until_ms - CONTEST_MS
         if link.challenger is not None and asked_ms is not None and asked_ms >= was_contested_ms:
             out.append(self._refuse(link, link.challenger))
             link.challenger = None
-        if link.up and not link.announced and link.clock.latest_now_ms(now_ms) is not None:
+        is_live = link.is_live(now_ms, self._settings.beacon_interval_ms)
+        if is_live and not link.announced and link.clock.latest_now_ms(now_ms) is not None:
             out += self._announce(link, True)
             if self._leases.holder(number) is not None:
                 out.append(self._lease(link, now_ms))
@@ -188,7 +200,7 @@ class Drones:
         """Who controls some drones has changed: tell stations and drones."""
         out: list[Effect] = []
         for link in (self.links[number] for number in sorted(numbers) if number in self.links):
-            out.append(self._record(link))
+            out += self._told(link)
             if link.up and link.session is not None:
                 out.append(self._lease(link, now_ms))
         return out
@@ -196,6 +208,13 @@ class Drones:
     def ask_all(self, now_ms: int) -> list[Effect]:
         """Every drone that is there is asked for a beacon."""
         return [self._lease(link, now_ms) for link in self.links.values() if link.up and link.session is not None]
+
+    def show_certificate(self, now_ms: int) -> list[Effect]:
+        """The activator's certificate is another: each drone is shown it until it has echoed such a lease."""
+        for link in self.links.values():
+            link.knows_certificate = False
+            link.nonces.clear()
+        return self.ask_all(now_ms)
 
     def restore(self, number: int, record: DroneRecord, now_ms: int) -> None:
         """What an earlier session of this activator retained of a drone."""
@@ -205,15 +224,21 @@ class Drones:
         self._of_before.add(number)
         self._leases.restore(number, key, record.epoch or 0, now_ms)
 
-    def is_own_record(self, number: int, record: DroneRecord) -> bool:
-        """Whether a retained record says what this session would say."""
-        link = self.links.get(number)
-        expected = link.session if link is not None and link.announced else None
-        return record.activator_session == self._session and (record.drone_session if record.up else None) == expected
+    def on_record(self, number: int, record: DroneRecord | None, now_ms: int) -> None:
+        """What the broker shows of a drone, None where that is no record of this fog's.
+
+        Anything but this session's newest word is put right, unless that is what the broker shows next (R9.1).
+        """
+        if record == self._word_of(self.links.get(number) or DroneLink(number)):
+            self._shown_wrong.pop(number, None)
+        else:
+            self._shown_wrong.setdefault(number, Rebirth()).arm(now_ms)
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Leases that are due, contests that ran out, beacons that stayed away."""
-        out: list[Effect] = []
+        out: list[Effect] = [
+            self.record_of(number) for number, rebirth in self._shown_wrong.items() if rebirth.is_due(now_ms)
+        ]
         for link in self.links.values():
             if link.challenger is not None and now_ms >= link.contest_until_ms:
                 challenger, link.challenger = link.challenger, None
@@ -232,6 +257,8 @@ class Drones:
         link.clock = RemoteClock(session)
         link.states.clear()
         link.nonces.clear()
+        link.knows_certificate = False
+        link.heard_ms = None
         return [*out, self._lease(link, now_ms)]
 
     def _contest(self, link: DroneLink, challenger: int, now_ms: int) -> list[Effect]:
@@ -252,11 +279,18 @@ class Drones:
         self.roster_changed = True
         if reachable:
             self.appeared.append(link)
-        return [self._record(link)]
+        return self._told(link)
+
+    def _told(self, link: DroneLink) -> list[Effect]:
+        return [self._record(link)] if self.tells else []
 
     def _record(self, link: DroneLink) -> Publish:
+        topic = self._cloud.drone_reachable(link.number)
+        return self._to_cloud.publish(topic, self._word_of(link), qos=1, retain=True)
+
+    def _word_of(self, link: DroneLink) -> DroneRecord:
         holder = self._leases.holder(link.number)
-        record = DroneRecord(
+        return DroneRecord(
             activator_session=self._session,
             up=link.announced,
             drone_session=link.session if link.announced else None,
@@ -264,7 +298,6 @@ class Drones:
             holder_session=holder.key[1] if holder is not None else None,
             epoch=self._leases.epoch(link.number) or None,
         )
-        return self._to_cloud.publish(self._cloud.drone_reachable(link.number), record, qos=1, retain=True)
 
     def _lease(self, link: DroneLink, now_ms: int) -> Publish:
         assert link.session is not None
@@ -293,6 +326,8 @@ class Drones:
                 holder_session=holder.key[1] if holder is not None and has_control else None,
                 deadline_ms=deadline_ms if has_control else None,
                 offboard_until_ms=max(0, offboard_ms) if offboard_ms is not None else None,
+                heard_ms=link.heard_ms if self._to_fog.seal is not None else None,
+                anew=link.missed or None,
             ),
         )
 
@@ -303,5 +338,8 @@ class Drones:
 
     def _publish_lease(self, number: int, lease: DroneLease) -> Publish:
         link = self.links[number]
-        is_known = link.clock is not None and link.clock.has_echoed and link.session == lease.drone_session
+        link.leases += 1
+        if self._to_fog.seal is not None:
+            lease = replace(lease, counter=link.leases)
+        is_known = link.knows_certificate and link.session == lease.drone_session
         return self._to_fog.publish(self._fog.init_connect(number), lease, qos=1, with_certificate=not is_known)

@@ -6,7 +6,7 @@ an explicit takeover, which raises the fog's epoch: what was sent under a lower 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from ..protocol.messages import Control, Registration
@@ -62,6 +62,9 @@ class Leases:
     def __len__(self) -> int:
         return len(self._leases)
 
+    def __iter__(self) -> Iterator[Key]:
+        return iter(self._leases)
+
     def __contains__(self, key: Key) -> bool:
         return key in self._leases
 
@@ -85,6 +88,10 @@ class Leases:
         """Whether a station controls a drone; with None, any drone of the fog."""
         keys = self._holders.values() if drone is None else [self._holders.get(drone)]
         return any(key is not None and key[1] == gs_session for key in keys)
+
+    def station(self, gs_session: int) -> str | None:
+        """The station that a session is registered for, as certificates name stations."""
+        return next((f"gs-{name}" for name, session in self._leases if session == gs_session), None)
 
     def refusal(self, drone: int, gs_session: int, epoch: int) -> str | None:
         """Why a station's command for a drone is refused; None when the station is in control."""

@@ -1,11 +1,12 @@
-"""What an activator records about a command: the legs to its drones and what was said on each."""
+"""What an activator records about a command: the legs to its drones, and each leg's words."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ..core.effects import Publish
 from ..core.settings import Retry
-from ..protocol.messages import CommandMessage, FogResultMessage, ResultMessage
+from ..protocol.messages import CommandMessage, ResultMessage
 from ..security.cose import Envelope
 from .signed_commands import SignedCommand
 
@@ -15,7 +16,10 @@ CHOSEN = 0
 
 @dataclass
 class Leg:
-    """A command on its way to one drone, and what was said of it; `signed` are those of the words that it signed."""
+    """A command on its way to one drone, and its words; `signed` has the envelopes of those that the drone signed.
+
+    `said` are the newest word and the truth behind it as they were published, for who asks again.
+    """
 
     drone: int
     sent: CommandMessage | None = None
@@ -23,6 +27,7 @@ class Leg:
     words: list[ResultMessage] = field(default_factory=list)
     retry: Retry | None = None
     truth: ResultMessage | None = None
+    said: list[Publish] = field(default_factory=list)
     signed: dict[ResultMessage, Envelope] = field(default_factory=dict)
 
     @property
@@ -35,7 +40,8 @@ class Job:
     """What the activator records about a command: where it was sent, its deadline, and how it was answered.
 
     `target` is a drone's number, None for a broadcast, `CHOSEN` where PSMI chooses; while it is `choosing`, another
-    leg may follow. `signed` is what its station signed for each drone, None where messages are not signed.
+    leg may follow. `signed` is what its station signed for each drone, None where messages are not signed. `answer` is
+    what was published of it as a whole.
     """
 
     target: int | None
@@ -45,7 +51,7 @@ class Job:
     query: bool
     signed: SignedCommand | None = None
     legs: dict[int, Leg] = field(default_factory=dict)
-    answer: FogResultMessage | None = None
+    answer: Publish | None = None
     choosing: bool = False
 
     @property

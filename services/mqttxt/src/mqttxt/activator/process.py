@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ..core.audit_log import AuditLog
 from ..core.clock import SessionClock
 from ..core.embedded_broker import EmbeddedBroker
 from ..core.mqtt.link import BrokerAddress, MqttLink
@@ -13,6 +14,7 @@ from ..core.settings import Settings
 from ..errors import ConfigurationError
 from ..protocol.topics import CloudSide, FogSide
 from ..security.identity import Identity
+from ..security.revocation import RevocationList
 from ..security.seal import Seal
 from .drones import CLOUD, FOG
 from .role import Activator
@@ -22,7 +24,7 @@ class ActivatorRunner(Runner):
     """Runs one fog's activator. `embedded` is its own broker, None where `fog_broker` runs elsewhere.
 
     `advertised` is the fog broker's address as others reach it, where that is another than `fog_broker`. `identity` is
-    the fog's, for `mqtts://` to both; with a `seal` messages are signed.
+    the fog's, for `mqtts://` to both; with a `seal` messages are signed. `audit` is its log.
     """
 
     def __init__(
@@ -40,6 +42,7 @@ class ActivatorRunner(Runner):
         ready_file: Path | None = None,
         identity: Identity | None = None,
         seal: Seal | None = None,
+        audit: AuditLog | None = None,
     ) -> None:
         cloud = CloudSide(fog, prefix)
         shared = (cloud_broker.host, cloud_broker.port) == (fog_broker.host, fog_broker.port)
@@ -48,7 +51,7 @@ class ActivatorRunner(Runner):
             raise ConfigurationError(
                 f"fog root {root!r}: expected another root than the cloud side's, because both sides use {cloud_broker}"
             )
-        clock = SessionClock()
+        clock, fog_side = SessionClock(), FogSide(root)
         self.activator = Activator(
             fog,
             clock.session,
@@ -56,19 +59,31 @@ class ActivatorRunner(Runner):
             drones=drones,
             broker=str(advertised or fog_broker),
             cloud=cloud,
-            fog_side=FogSide(root),
+            fog_side=fog_side,
             seal=seal,
         )
-        super().__init__(self.activator, clock, ready_file, identity)
+        lists = {CLOUD: cloud.revoked, FOG: fog_side.revoked}
+        super().__init__(self.activator, clock, ready_file, identity, lists, audit=audit)
+        if audit is not None and audit.required:
+            self.activator.relay.is_audited = audit.takes
         self._embedded = embedded
         client_id = f"mqttxt-fog{fog}-{clock.session:08x}"
-        self.links[CLOUD] = MqttLink(CLOUD, cloud_broker, client_id, self.activator.will(), self, identity=identity)
-        self.links[FOG] = MqttLink(FOG, fog_broker, f"{client_id}-fog", None, self, identity=identity)
+        self.links[CLOUD] = MqttLink(
+            CLOUD,
+            cloud_broker,
+            client_id,
+            self.activator.will,
+            self,
+            identity=identity,
+            ends_when_taken_over=seal is None,
+        )
+        self.links[FOG] = MqttLink(
+            FOG, fog_broker, f"{client_id}-fog", None, self, identity=identity, ends_when_taken_over=seal is None
+        )
 
     def jobs(self) -> list[Any]:
         return [*([self._embedded.run()] if self._embedded is not None else []), *super().jobs()]
 
-    def read_again(self) -> None:
-        super().read_again()
+    def tell_own_broker(self, newest: RevocationList) -> None:
         if self._embedded is not None:
-            self._embedded.reload()
+            self._embedded.reload(newest)

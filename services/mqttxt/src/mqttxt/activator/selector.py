@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from ..core.channel import Channel
 from ..core.clock import stamp
 from ..core.effects import Effect, Inbound, Publish
+from ..core.floods import Repetitions
 from ..core.ledger import Entry
 from ..errors import PayloadError
 from ..protocol.commands import Goto
@@ -30,9 +31,9 @@ MOST_RESERVATIONS = 256
 
 @dataclass
 class Choice:
-    """A command for which a drone is being chosen: who comes next, and what was said of the list.
+    """A command for which a drone is being chosen: who comes next, and the list as it was published.
 
-    `tried` are the drones of the offers before it that it goes on from.
+    `tried` are the drones of the offers before it that it goes on from, `chosen` is who the list that was `said` names.
     """
 
     listed: tuple[Candidate, ...]
@@ -40,7 +41,8 @@ class Choice:
     next_index: int = 0
     cancelled: bool = False
     tried: frozenset[int] = frozenset()
-    said: PsmiMessage | None = None
+    chosen: int | None = None
+    said: Publish | None = None
 
 
 @dataclass
@@ -66,7 +68,8 @@ class Selector:
         self._relay = relay
         self._choices: dict[CommandId, Choice] = {}
         self._reservations: dict[CommandId, Reservation] = {}
-        relay.on_last_word = self._on_last_word
+        self._repetitions: Repetitions[CommandId] = Repetitions()
+        relay.words.on_last_word = self._on_last_word
         relay.on_overriding = self._on_overriding
 
     def on_select(self, name: str, message: Inbound, now_ms: int) -> list[Effect]:
@@ -84,9 +87,12 @@ class Selector:
         except PayloadError as error:
             return self._relay.on_malformed(CHOSEN, replace(message, payload=contents.payload), error, now_ms)
         key = (wanted.mode, wanted.reservation, wanted.command)
-        entry, out = self._relay.enter(wanted.as_command(), CHOSEN, key, message.retain, now_ms, signed)
+        entry, out = self._relay.enter(wanted.as_command(), CHOSEN, key, message.retain, now_ms, signed, wanted)
         if entry is None:
-            return [*self._said_again(wanted.id), *out]
+            return [*(self._said_again(wanted.id) if self._repetitions.may_answer(wanted.id, now_ms) else ()), *out]
+        return [*out, *self._proceed(entry, wanted, wanted.command, now_ms)]
+
+    def _proceed(self, entry: Entry[Job], wanted: SelectMessage, command: Goto, now_ms: int) -> list[Effect]:
         if entry.record.query and wanted.mode in (SelectMode.SELECT, SelectMode.COMMIT):
             return self._ask_everyone(entry, now_ms)
         if now_ms >= entry.record.deadline_ms:
@@ -95,14 +101,15 @@ class Selector:
             return self._release(entry, wanted, now_ms)
         if wanted.mode is SelectMode.COMMIT:
             return self._commit(entry, wanted, now_ms)
-        return self._choose(entry, wanted, wanted.command, now_ms)
+        return self._choose(entry, wanted, command, now_ms)
 
-    def tick(self, now_ms: int) -> None:
-        """Reservations lapse by themselves; what was said is forgotten with its command."""
+    def tick(self, now_ms: int) -> list[Effect]:
+        """Reservations lapse by themselves; lists are forgotten with their commands, and said again to who asks."""
         for key in [key for key, held in self._reservations.items() if now_ms > held.until_ms]:
             del self._reservations[key]
         for key in [key for key in self._choices if self._relay.ledger.get(key) is None]:
             del self._choices[key]
+        return [effect for command_id in self._repetitions.due(now_ms) for effect in self._said_again(command_id)]
 
     def _choose(self, entry: Entry[Job], wanted: SelectMessage, command: Goto, now_ms: int) -> list[Effect]:
         tried: frozenset[int] = frozenset()
@@ -110,7 +117,7 @@ class Selector:
             before = self._choices.get(CommandId(wanted.gs_session, wanted.reservation))
             if before is None or before.said is None:
                 return self._relay.refuse(entry, "no_reservation", now_ms)
-            tried = before.tried | {before.said.chosen or 0}
+            tried = before.tried | {before.chosen or 0}
         listed, left_out = self._rank(wanted, command, tried, now_ms)
         choice = self._choices[entry.id] = Choice(listed, left_out, tried=tried)
         if not listed:
@@ -171,7 +178,7 @@ class Selector:
         return out + self._relay.forward_to(entry, drone, now_ms)
 
     def _on_last_word(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
-        """A chosen drone has said its last word: go on after a definite no, and only then."""
+        """A chosen drone has sent its last word: go on after a definite no, and only then."""
         choice = self._choices.get(entry.id)
         if choice is None:
             return self._on_answer(entry, now_ms)
@@ -215,7 +222,7 @@ class Selector:
     def _say(
         self, command_id: CommandId, choice: Choice, chosen: int | None, hold_until_ms: int | None, now_ms: int
     ) -> list[Effect]:
-        choice.said = PsmiMessage(
+        message = PsmiMessage(
             gs_session=command_id.gs_session,
             seq=command_id.seq,
             session=self._session,
@@ -225,14 +232,12 @@ class Selector:
             chosen=chosen,
             hold_until_ms=hold_until_ms,
         )
-        return [self._publish(choice.said)]
+        choice.chosen, choice.said = chosen, self._channel.publish(self._cloud.psmi, message)
+        return [choice.said]
 
     def _said_again(self, command_id: CommandId) -> list[Effect]:
         choice = self._choices.get(command_id)
-        return [self._publish(choice.said)] if choice is not None and choice.said is not None else []
-
-    def _publish(self, message: PsmiMessage) -> Publish:
-        return self._channel.publish(self._cloud.psmi, message)
+        return [choice.said] if choice is not None and choice.said is not None else []
 
 
 def _unsigned(topic: str, payload: bytes) -> SelectContents:

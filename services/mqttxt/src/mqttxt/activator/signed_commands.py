@@ -26,6 +26,19 @@ class SignedCommand:
     envelopes: dict[int, Envelope]
     deadlines_ms: dict[int, int]
 
+    def signed_again(self, again: SignedCommand | None) -> SignedCommand:
+        """The same, in envelopes of a newer key where those say the same: the older may be revoked by now."""
+        newer = again.envelopes.items() if again is not None else ()
+        return replace(
+            self,
+            envelopes=self.envelopes
+            | {
+                drone: one
+                for drone, one in newer
+                if drone in self.envelopes and one.payload == self.envelopes[drone].payload
+            },
+        )
+
     def for_drone(self, drone: int, deadline_ms: int) -> bytes:
         """The drone's own, with a deadline beside it where that is earlier than the signed one."""
         is_earlier = deadline_ms < self.deadlines_ms[drone]
@@ -63,13 +76,13 @@ class Verified:
 
 @dataclass(frozen=True)
 class SelectContents:
-    """A message on `fogX/commands/C` as its station said it: with a `commit` a command that is signed for a drone."""
+    """A message on `fogX/commands/C` as its station signed it: with a `commit` a command that is signed for a drone."""
 
     payload: bytes
     commit: Verified | None = None
 
     def read(self) -> tuple[SelectMessage, SignedCommand | None]:
-        """What is wanted, and what is signed; raises PayloadError."""
+        """The message, and the command as it is signed for its drone; raises PayloadError."""
         if self.commit is None:
             return decode(SelectMessage, self.payload), None
         command, signed = self.commit.read()

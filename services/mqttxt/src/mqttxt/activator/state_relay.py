@@ -6,16 +6,17 @@ from collections.abc import Iterable
 
 from ..core.channel import Channel
 from ..core.clock import STAMP_MODULUS, STAMP_TICK_MS, stamp
-from ..core.effects import Effect, Publish
+from ..core.effects import Effect
 from ..core.settings import next_turn_ms
 from ..protocol.bundles import DroneBundle, fog_bundles
 from ..protocol.codec import decode, encode
 from ..protocol.policies import URGENT
 from ..protocol.rankings import QodsMessage
 from ..protocol.state_payload import StampedState, decode_state, encode_state
+from ..protocol.states import AutopilotText
 from ..protocol.topics import MAVLINK_STATE, CloudSide
 from . import qods
-from .drones import CLOUD, DroneLink, Drones
+from .drones import DroneLink, Drones
 from .leases import Leases
 
 PATIENCE = 0.75
@@ -67,7 +68,7 @@ class StateRelay:
         if self._bundled and (now_ms >= self._next_bundle_ms or self._is_urgent):
             self._is_urgent = False
             self._next_bundle_ms = next_turn_ms(self._next_bundle_ms, now_ms, self._settings.bundle_ms)
-            out += self._bundles()
+            out += self._bundles(now_ms)
         ranking = self.qods.due(self._drones.links.values(), self._settings.state_limit_ms, now_ms)
         if ranking is not None:
             message = QodsMessage(session=self._session, stamp=stamp(now_ms), ranking=ranking)
@@ -89,12 +90,13 @@ class StateRelay:
         relayed = self._drones.relayed(link, name, now_ms)
         if relayed is None:
             return []
-        bundles = not name.startswith(MAVLINK_STATE)
+        bundles = name != AutopilotText.name and not name.startswith(MAVLINK_STATE)
         out = self._bundle((link.number, name), relayed, now_ms) if bundles and self._leases.want_bundles else []
         if bundles and not self._leases.want_topics:
             return out
         payload = encode_state(relayed, self._settings.encoding)
-        return [*out, Publish(CLOUD, self._cloud.drone_state(link.number, name), payload, qos=0)]
+        topic = self._cloud.drone_state(link.number, name)
+        return [*out, self._channel.state(topic, payload, self._session, now_ms)]
 
     def _bundle(self, key: tuple[int, str], state: StampedState, now_ms: int) -> list[Effect]:
         """Keep a state for the next bundle.
@@ -107,7 +109,7 @@ class StateRelay:
         interval_ms = self._settings.bundle_ms
         if key in self._bundled and now_ms - self._came_ms[key] >= PATIENCE * interval_ms:
             self._next_bundle_ms = now_ms + interval_ms // 2
-            out = self._bundles()
+            out = self._bundles(now_ms)
         waiting = self._bundled.setdefault(key, [])
         is_slow = self._is_slow(key, state.stamp)
         is_change = bool(waiting) and state.state.name in URGENT and waiting[-1].state != state.state
@@ -128,11 +130,11 @@ class StateRelay:
         self._paces[key] = origin, is_slow
         return is_slow or was_slow
 
-    def _bundles(self) -> list[Effect]:
+    def _bundles(self, now_ms: int) -> list[Effect]:
         pairs = [(drone, state) for (drone, _), waiting in self._bundled.items() for state in waiting]
         self._bundled.clear()
         self._came_ms.clear()
         return [
-            Publish(CLOUD, self._cloud.states, encode(bundle, self._settings.encoding), qos=0)
+            self._channel.state(self._cloud.states, encode(bundle, self._settings.encoding), self._session, now_ms)
             for bundle in fog_bundles(pairs)
         ]

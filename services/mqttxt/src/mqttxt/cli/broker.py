@@ -10,7 +10,7 @@ import typer
 
 from ..core.address import is_host, whole_number
 from ..errors import ConfigurationError
-from ..protocol.topics import check_prefix
+from ..protocol.topics import MAX_FOG, check_prefix
 from .common import errors_as_lines
 
 
@@ -28,22 +28,29 @@ def broker(
     out: Annotated[Path, typer.Option(help="The folder for mosquitto.conf and access.acl.")],
     listen: Annotated[str, typer.Option(help="HOST:PORT at which it is to listen.")] = "0.0.0.0:8883",
     prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
+    fogs: Annotated[str, typer.Option(help="Fogs that share the cloud's broker (fogX/local/), as 1-3,7.")] = "",
 ) -> None:
     """Write a complete configuration for Mosquitto 2: mutual TLS 1.3, who may publish and hear what, limits.
 
     Run it again when somebody was issued or revoked, and send Mosquitto SIGHUP.
     """
     from ..security.broker import BrokerFiles
+    from ..security.rights import parse_numbers
 
     with errors_as_lines():
         host, port = address_of(listen, "--listen")
-        files = BrokerFiles(identity, check_prefix(prefix))
+        sharing = parse_numbers(fogs, MAX_FOG, "--fogs") if fogs else frozenset()
+        files = BrokerFiles(identity, check_prefix(prefix), fogs=sharing)
         if files.place.kind != kind:
             raise ConfigurationError(
                 f"--identity {identity}: {files.identity.name}; expected the identity of a {kind} broker"
             )
         if prefix and kind is not BrokerKind.CLOUD:
             raise ConfigurationError(f"--prefix {prefix!r}: expected at the cloud broker alone")
+        if unknown := sharing - files.fogs():
+            raise ConfigurationError(f"--fogs {fogs!r}: fog {min(unknown)} is none of the fleet's")
+        if fogs and kind is not BrokerKind.CLOUD:
+            raise ConfigurationError(f"--fogs {fogs!r}: expected at the cloud broker alone")
         typer.echo(files.write(out, host, port))
 
 
@@ -52,5 +59,5 @@ def address_of(text: str, option: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     number = whole_number(port, 65_535)
     if not is_host(host) or number is None:
-        raise ConfigurationError(f"{option} {text!r}: expected HOST:PORT")
+        raise ConfigurationError(f"{option} {text!r}: expected HOST:PORT, with a port from 1 to 65535")
     return host, number

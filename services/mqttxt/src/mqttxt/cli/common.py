@@ -12,7 +12,7 @@ import signal
 import sys
 from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -22,20 +22,36 @@ from ..errors import ConfigurationError, MqttxtError
 from ..protocol.values import Encoding
 
 if TYPE_CHECKING:
+    from ..core.audit_log import AuditLog
     from ..core.runner import Runner
+    from ..core.transport import Transport
+
+T = TypeVar("T")
 
 IdentityFolder = Annotated[
     Path | None,
     typer.Option("--identity", help="The folder of this node's identity, for mqtts:// (`mqttxt keys issue`)."),
 ]
-Signed = Annotated[
+SIGNED_HELP = "Sign, and hear only what is signed; takes --identity. The whole fleet, or none of it."
+SIGNED_STATES_HELP = "Sign states too; takes --signed. The whole fleet, or none of it."
+SIGNED_READINGS_HELP = "Hear only readings that their sensors signed; takes --signed. The whole fleet."
+INSECURE_HELP = "Allow mqtt:// to other machines: whoever is there commands the drones."
+
+Signed = Annotated[bool, typer.Option("--signed", help=SIGNED_HELP)]
+SignedStates = Annotated[bool, typer.Option("--signed-states", help=SIGNED_STATES_HELP)]
+SignedReadings = Annotated[bool, typer.Option("--signed-readings", help=SIGNED_READINGS_HELP)]
+Insecure = Annotated[bool, typer.Option("--insecure", help=INSECURE_HELP)]
+
+AuditPath = Annotated[
+    Path | None,
+    typer.Option("--audit", help="File for the audit log: who commanded what, with which last word; without: none."),
+]
+AuditRequired = Annotated[
     bool,
     typer.Option(
-        "--signed", help="Sign, and hear only what is signed; takes --identity. The whole fleet, or none of it."
+        "--audit-required",
+        help="Deny commands, except hold, land and return, while the disk takes no audit log; without: warn.",
     ),
-]
-Insecure = Annotated[
-    bool, typer.Option("--insecure", help="Allow mqtt:// to other machines: whoever is there commands the drones.")
 ]
 
 
@@ -71,19 +87,54 @@ def settings(qos: int, json: bool, bundles: bool = False) -> Settings:
     return Settings(qos=qos, encoding=Encoding.JSON if json else Encoding.CBOR, bundles=bundles)
 
 
+def audit_log(path: Path | None, required: bool, node: str, transport: Transport) -> AuditLog | None:
+    """The audit log of a node, None where none was asked for; raises ConfigurationError."""
+    from ..core.audit_log import AuditLog
+
+    if path is None:
+        if required:
+            raise ConfigurationError("--audit-required: expected --audit FILE beside it")
+        return None
+    return AuditLog(path, node, transport.identity, required)
+
+
+def check_system(role: str) -> None:
+    """Ends the command with one line where a role that needs POSIX is started on Windows."""
+    with errors_as_lines():
+        if sys.platform == "win32":
+            raise ConfigurationError(f"{role}: runs on Linux and macOS, not on Windows; expected one of those, or WSL")
+
+
+def run(job: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine to its result, in an event loop that watches sockets: Windows' own does not."""
+    import asyncio
+
+    with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
+        return runner.run(job)
+
+
+def on_signal(number: int, act: Callable[[], object]) -> None:
+    """Call `act` in the running event loop when a signal comes; also where a loop knows of no signals (Windows)."""
+    import asyncio
+
+    loop = asyncio.get_running_loop()
+    try:
+        loop.add_signal_handler(number, act)
+    except NotImplementedError:
+        signal.signal(number, lambda *_: loop.call_soon_threadsafe(act))
+
+
 def run_role(make: Callable[[], Runner]) -> None:
     """Run a role until SIGTERM or SIGINT, which end it cleanly (exit code 0).
 
     With an identity SIGHUP reads the revocation list anew; without, it ends the process as always.
     """
-    import asyncio
-
     # A message makes many objects that live for microseconds, in no cycles: looking for those less often saves a tenth
     # of an activator's time. What the imports made stays for good.
     gc.freeze()
     gc.set_threshold(50_000, 20, 50)
     with errors_as_lines():
-        asyncio.run(_until_signal(make))
+        run(_until_signal(make))
 
 
 async def _until_signal(make: Callable[[], Runner]) -> None:
@@ -108,11 +159,9 @@ async def _until_signal(make: Callable[[], Runner]) -> None:
 
 def run_coroutine(job: Coroutine[Any, Any, int]) -> None:
     """Run a coroutine to its exit code; Ctrl-C is 130, SIGTERM 143. Both let it take leave of what it started."""
-    import asyncio
-
     with errors_as_lines():
         try:
-            code = asyncio.run(_until_sigterm(job))
+            code = run(_until_sigterm(job))
         except KeyboardInterrupt:
             code = 128 + signal.SIGINT
         raise typer.Exit(code)
@@ -129,7 +178,7 @@ async def _until_sigterm(job: Coroutine[Any, Any, int]) -> int:
         was_terminated = True
         running.cancel()
 
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, terminate)
+    on_signal(signal.SIGTERM, terminate)
     try:
         return await running
     except asyncio.CancelledError:

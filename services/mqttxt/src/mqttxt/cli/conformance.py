@@ -17,6 +17,7 @@ from .common import run_coroutine
 
 if TYPE_CHECKING:
     from mqttxt_conformance.registry import Finding
+    from mqttxt_conformance.sealed import Folder
 
 conformance_app = typer.Typer(
     help="Check an implementation of a role against the specification's rules.",
@@ -32,6 +33,18 @@ Run = Annotated[
     typer.Option(help="Command line that starts the implementation; without it, it is expected to run already."),
 ]
 LogFile = Annotated[Path | None, typer.Option("--log", help="File for what the started implementation prints.")]
+Fleet = Annotated[
+    Path | None,
+    typer.Option(help="A fleet's folder of `mqttxt keys`, for mqtts://: the kit has the identities of its parts."),
+]
+Signed = Annotated[bool, typer.Option("--signed", help="Messages are signed; takes --fleet.")]
+SignedReadings = Annotated[
+    bool,
+    typer.Option(
+        "--signed-readings",
+        help="The implementation hears only readings that sensors signed; takes --signed, and the fleet's sensor 4.",
+    ),
+]
 FogRoot = Annotated[str, typer.Option(help="Root of the fog side's topics, as fog1/local/.")]
 
 
@@ -43,25 +56,30 @@ def uav(
         str, typer.Option(help="udp:HOST:PORT where the UAV client listens for its autopilot.")
     ] = "udp:127.0.0.1:14540",
     fog_root: FogRoot = "",
+    fleet: Fleet = None,
+    signed: Signed = False,
+    fog: Annotated[int, typer.Option(help="With --fleet: the number of the fog whose activator the kit plays.")] = 1,
     run: Run = None,
     log: LogFile = None,
     format_: Format = "table",
 ) -> None:
     """Check a UAV client: the kit plays its activator and its autopilot.
 
-    {broker}, {drone} and {autopilot} in --run are replaced.
+    {broker}, {drone} and {autopilot} in --run are replaced; with --fleet also {identity} and {fog}. The fleet has a
+    station `ops` that may command the drone, and a station `guest` that may only observe.
     """
     from mqttxt_conformance.uav import UavTarget, check_uav
 
-    from ..drone.mavlink.link import AutopilotAddress
+    from ..drone.mavlink.transports import AutopilotAddress
 
     async def job() -> int:
         where = AutopilotAddress.parse(autopilot)
         if where.kind != "udp":
             raise ConfigurationError(f"--autopilot {autopilot!r}: expected udp:HOST:PORT")
         number, root = check_number("--drone", drone, MAX_DRONE), check_prefix(fog_root)
-        target = UavTarget(number, where.host, where.port, root, run, log)
         address = BrokerAddress.parse(broker, "--broker")
+        folder = _folder(fleet, signed, address)
+        target = UavTarget(number, where.host, where.port, root, run, log, folder, check_number("--fog", fog))
         return await _report("uav", format_, partial(check_uav, address, target))
 
     run_coroutine(job())
@@ -74,20 +92,27 @@ def activator(
     fog: Annotated[int, typer.Option(help="The fog's number.")] = 1,
     prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
     fog_root: FogRoot = "",
+    fleet: Fleet = None,
+    signed: Signed = False,
+    signed_readings: SignedReadings = False,
     run: Run = None,
     log: LogFile = None,
     format_: Format = "table",
 ) -> None:
     """Check an activator: the kit plays its ground stations and its drones 1 and 2, on both brokers.
 
-    {broker}, {fog_broker}, {fog}, {drones} and {fog_root} in --run are replaced.
+    {broker}, {fog_broker}, {fog}, {drones} and {fog_root} in --run are replaced; with --fleet also {identity}. With
+    --fleet and --signed it is checked by the rules of section 12, without them by all others.
     """
     from mqttxt_conformance.activator import ActivatorTarget, check_activator
 
     async def job() -> int:
         number, root = check_number("--fog", fog), check_prefix(fog_root)
-        target = ActivatorTarget(number, check_prefix(prefix), root, run, log)
         cloud_address = BrokerAddress.parse(broker, "--broker")
+        folder = _folder(fleet, signed, cloud_address, signed_readings)
+        if folder is not None and not folder.signed:
+            raise ConfigurationError(f"--fleet {fleet}: expected --signed beside it")
+        target = ActivatorTarget(number, check_prefix(prefix), root, run, log, folder)
         fog_address = BrokerAddress.parse(fog_broker, "--fog-broker")
         return await _report(
             "activator", format_, lambda tell: check_activator(cloud_address, fog_address, target, tell)
@@ -103,6 +128,9 @@ def gs(
     drone: Annotated[int, typer.Option(help="The number of the drone that gets the commands.")] = 1,
     prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
     ttl: Annotated[float, typer.Option(help="Seconds that the station gives its commands to start.")] = 5.0,
+    fleet: Fleet = None,
+    signed: Signed = False,
+    signed_readings: SignedReadings = False,
     run: Run = None,
     log: LogFile = None,
     format_: Format = "table",
@@ -110,7 +138,7 @@ def gs(
     """Check a ground station: the kit plays a fog's activator and its drone.
 
     Let the station register at the fog and send at least two commands to the drone, one after another. {broker}, {fog}
-    and {drone} in --run are replaced.
+    and {drone} in --run are replaced; with --fleet also {identity}, that of the fleet's station `ops`.
     """
     from mqttxt_conformance.gs import GsTarget, check_gs
 
@@ -118,13 +146,31 @@ def gs(
         numbers = check_number("--fog", fog), check_number("--drone", drone, MAX_DRONE)
         if not 0 < ttl <= MAX_TTL_MS / 1000:
             raise ConfigurationError(f"--ttl {ttl:g}: expected more than 0 and at most {MAX_TTL_MS // 1000} s")
-        target = GsTarget(*numbers, check_prefix(prefix), ttl, run, log)
         address = BrokerAddress.parse(broker, "--broker")
+        folder = _folder(fleet, signed, address, signed_readings)
+        target = GsTarget(*numbers, check_prefix(prefix), ttl, run, log, folder)
         if run is None:
             typer.echo(f"now let the ground station at {address} command drone {drone} of fog {fog}", err=True)
         return await _report("ground station", format_, partial(check_gs, address, target))
 
     run_coroutine(job())
+
+
+def _folder(fleet: Path | None, signed: bool, address: BrokerAddress, signed_readings: bool = False) -> Folder | None:
+    """The fleet that the kit is part of; raises ConfigurationError."""
+    from mqttxt_conformance.sealed import Folder
+
+    if signed_readings and not signed:
+        raise ConfigurationError("--signed-readings: expected --signed beside it")
+    if fleet is None:
+        if signed:
+            raise ConfigurationError("--signed: expected --fleet FOLDER beside it")
+        return None
+    if not fleet.is_dir():
+        raise ConfigurationError(f"--fleet {fleet}: no such folder; expected one that `mqttxt keys init` made")
+    if not address.tls:
+        raise ConfigurationError(f"--broker {address}: not encrypted; expected mqtts:// beside --fleet")
+    return Folder(fleet, signed, signed_readings)
 
 
 async def _report(role: str, format_: str, check: Checking) -> int:

@@ -7,80 +7,78 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..core.address import BrokerAddress
 from ..errors import ConfigurationError
 from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
-from ..protocol.topics import MAX_DRONE, SELECTABLE, check_number
-from .common import run_coroutine, set_up_logging, settings
+from ..protocol.topics import MAX_DRONE, SELECTABLE, check_number, check_prefix
+from .advice import GroundStationCommands, connect, line_of, not_there
+from .broker import address_of
+from .common import errors_as_lines, run_coroutine, set_up_logging, settings
 from .parameters import HELP, parse_command
+from .station import IDENTITY, Cloud, Prefix, StationOptions, Timeout, of_a_station
 
 if TYPE_CHECKING:
     from ..station.heard import SentCommand
     from ..station.outcomes import Outcome, Outcomes
 
-gs_app = typer.Typer(help="A ground station: watch drones, send commands.", no_args_is_help=True, rich_markup_mode=None)
+gs_app = typer.Typer(
+    help="A ground station: watch drones, send commands.",
+    cls=GroundStationCommands,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 
-Cloud = Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].", envvar="MQTTXT_CLOUD")]
 Qos = Annotated[int, typer.Option(help="QoS of commands: 0 or 1.")]
 Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON instead of CBOR.")]
-Prefix = Annotated[str, typer.Option(help="Prefix of every topic, as acme/.")]
-Identity = Annotated[
-    Path | None,
-    typer.Option(
-        help="The folder of the station's identity, for mqtts:// (`mqttxt keys issue`).", envvar="MQTTXT_IDENTITY"
-    ),
-]
-Signed = Annotated[
-    bool,
-    typer.Option(
-        "--signed",
-        help="Sign, and hear only what is signed; takes --identity. The whole fleet, or none of it.",
-        envvar="MQTTXT_SIGNED",
-    ),
-]
-Insecure = Annotated[
-    bool,
-    typer.Option(
-        "--insecure",
-        help="Allow mqtt:// to other machines: whoever is there commands the drones.",
-        envvar="MQTTXT_INSECURE",
-    ),
-]
-Timeout = Annotated[float, typer.Option(help="Seconds to wait for the fog's activator.")]
 
 
 @gs_app.command()
+@of_a_station
 def watch(
+    options: StationOptions,
     fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
-    cloud: Cloud = "mqtt://127.0.0.1:1883",
-    identity: Identity = None,
-    signed: Signed = False,
-    insecure: Insecure = False,
-    prefix: Prefix = "",
     json: Json = False,
     bundles: Annotated[bool, typer.Option("--bundles", help="Ask for states together, once a second.")] = False,
-    timeout: Timeout = 10.0,
 ) -> None:
     """Show fogs, drones, their states and how old those are at the most, until Ctrl-C."""
     from rich.console import Console
 
-    from ..station.ground_station import GroundStation
     from .watch import watch_fogs
 
     set_up_logging(verbose=False)
 
     async def job() -> int:
-        chosen = settings(1, json)
-        station_options: dict[str, Any] = {"encoding": chosen.encoding, "control": False, "bundles": bundles}
-        station_options |= {"identity": identity, "signed": signed, "insecure": insecure}
-        async with GroundStation(cloud, prefix=prefix, **station_options) as station:
-            await watch_fogs(station, await station.connect(fog, timeout), Console())
+        async with options.station(settings(1, json, bundles), control=False) as station:
+            await watch_fogs(station, await connect(station, fog, options.timeout), Console())
+        return 0
+
+    run_coroutine(job())
+
+
+@gs_app.command()
+def share_list(
+    cloud: Cloud,
+    identity: Annotated[Path, IDENTITY],
+    prefix: Prefix = "",
+    timeout: Timeout = 10.0,
+) -> None:
+    """Publish the identity's revocation list at the cloud broker, from where all nodes have it."""
+    set_up_logging(verbose=False)
+
+    async def job() -> int:
+        options = StationOptions(cloud, identity, prefix=prefix)
+        async with options.station(control=False) as station:
+            number = await station.share_list(timeout)
+        typer.echo(f"{cloud} has revocation list {number}")
         return 0
 
     run_coroutine(job())
 
 
 @gs_app.command(context_settings={"ignore_unknown_options": True})  # a negative number is a parameter
+@of_a_station
 def send(
+    options: StationOptions,
     command: Annotated[str, typer.Argument(help=f"One of {', '.join(COMMANDS)}.")],
     parameters: Annotated[
         list[str] | None,
@@ -92,34 +90,23 @@ def send(
     drone: Annotated[int | None, typer.Option(help="The drone's number; without it the whole fog.")] = None,
     best: Annotated[bool, typer.Option("--best", help="To the drone that arrives first (PSMI).")] = False,
     take_over: Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")] = False,
-    cloud: Cloud = "mqtt://127.0.0.1:1883",
-    identity: Identity = None,
-    signed: Signed = False,
-    insecure: Insecure = False,
     ttl: Annotated[float, typer.Option(help="Seconds within which it must start (at most 60).")] = 5.0,
     limit: Annotated[float | None, typer.Option(help="Seconds within which it must end.")] = None,
     qos: Qos = 1,
     json: Json = False,
-    prefix: Prefix = "",
-    timeout: Timeout = 10.0,
 ) -> None:
     """Send a command and print each outcome as it comes; exit code 0 only if every drone completed it."""
-    from ..station.ground_station import GroundStation
-
     set_up_logging(verbose=False)
 
     async def job() -> int:
         wanted = parse_command(command, parameters or [])
         numbers = fog or [1]
         _check_target(wanted, numbers, drone, best)
-        chosen = settings(qos, json)
-        how: dict[str, Any] = {"qos": chosen.qos, "encoding": chosen.encoding, "prefix": prefix}
-        how |= {"identity": identity, "signed": signed, "insecure": insecure}
-        async with GroundStation(cloud, **how) as station:
-            fogs = await station.connect(numbers, timeout)
+        async with options.station(settings(qos, json)) as station:
+            fogs = await connect(station, numbers, options.timeout)
             if take_over:
                 for there in fogs:
-                    await (there.take_over(timeout) if drone is None else there.drone(drone).take_over(timeout))
+                    await (there if drone is None else there.drone(drone)).take_over(options.timeout)
             sent: SentCommand[Outcome, Any] | SentCommand[Outcomes, Any]
             if best:
                 sent = station.best(wanted, numbers, ttl_s=ttl, limit_s=limit)
@@ -128,11 +115,122 @@ def send(
             else:
                 sent = fogs[0].drone(drone).send(wanted, ttl_s=ttl, limit_s=limit)
             async for said in sent:
-                typer.echo(str(said))
+                typer.echo(line_of(said))
             answer = await sent
+            unknown = None if drone is None else not_there(fogs[0], drone)
         if answer == ():
             typer.echo(f"fog {numbers[0]}: no drones", err=True)
+        if unknown is not None:
+            typer.echo(unknown, err=True)
         return 0 if answer.completed else 1
+
+    run_coroutine(job())
+
+
+@gs_app.command()
+@of_a_station
+def mavlink(
+    options: StationOptions,
+    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    to: Annotated[
+        list[str] | None,
+        typer.Option(help="udp:HOST:PORT where a MAVLink client listens, as udp:127.0.0.1:14550; several times."),
+    ] = None,
+    listen: Annotated[
+        list[str] | None,
+        typer.Option(help="tcp:HOST:PORT where MAVLink clients connect, as tcp:127.0.0.1:5760; several times."),
+    ] = None,
+    take_over: Annotated[
+        bool, typer.Option("--take-over", help="A client that commands takes control, whoever has it.")
+    ] = False,
+    insecure_mavlink: Annotated[
+        bool,
+        typer.Option(
+            "--insecure-mavlink", help="Allow clients on other machines: whoever is there commands the drones."
+        ),
+    ] = False,
+    ttl: Annotated[float, typer.Option(help="Seconds within which a command must start (at most 60).")] = 5.0,
+    qos: Qos = 1,
+    json: Json = False,
+) -> None:
+    """Show the drones as MAVLink vehicles to QGroundControl, MAVSDK and MAVProxy, until Ctrl-C."""
+    from ..gateway.endpoints import ClientAddress
+    from ..gateway.process import Gateway
+    from ..station.commands import ttl_ms_of
+
+    set_up_logging(verbose=False)
+
+    async def job() -> int:
+        targets = [ClientAddress.parse(text, "udp", "--to", insecure_mavlink) for text in to or ()]
+        servers = [ClientAddress.parse(text, "tcp", "--listen", insecure_mavlink) for text in listen or ()]
+        if not targets and not servers:
+            raise ConfigurationError("expected --to udp:HOST:PORT or --listen tcp:HOST:PORT, or both")
+        ttl_ms_of(ttl)
+        async with options.station(settings(qos, json), control=False) as station:
+            fogs = await connect(station, fog, options.timeout)
+            await Gateway(station, ttl, take_over).run(fogs, targets, servers)
+        return 0
+
+    run_coroutine(job())
+
+
+@gs_app.command()
+@of_a_station
+def metrics(
+    options: StationOptions,
+    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    listen: Annotated[str, typer.Option(help="HOST:PORT where Prometheus scrapes /metrics.")] = "127.0.0.1:9464",
+    json: Json = False,
+) -> None:
+    """Serve what is known of fogs, drones and sensors as Prometheus metrics, until Ctrl-C. Commands nothing."""
+    try:
+        from ..metrics import serve
+    except ModuleNotFoundError:
+        with errors_as_lines():
+            raise ConfigurationError("metrics: expected prometheus-client: pip install 'mqttxt[metrics]'") from None
+    set_up_logging(verbose=False)
+
+    async def job() -> int:
+        host, port = address_of(listen, "--listen")
+        async with options.station(settings(1, json), control=False) as station:
+            serve(await connect(station, fog, options.timeout), host, port)
+            async for _ in station.events():
+                pass
+        return 0
+
+    run_coroutine(job())
+
+
+@gs_app.command()
+@of_a_station
+def homeassistant(
+    options: StationOptions,
+    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    broker: Annotated[
+        str,
+        typer.Option(
+            help="Home Assistant's broker: mqtt://[USER:PASSWORD@]HOST[:PORT].", envvar="MQTTXT_HOMEASSISTANT"
+        ),
+    ],
+    discovery: Annotated[str, typer.Option(help="Home Assistant's discovery prefix.")] = "homeassistant",
+    insecure_broker: Annotated[
+        bool, typer.Option("--insecure-broker", help="Allow mqtt:// to a broker of Home Assistant on another machine.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Show drones and sensors as devices of Home Assistant, by MQTT discovery, until Ctrl-C. Commands nothing."""
+    from ..homeassistant import Entities, HomeAssistant
+
+    set_up_logging(verbose=False)
+
+    async def job() -> int:
+        parsed = BrokerAddress.parse(broker, "--broker")
+        if not (parsed.tls or parsed.is_loopback or insecure_broker):
+            raise ConfigurationError(f"--broker {parsed}: not encrypted; expected mqtts://, or --insecure-broker")
+        async with options.station(settings(1, json), control=False) as station:
+            fogs = await connect(station, fog, options.timeout)
+            await HomeAssistant(parsed, Entities(fogs, check_prefix(discovery).rstrip("/"))).run()
+        return 0
 
     run_coroutine(job())
 
@@ -146,6 +244,7 @@ def _check_target(command: Command, fogs: list[int], drone: int | None, best: bo
     if best and command.name not in SELECTABLE:
         raise ConfigurationError(f"--best {command.name}: expected one of {', '.join(SELECTABLE)}")
     if drone is None and not best and not isinstance(command, BROADCASTABLE):
-        raise ConfigurationError(f"{command.name}: expected --drone, because each drone has its own")
+        chosen = ", or --best" if command.name in SELECTABLE else ""
+        raise ConfigurationError(f"{command.name}: expected --drone NUMBER{chosen}: it is for one drone")
     if drone is not None:
         check_number("--drone", drone, MAX_DRONE)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, MAX_SENSOR
+from ..protocol.topics import MAX_DRONE, MAX_FOG, MAX_SENSOR
 from .common import errors_as_lines
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ class May(StrEnum):
     """A right of a ground station."""
 
     COMMAND = "command"
+    UPLOAD_PLAN = "upload-plan"
+    SET_PARAMETERS = "set-parameters"
     TAKE_OVER = "take-over"
     OBSERVE = "observe"
 
@@ -63,7 +65,7 @@ def init(
     fogs: Annotated[str, typer.Option(help="Also identities for these fogs and their brokers, as 1-3,7.")] = "",
     drones: Annotated[str, typer.Option(help="Also identities for these drones.")] = "",
     station: Annotated[
-        str | None, typer.Option(help="Also an identity for a station that may command and take over every drone.")
+        str | None, typer.Option(help="Also an identity for a station with every right over every drone.")
     ] = None,
 ) -> None:
     """Make a new fleet: its authority's key, and where asked for, what a fleet on this machine needs."""
@@ -79,7 +81,9 @@ def init(
         for name in (*(brokers if fog_names or drone_names or station_names else ()), *fog_names, *drone_names):
             authority.issue(name)
         for name in station_names:
-            authority.issue(name, Rights(None, take_over=True, observe=True), STATION_DAYS)
+            authority.issue(
+                name, Rights(None, take_over=True, observe=True, upload_plan=True, set_parameters=True), STATION_DAYS
+            )
         typer.echo(f"{authority.folder}: the authority of fleet {fleet}; keep {authority.folder}/authority.pem offline")
         _show(authority)
 
@@ -199,7 +203,7 @@ def _names(kind: Node, text: str) -> list[str]:
         return [str(NodeName.parse(f"gs-{text}"))]
     if kind is Node.BROKER:
         return [_broker(text)]
-    most = {Node.DRONE: MAX_DRONE, Node.SENSOR: MAX_SENSOR, Node.FOG: 999_999_999}[kind]
+    most = {Node.DRONE: MAX_DRONE, Node.SENSOR: MAX_SENSOR, Node.FOG: MAX_FOG}[kind]
     return [f"{kind}{number}" for number in sorted(parse_numbers(text, most, kind))]
 
 
@@ -223,10 +227,13 @@ def _rights(kind: Node, may: list[May], drones: str) -> Rights:
         raise ConfigurationError("--may command: expected --drones beside it, as 1-3,7 or '*'; and without it none")
     if not may:
         raise ConfigurationError("station: expected --may command, --may take-over or --may observe")
+    for beside in (May.UPLOAD_PLAN, May.SET_PARAMETERS):
+        if beside in may and May.COMMAND not in may:
+            raise ConfigurationError(f"--may {beside}: expected --may command beside it, for the same drones")
     command = (
         frozenset[int]() if not drones else None if drones == EVERY else parse_numbers(drones, MAX_DRONE, "--drones")
     )
-    return Rights(command, May.TAKE_OVER in may, May.OBSERVE in may)
+    return Rights(command, May.TAKE_OVER in may, May.OBSERVE in may, May.UPLOAD_PLAN in may, May.SET_PARAMETERS in may)
 
 
 def _show(authority: Authority) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,11 +15,31 @@ from ..core.address import BrokerAddress, whole_number
 from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
 from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_prefix
+from .audit import audit_app
 from .broker import address_of, broker
-from .common import IdentityFolder, Insecure, Signed, errors_as_lines, run_role, set_up_logging, settings
+from .common import (
+    AuditPath,
+    AuditRequired,
+    IdentityFolder,
+    Insecure,
+    Signed,
+    SignedReadings,
+    SignedStates,
+    audit_log,
+    check_system,
+    errors_as_lines,
+    run_role,
+    set_up_logging,
+    settings,
+)
 from .conformance import conformance_app
+from .demo import demo
 from .gs import gs_app
 from .keys import keys_app
+from .mavlink_key import mavlink
+from .page import page
+from .params import params_app
+from .plan import plan_app
 
 if TYPE_CHECKING:
     from ..activator.process import ActivatorRunner
@@ -34,10 +56,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+gs_app.add_typer(plan_app, name="plan")
+gs_app.add_typer(params_app, name="params")
+gs_app.command()(page)
 app.add_typer(gs_app, name="gs")
 app.add_typer(conformance_app, name="conformance")
+keys_app.command()(mavlink)
 app.add_typer(keys_app, name="keys")
+app.add_typer(audit_app, name="audit")
 app.command()(broker)
+app.command()(demo)
 
 Qos = Annotated[int, typer.Option(help="QoS of commands and results: 0 or 1.")]
 Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")]
@@ -84,7 +112,11 @@ def activator(
     identity: IdentityFolder = None,
     broker_identity: BrokerIdentity = None,
     signed: Signed = False,
+    signed_states: SignedStates = False,
+    signed_readings: SignedReadings = False,
     insecure: Insecure = False,
+    audit: AuditPath = None,
+    audit_required: AuditRequired = False,
     qos: Qos = 1,
     json: Json = False,
     prefix: Prefix = "",
@@ -92,6 +124,7 @@ def activator(
     verbose: Verbose = False,
 ) -> None:
     """Run a fog's activator and its embedded broker."""
+    check_system("activator")
     from ..activator.process import ActivatorRunner
     from ..core.transport import Transport
 
@@ -121,7 +154,8 @@ def activator(
             prefix=prefix,
             ready_file=ready_file,
             identity=transport.identity,
-            seal=transport.seal(signed),
+            seal=transport.seal(signed, signed_states, signed_readings),
+            audit=audit_log(audit, audit_required, f"fog{number}", transport),
         )
 
     run_role(make)
@@ -141,6 +175,10 @@ def uav(
     bundles: Annotated[
         bool, typer.Option("--bundles", help="Publish states together, at most once a second, in one message.")
     ] = False,
+    all_states: Annotated[
+        bool,
+        typer.Option("--all-states", help="Publish the states on request too, as MAVLink at the ground needs them."),
+    ] = False,
     endurance_s: Annotated[
         int | None, typer.Option(help="Seconds of flight of a full battery; measured in flight without.")
     ] = None,
@@ -149,6 +187,13 @@ def uav(
     ] = None,
     allow_component: Annotated[
         list[int] | None, typer.Option(help="A component beside the autopilot that `mavlink` may command.")
+    ] = None,
+    allow_parameter: Annotated[
+        list[str] | None, typer.Option(help="A guarded parameter that may be set; may be given several times.")
+    ] = None,
+    parameter_ranges: Annotated[
+        Path | None,
+        typer.Option(help="What a parameter may be: PX4's parameters.json (.xz) or ArduPilot's apm.pdef.json."),
     ] = None,
     sensors: Annotated[
         str | None, typer.Option(help="HOST:PORT of an embedded broker where sensors publish; without: none is run.")
@@ -163,21 +208,32 @@ def uav(
     identity: IdentityFolder = None,
     broker_identity: BrokerIdentity = None,
     signed: Signed = False,
+    signed_states: SignedStates = False,
+    signed_readings: SignedReadings = False,
     fog: Annotated[
         int | None, typer.Option(help="With --signed: the fog's number; leases are taken of its activator alone.")
     ] = None,
     insecure: Insecure = False,
+    mavlink_key: Annotated[
+        Path | None, typer.Option(help="The autopilot's MAVLink key: sign, and hear only what is signed with it.")
+    ] = None,
+    audit: AuditPath = None,
+    audit_required: AuditRequired = False,
     qos: Qos = 1,
     json: Json = False,
     ready_file: Ready = None,
     verbose: Verbose = False,
 ) -> None:
     """Run a drone's UAV client: the interpreter between its autopilot and MQTT."""
+    check_system("uav")
     from ..core.transport import Transport
+    from ..drone import parameter_ranges as ranges
     from ..drone.journal import JournalFile
-    from ..drone.mavlink.link import AutopilotAddress
     from ..drone.mavlink.raw import Limits
+    from ..drone.mavlink.signing import Signing
+    from ..drone.mavlink.transports import AutopilotAddress
     from ..drone.options import UavOptions
+    from ..drone.parameter_file import ParameterFile
     from ..drone.process import UavRunner
 
     set_up_logging(verbose)
@@ -185,25 +241,34 @@ def uav(
     def make() -> UavRunner:
         number = check_number("--drone", drone, MAX_DRONE)
         store = sensor_store or _default_state(number, "sensors")
+        journal_file = journal or _default_state(number, "journal")
         transport = Transport.of(identity, insecure, f"drone{number}")
         carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
         return UavRunner(
             number,
             transport.check(BrokerAddress.parse(broker, "--broker"), "--broker"),
             AutopilotAddress.parse(autopilot),
-            JournalFile(journal or _default_state(number, "journal")),
+            JournalFile(journal_file, with_front=True),
             settings(qos, json, bundles),
             topics=FogSide(check_prefix(fog_root)),
             ready_file=ready_file,
             options=UavOptions(
                 endurance_s,
-                Limits(frozenset(allow_mav_cmd or ()), frozenset(allow_component or ())),
+                Limits(
+                    *(frozenset(allow_mav_cmd or ()), frozenset(allow_component or ())),
+                    frozenset(allow_parameter or ()),
+                    ranges.load(parameter_ranges) if parameter_ranges is not None else {},
+                ),
                 carries_sensors=carried is not None,
+                all_states=all_states,
             ),
             sensors=carried,
             identity=transport.identity,
-            seal=transport.seal(signed),
+            seal=transport.seal(signed, signed_states, signed_readings),
             fog=_own_fog(fog, signed),
+            signing=Signing.load(mavlink_key, journal_file) if mavlink_key is not None else None,
+            audit=audit_log(audit, audit_required, f"drone{number}", transport),
+            parameters=ParameterFile(journal_file.with_name(f"{journal_file.name}.parameters")),
         )
 
     run_role(make)
@@ -288,5 +353,7 @@ def _default_state(drone: int, what: str) -> Path:
 
 def main() -> None:
     """Entry point of the `mqttxt` command."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a file or pipe on Windows may take few characters
+        sys.stdout.reconfigure(errors="backslashreplace")
     with errors_as_lines():
         app()

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable
 from typing import Any
 
 from ..errors import ConfigurationError
 from ..protocol.codec import layout_of
 from ..protocol.commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
-from ..protocol.fields import Integer, Scaled, Text
+from ..protocol.fields import Binary, Finite, Integer, Scaled, Text
 
 HELP = (
     "takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home); "
     "offboard: SECONDS velocity NORTH EAST DOWN [YAW], or SECONDS attitude ROLL PITCH YAW THRUST; "
-    "stream: STATE HERTZ; "
+    "stream: STATE HERTZ; upload_plan: HASH; start_mission, set_current_item: HASH ITEM; resume: HASH; "
+    "set_parameter: NAME VALUE; "
     "mavlink: MAV_CMD (number or name) and up to seven parameters, - or nan for one that is not set."
 )
 _NOT_SET = ("-", "nan")
@@ -76,7 +79,15 @@ def _value(name: str, field: str, mark: Any, text: str) -> Any:
         if not 0 < len(text) <= mark.longest:
             raise ConfigurationError(f"{name} {field} {text!r}: expected 1 to {mark.longest} characters")
         return text
+    if isinstance(mark, Binary):
+        if not re.fullmatch(rf"([0-9a-fA-F]{{2}}){{{mark.least},{mark.most}}}", text):
+            raise ConfigurationError(f"{name} {field} {text!r}: expected {mark.least} bytes in hexadecimal")
+        return bytes.fromhex(text)
     value = _decimal(text)
+    if isinstance(mark, Finite):
+        if not math.isfinite(value):
+            raise ConfigurationError(f"{name} {field} {text!r}: expected a finite number")
+        return value
     if not mark.low <= value <= mark.high or (isinstance(mark, Integer) and value != int(value)):
         kind = "a whole number" if isinstance(mark, Integer) else "a number"
         raise ConfigurationError(f"{name} {field} {text!r}: expected {kind} from {mark.low:g} to {mark.high:g}")

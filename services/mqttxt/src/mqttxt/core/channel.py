@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
+from typing import TYPE_CHECKING
 
+from ..errors import PayloadError
 from ..protocol.codec import encode
-from ..security.seal import Seal
+from ..protocol.topics import SensorSide
+from .clock import RemoteClock
 from .effects import Inbound, Publish
 from .settings import Settings
+
+if TYPE_CHECKING:
+    from ..security.seal import Seal
+
+
+SPAN_MS = 327_680
+"""Half of the time that stamps can tell apart (R3.6)."""
+LATE_MS = 60_000
+"""How late a signed state may come at the end of a span; one of this span may come at any time in it."""
+MOST_SPANS = 3
+"""Beyond the newest that a state is looked for in, where little is known of its sender's clock."""
 
 
 class Channel:
@@ -19,6 +33,11 @@ class Channel:
         self.settings = settings
         self._root = root
 
+    @property
+    def list_number(self) -> int | None:
+        """The number of the newest revocation list that this node has; None where messages are not signed."""
+        return self.seal.identity.fleet.revoked.number if self.seal is not None else None
+
     def publish(
         self,
         topic: str,
@@ -29,35 +48,84 @@ class Channel:
         expiry_s: int | None = None,
         ref: Hashable = None,
         with_certificate: bool = False,
+        signed_as: str | None = None,
     ) -> Publish:
-        """Say a message; at the QoS of commands where none is named."""
+        """Say a message; at the QoS of commands where none is named. `signed_as`: as another topic than it is."""
         return Publish(
             self.link,
             topic,
-            self.payload(topic, message, with_certificate),
+            self.payload(topic, message, with_certificate, signed_as),
             self.settings.qos if qos is None else qos,
             retain=retain,
             expiry_s=expiry_s,
             ref=ref,
         )
 
-    def payload(self, topic: str, message: object, with_certificate: bool = False) -> bytes:
+    def payload(
+        self, topic: str, message: object, with_certificate: bool = False, signed_as: str | None = None
+    ) -> bytes:
         """A message's bytes on a topic; raises PayloadError when a field cannot be carried."""
-        encoded = self.encoded(message)
+        encoded = encode(message, self.settings.encoding)
         if self.seal is None:
             return encoded
-        return self.seal.sign(self.signed_topic(topic), encoded, with_certificate).encode()
+        return self.seal.sign(signed_as or self.signed_topic(topic), encoded, with_certificate).encode()
 
-    def encoded(self, message: object) -> bytes:
-        """A message's bytes before anybody signs them; raises PayloadError when a field cannot be carried."""
-        return encode(message, self.settings.encoding)
-
-    def opened(self, message: Inbound, signer: str) -> bytes:
-        """What `signer` said; raises PayloadError where messages are signed and this one is not by them."""
+    def opened(self, message: Inbound, signer: str, signed_as: str | None = None) -> bytes:
+        """The payload of a message of `signer`; where messages are signed, raises PayloadError for anybody else's."""
         if self.seal is None:
             return message.payload
-        return self.seal.open(self.signed_topic(message.topic), message.payload, signer).payload
+        return self.seal.open(signed_as or self.signed_topic(message.topic), message.payload, signer).payload
+
+    @property
+    def signs_states(self) -> bool:
+        """Whether states are signed."""
+        return self.seal is not None and self.seal.signs_states
+
+    def state(self, topic: str, payload: bytes, session: int, now_ms: int) -> Publish:
+        """Publish a state or a bundle at QoS 0, in the name of this node's session; signed where states are."""
+        if self.seal is not None and self.seal.signs_states:
+            said_as = _state_as(self.signed_topic(topic), session, now_ms // SPAN_MS)
+            payload = self.seal.sign(said_as, payload).encode()
+        return Publish(self.link, topic, payload, qos=0)
+
+    def opened_state(self, message: Inbound, signer: str, clock: RemoteClock | None, now_ms: int) -> bytes:
+        """The payload of a state or a bundle of `signer`, whose session's clock is `clock`.
+
+        Where states are signed, raises PayloadError for anybody else's, of another session, or of long ago.
+        """
+        if self.seal is None or not self.seal.signs_states:
+            return message.payload
+        least_ms = clock.deadline_ms(now_ms, 0) if clock is not None else None
+        if clock is None or least_ms is None:
+            raise PayloadError(f"state of {signer}: expected a beacon before", "unknown_session")
+        most_ms = max(least_ms, clock.latest_now_ms(now_ms) or 0)
+        first, last = max(0, least_ms - LATE_MS) // SPAN_MS, most_ms // SPAN_MS
+        topic = self.signed_topic(message.topic)
+        refusal: PayloadError | None = None
+        for span in range(last, max(first, last - MOST_SPANS) - 1, -1):
+            try:
+                return self.seal.open(_state_as(topic, clock.session, span), message.payload, signer).payload
+            except PayloadError as error:
+                refusal = refusal or error
+        assert refusal is not None
+        raise refusal
+
+    @property
+    def signs_readings(self) -> bool:
+        """Whether sensors sign their readings."""
+        return self.seal is not None and self.seal.signs_readings
+
+    def opened_reading(self, payload: bytes, sensor: int, kind: str) -> bytes:
+        """A reading as its sensor said it; where readings are signed, raises PayloadError for anybody else's."""
+        if self.seal is None or not self.seal.signs_readings:
+            return payload
+        return self.seal.open(SensorSide().sensor(sensor, kind), payload, f"sensor{sensor}").payload
 
     def signed_topic(self, topic: str) -> str:
         """A topic as signatures name it (R12.3)."""
         return topic.removeprefix(self._root)
+
+
+def _state_as(topic: str, session: int, span: int) -> str:
+    """A state's topic as its signature names it: stamps alone would let an old state pass as a new one."""
+    return f"{topic}@{session}.{span}"

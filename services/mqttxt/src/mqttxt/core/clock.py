@@ -42,9 +42,13 @@ _STAMP_SPAN_MS = STAMP_MODULUS * STAMP_TICK_MS
 def system_clock_ns() -> int:
     """Nanoseconds of a clock that NTP does not slew and suspend does not stop.
 
-    CLOCK_MONOTONIC_RAW is not slewed but stops in suspend; what suspend took is the difference between
-    CLOCK_BOOTTIME and CLOCK_MONOTONIC (clock_gettime(2)).
+    On Linux CLOCK_MONOTONIC_RAW is not slewed but stops in suspend; what suspend took is the difference between
+    CLOCK_BOOTTIME and CLOCK_MONOTONIC (clock_gettime(2)). On macOS CLOCK_MONOTONIC_RAW goes on in suspend. On Windows
+    QueryPerformanceCounter is such a clock; Python's monotonic clock there may have ticks of 16 ms, by which a
+    deadline would be too late.
     """
+    if not hasattr(time, "clock_gettime_ns"):
+        return time.perf_counter_ns()
     raw = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
     boottime = getattr(time, "CLOCK_BOOTTIME", None)
     if boottime is None:
@@ -117,6 +121,7 @@ class RemoteClock:
     def __init__(self, session: int) -> None:
         self.session = session
         self.last_beacon_ms: int | None = None
+        """The own time by which the newest beacon was said at the latest, by its own clock."""
         self._lower_offset: int | None = None  # in 1 / _SLOWEST_OF ms
         self._upper_offset: int | None = None  # in 1 / _FASTEST_OF ms
 
@@ -127,7 +132,6 @@ class RemoteClock:
         """
         if beacon.session != self.session:
             raise ValueError(f"beacon of session {beacon.session}, expected {self.session}")
-        self.last_beacon_ms = received_ms
         latest = self.latest_now_ms(received_ms)
         if latest is not None and beacon.now_ms > latest:
             self._lower_offset = self._upper_offset = None
@@ -138,6 +142,9 @@ class RemoteClock:
                 self._lower_offset = self._upper_offset = None
             if self._upper_offset is None or upper < self._upper_offset:
                 self._upper_offset = upper
+        least_ms = self.deadline_ms(received_ms, 0) if self._lower_offset is not None else None
+        behind_ms = max(0, least_ms - beacon.now_ms) if least_ms is not None else 0
+        self.last_beacon_ms = max(received_ms - behind_ms, self.last_beacon_ms or 0)
         lower = beacon.now_ms * _SLOWEST_OF - (received_ms + 1) * _SLOWEST
         if self._lower_offset is None or lower > self._lower_offset:
             self._lower_offset = lower
@@ -154,11 +161,6 @@ class RemoteClock:
         found = (self._lower_offset + (now_ms + ttl_ms) * _SLOWEST) // _SLOWEST_OF - 1
         return min(found, LATEST_MS)
 
-    @property
-    def has_echoed(self) -> bool:
-        """Whether the other process has heard this one, and this one its answer."""
-        return self._upper_offset is not None
-
     def latest_now_ms(self, now_ms: int) -> int | None:
         """The most that the remote clock can read at the own time `now_ms`; None before an echo."""
         if self._upper_offset is None:
@@ -173,7 +175,7 @@ class RemoteClock:
         return (latest - stamped * STAMP_TICK_MS) % _STAMP_SPAN_MS
 
     def is_live(self, now_ms: int, interval_ms: int = BEACON_INTERVAL_MS) -> bool:
-        """Whether a beacon came within the last three intervals."""
+        """Whether a beacon was said within the last three intervals: one that is repeated is as old as at first."""
         return self.last_beacon_ms is not None and now_ms - self.last_beacon_ms <= LIVE_INTERVALS * interval_ms
 
 

@@ -59,11 +59,27 @@ class Stop:
     reason: str
 
 
+@dataclass(frozen=True)
+class Audit:
+    """Write into the audit log, where there is one, what was said at `now_ms` of the session's clock.
+
+    A `command` or `select` was admitted; a `word` is a last one. `who` is the node that said it, as certificates name
+    it, None where that is not known; `is_signed`: its signature says so. `drone` None: it is of the fog as a whole.
+    """
+
+    event: str
+    message: object
+    now_ms: int
+    who: str | None
+    drone: int | None
+    is_signed: bool
+
+
 Receipt = tuple[int, int]
 """Names an inbound message that waits for its PUBACK; opaque."""
 
 
-Effect = Publish | Subscribe | Unsubscribe | Log | Stop
+Effect = Publish | Subscribe | Unsubscribe | Log | Stop | Audit
 
 
 @dataclass(frozen=True)

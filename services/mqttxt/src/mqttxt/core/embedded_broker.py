@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import ctypes
 import logging
-import shutil
 import signal
 import socket
-import sys
 import tempfile
 from pathlib import Path
 
 from ..errors import ConfigurationError
-from ..security.broker import LIMITS, BrokerFiles
+from ..security.broker import BrokerFiles
+from ..security.revocation import RevocationList
+from . import mosquitto
+from .children import ENDS_WITH_PARENT, ending_with_parent
 
 logger = logging.getLogger("mqttxt.broker")
 
@@ -21,22 +21,6 @@ FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0
 STEADY_S = 10.0
 """A broker that ran this long is started again without a longer pause."""
-
-CONFIGURATION = LIMITS + "listener {port} {host}\nallow_anonymous true\n"
-RUNNING = " running"
-"""How the line ends that Mosquitto 2 says once its listener is open."""
-
-
-_PR_SET_PDEATHSIG = 1
-_LIBC = ctypes.CDLL(None)
-
-
-def _end_with_parent() -> None:
-    """In the child, before Mosquitto is there: SIGTERM when this process ends, however it does (prctl(2)).
-
-    Otherwise a killed role's broker would live on and hold the port.
-    """
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 class EmbeddedBroker:
@@ -46,7 +30,7 @@ class EmbeddedBroker:
         self,
         host: str,
         port: int,
-        program: str = "mosquitto",
+        program: str = mosquitto.PROGRAM,
         instead: str = "--fog-broker",
         files: BrokerFiles | None = None,
     ) -> None:
@@ -54,11 +38,14 @@ class EmbeddedBroker:
         self.port = port
         self._files = files
         self._scheme = "mqtt" if files is None else "mqtts"
+        self._newest: RevocationList | None = None
         self._directory: Path | None = None
         self._process: asyncio.subprocess.Process | None = None
         self._program = program
         self._instead = instead
         self._has_run = False
+        self._is_running = False
+        self._owes_reload = False
 
     @property
     def url(self) -> str:
@@ -87,10 +74,10 @@ class EmbeddedBroker:
         What ends by itself without ever having run cannot start. One that ran, or was killed, has to come back,
         however young it was: its age says more about the machine than about it.
         """
-        program = shutil.which(self._program)
+        program = mosquitto.find(self._program)
         if program is None:
             raise ConfigurationError(
-                f"embedded broker: {self._program!r} is not installed; expected Mosquitto 2 on the PATH, "
+                f"embedded broker: {self._program!r} is not installed; expected Mosquitto 2: {mosquitto.how_to_get()}; "
                 f"or {self._instead} with a broker that runs elsewhere"
             )
         with tempfile.TemporaryDirectory(prefix="mqttxt-broker-") as directory:
@@ -100,18 +87,32 @@ class EmbeddedBroker:
 
     def _write(self, directory: Path) -> Path:
         if self._files is not None:
-            return self._files.write(directory, self.host, self.port)
+            return self._files.write(directory, self.host, self.port, self._newest)
         path = directory / "mosquitto.conf"
-        path.write_text(CONFIGURATION.format(host=self.host, port=self.port))
+        path.write_text(mosquitto.configuration(self.host, self.port))
         path.chmod(0o644)
         return path
 
-    def reload(self) -> None:
-        """Let Mosquitto read its access list and the revocation list anew; raises ConfigurationError for bad files."""
-        if self._files is not None and self._directory is not None:
-            self._files.write_access(self._directory)
-            if self._process is not None and self._process.returncode is None:
-                self._process.send_signal(signal.SIGHUP)
+    def reload(self, newest: RevocationList | None = None) -> None:
+        """Let Mosquitto read its access list and the revocation list anew; raises ConfigurationError for bad files.
+
+        `newest` is the revocation list that the node has by now.
+        """
+        self._newest = newest
+        if self._files is None or self._directory is None:
+            return
+        try:
+            self._files.write_access(self._directory, newest)
+        finally:
+            self._owes_reload = self._files.is_list_readable
+            self._signal()
+
+    def _signal(self) -> None:
+        """Send the SIGHUP that is owed: one that comes before Mosquitto runs would end it."""
+        process = self._process
+        if self._owes_reload and self._is_running and process is not None and process.returncode is None:
+            self._owes_reload = False
+            process.send_signal(signal.SIGHUP)
 
     async def _keep_running(self, program: str, configuration: Path) -> None:
         loop = asyncio.get_running_loop()
@@ -129,7 +130,8 @@ class EmbeddedBroker:
             await asyncio.sleep(pause_s)
 
     async def _run_once(self, program: str, configuration: Path) -> tuple[int, str]:
-        """Run Mosquitto to its end; returns its exit code and the last line it said."""
+        """Run Mosquitto to its end; returns its exit code and the last line that it wrote."""
+        self._is_running = False
         process = self._process = await asyncio.create_subprocess_exec(
             program,
             "-c",
@@ -137,17 +139,23 @@ class EmbeddedBroker:
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.PIPE,
-            preexec_fn=_end_with_parent if sys.platform == "linux" else None,
+            preexec_fn=ENDS_WITH_PARENT,
         )
-        last_line = ""
         try:
-            assert process.stderr is not None
-            async for line in process.stderr:
-                last_line = line.decode(errors="replace").strip()
-                self._has_run = self._has_run or last_line.endswith(RUNNING)
-                logger.debug("mosquitto: %s", last_line)
-            return await process.wait(), last_line
+            async with ending_with_parent(process.pid):
+                return await self._followed(process)
         finally:
             if process.returncode is None:
                 process.terminate()
                 await process.wait()
+
+    async def _followed(self, process: asyncio.subprocess.Process) -> tuple[int, str]:
+        last_line = ""
+        assert process.stderr is not None
+        async for line in process.stderr:
+            last_line = line.decode(errors="replace").strip()
+            if last_line.endswith(mosquitto.RUNNING):
+                self._has_run = self._is_running = True
+                self._signal()
+            logger.debug("mosquitto: %s", last_line)
+        return await process.wait(), last_line

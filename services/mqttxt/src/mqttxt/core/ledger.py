@@ -2,7 +2,7 @@
 
 Entries live until the deadline has passed, then with their outcomes for ten minutes. A duplicate is recognised,
 not executed again; a full ledger denies and never evicts. Who is not in control can fill only a share of it, and what
-brings a drone to a halt finds room when nothing else does.
+brings a drone to a halt finds room when nothing else does. No station has more of a share than it leaves free.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..protocol.commands import Command, Hold, Land, Return
 from ..protocol.messages import CommandId
 
 KEEP_MS = 600_000
-CAPACITY = 4096
+CAPACITY = 8192
 
 Record = TypeVar("Record")
 
@@ -65,18 +65,24 @@ class Entry(Generic[Record]):
     record: Record
     keep_until_ms: int
     share: Share
+    station: Hashable = None
     is_open: bool = True
 
 
 class Ledger(Generic[Record]):
-    """Ids with their contents and records, at most `capacity`: a quarter is for outsiders, a sixteenth kept free."""
+    """Ids with their contents and records, at most `capacity`: a quarter is for outsiders, a sixteenth kept free.
+
+    A `station` is whatever the owner of the ledger knows a station by. Each takes at most half of what the others of
+    its share have left: so one that fills its half leaves the next one a quarter, and so on.
+    """
 
     def __init__(self, capacity: int = CAPACITY, keep_ms: int = KEEP_MS) -> None:
         self._entries: dict[CommandId, Entry[Record]] = {}
         self._capacity = capacity
         self._keep_ms = keep_ms
         self._taken: Counter[Share] = Counter()
-        self._barred_until_ms: Counter[Share] = Counter()
+        self._taken_by: Counter[tuple[Share, Hashable]] = Counter()
+        self._barred_until_ms: dict[tuple[Share, Hashable], int] = {}
         self._open: dict[CommandId, Entry[Record]] = {}
         self._purge_after_ms: float = inf
         """No closed entry is to go before this; with ten minutes of entries each look at all of them counts."""
@@ -91,24 +97,31 @@ class Ledger(Generic[Record]):
         return list(self._open.values())
 
     def examine(
-        self, command_id: CommandId, contents: Hashable, deadline_ms: int, now_ms: int, share: Share = Share.ORDINARY
+        self,
+        command_id: CommandId,
+        contents: Hashable,
+        deadline_ms: int,
+        now_ms: int,
+        share: Share = Share.ORDINARY,
+        station: Hashable = None,
     ) -> Admission:
-        """What to do with a command, without entering it.
+        """What to do with a command of a station, without entering it.
 
-        While the deadline of an id that was denied for want of room has not passed, unknown ids of its share are
-        denied too: the denied one may arrive a second time and must not be executed then.
+        While the deadline of an id that was denied for want of room has not passed, unknown ids of its station and
+        share are denied too: the denied one may arrive a second time and must not be executed then.
         """
         entry = self._entries.get(command_id)
         if entry is not None:
             same = entry.contents is None or entry.contents == contents
             return Admission.DUPLICATE if same else Admission.CONFLICT
         self._purge(now_ms)
-        if not self._has_room(share):
+        own, barred_until_ms = (share, station), self._barred_until_ms.get((share, station), 0)
+        if not self._has_room(share, station):
             if share is Share.OUTSIDERS:
                 return Admission.IGNORED
-            self._barred_until_ms[share] = max(self._barred_until_ms[share], deadline_ms + 1)
+            self._barred_until_ms[own] = max(barred_until_ms, deadline_ms + 1)
             return Admission.FULL
-        return Admission.FULL if now_ms < self._barred_until_ms[share] else Admission.NEW
+        return Admission.FULL if now_ms < barred_until_ms else Admission.NEW
 
     def enter(
         self,
@@ -117,20 +130,24 @@ class Ledger(Generic[Record]):
         record: Record,
         deadline_ms: int,
         share: Share = Share.ORDINARY,
+        station: Hashable = None,
     ) -> Entry[Record]:
         """Enter an id that `examine` called new, or one restored from a journal."""
-        entry = Entry(command_id, contents, record, deadline_ms + self._keep_ms, share)
+        entry = Entry(command_id, contents, record, deadline_ms + self._keep_ms, share, station)
         self._entries[command_id] = self._open[command_id] = entry
         self._taken[share] += 1
+        self._taken_by[share, station] += 1
         return entry
 
-    def _has_room(self, share: Share) -> bool:
+    def _has_room(self, share: Share, station: Hashable) -> bool:
         outsiders = self._capacity // 4
         if share is Share.OUTSIDERS:
-            return self._taken[share] < outsiders
-        kept_free = self._capacity // 16 if share is Share.ORDINARY else 0
-        taken = self._taken[Share.ORDINARY] + self._taken[Share.OVERRIDING]
-        return taken < self._capacity - outsiders - kept_free
+            free = outsiders - self._taken[share]
+        else:
+            kept_free = self._capacity // 16 if share is Share.ORDINARY else 0
+            taken = self._taken[Share.ORDINARY] + self._taken[Share.OVERRIDING]
+            free = self._capacity - outsiders - kept_free - taken
+        return self._taken_by[share, station] < free
 
     def close(self, entry: Entry[Record], now_ms: int) -> None:
         """The last word is out: keep it for ten minutes from now or from the deadline, whichever is later."""
@@ -147,4 +164,7 @@ class Ledger(Generic[Record]):
             if now_ms > entry.keep_until_ms:
                 del self._entries[entry.id]
                 self._taken[entry.share] -= 1
+                self._taken_by[entry.share, entry.station] -= 1
+        self._taken_by += Counter()  # without those that have none left
+        self._barred_until_ms = {own: until for own, until in self._barred_until_ms.items() if now_ms < until}
         self._purge_after_ms = min((e.keep_until_ms for e in closed if now_ms <= e.keep_until_ms), default=inf)

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from collections import Counter
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Mapping
 from math import ceil
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ..errors import ConfigurationError, Refused
-from ..security.identity import Identity
-from ..security.trusted_time import PERSIST_EVERY_S
 from .clock import SessionClock
-from .effects import Effect, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
+from .effects import Audit, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
 from .mqtt.link import MqttLink
+from .settings import REBIRTH_MS
+from .shared_lists import LISTS, SharedLists
+
+if TYPE_CHECKING:
+    from ..security.identity import Identity
+    from ..security.revocation import RevocationList
+    from .audit_log import AuditLog
 
 logger = logging.getLogger("mqttxt")
 
 TICK_S = 0.05
 READY_TOUCH_S = 1.0
+KEEP_AGAIN_S = 10.0
+"""After a disk did not take a revocation list, which counts all the same."""
 
 
 class Role(Protocol):
@@ -31,6 +39,10 @@ class Role(Protocol):
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> Iterable[Any]: ...
     def on_message(self, link: str, message: Inbound, now_ms: int) -> Iterable[Any]: ...
     def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> Iterable[Any]: ...
+    def on_identity(self, now_ms: int) -> Iterable[Any]:
+        """The identity has another key, or its fleet a newer revocation list."""
+        ...
+
     def tick(self, now_ms: int) -> Iterable[Any]: ...
     def goodbye(self, now_ms: int) -> Iterable[Any]: ...
     def is_ready(self, now_ms: int) -> bool: ...
@@ -39,26 +51,42 @@ class Role(Protocol):
 class Runner:
     """The world around one role, with its identity. Subclasses carry out the effects that only their role has.
 
-    Raises ConfigurationError for a ready file that can nowhere be.
+    `lists` are the topics of the revocation list, by connection; `patience_ms` is how long others have to publish it
+    first, None where this node does not; `told` are the topics of connections on which it alone does. Raises
+    ConfigurationError for a ready file that can nowhere be.
     """
 
     def __init__(
-        self, role: Role, clock: SessionClock, ready_file: Path | None = None, identity: Identity | None = None
+        self,
+        role: Role,
+        clock: SessionClock,
+        ready_file: Path | None = None,
+        identity: Identity | None = None,
+        lists: Mapping[str, str] | None = None,
+        patience_ms: int | None = REBIRTH_MS,
+        audit: AuditLog | None = None,
+        told: Mapping[str, str] | None = None,
     ) -> None:
         if ready_file is not None and not ready_file.parent.is_dir():
             raise ConfigurationError(f"--ready-file {ready_file}: expected a file in a folder that exists")
         self.role = role
         self.clock = clock
         self.identity = identity
+        self._audit = audit
         self.links: dict[str, MqttLink] = {}
+        fleet = identity.fleet if identity is not None else None
+        self.lists = SharedLists(fleet, lists or {}, patience_ms, told)
         self.counts: Counter[str] = Counter()
         self._ready_file = ready_file
         self._ready_touched_ms = -10_000
         self._stopped: asyncio.Future[None] | None = None
+        self._is_to_keep = asyncio.Event()
 
     async def run(self) -> None:
         """Run until cancelled or stopped; raises Refused, or what a job failed with, behind the goodbye."""
         self._stopped = asyncio.get_running_loop().create_future()
+        if self._audit is not None:
+            self._audit.start(self.clock.session)
         tasks = [asyncio.create_task(job) for job in (*self.jobs(), *self._identity_jobs())]
         for task in tasks:
             task.add_done_callback(self._job_ended)
@@ -71,6 +99,8 @@ class Runner:
                 for task in tasks:
                     task.cancel()
                 await asyncio.wait(tasks)
+                if self._audit is not None:
+                    await asyncio.to_thread(self._audit.close)
 
     def finish(self) -> None:
         """End `run` as after a cancellation, because the role has done what it was for."""
@@ -88,42 +118,90 @@ class Runner:
         return [*(link.run() for link in self.links.values()), self._tick()]
 
     async def reload(self) -> None:
-        """Read the revocation list of the identity anew; a file that cannot be read changes nothing."""
-        if self.identity is None:
+        """Read revocation list, key and certificate anew; a file that cannot be used changes nothing."""
+        identity = self.identity
+        if identity is None:
             return
         try:
-            await asyncio.to_thread(self.read_again)
+            found = await asyncio.to_thread(identity.fleet.in_folder)
+            if identity.fleet.take(found):
+                self._on_newer_list()
+            else:
+                logger.info("revocation list %d", identity.fleet.revoked.number)
+            if identity.renew(*await asyncio.to_thread(identity.in_folder)):
+                logger.info("%s signs with its new key", identity.name)
+                self.carry_out(self.role.on_identity(self.clock.now_ms()))
         except ConfigurationError as error:
             logger.error("%s", error)
-        else:
-            logger.info("revocation list %d", self.identity.fleet.revoked.number)
+        self._is_to_keep.set()
 
-    def read_again(self) -> None:
-        """What `reload` reads, in a thread of its own; raises ConfigurationError."""
-        if self.identity is not None:
-            self.identity.fleet.read_again()
+    def tell_own_broker(self, newest: RevocationList) -> None:
+        """Give the revocation list to the broker that this node runs, if any; blocks. Raises ConfigurationError."""
+
+    def _on_newer_list(self) -> None:
+        """It counts from now on, also in what is connected already."""
+        assert self.identity is not None
+        logger.info("revocation list %d", self.identity.fleet.revoked.number)
+        now_ms = self.clock.now_ms()
+        self.lists.on_newer(now_ms)
+        for link in self.links.values():
+            link.check_broker()
+        self.carry_out(self.role.on_identity(now_ms))
+        self._is_to_keep.set()
 
     def _identity_jobs(self) -> list[Any]:
-        return [] if self.identity is None else [self._keep_time(self.identity)]
+        return [] if self.identity is None else [self._keep_identity(self.identity)]
 
-    async def _keep_time(self, identity: Identity) -> None:
-        """Write the time down now and then, and say once that the certificate is no longer good."""
-        was_good = True
+    async def _keep_identity(self, identity: Identity) -> None:
+        """Write time and revocation list down, now and then and when there is a newer one.
+
+        Say once that the certificate is no longer good.
+        """
+        from ..security.trusted_time import PERSIST_EVERY_S
+
+        was_good, is_to_tell = True, True
         while True:
+            is_to_tell = is_to_tell or self._is_to_keep.is_set()
+            self._is_to_keep.clear()
+            pause_s = PERSIST_EVERY_S
             try:
                 await asyncio.to_thread(identity.time.keep)
             except ConfigurationError as error:
                 self.count("time", str(error))
+            try:
+                if is_to_tell:
+                    await asyncio.to_thread(self.tell_own_broker, identity.fleet.revoked)
+                    is_to_tell = False
+                await asyncio.to_thread(identity.fleet.keep)
+            except ConfigurationError as error:
+                self.count("revocation_list", str(error))
+                pause_s = KEEP_AGAIN_S
             wrong = identity.wrong
             if wrong is not None and was_good:
                 logger.error("the certificate of %s is %s", identity.name, wrong)
             was_good = wrong is None
-            await asyncio.sleep(PERSIST_EVERY_S)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(pause_s):
+                    await self._is_to_keep.wait()
 
     def carry_out(self, outputs: Iterable[Any]) -> None:
         """Carry out effects in their order."""
         for output in outputs:
-            self._carry_out_one(output)
+            if isinstance(output, Publish):
+                self.links[output.link].publish(output)
+            elif isinstance(output, Subscribe):
+                self.links[output.link].subscribe(output)
+            elif isinstance(output, Unsubscribe):
+                self.links[output.link].unsubscribe(output)
+            elif isinstance(output, Log):
+                self.count(output.kind, output.detail)
+            elif isinstance(output, Audit):
+                if self._audit is not None:
+                    self._audit.record(output)
+            elif isinstance(output, Stop):
+                self._fail(Refused(output.reason))
+            else:
+                self.special(output)
 
     def special(self, output: Any) -> None:
         """Carry out an effect or take an event that only this runner's role has."""
@@ -131,16 +209,29 @@ class Runner:
 
     def connected(self, link: str) -> None:
         logger.info("%s: connected to %s", link, self.links[link].address)
+        self.carry_out(self.lists.on_connected(link))
         self.carry_out(self.role.on_connected(link, self.clock.now_ms()))
 
     def disconnected(self, link: str) -> None:
+        self.lists.on_disconnected(link)
         self.carry_out(self.role.on_disconnected(link, self.clock.now_ms()))
 
     def received(self, link: str, message: Inbound) -> None:
-        self.carry_out(self.role.on_message(link, message, self.clock.now_ms()))
+        now_ms = self.clock.now_ms()
+        if message.topic != self.lists.topic(link):
+            self.carry_out(self.role.on_message(link, message, now_ms))
+            return
+        effects, is_newer = self.lists.on_message(link, message, now_ms)
+        self.carry_out(effects)
+        if is_newer:
+            self._on_newer_list()
 
     def subscribed(self, subscribe: Subscribe) -> None:
-        self.carry_out(self.role.on_subscribed(subscribe, self.clock.now_ms()))
+        now_ms = self.clock.now_ms()
+        if subscribe.ref == LISTS:
+            self.lists.on_subscribed(subscribe.link, now_ms)
+        else:
+            self.carry_out(self.role.on_subscribed(subscribe, now_ms))
 
     def published(self, link: str, ref: Hashable, code: int) -> None:
         self.carry_out(self.role.on_published(link, ref, code, self.clock.now_ms()))
@@ -151,22 +242,8 @@ class Runner:
         if self.counts[kind] == 1:
             logger.warning("%s: %s (further ones are counted, not logged)", kind, detail)
 
-    def _carry_out_one(self, output: Effect) -> None:
-        if isinstance(output, Publish):
-            self.links[output.link].publish(output)
-        elif isinstance(output, Subscribe):
-            self.links[output.link].subscribe(output)
-        elif isinstance(output, Unsubscribe):
-            self.links[output.link].unsubscribe(output)
-        elif isinstance(output, Log):
-            self.count(output.kind, output.detail)
-        elif isinstance(output, Stop):
-            self._fail(Refused(output.reason))
-        else:
-            self.special(output)
-
     def _job_ended(self, job: asyncio.Task[Any]) -> None:
-        """A job that fails ends the role, whose links are up for the goodbye: nobody would be told otherwise."""
+        """A job that fails ends the role, whose links are up for the goodbye; nobody would hear of it otherwise."""
         error = None if job.cancelled() else job.exception()
         if error is not None and not self._fail(error):
             logger.error("failed while it ended: %r", error)
@@ -184,6 +261,7 @@ class Runner:
         while True:
             now_ms = self.clock.now_ms()
             self.carry_out(self.role.tick(now_ms))
+            self.carry_out(self.lists.tick(now_ms))
             if self._ready_file is not None and now_ms - self._ready_touched_ms >= READY_TOUCH_S * 1000:
                 self._ready_touched_ms = now_ms
                 _mark(self._ready_file, self.role.is_ready(now_ms))

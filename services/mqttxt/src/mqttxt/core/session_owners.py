@@ -26,5 +26,9 @@ class SessionOwners:
         """A session's owner as it was known before this process started, whoever claims the session meanwhile."""
         self._owners[session] = station
 
+    def owner(self, session: int) -> str | None:
+        """The station whose session it is, as its certificate names it."""
+        return self._owners.get(session)
+
     def is_of(self, session: int, station: str) -> bool:
         return self._owners.get(session) == station

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from ..errors import ConfigurationError
-from ..security.identity import Identity
-from ..security.seal import Seal
 from .address import BrokerAddress
+
+if TYPE_CHECKING:
+    from ..security.identity import Identity
+    from ..security.seal import Seal
 
 
 @dataclass(frozen=True)
@@ -26,18 +28,27 @@ class Transport:
     @classmethod
     def of(cls, folder: Path | None, insecure: bool, name: str) -> Self:
         """The transport of the node `name` (`fog1`, `drone3`); raises ConfigurationError for another one's identity."""
-        identity = Identity.load(folder) if folder is not None else None
-        if identity is not None and identity.name != name:
+        if folder is None:
+            return cls(None, insecure)
+        from ..security.identity import Identity
+
+        identity = Identity.load(folder)
+        if identity.name != name:
             raise ConfigurationError(f"--identity {folder}: the identity of {identity.name}; expected that of {name}")
         return cls(identity, insecure)
 
-    def seal(self, signed: bool) -> Seal | None:
+    def seal(self, signed: bool, signed_states: bool = False, signed_readings: bool = False) -> Seal | None:
         """What this node signs with, if it does; raises ConfigurationError without an identity."""
+        for option, is_given in (("--signed-states", signed_states), ("--signed-readings", signed_readings)):
+            if is_given and not signed:
+                raise ConfigurationError(f"{option}: expected --signed beside it")
         if not signed:
             return None
         if self.identity is None:
             raise ConfigurationError("--signed: expected --identity DIR beside it")
-        return Seal(self.identity)
+        from ..security.seal import Seal
+
+        return Seal(self.identity, signed_states, signed_readings)
 
     def check(self, address: BrokerAddress, option: str) -> BrokerAddress:
         """The address, if connections there are protected; raises ConfigurationError where they are not.

@@ -115,18 +115,27 @@ class Acknowledgements:
         return word, reason
 
     def _on_refusal(self, run: Run, result: int, now_ms: int) -> list[Output]:
-        """The last word once every copy was refused: one that is unanswered, or in progress, may be carried out."""
+        """The last word once every copy was refused: one that is unanswered, or in progress, may be carried out.
+
+        Where an acknowledgement may be that of several runs, each waits for the copies of all of them.
+        """
         word, reason = self._refusal(run, result)
         run.refusals += 1
         if run.refused is None or run.refused[0].is_definite_no:
             run.refused = (word, reason)
-        if run.sends == run.acks:
-            said = self.runs.end(run, *run.refused)
-            if said.reason != UNEXPLAINED or not self.vehicle.autopilot.explains_afterwards:
-                return [said]
-            self._held.append(_Held(said, run.sent_number, now_ms + WORDS_MS))
-            return []
         run.last_send_ms = now_ms
+        sharing = self.runs.sharing(run.ack_key)
+        if any(one.sends > one.acks for one in sharing):
+            return []
+        return [said for one in sharing if one.refused is not None for said in self._end_refused(one, now_ms)]
+
+    def _end_refused(self, run: Run, now_ms: int) -> list[Output]:
+        """Say the last word, or hold it back for the autopilot's reason."""
+        assert run.refused is not None
+        said = self.runs.end(run, *run.refused)
+        if said.reason != UNEXPLAINED or not self.vehicle.autopilot.explains_afterwards:
+            return [said]
+        self._held.append(_Held(said, run.sent_number, now_ms + WORDS_MS))
         return []
 
     def explained(self, now_ms: int) -> list[Output]:
@@ -161,7 +170,12 @@ class Acknowledgements:
         return [*late]
 
     def _on_refusal_after_acceptance(self, run: Run, result: int) -> list[Output]:
-        """It was not carried out after all, unless a heartbeat has shown its mode, or another copy may be."""
+        """It was not carried out after all, unless a heartbeat has shown its mode, or another copy may be.
+
+        Nor where another run waits for an acknowledgement of the same key: the refusal may be that one's.
+        """
+        if self.runs.sharing(run.ack_key):
+            return []
         run.refusals += 1
         if run.entered_mode or run.refusals < run.sends:
             return []

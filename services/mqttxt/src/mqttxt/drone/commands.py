@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ..core.channel import Channel
 from ..core.clock import MAX_TTL_MS, stamp
-from ..core.effects import Inbound, Log, Publish
+from ..core.effects import Audit, Inbound, Log, Publish
+from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
 from ..core.ledger import KEEP_MS, OVERRIDING, Admission, Ledger, Share
 from ..core.session_owners import SessionOwners
 from ..core.settings import NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS
@@ -15,11 +17,11 @@ from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.identify import identify
 from ..protocol.messages import BeaconMessage, By, CommandId, CommandMessage, ResultMessage, Word, without_contradiction
+from ..protocol.parameters import ParameterSet
 from ..protocol.topics import FogSide
 from ..protocol.values import shown
-from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_IN_CONTROL
+from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_IN_CONTROL
 from ..security.cose import Envelope
-from ..security.rights import command_right
 from ..security.seal import Seal, Signed
 from .effects import Effect, Journal
 from .executor import Executor
@@ -36,7 +38,9 @@ KEPT_BACK_MS = 1000
 
 @dataclass
 class Answers:
-    """What was said of a command: its name for the topic, the newest word, and whether a last one was acknowledged.
+    """A command's results: its name for the topic, the newest word, and whether a last one was acknowledged.
+
+    `said` is that word as it was published, for who asks again.
 
     `is_journalled`: the journal has it. What was refused before needs no place there: an id that a later session
     does not know is `expired`, a definite no too.
@@ -44,6 +48,7 @@ class Answers:
 
     name: str
     newest: ResultMessage | None = None
+    said: Publish | None = None
     delivered: bool = False
     is_journalled: bool = False
 
@@ -70,8 +75,9 @@ class CommandDesk:
     """The commands of one UAV client session: ledger, order, executor, and the words about them.
 
     `remembers` false: there is no journal of the sessions before this one, so that of an id which may have been
-    theirs nobody knows what became. `epoch` is that of the drone's control. `may_publish` is set while the
-    client is born, `republish_at_ms` when a last word has to be said again.
+    theirs nobody knows what became. `epoch` is that of the drone's control, which by the activator's lease ends at
+    `held_until_ms`. `may_publish` is set while the client is born, `republish_at_ms` when a last word has to be said
+    again. While `is_audited` says no, commands other than hold, land and return are denied (R14.6).
     """
 
     def __init__(
@@ -85,12 +91,18 @@ class CommandDesk:
         owners: SessionOwners,
         remembers: bool = True,
         limits: Limits | None = None,
+        staged: Callable[[bytes], bytes | None] = lambda _: None,
+        kept_parameters: ParameterSet | None = None,
     ) -> None:
         self.ledger: Ledger[Answers] = Ledger()
-        self.executor = Executor(vehicle, limits)
+        self._repetitions: Repetitions[CommandId] = Repetitions()
+        self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
+        self.executor = Executor(vehicle, limits, staged, kept_parameters)
         self.may_publish = False
         self.republish_at_ms: int | None = None
         self.epoch = 0
+        self.held_until_ms: int | None = None
+        self.is_audited: Callable[[], bool] = lambda: True
         self._drone = drone
         self._session = session
         self._channel = channel
@@ -124,7 +136,10 @@ class CommandDesk:
         except PayloadError as error:
             out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
             known = identify(payload)
-            if known is not None and self.ledger.get(known) is None:
+            if known is None or self.ledger.get(known) is not None:
+                return out
+            station = signed.signer if signed is not None else known.gs_session
+            if self._budget.takes((station, False), now_ms) and self._repetitions.may_answer(known, now_ms):
                 denial = self._result(Said(known, Word.DENIED, str(error)), now_ms)
                 out.append(self._publish_result("malformed", denial, kept=False))
             return out
@@ -157,27 +172,35 @@ class CommandDesk:
             deadline_ms = None
         known_until_ms = min(signed_until_ms or deadline_ms or now_ms, now_ms + MAX_TTL_MS)
         share = Share.of(command.command, self.executor.holder_session == command.gs_session)
-        verdict = self.ledger.examine(command.id, command.command, known_until_ms, now_ms, share)
+        station = signed.signer if signed is not None else command.gs_session
+        if not self._budget.takes((station, isinstance(command.command, OVERRIDING)), now_ms):
+            return [Log("flood", f"{command.command.name} of {station}: too many")]
+        verdict = self.ledger.examine(command.id, command.command, known_until_ms, now_ms, share, station)
         if verdict is Admission.DUPLICATE:
             entry = self.ledger.get(command.id)
             assert entry is not None
-            return self._answer(entry.record)
+            again = self._answer(entry.record)
+            return again if again and self._repetitions.may_answer(entry.id, now_ms) else []
         if verdict is Admission.IGNORED:
             return [Log("outsiders", f"{command.command.name} of {command.id}: no room for it")]
         if verdict in (Admission.CONFLICT, Admission.FULL):
+            if not self._repetitions.may_answer(command.id, now_ms):
+                return []
             reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
             denial = self._result(Said(command.id, Word.DENIED, reason), now_ms)
             return [self._publish_result(command.command.name, denial, kept=False)]
-        self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms, share)
+        self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms, share, station)
+        who = signed.signer if signed is not None else None
+        audit = Audit("command", command, now_ms, who, self._drone, signed is not None)
         refusal = self._refusal(command, deadline_ms, retained, now_ms)
-        if signed is not None and not signed.certificate.rights.may_command(self._drone):
-            refusal = Said(command.id, Word.DENIED, f"{NOT_ALLOWED}, {command_right(self._drone)}")
+        if signed is not None and (missing := signed.certificate.rights.missing(command.command, self._drone)):
+            refusal = Said(command.id, Word.DENIED, f"{NOT_ALLOWED}, {missing}")
         if signed is not None and signed.is_expired and not isinstance(command.command, OVERRIDING):
             refusal = Said(command.id, Word.DENIED, CERTIFICATE_EXPIRED)
         if refusal is not None:
-            return self.carry_out([refusal], now_ms)
+            return [audit, *self.carry_out([refusal], now_ms)]
         self._to_start[command.id] = command
-        return [Journal(command.id, command.command.name)]
+        return [audit, Journal(command.id, command.command.name)]
 
     def on_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
         """Start a command that the journal has, so that a restarted client can say what became of it."""
@@ -209,11 +232,20 @@ class CommandDesk:
             return Said(command.id, Word.DENIED, "deadline_too_far")
         if now_ms > deadline_ms:
             return Said(command.id, Word.EXPIRED)
-        if command.epoch < self.epoch:
+        if command.epoch < self.epoch or not self._is_in_control(command.gs_session, now_ms):
             return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
         if command.seq < self._highest_started.get(command.gs_session, (-1, 0))[0]:
             return Said(command.id, Word.OVERTAKEN)
+        if not (isinstance(command.command, OVERRIDING) or self.is_audited()):
+            return Said(command.id, Word.DENIED, NOT_AUDITED)
         return None
+
+    def _is_in_control(self, gs_session: int, now_ms: int) -> bool:
+        """Whether the lease names this station; only a signed lease says so for certain."""
+        if self._channel.seal is None:
+            return True
+        is_held = self.held_until_ms is not None and now_ms <= self.held_until_ms
+        return is_held and self.executor.holder_session == gs_session
 
     def _note_started(self, command: CommandMessage, now_ms: int) -> None:
         """Keep the order of a station's commands while an older one of it may still be in time."""
@@ -234,14 +266,18 @@ class CommandDesk:
             record = entry.record
             earlier = record.newest.word if record.newest is not None else None
             word, reason = without_contradiction(output.word, output.reason, earlier)
-            record.newest = self._result(replace(output, word=word, reason=reason), now_ms)
+            record.newest, record.said = self._result(replace(output, word=word, reason=reason), now_ms), None
             if word.is_last:
                 self.ledger.close(entry, now_ms)
+                out.append(self._audited(record.newest, now_ms))
                 record.is_journalled = record.is_journalled or not word.is_definite_no
                 if record.is_journalled:
                     out.append(Journal(entry.id, record.name, word, reason))
             out += self._answer(record)
         return out
+
+    def _audited(self, word: ResultMessage, now_ms: int) -> Audit:
+        return Audit("word", word, now_ms, f"drone{self._drone}", self._drone, self._channel.seal is not None)
 
     def _result(self, said: Said, now_ms: int) -> ResultMessage:
         return ResultMessage(
@@ -266,13 +302,14 @@ class CommandDesk:
         newest = record.newest
         if newest is None or not self.may_publish:
             return []
-        out: list[Effect] = [self._publish_result(record.name, newest)]
+        record.said = record.said or self._publish_result(record.name, newest)
+        out: list[Effect] = [record.said]
         if self._channel.settings.qos == 0 and newest.word.is_last and not record.delivered:
             out += self._delivered(newest.id, record)
         return out
 
     def _delivered(self, command_id: CommandId, record: Answers) -> list[Effect]:
-        """Somebody has the last word, and need not be told again."""
+        """The last word has arrived, and is not published again."""
         record.delivered = True
         return [Journal(command_id, record.name, done=True)] if record.is_journalled else []
 
@@ -291,7 +328,7 @@ class CommandDesk:
             entry.record.newest = self._result(Said(left.id, word, reason), now_ms)
             entry.record.delivered = left.delivered
             if not left.delivered:
-                out.append(Journal(left.id, left.command, word, reason))
+                out += [Journal(left.id, left.command, word, reason), self._audited(entry.record.newest, now_ms)]
         self._restored.clear()
         return out
 
@@ -314,6 +351,8 @@ class CommandDesk:
     def tick(self, now_ms: int) -> list[Effect]:
         """Deadlines and limits of what runs, and last words that nobody was there to get."""
         out = self.carry_out(self.executor.tick(now_ms), now_ms)
+        again = (self.ledger.get(command_id) for command_id in self._repetitions.due(now_ms))
+        out += [effect for entry in again if entry is not None for effect in self._answer(entry.record)]
         if self.may_publish and self.republish_at_ms is not None and now_ms >= self.republish_at_ms:
             self.republish_at_ms = None
             out += self.republish()

@@ -9,7 +9,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..protocol.states import Home, MaxGroundspeed
+from ..protocol.plans import PlanList
+from ..protocol.states import Airframe, Home, MaxGroundspeed
 from .mavlink.plans import AUTOPILOT_COMPONENT, command_long
 from .mavlink.vehicle import SOURCES, Vehicle
 
@@ -19,12 +20,17 @@ SILENT_MS = 10_000
 _GAP_MS = (0, 1000, 2000, 5000, 10_000, 30_000)
 """Pauses between the askings for one thing; the last one repeats."""
 
+_MESSAGES = {"home": mavlink.MAVLINK_MSG_ID_HOME_POSITION, "version": mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION}
+"""What is asked for one by one."""
+_GPS_HZ = (mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, 1)
 _RATES_HZ = {
     "battery": (mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 0.5),
     "location": (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 5),
     "groundspeed": (mavlink.MAVLINK_MSG_ID_VFR_HUD, 4),
     "landed_state": (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 5),
     "health": (mavlink.MAVLINK_MSG_ID_SYS_STATUS, 1),
+    "mission": (mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, 1),
+    "fence": (mavlink.MAVLINK_MSG_ID_FENCE_STATUS, 1),
 }
 
 
@@ -34,8 +40,10 @@ class Enquiries:
     Home is asked for at once: it comes every two seconds, and no drone takes off without it.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, all_states: bool = False) -> None:
         self._vehicle = vehicle
+        self._all_states = all_states
+        self._rates_hz = {**_RATES_HZ, "gps": _GPS_HZ} if all_states else _RATES_HZ
         self._asked: dict[str, tuple[int, int]] = {}
         self._first_ms: int | None = None
 
@@ -50,12 +58,21 @@ class Enquiries:
         missing = self._missing_parameters()
         if self._vehicle.seen(Home) is None:
             missing.append("home")
+        airframe = self._vehicle.seen(Airframe)
+        if self._all_states and airframe is not None and airframe.version is None:
+            missing.append("version")
         if alive_ms >= PATIENCE_MS:
             enough_ms = min(SILENT_MS, alive_ms)
-            streamed = (name for name in (*_RATES_HZ, "home") if name not in missing)
+            streamed = (name for name in (*self._rates_hz, "home") if name not in (*missing, *self._unwanted()))
             missing += [name for name in streamed if self._vehicle.silence_ms(SOURCES[name], now_ms) >= enough_ms]
         self._asked = {name: asked for name, asked in self._asked.items() if name in missing}
         return [self._question(name) for name in missing if self._is_due(name, now_ms)]
+
+    def _unwanted(self) -> list[str]:
+        """What is not asked for: a plan's progress until somebody has asked for the plan."""
+        known = self._vehicle.mission.hashes
+        tells = PlanList.FENCE in known and self._vehicle.autopilot.tells_of_fence
+        return [name for name, is_wanted in (("mission", bool(known)), ("fence", tells)) if not is_wanted]
 
     def _missing_parameters(self) -> list[str]:
         """What no stream carries."""
@@ -72,12 +89,10 @@ class Enquiries:
         return True
 
     def _question(self, name: str) -> Any:
-        if name == "home":
-            return command_long(
-                self._vehicle, mavlink.MAV_CMD_REQUEST_MESSAGE, float(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
-            )
-        if name in _RATES_HZ:
-            message_id, rate_hz = _RATES_HZ[name]
+        if name in _MESSAGES:
+            return command_long(self._vehicle, mavlink.MAV_CMD_REQUEST_MESSAGE, float(_MESSAGES[name]))
+        if name in self._rates_hz:
+            message_id, rate_hz = self._rates_hz[name]
             return command_long(self._vehicle, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
         target = (self._vehicle.system_id, AUTOPILOT_COMPONENT)
         return mavlink.MAVLink_param_request_read_message(*target, name.encode(), -1)

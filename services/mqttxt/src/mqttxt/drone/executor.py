@@ -7,10 +7,25 @@ have passed. What halts waits for none: it has a name that no other open command
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from ..protocol.commands import Command, Hold, Mavlink, Offboard, Stream, Takeoff
+from ..protocol.commands import (
+    ClearPlan,
+    Command,
+    Hold,
+    Mavlink,
+    Offboard,
+    Pause,
+    Resume,
+    SetCurrentItem,
+    SetParameter,
+    StartMission,
+    Stream,
+    UploadPlan,
+)
 from ..protocol.messages import CommandId, Word
+from ..protocol.parameters import ParameterSet
 from ..protocol.states import FlightMode
 from .acknowledgements import Acknowledgements
 from .effects import Transmit
@@ -20,6 +35,9 @@ from .mavlink.raw import Limits, plan_raw
 from .mavlink.sources import HALTING, Source
 from .mavlink.vehicle import Vehicle
 from .offboard import OffboardPilot
+from .parameter_copy import ParameterCopy
+from .parameter_settings import ParameterSettings
+from .plan_keeper import PlanKeeper
 from .preparation import Preparer
 from .runs import UNSENT, Output, Phase, Run, Runs, Said
 from .streams import Streams
@@ -35,10 +53,19 @@ ONCE_MS = 3000
 class Executor:
     """The commands of one autopilot. Every method returns effects and words, in their order."""
 
-    def __init__(self, vehicle: Vehicle, limits: Limits | None = None) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        limits: Limits | None = None,
+        staged: Callable[[bytes], bytes | None] = lambda _: None,
+        kept_parameters: ParameterSet | None = None,
+    ) -> None:
         self.vehicle = vehicle
-        self._limits = limits or Limits()
         self._runs = Runs()
+        self.plans = PlanKeeper(vehicle, staged, self._runs.has_mission)
+        self.parameters = ParameterCopy(vehicle, kept_parameters)
+        self._limits = limits or Limits()
+        self._settings = ParameterSettings(vehicle, self._limits)
         self._pilot = OffboardPilot(vehicle, self._runs)
         self._acknowledgements = Acknowledgements(vehicle, self._runs, self._pilot)
         self._preparer = Preparer(vehicle, self._runs)
@@ -81,6 +108,10 @@ class Executor:
             return [Said(command_id, Word.DENIED, reason)]
         if now_ms > deadline_ms:
             return [Said(command_id, Word.EXPIRED)]
+        if isinstance(command, UploadPlan | ClearPlan | SetCurrentItem):
+            return self.plans.start(command_id, command, deadline_ms, limit_ms, now_ms)
+        if isinstance(command, SetParameter):
+            return self._settings.start(command_id, command, deadline_ms, limit_ms, now_ms)
         try:
             planned = self._plan(command, now_ms)
         except CannotExecute as error:
@@ -97,6 +128,12 @@ class Executor:
     def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
         """The write happened; the clock read `now_ms` after it. Its acknowledgement is waited for from then on."""
         run = self._runs.find(command_id)
+        if self.plans.owns(command_id):
+            if run is not None:
+                run.has_set_item = True
+            return self.plans.on_transmitted(command_id, now_ms)
+        if self._settings.owns(command_id):
+            return self._settings.on_transmitted(command_id, now_ms)
         if run is None:
             return []
         run.last_send_ms = now_ms
@@ -106,6 +143,10 @@ class Executor:
 
     def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
         """The runner did not write: past the deadline (`late`), or the autopilot's link took nothing."""
+        if self.plans.owns(command_id):
+            return self.plans.on_refused(command_id, late, now_ms)
+        if self._settings.owns(command_id):
+            return self._settings.on_refused(command_id, late, now_ms)
         run = self._runs.find(command_id)
         if run is None or run.phase is not Phase.SENT:
             return []
@@ -119,11 +160,14 @@ class Executor:
         """A message of the autopilot, after `vehicle` has taken it in."""
         if message.get_type() == "COMMAND_ACK":
             return self._acknowledgements.on_ack(message, now_ms)
-        return self._acknowledgements.explained(now_ms) + self._observe(now_ms) + self._takeoffs.undo(now_ms)
+        out = self.plans.on_message(message, now_ms) + self._settings.on_message(message, now_ms)
+        out += self.parameters.on_message(message, now_ms) + self._acknowledgements.explained(now_ms)
+        return out + self._observe(now_ms) + self._takeoffs.undo(now_ms)
 
     def tick(self, now_ms: int) -> list[Output]:
         """Deadlines, retransmissions and limits; to be called at least ten times a second."""
         out = self._acknowledgements.explained(now_ms)
+        out += self._settings.tick(now_ms) + self.parameters.tick(now_ms)
         for run in self._runs:
             if run.phase in UNSENT:
                 out += self._try_send(run, now_ms)
@@ -136,6 +180,7 @@ class Executor:
                 out += self._pilot.stop(run, *over, now_ms) if over is not None else []
             elif now_ms >= run.started_ms + run.limit_ms:
                 out.append(self._time_out(run, now_ms))
+        out += self.plans.tick(now_ms, [run.id for run in self._runs])  # behind the starts that are over
         return out + self._observe(now_ms) + self._takeoffs.undo(now_ms) + self._pilot.set_points(now_ms)
 
     def ask(self, message: Any, now_ms: int) -> list[Output]:
@@ -151,13 +196,15 @@ class Executor:
         return self._pilot.leave()
 
     def _plan(self, command: Command, now_ms: int) -> Plan:
-        """How a command is said now; raises CannotExecute where the autopilot's state, as last heard, forbids it."""
+        """A command's MAVLink message and effect; raises CannotExecute where the autopilot's last state forbids it."""
         if not self.vehicle.is_alive(now_ms):
             raise CannotExecute("no_autopilot")
         if isinstance(command, Stream):
             return self.streams.plan(command, now_ms)
         if isinstance(command, Mavlink):
             return plan_raw(command, self.vehicle, self._limits)
+        if isinstance(command, Pause) and self._runs.has_mission():  # which no heartbeat may show yet
+            command = Hold()
         check(command, self.vehicle, now_ms)
         return self.vehicle.autopilot.plan(command, self.vehicle, now_ms)
 
@@ -196,12 +243,16 @@ class Executor:
         first = run.plan.first_mode
         if first is not None and self.vehicle.seen(FlightMode) != FlightMode(first):
             return self._preparer.prepare(run, first, now_ms)
+        if isinstance(run.command, StartMission | Resume):
+            reason = self.plans.preparing(run.id, run.command, run.deadline_ms)
+            if reason is not None:
+                return [self._runs.end(run, Word.DENIED, reason)] if reason else []
         if isinstance(run.command, Offboard) and self._pilot.needs_priming(run):
             run.phase = Phase.PRIMING
             self._pilot.begin(run, now_ms)
             if not self._pilot.is_primed(run):
                 return []
-        halts = isinstance(run.command, Hold)
+        halts = isinstance(run.command, Hold | Pause)
         sources = HALTING if halts else (Source.COMPANION,)
         free = next((one for one in sources if self._runs.is_free((run.plan.mav_cmd, one), now_ms)), None)
         if free is None and not halts:
@@ -223,8 +274,7 @@ class Executor:
         run.sends += 1
         run.last_send_ms, run.sent_number = now_ms, self.vehicle.number
         run.modes_before |= modes_shown(self.vehicle)
-        if isinstance(run.command, Takeoff):
-            self._takeoffs.said(now_ms)
+        self._takeoffs.said(run.command, now_ms)
         return [Transmit(run.plan.message, run.deadline_ms, run.id, run.source)]
 
     def _await_ack(self, run: Run, now_ms: int) -> list[Output]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from ..protocol.commands import Goto, Offboard, Takeoff
+from ..protocol.commands import Goto, Offboard, Resume, StartMission, Takeoff
 from ..protocol.states import FlightMode, FlightModeName
 from .mavlink.plans import is_disarmed
 from .mavlink.vehicle import Vehicle
 from .runs import Phase, Run, Runs
 
+_IN_THE_AIR = (Takeoff, Goto, Offboard, StartMission, Resume)
 MODE_GRACE_MS = 3000
 """How long a mode that may last while the change is under way, or is a passing one, may show."""
 SETTLED_MS = 200
@@ -18,7 +19,8 @@ def interrupted(run: Run, runs: Runs, vehicle: Vehicle, now_ms: int) -> str | No
     """Why a running command can no longer have its effect, None while it can."""
     if run.plan.modes is None or any(r.phase is Phase.SENT and r.is_of_group(run) for r in runs):
         return None
-    if isinstance(run.command, Takeoff | Goto | Offboard) and is_disarmed(vehicle, run.accepted_number):
+    may_land = isinstance(run.command, StartMission | Resume) and vehicle.mission.is_landing
+    if isinstance(run.command, _IN_THE_AIR) and not may_land and is_disarmed(vehicle, run.accepted_number):
         return "disarmed"
     if run.settled_number is None and now_ms >= run.accepted_ms + SETTLED_MS:
         run.settled_number = vehicle.number

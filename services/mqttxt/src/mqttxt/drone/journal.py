@@ -1,7 +1,7 @@
 """The UAV client's journal: which commands were open, and which last words nobody has acknowledged yet.
 
-One JSON object a line, synced before the command's first write to the autopilot. It keeps no command from
-being executed (its session does that); it lets a restarted client say what became of the open ones.
+One JSON object a line, which the front or the disk has before the command's first write to the autopilot. It keeps no
+command from being executed (its session does that); it lets a restarted client say what became of the open ones.
 
 What a failed write or sync left in the file is not known: part of a line may be there, and a later sync that
 succeeds says nothing of what an earlier one lost. So the next record then writes the file anew.
@@ -14,17 +14,21 @@ import fcntl
 import json
 import logging
 import os
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..core.disk import is_fault, sync_folder, write_all
 from ..errors import ConfigurationError, PayloadError
 from ..protocol.codec import encode
 from ..protocol.messages import CommandId, ResultMessage, Word
 from ..protocol.topics import FogSide
+from . import journal_front
 from .commands import Unfinished
-from .disk import is_fault
 from .effects import Journal
+from .journal_front import Front
 
 logger = logging.getLogger("mqttxt.journal")
 
@@ -32,49 +36,74 @@ MOST_DELIVERED = 500
 """Last words that are kept although they were delivered; far more than ten minutes of them."""
 MOST_OUTDATED = 1000
 """Lines that later ones have made useless, beyond which the file is written anew."""
-_GAP = b"one or more lines could not be read\n"
-"""Stands for lines that were left out, and cannot be read either: a later session knows no more of them."""
+ASKED_FOR_S = 25 * 3600
+"""Longer than anybody asks for an id: a minute until its deadline, a day's limit, ten minutes in ledgers."""
+GAP = "gap_s"
+"""The only field of the line that says so."""
+FRONT = "front"
+"""The only field of the line that names the front: what this journal lacks may be there."""
+GAP_NOTED_S = 60
+"""How much older a gap is when that is written down, with the next record."""
 _LAST_WORDS = {word.label: word for word in Word if word.is_last}
 
 
 class JournalFile:
-    """The journal at `path`. `is_new`: there was none that could be read as a whole, so that of an id of the sessions
-    before that and is not in it, nothing is known.
+    """The journal at `path`. `has_gap`: of an id that is not in it nothing is known, because it began without one of
+    the sessions before, or with one that could not be read as a whole.
 
-    A disk that is full or fails does not end the client: `record` raises OSError until there is room again. Raises
-    ConfigurationError for a path that no journal can have, and for the journal of another process: that one would go on
-    writing to a file that this one has replaced.
+    A gap ends when its clients have run for longer than an id is asked for: `clock_s` counts that, from record to
+    record. A disk that is full or fails does not end the client: `record` raises OSError until there is room again.
+    Raises ConfigurationError for a path that no journal can have, and for the journal of another process: that one
+    would go on writing to a file that this one has replaced.
+
+    `with_front`: a front may have records before the disk does. It is there where the disk has its name.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, clock_s: Callable[[], float] = time.monotonic, *, with_front: bool = False) -> None:
         self._path = path
+        self._clock_s = clock_s
+        self.front = Front.create() if with_front else None
+        self._left_front: str | None = None
+        """The front of an earlier client that did not end by itself."""
+        self._began_s = clock_s()
+        self._gap_s: float | None = 0.0
+        """For how long clients had run since the gap, when this one began; None without a gap."""
+        self._noted_s = 0.0
         self._open: dict[CommandId, Unfinished] = {}
         self._delivered: dict[CommandId, Unfinished] = {}
         self._file: int | None = None
         self._lock: int | None = None
         self._lines = 0
         self._is_failing = False
-        self._has_gap = False
-        self.is_new = True
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._lock = _lock(path)
             if path.exists():
-                self._has_gap = True  # until it was read
-                self.is_new = self._has_gap = not self._read()
+                self._gap_s = self._read()
             self._write_anew()
         except OSError as error:
+            self._drop_front()
             if not is_fault(error):
                 raise ConfigurationError(f"journal {path}: cannot be written: {error.strerror}") from error
             self._failed(error)
+        except ConfigurationError:
+            self._drop_front()
+            raise
+
+    @property
+    def has_gap(self) -> bool:
+        return self._gap_s is not None
 
     @property
     def unfinished(self) -> list[Unfinished]:
         """What the sessions before this one left, and what this one added: the ids not delivered, then the others."""
         return [*self._open.values(), *self._delivered.values()]
 
-    def record(self, effect: Journal) -> None:
-        """Write one record and wait until it is on the disk; raises OSError, and an opening then never was."""
+    def record(self, effect: Journal, is_begun: bool = False) -> None:
+        """Write one record and wait until it is on the disk; raises OSError, and an opening then never was.
+
+        An opening that `is_begun` is in the front, and stays for the disk to take with a later record.
+        """
         self._take(Unfinished(effect.id, effect.command, effect.word, effect.reason), effect.done)
         try:
             if self._file is None:
@@ -82,7 +111,7 @@ class JournalFile:
             else:
                 self._append(effect)
         except OSError as error:
-            if effect.is_opening:
+            if effect.is_opening and not is_begun:
                 del self._open[effect.id]
             self._failed(error)
             raise
@@ -93,6 +122,9 @@ class JournalFile:
             self._make_smaller()
 
     def close(self) -> None:
+        """End the journal. Where the disk has all that the front had, it names no front any more."""
+        if self.front is not None:
+            self._end_front()
         self._close_file()
         if self._lock is not None:
             os.close(self._lock)
@@ -103,11 +135,39 @@ class JournalFile:
             os.close(self._file)
             self._file = None
 
+    def _end_front(self) -> None:
+        front, self.front = self.front, None
+        assert front is not None
+        self._left_front = front.name
+        try:
+            self._write_anew()
+        except OSError as error:
+            self._failed(error)
+        front.close()
+
+    def _drop_front(self) -> None:
+        """Do without one: the disk does not have its name."""
+        if self.front is not None:
+            self.front.close()
+            journal_front.remove(self.front.name)
+            self.front = None
+
     def _append(self, effect: Journal) -> None:
         assert self._file is not None
-        _write(self._file, _line(effect))
+        lines = [line_of(effect), *self._gap_lines(GAP_NOTED_S)]
+        write_all(self._file, b"".join(lines))
         os.fsync(self._file)
-        self._lines += 1
+        self._lines += len(lines)
+
+    def _gap_lines(self, older_s: float) -> list[bytes]:
+        """How old the gap is by now, where there is one and it is `older_s` older than was noted."""
+        if self._gap_s is None:
+            return []
+        age_s = self._gap_s + self._clock_s() - self._began_s
+        if age_s < self._noted_s + older_s:
+            return []
+        self._noted_s = age_s
+        return [json.dumps({GAP: int(age_s)}).encode("ascii") + b"\n"]
 
     def _failed(self, error: OSError) -> None:
         """What the file has now is not known; say so once, until a record is written."""
@@ -128,22 +188,27 @@ class JournalFile:
     def _write_anew(self) -> None:
         """Replace the file by one with what may still be asked for; at any moment one of the two is whole."""
         fresh = self._path.with_name(f"{self._path.name}.new")
-        lines = [_GAP] if self._has_gap else []
-        lines += [_line(Journal(left.id, left.command, left.word, left.reason)) for left in self._open.values()]
+        lines = self._gap_lines(0)
+        if self.front is not None:
+            lines.append(json.dumps({FRONT: self.front.name}).encode("ascii") + b"\n")
+        lines += [line_of(Journal(left.id, left.command, left.word, left.reason)) for left in self._open.values()]
         lines += [
-            _line(Journal(left.id, left.command, left.word, left.reason, True)) for left in self._delivered.values()
+            line_of(Journal(left.id, left.command, left.word, left.reason, True)) for left in self._delivered.values()
         ]
         file = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC, 0o644)
         try:
-            _write(file, b"".join(lines))
+            write_all(file, b"".join(lines))
             os.fsync(file)
             self._close_file()  # from here on the path may lead to either
             fresh.replace(self._path)
-            _sync_folder(self._path.parent)
+            sync_folder(self._path.parent)
         except OSError:
             os.close(file)
             raise
         self._file, self._lines = file, len(lines)
+        if self._left_front is not None:
+            journal_front.remove(self._left_front)
+            self._left_front = None
 
     def _take(self, left: Unfinished, done: bool) -> None:
         """What a record changes. An id that is done stays known without its word too: it was started."""
@@ -156,25 +221,45 @@ class JournalFile:
         while len(self._delivered) > MOST_DELIVERED:
             del self._delivered[next(iter(self._delivered))]
 
-    def _read(self) -> bool:
-        """Whether nothing is missing. A line that cannot be read is left out and logged.
+    def _read(self) -> float | None:
+        """The age of the gap in seconds, None where nothing is missing."""
+        gap_s, is_readable = self._read_lines(self._path.read_text(encoding="ascii", errors="replace"))
+        if self._left_front is not None:
+            found = journal_front.read(self._left_front)
+            is_readable = is_readable and found is not None and self._read_lines(found)[1]
+        if not is_readable:
+            return 0.0
+        return gap_s if gap_s is None or gap_s < ASKED_FOR_S else None
+
+    def _read_lines(self, text: str) -> tuple[float | None, bool]:
+        """The age of a gap that it names, and whether all can be read. A line that cannot is left out.
 
         Nothing is missing where that is the last one and has no end: it was being written when the power went, and what
         it says was not begun.
         """
-        is_whole = True
-        lines = self._path.read_text(encoding="ascii", errors="replace").split("\n")
+        gap_s, is_readable = None, True
+        lines = text.split("\n")
         for number, line in enumerate(lines, start=1):
             if not line:
                 continue
             try:
-                left, done = _restored(json.loads(line))
+                record = json.loads(line)
+                if list(record) == [GAP]:
+                    gap_s = _age_s(record[GAP])
+                elif list(record) == [FRONT] and isinstance(record[FRONT], str):
+                    self._left_front = record[FRONT]
+                else:
+                    self._take(*_restored(record))
             except (ValueError, KeyError, TypeError, RecursionError, PayloadError):
                 logger.warning("journal %s: line %d cannot be read and is left out", self._path, number)
-                is_whole = is_whole and number == len(lines)
-                continue
-            self._take(left, done)
-        return is_whole
+                is_readable = is_readable and number == len(lines)
+        return gap_s, is_readable
+
+
+def _age_s(plain: Any) -> int:
+    if type(plain) is not int or plain < 0:
+        raise ValueError(f"{GAP} {plain!r}")
+    return plain
 
 
 def _lock(path: Path) -> int | None:
@@ -196,26 +281,8 @@ def _lock(path: Path) -> int | None:
     return file
 
 
-def _write(file: int, data: bytes) -> None:
-    """All of it; what a full disk took only a part of fails at the next part."""
-    rest = memoryview(data)
-    while rest:
-        rest = rest[os.write(file, rest) :]
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a renaming last over a power loss, where the file system can be asked to."""
-    file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(file)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
-            raise
-    finally:
-        os.close(file)
-
-
-def _line(effect: Journal) -> bytes:
+def line_of(effect: Journal) -> bytes:
+    """A record as the journal has it."""
     record = {
         "gs_session": effect.id.gs_session,
         "seq": effect.id.seq,

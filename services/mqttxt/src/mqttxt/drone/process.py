@@ -9,22 +9,32 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from ..core.audit_log import AuditLog
 from ..core.clock import SessionClock
 from ..core.mqtt.link import BrokerAddress, MqttLink
 from ..core.runner import Runner
 from ..core.settings import Settings
 from ..errors import ConfigurationError
+from ..protocol.messages import CommandId
 from ..protocol.policies import Policy
-from ..protocol.topics import FogSide
+from ..protocol.topics import REVOKED, FogSide
 from ..security.identity import Identity
+from ..security.revocation import RevocationList
 from ..security.seal import Seal
 from .commands import LINK
 from .effects import Journal, Transmit
 from .journal import JournalFile
+from .journal_keeper import JournalKeeper
 from .mavlink.autopilots import AUTOPILOTS, kind_of
-from .mavlink.link import AutopilotAddress, AutopilotLink
+from .mavlink.frame_parser import Malformed
+from .mavlink.link import AutopilotLink
 from .mavlink.plans import AUTOPILOT_COMPONENT
+from .mavlink.signing import Signing
+from .mavlink.stamps import KEEP_EVERY_S, Stamps
+from .mavlink.transports import AutopilotAddress
 from .options import UavOptions
+from .parameter_file import KEEP_EVERY_S as KEEP_PARAMETERS_S
+from .parameter_file import ParameterFile
 from .recognition import Recognition
 from .role import UavClient
 from .sensors.carrier import SENSORS
@@ -32,11 +42,15 @@ from .sensors.port import SensorOptions, SensorPort
 
 logger = logging.getLogger("mqttxt")
 
+LIST_PATIENCE_MS = 3000
+"""The activator publishes the revocation list sooner: otherwise all drones of a fog would at once."""
+
 
 class UavRunner(Runner):
     """Runs a UAV client: first the autopilot's heartbeat with the right system id, then the broker.
 
-    With a `seal` messages are signed, and `fog` is the one whose activator's leases the drone takes.
+    With a `seal` messages are signed, and `fog` is the one whose activator's leases the drone takes; with a `signing`
+    MAVLink is signed. `audit` is its log, `parameters` keeps what a station was given of the autopilot's.
     """
 
     def __init__(
@@ -55,22 +69,33 @@ class UavRunner(Runner):
         identity: Identity | None = None,
         seal: Seal | None = None,
         fog: int = 0,
+        signing: Signing | None = None,
+        audit: AuditLog | None = None,
+        parameters: ParameterFile | None = None,
     ) -> None:
         clock = SessionClock()
-        remembers = not journal.is_new
+        remembers = not journal.has_gap
         left = journal.unfinished
+        kept = parameters.kept if parameters is not None else None
         self.client = UavClient(
-            drone, clock.session, settings, topics, policies, left, remembers, options, seal=seal, fog=fog
+            *(drone, clock.session, settings, topics, policies, left, remembers, options, seal, fog, kept)
         )
-        super().__init__(self.client, clock, ready_file, identity)
-        self._journal = journal
-        self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed)
+        self._parameters = parameters
+        lists, told = {LINK: self.client.topics.revoked}, {SENSORS: REVOKED} if sensors is not None else None
+        super().__init__(self.client, clock, ready_file, identity, lists, LIST_PATIENCE_MS, audit, told)
+        if audit is not None and audit.required:
+            self.client.desk.is_audited = audit.takes
+        self._keeper = JournalKeeper(journal, self._on_opened, self._on_journal_error)
+        self._signing = signing
+        self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed, signing)
         self._heard: asyncio.Event = asyncio.Event()
         self._recognition = Recognition(drone)
         self._wrong_id: int | None = None
         self._unknown_kind: Any = None
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
-        self.links[LINK] = MqttLink(LINK, broker, client_id, self.client.will(), self, identity=identity)
+        self.links[LINK] = MqttLink(
+            LINK, broker, client_id, self.client.will, self, identity=identity, ends_when_taken_over=seal is None
+        )
         self._sensors: SensorPort | None = None
         if sensors is not None and self.client.carrier is not None:
             self._sensors = SensorPort(
@@ -78,34 +103,38 @@ class UavRunner(Runner):
             )
             self.links[SENSORS] = self._sensors.link
 
+    async def run(self) -> None:
+        try:
+            await super().run()
+        finally:
+            await self._keeper.close()
+
     def jobs(self) -> list[Any]:
         sensors = self._sensors.jobs() if self._sensors is not None else []
-        return [self._autopilot.run(), self._connect_when_heard(), self._tick(), *sensors]
+        stamps = [self._keep_stamps(self._signing.stamps)] if self._signing is not None else []
+        kept = [self._keep_parameters(self._parameters)] if self._parameters is not None else []
+        return [self._autopilot.run(), self._connect_when_heard(), self._tick(), *stamps, *kept, *sensors]
 
-    def read_again(self) -> None:
-        super().read_again()
+    def tell_own_broker(self, newest: RevocationList) -> None:
         if self._sensors is not None:
-            self._sensors.reload()
+            self._sensors.reload(newest)
 
     def special(self, output: Any) -> None:
         if isinstance(output, Journal):
-            self._record(output)
+            self._keeper.record(output)
         elif isinstance(output, Transmit):
             self._transmit(output)
         elif self._sensors is None or not self._sensors.take(output):
             super().special(output)
 
-    def _record(self, effect: Journal) -> None:
-        """Nothing is started that the journal does not have; a last word is true without it too."""
-        try:
-            self._journal.record(effect)
-        except OSError as error:
-            self.count("journal", str(error.strerror or error))
-            if effect.is_opening:
-                self.carry_out(self.client.on_not_journalled(effect.id, self.clock.now_ms()))
-        else:
-            if effect.is_opening:
-                self.carry_out(self.client.on_journalled(effect.id, self.clock.now_ms()))
+    def _on_opened(self, command_id: CommandId, is_journalled: bool) -> None:
+        """Nothing is started that the journal does not have."""
+        now_ms = self.clock.now_ms()
+        opened = self.client.on_journalled if is_journalled else self.client.on_not_journalled
+        self.carry_out(opened(command_id, now_ms))
+
+    def _on_journal_error(self, error: OSError) -> None:
+        self.count("journal", str(error.strerror or error))
 
     def _transmit(self, effect: Transmit) -> None:
         """The last look at the clock is here, immediately before the write."""
@@ -155,8 +184,29 @@ class UavRunner(Runner):
             self._unknown_kind = message
         self._heard.set()
 
-    def _on_malformed(self, reason: str) -> None:
-        self.count("mavlink_malformed", reason)
+    def _on_malformed(self, found: Malformed) -> None:
+        self.count(found.kind, found.reason)
+
+    async def _keep_stamps(self, stamps: Stamps) -> None:
+        """Keep the file of MAVLink's time stamps ahead of them; a disk that does not take it ends nothing."""
+        while True:
+            if stamps.is_due:
+                try:
+                    await asyncio.to_thread(stamps.keep)
+                except ConfigurationError as error:
+                    self.count("mavlink_time", str(error))
+            await asyncio.sleep(KEEP_EVERY_S)
+
+    async def _keep_parameters(self, file: ParameterFile) -> None:
+        """Keep the newest set that a station was given; a disk that does not take it ends nothing."""
+        while True:
+            given = self.client.parameters.newest_given
+            if given is not None and given is not file.kept:
+                try:
+                    await asyncio.to_thread(file.keep, given)
+                except ConfigurationError as error:
+                    self.count("parameters", str(error))
+            await asyncio.sleep(KEEP_PARAMETERS_S)
 
 
 def _is_autopilot(message: Any) -> bool:

@@ -7,28 +7,28 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..core.channel import Channel
-from ..core.clock import stamp
 from ..core.effects import Inbound, Log, Publish, Stop, Subscribe, Will
 from ..core.session_owners import SessionOwners
-from ..core.settings import Rebirth, Settings, next_turn_ms
+from ..core.settings import Rebirth, Settings
 from ..errors import PayloadError
-from ..protocol.bundles import drone_bundle
-from ..protocol.codec import decode, encode
-from ..protocol.messages import BeaconMessage, CommandId, DroneLease, Grant, Presence
-from ..protocol.policies import URGENT, Policy, Throttle
-from ..protocol.state_payload import StampedState, encode_state
-from ..protocol.states import State
-from ..protocol.topics import DroneTopic, FogSide, station_reachable
+from ..protocol.codec import decode
+from ..protocol.messages import BeaconMessage, CommandId, DroneLease, Presence
+from ..protocol.parameters import PARAMETERS, ParameterSet
+from ..protocol.plans import PLAN
+from ..protocol.policies import Policy
+from ..protocol.topics import CloudSide, DroneTopic, FogSide
 from ..security.cose import Envelope
-from ..security.seal import Seal, is_station
+from ..security.seal import Seal
+from .bulk import BulkPort, BulkStore
 from .commands import LINK, CommandDesk, Unfinished
+from .control import Control
 from .effects import Effect, Transmit
 from .endurance import EnduranceMeter
 from .enquiries import Enquiries
-from .grants import Grants
 from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
 from .options import UavOptions
+from .published_states import PublishedStates
 from .sensors.carrier import SENSORS, Carrier, is_carried
 
 MAV_HEARTBEAT_MS = 1000
@@ -52,6 +52,7 @@ class UavClient:
         options: UavOptions | None = None,
         seal: Seal | None = None,
         fog: int = 0,
+        kept_parameters: ParameterSet | None = None,
     ) -> None:
         options = options or UavOptions()
         self.drone = drone
@@ -61,8 +62,8 @@ class UavClient:
         self.vehicle = Vehicle(drone)
         self._channel = Channel(LINK, self.topics.root, settings, seal)
         self._activator = f"fog{fog}"
-        self._owners = SessionOwners()
-        self._grants = Grants()
+        self._signed_clock = CloudSide(fog).signed_drone_clock(drone) if seal is not None else None
+        owners, staged = SessionOwners(), BulkStore()
         self.desk = CommandDesk(
             drone,
             session,
@@ -70,23 +71,29 @@ class UavClient:
             self.topics,
             self.vehicle,
             unfinished or [],
-            self._owners,
+            owners,
             remembers,
             options.limits,
+            staged.staged,
+            kept_parameters,
         )
-        self.carrier = Carrier(drone, LINK, settings, self.topics) if options.carries_sensors else None
+        self.parameters = self.desk.executor.parameters
+        staged.sources[PLAN] = self.desk.executor.plans.fetch
+        staged.sources[PARAMETERS] = self.parameters.fetch
+        self._bulk = BulkPort(drone, self._channel, self.topics, owners, staged)
+        self.carrier = Carrier(drone, self._channel, self.topics) if options.carries_sensors else None
         self.connected = False
         self._streams = self.desk.executor.streams
-        self._throttle = Throttle(policies)
-        self._enquiries = Enquiries(self.vehicle)
+        self._states = PublishedStates(
+            drone, session, self._channel, self.topics, self._streams, policies, options.all_states
+        )
+        self._control = Control(drone, session, self._channel, self.desk, owners)
+        self._enquiries = Enquiries(self.vehicle, options.all_states)
         self._endurance = EnduranceMeter(self.vehicle, options.endurance_s)
         self._awaited_subacks = 0
         self._next_beacon_ms = 0
         self._next_mav_heartbeat_ms = 0
-        self._next_bundle_ms = 0
-        self._for_bundle: dict[str, State] = {}
         self._rebirth = Rebirth()
-        self._lease: DroneLease | None = None
         self._listener: int | None = None
         """The activator's session that was there, by its lease, since this connection began."""
 
@@ -109,7 +116,7 @@ class UavClient:
         self.connected = True
         self._awaited_subacks = 2
         commands = Subscribe(LINK, (self.topics.commands(self.drone),), live_only=True)
-        others = [self.topics.init_connect(self.drone), self.topics.reachable(self.drone)]
+        others = [f(self.drone) for f in (self.topics.init_connect, self.topics.reachable, self.topics.bulk)]
         if self._channel.seal is not None:
             others += [self.topics.stations(self.drone), self.topics.control(self.drone)]
         if self.carrier is not None:
@@ -132,7 +139,7 @@ class UavClient:
         if self._awaited_subacks != 0:
             return []
         self.desk.may_publish = True
-        self._throttle.forget_published()
+        self._states.throttle.forget_published()
         self._listener = None
         out: list[Effect] = [self._birth(), self._beacon(now_ms)]
         out += self.desk.close_restored(now_ms) + self.desk.republish()
@@ -173,21 +180,31 @@ class UavClient:
         out: list[Effect] = []
         try:
             for state in self.vehicle.update(message, now_ms):
-                self._throttle.update(state)
+                self._states.throttle.update(state)
         except PayloadError as error:
             out.append(Log("autopilot_value", str(error)))
+        texts = self._states.texts
+        if texts is not None and message.get_type() == "STATUSTEXT" and self.vehicle.is_own(message):
+            texts.on_message(message, now_ms)
         endurance = self._endurance.on_message(message, now_ms)
         if endurance is not None:
-            self._throttle.update(endurance)
+            self._states.throttle.update(endurance)
         out += self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
-        streamed = self._without_bundled(self._streams.on_message(message, now_ms))
-        return out + [effect for state in streamed for effect in self._publish_state(state, now_ms)]
+        streamed = self._states.on_message(message, now_ms)
+        return out + streamed if self.born else out
 
     def on_transmitted(self, ref: Any, now_ms: int) -> list[Effect]:
         return self.desk.carry_out(self.desk.executor.on_transmitted(ref, now_ms), now_ms)
 
     def on_refused(self, ref: Any, late: bool, now_ms: int) -> list[Effect]:
         return self.desk.carry_out(self.desk.executor.on_refused(ref, late, now_ms), now_ms)
+
+    def on_identity(self, now_ms: int) -> list[Effect]:
+        """The identity has another key, or its fleet a newer revocation list: birth and beacon say so."""
+        if self._channel.seal is None:
+            return []
+        self._channel.seal.on_identity()
+        return [self._birth(), self._beacon(now_ms)] if self.born else []
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Everything that is due by time; to be called at least ten times a second."""
@@ -207,7 +224,7 @@ class UavClient:
             out.append(self._birth())
         if self.carrier is not None:
             out += self.carrier.tick(now_ms)
-        return out + self._publish_states(now_ms)
+        return out + self._bulk.tick(now_ms) + self._states.due(now_ms)
 
     def is_controlled(self, now_ms: int) -> bool:
         """Whether a ground station controls this drone: the lease that the activator handed down has not ended."""
@@ -231,22 +248,42 @@ class UavClient:
                 return []
             if not lease.bound:
                 return [Stop(f"refused: another live UAV client is drone {self.drone} already")]
-            if self.carrier is not None and (
-                self._lease is None or self._lease.activator_session != lease.activator_session
-            ):
-                self.carrier.on_new_activator(now_ms)
-            self._take_lease(lease)
+            self._on_lease(lease, now_ms)
             return [self._beacon(now_ms, lease.nonce)]
         if topic.kind == "sensor_ack" and self.carrier is not None:
-            return self.carrier.on_ack(self._channel.opened(message, self._activator), now_ms)
+            return self.carrier.on_ack(self._acknowledged(message), now_ms)
+        if topic.kind == "bulk":
+            holder = self.desk.executor.holder_session if self.is_controlled(now_ms) else None
+            return self._bulk.on_message(message, holder, now_ms)
         if topic.kind == "stations" and self._channel.seal is not None:
-            return self._on_station(self._channel.seal, message)
+            return self._control.on_station(self._channel.seal, message)
         if topic.kind == "control" and self._channel.seal is not None:
-            return self._on_grant(self._channel.seal, message)
+            return self._control.on_grant(self._channel.seal, message)
         raise PayloadError(f"topic {message.topic!r}: not a UAV client's", "topic")
 
+    def _on_lease(self, lease: DroneLease, now_ms: int) -> None:
+        before = self._control.lease
+        if not self._control.take(lease):
+            return
+        if self.carrier is not None and (before is None or before.activator_session != lease.activator_session):
+            self.carrier.on_new_activator(now_ms)
+        if lease.activator_session != self._listener or lease.anew:
+            self._states.throttle.repeat_published()  # it has not heard the ones before, and some change rarely
+            self._listener = lease.activator_session
+
+    def _acknowledged(self, message: Inbound) -> bytes:
+        """Which readings are safe: in the words of a station that has heard them, where messages are signed."""
+        seal = self._channel.seal
+        if seal is None:
+            return message.payload
+        topic = self._channel.signed_topic(message.topic)
+        signed = seal.open_of_station(topic, Envelope.parse(message.payload))
+        if not signed.certificate.rights.may_hear:
+            raise PayloadError(f"{signed.signer}: expected the right to hear readings", "not_allowed")
+        return signed.payload
+
     def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Effect]:
-        """The birth is said again where the topic shows anything else; who signs knows its own by the bytes."""
+        """The birth is published again where the topic shows anything else; who signs knows its own by the bytes."""
         if self._channel.seal is not None:
             is_own = message.payload == self._birth().payload
         else:
@@ -256,97 +293,8 @@ class UavClient:
             self._rebirth.arm(now_ms)
         return []
 
-    def _on_station(self, seal: Seal, message: Inbound) -> list[Effect]:
-        """A ground station's birth as it was signed: from now on the drone knows its certificate and its session."""
-        signed = seal.verified(
-            Envelope.parse(message.payload), lambda station: station_reachable(station.node.label), is_station
-        )
-        presence = decode(Presence, signed.payload)
-        if not self._owners.claim(presence.session, signed.signer):
-            return [Log("foreign_session", f"{signed.signer}: session {presence.session:08x} is another station's")]
-        return []
-
-    def _on_grant(self, seal: Seal, message: Inbound) -> list[Effect]:
-        """A station's own word on its control, which no activator can make last longer."""
-        signed = seal.open_of_station(self._channel.signed_topic(message.topic), Envelope.parse(message.payload))
-        grant = decode(Grant, signed.payload)
-        is_own = self._owners.is_of(grant.gs_session, signed.signer)
-        if not is_own or not signed.certificate.rights.may_command(self.drone):
-            raise PayloadError(f"grant of {signed.signer}: expected its own session and the right", "foreign_session")
-        if grant.drone_session == self.session:
-            self._grants.take(grant)
-            self._apply_lease()
-        return []
-
-    def _take_lease(self, lease: DroneLease) -> None:
-        """The newest word on who controls this drone; a lower epoch of the same activator is an old one."""
-        known = self._lease
-        if known is not None and known.activator_session == lease.activator_session and lease.epoch < known.epoch:
-            return
-        if lease.activator_session != self._listener:
-            self._throttle.repeat_published()  # what was published before it listened is lost, and some change rarely
-            self._listener = lease.activator_session
-        self._lease = lease
-        self._apply_lease()
-
-    def _apply_lease(self) -> None:
-        """Where messages are signed control lasts no longer than its station has granted."""
-        lease = self._lease
-        if lease is None:
-            return
-        until_ms, offboard_ms = lease.deadline_ms, lease.offboard_until_ms
-        if self._channel.seal is not None:
-            until_ms, offboard_ms = self._grants.bound(lease.holder_session, until_ms, offboard_ms)
-        self.desk.epoch = lease.epoch
-        self.desk.executor.lease_until_ms = until_ms
-        self.desk.executor.offboard_until_ms = offboard_ms
-        self.desk.executor.holder_session = lease.holder_session
-
-    def _without_bundled(self, streamed: list[State]) -> list[State]:
-        """Keep for the next bundle what is streamed no faster than bundles leave; the rest leaves alone."""
-        if not self.settings.bundles:
-            return streamed
-        waiting = [state for state in streamed if self._streams.waits(state.name, self.settings.bundle_ms)]
-        self._for_bundle |= {state.name: state for state in waiting}
-        return [state for state in streamed if state not in waiting]
-
-    def _publish_states(self, now_ms: int) -> list[Effect]:
-        """What is due by policy or by a rate of its own, bundled if so set."""
-        self._throttle.apart = self._streams.names
-        current = (self._throttle.current(name) for name in self._streams.due(now_ms))
-        alone = self._without_bundled([state for state in current if state is not None])
-        out = [effect for state in alone for effect in self._publish_state(state, now_ms)]
-        if self.settings.bundles:
-            return out + self._publish_bundle(now_ms)
-        return out + [effect for state in self._throttle.due(now_ms) for effect in self._publish_state(state, now_ms)]
-
-    def _publish_bundle(self, now_ms: int) -> list[Effect]:
-        """Once in a bundle's time, or when something urgent is due: everything that is due, in one message."""
-        if now_ms < self._next_bundle_ms and not self._throttle.is_due(URGENT, now_ms):
-            return []
-        self._next_bundle_ms = next_turn_ms(self._next_bundle_ms, now_ms, self.settings.bundle_ms)
-        due = {state.name: state for state in self._throttle.due(now_ms)}
-        due |= {name: self._throttle.current(name) or state for name, state in self._for_bundle.items()}
-        self._for_bundle.clear()
-        told = [(state, self._publish_state(state, now_ms)) for state in due.values()]
-        refused: list[Effect] = [effect for _, effects in told for effect in effects if isinstance(effect, Log)]
-        together = [state for state, effects in told if not any(isinstance(effect, Log) for effect in effects)]
-        if not together:
-            return refused
-        payload = encode(drone_bundle(together, stamp(now_ms)), self.settings.encoding)
-        return [Publish(LINK, self.topics.states(self.drone), payload, qos=0), *refused]
-
-    def _publish_state(self, state: State, now_ms: int) -> list[Effect]:
-        if not self.born:
-            return []
-        try:
-            payload = encode_state(StampedState(state, stamp(now_ms)), self.settings.encoding)
-        except PayloadError as error:
-            return [Log("autopilot_value", f"{state.name}: {error}")]
-        return [Publish(LINK, self.topics.state(self.drone, state.name), payload, qos=0)]
-
     def _presence(self, up: bool) -> bytes:
-        message = Presence(session=self.session, up=up)
+        message = Presence(session=self.session, up=up, revoked=self._channel.list_number if up else None)
         return self._channel.payload(self.topics.reachable(self.drone), message, with_certificate=up)
 
     def _publish_presence(self, up: bool) -> Publish:
@@ -358,8 +306,10 @@ class UavClient:
     def _beacon(self, now_ms: int, nonce: int | None = None) -> Publish:
         self._next_beacon_ms = now_ms + self.settings.beacon_interval_ms
         held_ms = 0 if nonce is not None else None
-        message = BeaconMessage(session=self.session, now_ms=now_ms, nonce=nonce, held_ms=held_ms)
-        return self._channel.publish(self.topics.clock(self.drone), message, qos=0)
+        message = BeaconMessage(
+            session=self.session, now_ms=now_ms, nonce=nonce, held_ms=held_ms, revoked=self._channel.list_number
+        )
+        return self._channel.publish(self.topics.clock(self.drone), message, qos=0, signed_as=self._signed_clock)
 
 
 def _heartbeat(kind: int) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from ..protocol.commands import Command
+from ..protocol.commands import Command, Resume, StartMission
 from ..protocol.messages import CommandId, Word
 from ..protocol.states import FlightMode, FlightModeName
 from .effects import Effect
@@ -87,7 +87,7 @@ class Run:
     `refusals` counts the copies that were refused, `restarts` the autopilot's starts when it accepted.
     `modes_before`: the modes that the autopilot may have been in when it accepted; `settled_number`: the newest message
     once it has left them, None until then. `is_outdated`: a newer command of its group was started, or somebody changed
-    the mode, and this one is not sent again.
+    the mode, and this one is not sent again. `has_set_item`: the mission's current item was set for it.
     """
 
     id: CommandId
@@ -117,6 +117,7 @@ class Run:
     passing_since_ms: int | None = None
     late_ms: int | None = None
     is_outdated: bool = False
+    has_set_item: bool = False
     source: Source = Source.COMPANION
 
     @property
@@ -127,6 +128,11 @@ class Run:
     def is_of_group(self, other: Run) -> bool:
         """Whether one of the two can take the other's place."""
         return self.plan.group is not None and self.plan.group == other.plan.group
+
+    @property
+    def may_have_changed(self) -> bool:
+        """Whether something else was changed for it, so that a definite no would be false."""
+        return self.has_set_item or (self.preparation is not None and self.preparation.may_have_changed)
 
     @property
     def is_under_way(self) -> bool:
@@ -151,6 +157,10 @@ class Runs:
     def find(self, command_id: CommandId) -> Run | None:
         return next((run for run in self._runs if run.id == command_id), None)
 
+    def has_mission(self) -> bool:
+        """Whether a mission's start is open: it may be flown before a heartbeat shows it."""
+        return any(isinstance(run.command, StartMission | Resume) for run in self._runs)
+
     def end(
         self,
         run: Run,
@@ -159,15 +169,20 @@ class Runs:
         by: CommandId | None = None,
         observed: bool | None = None,
     ) -> Said:
-        """Say a run's last word. A definite no would be false where a mode may have been changed for it."""
+        """Say a run's last word."""
         self._runs.remove(run)
-        if word.is_definite_no and run.preparation is not None and run.preparation.may_have_changed:
+        if word.is_definite_no and run.may_have_changed:
             word, reason = Word.FAILED, reason or word.label
         return Said(run.id, word, reason, late_ms=run.late_ms, by=by, observed=observed)
 
     def awaiting(self, *keys: AckKey) -> Run | None:
         """The run that waits for an acknowledgement of one of these: the oldest, as they come in the writes' order."""
-        return next((run for run in self._runs if run.phase is Phase.SENT and run.ack_key in keys), None)
+        waiting = (run for run in self._runs if run.phase is Phase.SENT and run.ack_key in keys)
+        return next((run for run in waiting if run.sends > run.acks), None)
+
+    def sharing(self, key: AckKey) -> list[Run]:
+        """The runs that are sent under a key and not accepted: several only where what halts had to share one."""
+        return [run for run in self._runs if run.phase is Phase.SENT and run.ack_key == key]
 
     def is_free(self, key: AckKey, now_ms: int) -> bool:
         """Whether nobody waits for this key; a run that stops sends the autopilot into hold until it is there."""

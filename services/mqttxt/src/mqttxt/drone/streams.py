@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from ..protocol.commands import Stream
 from ..protocol.mavlink_states import kind_of, kinds, state_of
-from ..protocol.states import STATES, State
+from ..protocol.states import STATES, AutopilotText, State
 from ..protocol.topics import MAVLINK_STATE
 from .mavlink.plans import CannotExecute, Plan, command_long
 from .mavlink.vehicle import SOURCES, Vehicle
@@ -148,11 +148,14 @@ class Streams:
 
 
 def source_of(name: str) -> str | None:
-    """The MAVLink message that has a state, None where none is streamed; raises CannotExecute for no such state."""
+    """The MAVLink message that has a state, None where none is streamed.
+
+    Raises CannotExecute for no such state, and for `text`, which has no rate.
+    """
     kind = kind_of(name)
     if kind is not None:
         return str(kind.msgname)
-    if name not in STATES:
+    if name not in STATES or name == AutopilotText.name:
         raise CannotExecute("unknown_message" if name.startswith(MAVLINK_STATE) else "unknown_state")
     return SOURCES.get(name)
 

@@ -11,17 +11,19 @@ import types
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, replace
 from io import BytesIO
-from typing import Any, NoReturn, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import cbor2
 
 from ..errors import PayloadError
-from .fields import Items, Variant
+from .fields import Integer, Items, Variant
 from .values import Converters, Encoding, Plain, converters, item_of, mark_of, refuse
 
 MAX_PAYLOAD = 61_440
 """Bytes; a longer payload is refused unread. The rankings of 250 drones in JSON are shorter."""
 _MAX_DEPTH = 8
+_JSON = b"{"
+"""The first byte of a JSON object; no message in CBOR begins so."""
 
 
 def _refuse_reference(*_: Any) -> NoReturn:
@@ -36,11 +38,15 @@ Message = TypeVar("Message")
 
 @dataclass(frozen=True)
 class FieldLayout:
-    """One field of a message: its name, whether it may be missing, and its way in and out of both forms."""
+    """One field of a message: its name, whether it may be missing, and its way in and out of both forms.
+
+    Whole numbers in `as_is` are the same in both.
+    """
 
     name: str
     optional: bool
     mark: Any
+    as_is: range
     to_plain: Callable[[Any, Encoding], Plain]
     from_plain: Callable[[Plain, Encoding, str], Any]
 
@@ -55,9 +61,6 @@ class Layout:
     required: int
 
 
-_LAYOUTS: dict[type[Any], Layout] = {}
-
-
 def encode(message: object, encoding: Encoding = Encoding.CBOR) -> bytes:
     """The bytes of a message; raises PayloadError when a field cannot be carried."""
     if encoding is Encoding.JSON:
@@ -67,29 +70,43 @@ def encode(message: object, encoding: Encoding = Encoding.CBOR) -> bytes:
 
 def decode(cls: type[Message], payload: bytes) -> Message:
     """The message of type `cls` in `payload`; raises PayloadError."""
-    plain, encoding = _parse(payload)
-    if encoding is Encoding.JSON:
-        return cast(Message, _from_object(cls, plain, ""))
-    return cast(Message, _from_array(cls, plain, ""))
+    return cls(**decode_values(cls, payload))
 
 
 def decode_values(cls: type[Any], payload: bytes) -> dict[str, Any]:
     """The checked values of a message's fields, by name, where the message itself is not needed."""
-    plain, encoding = _parse(payload)
-    read = _values_of_object if encoding is Encoding.JSON else _values_of_array
-    return read(cls, plain, "")
+    if not payload:
+        raise PayloadError("payload: expected CBOR or JSON, got nothing", "empty")
+    if len(payload) > MAX_PAYLOAD:
+        raise PayloadError(f"payload: expected at most {MAX_PAYLOAD} bytes, got {len(payload)}", "too_long")
+    if payload[:1] != _JSON:
+        return _values_of_array(cls, _parse_cbor(payload), "")
+    try:
+        plain = json.loads(payload.decode("utf-8"), parse_constant=_reject_constant, object_pairs_hook=_unique)
+    except (ValueError, RecursionError) as error:
+        raise PayloadError(f"payload: not JSON: {error}") from error
+    return _values_of_object(cls, plain, "")
 
 
 def encoding_of(payload: bytes) -> Encoding:
     """Which form a payload has, by its first byte."""
-    return Encoding.JSON if payload[:1] == b"{" else Encoding.CBOR
+    return Encoding.JSON if payload[:1] == _JSON else Encoding.CBOR
 
 
 def layout_of(cls: type[Any]) -> Layout:
-    """How `cls` is written; made once a class from its annotations."""
-    if cls not in _LAYOUTS:
-        _LAYOUTS[cls] = _make_layout(cls)
+    """How `cls` is written, by its annotations."""
     return _LAYOUTS[cls]
+
+
+class _Layouts(dict[type[Any], Layout]):
+    """The layout of each class, made when it is first looked for."""
+
+    def __missing__(self, cls: type[Any]) -> Layout:
+        self[cls] = _make_layout(cls)
+        return self[cls]
+
+
+_LAYOUTS = _Layouts()
 
 
 def _make_layout(cls: type[Any]) -> Layout:
@@ -108,7 +125,8 @@ def _make_layout(cls: type[Any]) -> Layout:
         own = mark_of(inner)
         if isinstance(own, Items):
             own = replace(own, of=mark_of(item_of(inner)))
-        laid_out.append(FieldLayout(field.name, optional, own, to_plain, from_plain))
+        as_is = range(own.low, own.high + 1) if isinstance(own, Integer) else range(0)
+        laid_out.append(FieldLayout(field.name, optional, own, as_is, to_plain, from_plain))
     required = max((i + 1 for i, field in enumerate(laid_out) if not field.optional), default=0)
     return Layout(cls, tuple(laid_out), variant, required)
 
@@ -122,20 +140,6 @@ def _unique(pairs: list[tuple[str, Plain]]) -> dict[str, Plain]:
     if len(found) != len(pairs):
         raise PayloadError("payload: expected each field once")
     return found
-
-
-def _parse(payload: bytes) -> tuple[Plain, Encoding]:
-    if not payload:
-        raise PayloadError("payload: expected CBOR or JSON, got nothing", "empty")
-    if len(payload) > MAX_PAYLOAD:
-        raise PayloadError(f"payload: expected at most {MAX_PAYLOAD} bytes, got {len(payload)}", "too_long")
-    if encoding_of(payload) is Encoding.CBOR:
-        return _parse_cbor(payload), Encoding.CBOR
-    try:
-        text = payload.decode("utf-8")
-        return json.loads(text, parse_constant=_reject_constant, object_pairs_hook=_unique), Encoding.JSON
-    except (ValueError, RecursionError) as error:
-        raise PayloadError(f"payload: not JSON: {error}") from error
 
 
 def parse_cbor(data: bytes) -> Plain:
@@ -163,66 +167,57 @@ def _parse_cbor(payload: bytes) -> Plain:
 
 
 def _to_array(message: object) -> list[Plain]:
-    layout = layout_of(type(message))
-    row = [_out(field, message, Encoding.CBOR) for field in layout.fields]
+    layout = _LAYOUTS[type(message)]
+    row = _written(layout, message, Encoding.CBOR)
     if layout.variant is None:
         while len(row) > layout.required and row[-1] is None:
             row.pop()
         return row
     name, variant = layout.variant
     body = getattr(message, name)
-    code, _ = _tag(variant, body)
-    return [*row, code, *_to_array(body)]
+    return [*row, variant.tag(body)[0], *_to_array(body)]
 
 
 def _to_object(message: object) -> dict[str, Plain]:
-    layout = layout_of(type(message))
-    written = [(field, _out(field, message, Encoding.JSON)) for field in layout.fields]
+    layout = _LAYOUTS[type(message)]
+    written = zip(layout.fields, _written(layout, message, Encoding.JSON), strict=True)
     found = {field.name: value for field, value in written if value is not None or not field.optional}
     if layout.variant is not None:
         name, variant = layout.variant
         body = getattr(message, name)
-        found[name] = _tag(variant, body)[1]
+        found[name] = variant.tag(body)[1]
         found.update(_to_object(body))
     return found
 
 
-def _out(field: FieldLayout, message: object, encoding: Encoding) -> Plain:
-    value = getattr(message, field.name)
-    if value is None and field.optional:
-        return None
-    try:
-        return field.to_plain(value, encoding)
-    except PayloadError as error:
-        raise PayloadError(str(error).replace("field", field.name, 1), error.kind) from None
-
-
-def _tag(variant: Variant, body: object) -> tuple[int, str]:
-    tag = variant.tags.get(type(body))
-    if tag is None:
-        raise PayloadError(f"{variant.name}: {type(body).__name__} cannot be carried")
-    return tag
-
-
-def _from_array(cls: type[Any], plain: Plain, path: str) -> object:
-    return cls(**_values_of_array(cls, plain, path))
-
-
-def _from_object(cls: type[Any], plain: Plain, path: str) -> object:
-    return cls(**_values_of_object(cls, plain, path))
+def _written(layout: Layout, message: object, encoding: Encoding) -> list[Plain]:
+    """The values of a message's fields in one of the forms; raises PayloadError naming the field."""
+    row: list[Plain] = []
+    for field in layout.fields:
+        value = getattr(message, field.name)
+        try:
+            if not ((type(value) is int and value in field.as_is) or (value is None and field.optional)):
+                value = field.to_plain(value, encoding)
+        except PayloadError as error:
+            raise PayloadError(str(error).replace("field", field.name, 1), error.kind) from None
+        row.append(value)
+    return row
 
 
 def _values_of_array(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
     if not isinstance(plain, list):
         refuse(path, "an array", plain)
-    layout = layout_of(cls)
+    layout = _LAYOUTS[cls]
     values: dict[str, Any] = {}
     for index, field in enumerate(layout.fields):
         if index >= len(plain):
             if index < layout.required:
                 refuse(f"{path}{field.name}", "a value", "nothing")
             break
-        values[field.name] = _in(field, plain[index], Encoding.CBOR, path)
+        value = plain[index]
+        if not ((type(value) is int and value in field.as_is) or (value is None and field.optional)):
+            value = field.from_plain(value, Encoding.CBOR, path + field.name)
+        values[field.name] = value
     count = len(layout.fields)
     if layout.variant is not None:
         name, variant = layout.variant
@@ -231,7 +226,7 @@ def _values_of_array(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
         body = variant.by_code.get(plain[count]) if type(plain[count]) is int else None
         if body is None:
             refuse(f"{path}{name}", f"a known {variant.name}", plain[count])
-        values[name] = _from_array(body, plain[count + 1 :], path)
+        values[name] = body(**_values_of_array(body, plain[count + 1 :], path))
     elif len(plain) > count:
         refuse(path, f"at most {count} fields", len(plain))
     return values
@@ -240,12 +235,15 @@ def _values_of_array(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
 def _values_of_object(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]:
     if not isinstance(plain, dict):
         refuse(path, "an object", plain)
-    layout = layout_of(cls)
+    layout = _LAYOUTS[cls]
     left = dict(plain)
     values: dict[str, Any] = {}
     for field in layout.fields:
         if field.name in left:
-            values[field.name] = _in(field, left.pop(field.name), Encoding.JSON, path)
+            value = left.pop(field.name)
+            if value is not None or not field.optional:
+                value = field.from_plain(value, Encoding.JSON, path + field.name)
+            values[field.name] = value
         elif not field.optional:
             refuse(f"{path}{field.name}", "a value", "nothing")
     if layout.variant is not None:
@@ -254,16 +252,10 @@ def _values_of_object(cls: type[Any], plain: Plain, path: str) -> dict[str, Any]
         body = next((c for _, known, c in variant.codes if known == label), None)
         if body is None:
             refuse(f"{path}{name}", f"a known {variant.name}", label)
-        values[name] = _from_object(body, left, path)
+        values[name] = body(**_values_of_object(body, left, path))
     elif left:
         refuse(path, f"fields of {cls.__name__}", sorted(left))
     return values
-
-
-def _in(field: FieldLayout, plain: Plain, encoding: Encoding, path: str) -> Any:
-    if plain is None and field.optional:
-        return None
-    return field.from_plain(plain, encoding, f"{path}{field.name}" if path else field.name)
 
 
 def _strip_optional(hint: Any) -> tuple[Any, bool]:
@@ -280,8 +272,7 @@ def _nested(cls: type[Any]) -> Converters:
 
     def from_plain(plain: Plain, encoding: Encoding, path: str) -> Any:
         prefix = path if path.endswith(".") else f"{path}."
-        if encoding is Encoding.JSON:
-            return _from_object(cls, plain, prefix)
-        return _from_array(cls, plain, prefix)
+        read = _values_of_object if encoding is Encoding.JSON else _values_of_array
+        return cls(**read(cls, plain, prefix))
 
     return to_plain, from_plain

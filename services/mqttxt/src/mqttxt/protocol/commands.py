@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from ..errors import PayloadError
-from .fields import U16, Integer, Items, Latitude, Longitude, Real, Scaled, Text, Variant
+from .fields import U16, Finite, Hash, Integer, Items, Latitude, Longitude, Name, Real, Scaled, Text, Variant
 
 Height = Annotated[float, Scaled(1000, -500, 10_000)]
 """Metres above home."""
@@ -141,7 +141,7 @@ class Stream:
         return 10.0 + (2 / self.rate_hz if self.rate_hz else 0.0)
 
 
-Parameter = Annotated[float | None, Real(3.4028234663852886e38)]
+CommandParameter = Annotated[float | None, Real(3.4028234663852886e38)]
 """A parameter of a MAV_CMD; None, or NaN, is MAVLink's "not set"."""
 
 
@@ -154,7 +154,7 @@ class Mavlink:
     """
 
     mav_cmd: U16
-    params: Annotated[tuple[Parameter, ...], Items(7, least=7)]
+    params: Annotated[tuple[CommandParameter, ...], Items(7, least=7)]
     component: Annotated[int, Integer(1, 255)] | None = None
     name: ClassVar[str] = "mavlink"
     limit_s: ClassVar[float] = 60.0
@@ -167,14 +167,113 @@ class Mavlink:
         object.__setattr__(self, "params", params)
 
 
-Command = Arm | Disarm | Takeoff | Land | Goto | Hold | Return | Offboard | Stream | Mavlink
+ItemNumber = Annotated[int, Integer(1, 2**16 - 1)]
+"""An item of a mission by its place in the plan, counted from 1 as QGroundControl does."""
+
+
+@dataclass(frozen=True)
+class UploadPlan:
+    """Replace the drone's plan by the staged object `plan`. Completed when what was read back is that plan.
+
+    The lists that the object does not have stay (section 16).
+    """
+
+    plan: Hash
+    name: ClassVar[str] = "upload_plan"
+    limit_s: ClassVar[float] = 300.0
+
+
+@dataclass(frozen=True)
+class ClearPlan:
+    """Remove the drone's mission, geofence and rally points. Completed when they were read back as empty."""
+
+    name: ClassVar[str] = "clear_plan"
+    limit_s: ClassVar[float] = 60.0
+
+
+@dataclass(frozen=True)
+class StartMission:
+    """Fly the mission `mission` from an item on. Completed when its last item is behind the drone.
+
+    Behind an item that lands, or returns, the drone has landed by then and is disarmed; else it holds.
+    """
+
+    mission: Hash
+    item: ItemNumber = 1
+    name: ClassVar[str] = "start_mission"
+    limit_s: ClassVar[float] = 14_400.0
+
+
+@dataclass(frozen=True)
+class Pause:
+    """Stop the mission that is flown, and stay. Completed as `hold` is."""
+
+    name: ClassVar[str] = "pause"
+    limit_s: ClassVar[float] = 30.0
+
+
+@dataclass(frozen=True)
+class Resume:
+    """Fly the mission `mission` on from its current item. Completed as `start_mission` is."""
+
+    mission: Hash
+    name: ClassVar[str] = "resume"
+    limit_s: ClassVar[float] = 14_400.0
+
+
+@dataclass(frozen=True)
+class SetCurrentItem:
+    """Make an item of the mission `mission` the current one. Completed when the autopilot says that it is."""
+
+    mission: Hash
+    item: ItemNumber
+    name: ClassVar[str] = "set_current_item"
+    limit_s: ClassVar[float] = 10.0
+
+
+@dataclass(frozen=True)
+class SetParameter:
+    """Set the parameter `parameter` of the autopilot to `value`. Completed when it was read back as that."""
+
+    parameter: Annotated[str, Name(16)]
+    value: Annotated[float, Finite()]
+    name: ClassVar[str] = "set_parameter"
+    limit_s: ClassVar[float] = 30.0
+
+
+PlanCommand = UploadPlan | ClearPlan
+"""What changes a drone's plan, for which a station needs a right of its own."""
+
+Command = (
+    Arm
+    | Disarm
+    | Takeoff
+    | Land
+    | Goto
+    | Hold
+    | Return
+    | Offboard
+    | Stream
+    | Mavlink
+    | UploadPlan
+    | ClearPlan
+    | StartMission
+    | Pause
+    | Resume
+    | SetCurrentItem
+    | SetParameter
+)
 
 COMMANDS: dict[str, type[Command]] = {
-    c.name: c for c in (Arm, Disarm, Takeoff, Land, Goto, Hold, Return, Offboard, Stream, Mavlink)
+    c.name: c
+    for c in (
+        *(Arm, Disarm, Takeoff, Land, Goto, Hold, Return, Offboard, Stream, Mavlink),
+        *(UploadPlan, ClearPlan, StartMission, Pause, Resume, SetCurrentItem, SetParameter),
+    )
 }
 """Every command by its name, in the order of their codes."""
 
-BROADCASTABLE = (Arm, Disarm, Takeoff, Land, Hold, Return, Stream)
+BROADCASTABLE = (Arm, Disarm, Takeoff, Land, Hold, Return, Stream, Pause)
 """What `fogX/commands` takes: the same for every drone of a fog."""
 
 COMMAND = Variant("command", tuple((code, cls.name, cls) for code, cls in enumerate(COMMANDS.values(), start=1)))

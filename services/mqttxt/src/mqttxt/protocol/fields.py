@@ -12,6 +12,7 @@ from enum import IntEnum
 from functools import cached_property
 from typing import Annotated, Any
 
+from ..errors import PayloadError
 from .topics import NAME
 
 
@@ -67,6 +68,14 @@ class Name(Text):
 
 
 @dataclass(frozen=True)
+class Binary:
+    """`least` to `most` bytes: a byte string in CBOR, hexadecimal digits in lower case in JSON."""
+
+    least: int
+    most: int
+
+
+@dataclass(frozen=True)
 class Items:
     """A list of `least` to `most` items; `of` is their mark, which `codec` takes from the annotation."""
 
@@ -94,6 +103,13 @@ class Variant:
         """The code and the name of each class."""
         return {cls: (code, label) for code, label, cls in self.codes}
 
+    def tag(self, body: object) -> tuple[int, str]:
+        """The code and the name of a body; raises PayloadError for one that is none of these classes."""
+        tag = self.tags.get(type(body))
+        if tag is None:
+            raise PayloadError(f"{self.name}: {type(body).__name__} cannot be carried")
+        return tag
+
 
 VERSION = 1
 
@@ -107,6 +123,9 @@ DroneNumber = Annotated[int, Integer(1, 250)]
 Stamp = U16
 StationName = Annotated[str, Name()]
 Reason = Annotated[str, Text(200)]
+HASH_BYTES = 16
+Hash = Annotated[bytes, Binary(HASH_BYTES, HASH_BYTES)]
+"""The first bytes of a SHA-256, which name what they were made of."""
 Latitude = Annotated[float, Scaled(10_000_000, -90, 90)]
 Longitude = Annotated[float, Scaled(10_000_000, -180, 180)]
 Altitude = Annotated[float, Scaled(1000, -100_000, 100_000)]

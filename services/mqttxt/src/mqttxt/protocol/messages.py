@@ -7,6 +7,7 @@ whose birth named it. Times are milliseconds in the session clock of whoever the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, NamedTuple
 
 from .commands import COMMAND, Command
@@ -42,7 +43,7 @@ class CommandId(NamedTuple):
 
 
 class Word(Named):
-    """What can be said of a command: first words, then exactly one last word for each drone."""
+    """The words of a result: first words, then exactly one last word for each drone."""
 
     ACCEPTED = 1
     IN_PROGRESS = 2
@@ -76,12 +77,16 @@ def without_contradiction(word: Word, reason: str | None, earlier: Word | None) 
 
 @dataclass(frozen=True, kw_only=True)
 class BeaconMessage:
-    """A process's own clock, on `fogX/clock` and `droneY/clock` (section 4)."""
+    """A process's own clock, on `fogX/clock` and `droneY/clock` (section 4).
+
+    Where messages are signed, `revoked` is the number of the newest revocation list that its node has.
+    """
 
     session: Session
     now_ms: Milliseconds
     nonce: U32 | None = None
     held_ms: Milliseconds | None = None
+    revoked: U32 | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +97,7 @@ class AboutCommand:
     gs_session: Session
     seq: U32
 
-    @property
+    @cached_property
     def id(self) -> CommandId:
         return CommandId(self.gs_session, self.seq)
 
@@ -170,11 +175,15 @@ class FogResultMessage(AboutCommand):
 
 @dataclass(frozen=True, kw_only=True)
 class Presence:
-    """Birth (`up`) and will of a ground station (`gs/G/reachable`) or a UAV client (`droneY/reachable`)."""
+    """Birth (`up`) and will of a ground station (`gs/G/reachable`) or a UAV client (`droneY/reachable`).
+
+    `revoked` is as in a beacon.
+    """
 
     version: Version = VERSION
     session: Session
     up: bool
+    revoked: U32 | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,7 +207,7 @@ class DroneRecord:
 class FogPresence:
     """Birth and will of an activator (`fogX/reachable`): its fog broker's address, and its drones.
 
-    `authenticated` says whether commands must be signed.
+    `authenticated` says whether commands must be signed; `revoked` is as in a beacon.
     """
 
     version: Version = VERSION
@@ -207,6 +216,7 @@ class FogPresence:
     broker: Annotated[str, Text(200)] | None = None
     authenticated: bool | None = None
     drones: Annotated[tuple[RosterEntry, ...], Items(250)] | None = None
+    revoked: U32 | None = None
 
 
 class Control(Named):
@@ -262,7 +272,9 @@ class DroneLease:
 
     `bound` false tells a second UAV client of the same number that it is refused. While a station controls the
     drone, `holder_session` names it and the lease ends at `deadline_ms` of the drone's clock; while an offboard
-    command of it is open, that may go on until `offboard_until_ms`.
+    command of it is open, that may go on until `offboard_until_ms`. Where messages are signed, `counter` rises with
+    each lease of a drone, and `heard_ms` is the newest time of the drone's clock that the activator has heard. `anew`
+    true: the activator's connection is a new one, and what the drone said before may be lost.
     """
 
     version: Version = VERSION
@@ -274,3 +286,6 @@ class DroneLease:
     holder_session: Session | None = None
     deadline_ms: Milliseconds | None = None
     offboard_until_ms: Milliseconds | None = None
+    counter: U32 | None = None
+    heard_ms: Milliseconds | None = None
+    anew: bool | None = None

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container
 from dataclasses import dataclass
 from typing import Any
 
 from .commands import haversine_m
-from .states import Armed, Battery, Groundspeed, Heading, Home, Location, State
+from .states import Armed, AutopilotText, Battery, Gps, Groundspeed, Heading, Home, Location, Power, State, VelocityNed
 
 
 def _any_change(old: State, new: State) -> bool:
@@ -31,11 +31,16 @@ class Policy:
 
 
 def _beyond(
-    limit: float, unit: str, change: Callable[[Any, Any], float], words: str = "", rest: bool = False
+    limit: float,
+    unit: str,
+    change: Callable[[Any, Any], float],
+    words: str = "",
+    rest: bool = False,
+    heartbeat_ms: int = 30_000,
 ) -> Policy:
     """Once a change is larger than `limit`; `words` go with it in the specification's table."""
     said = f"{limit:g}{unit}{words}"
-    return Policy(lambda old, new: change(old, new) > limit, 1000, deadband=said, is_for_rest=rest)
+    return Policy(lambda old, new: change(old, new) > limit, 1000, heartbeat_ms, said, rest)
 
 
 def _across_m(old: Location | Home, new: Location | Home) -> float:
@@ -69,6 +74,34 @@ def _sped_m_s(old: Groundspeed, new: Groundspeed) -> float:
     return abs(old.groundspeed_m_s - new.groundspeed_m_s)
 
 
+def _changed_m_s(old: VelocityNed, new: VelocityNed) -> float:
+    """Along the axis that has changed most."""
+    return max(abs(old.north_m_s - new.north_m_s), abs(old.east_m_s - new.east_m_s), abs(old.down_m_s - new.down_m_s))
+
+
+def _is_other_reception(old: Gps, new: Gps) -> bool:
+    """Satellites come and go by ones all the time."""
+    if old.fix is not new.fix or (old.satellites is None) != (new.satellites is None):
+        return True
+    return abs((old.satellites or 0) - (new.satellites or 0)) > SATELLITES or _beyond_hdop(old.hdop, new.hdop)
+
+
+def _beyond_hdop(old: float | None, new: float | None) -> bool:
+    if old is None or new is None:
+        return old is not new
+    return abs(old - new) > HDOP
+
+
+def _is_other_power(old: Power, new: Power) -> bool:
+    if (old.current_a is None) != (new.current_a is None):
+        return True
+    return abs(old.voltage_v - new.voltage_v) > VOLTS or abs((old.current_a or 0) - (new.current_a or 0)) > AMPERES
+
+
+SATELLITES, HDOP = 2, 0.5
+VOLTS, AMPERES = 0.2, 5.0
+VELOCITY_MS = 3000
+"""How often `velocity` is published at least: by it a station knows within seconds that it hears the drone."""
 _URGENTLY = Policy(_any_change, min_interval_ms=100)
 _AT_ONCE = Policy(_any_change, min_interval_ms=1000)
 HOME_M = 1.0
@@ -87,8 +120,16 @@ POLICIES: dict[str, Policy] = {
     "home": _beyond(HOME_M, " m, any change while armed", _home_moved_m, rest=True),
     "health": _AT_ONCE,
     "endurance": _AT_ONCE,
+    "velocity": _beyond(0.5, " m/s along an axis", _changed_m_s, heartbeat_ms=VELOCITY_MS),
+    "gps": Policy(_is_other_reception, 5000, deadband=f"another fix, {SATELLITES} satellites, hdop {HDOP:g}"),
+    "power": Policy(_is_other_power, 5000, deadband=f"{VOLTS:g} V, {AMPERES:g} A"),
+    "airframe": _AT_ONCE,
+    "mission": _AT_ONCE,
+    "fence": _URGENTLY,
 }
-"""The defaults."""
+"""The defaults; a `text` is no state that lasts, and leaves as it comes."""
+ON_REQUEST = frozenset({*("velocity", "gps", "power", "airframe"), AutopilotText.name})
+"""States that are published only where the UAV client is set to, or while `stream` asks for them (R3.11)."""
 
 
 def is_elsewhere(old: Home, new: Home) -> bool:
@@ -115,7 +156,7 @@ class Throttle:
 
     def due(self, now_ms: int) -> list[State]:
         """The states to publish now, in the order of their first appearance; they count as published."""
-        found = [state for state in self._current.values() if self._is_due(state, now_ms)]
+        found = self._due(now_ms)
         for state in found:
             self._published[state.name] = (state, now_ms)
         return found
@@ -124,9 +165,9 @@ class Throttle:
         """The newest value of a state."""
         return self._current.get(name)
 
-    def is_due(self, names: Iterable[str], now_ms: int) -> bool:
+    def is_due(self, names: Container[str], now_ms: int) -> bool:
         """Whether any of some states would be published now."""
-        return any(name in self._current and self._is_due(self._current[name], now_ms) for name in names)
+        return any(state.name in names for state in self._due(now_ms))
 
     def forget_published(self) -> None:
         """Publish everything anew at the next `due`: the other side lost what it knew."""
@@ -136,14 +177,17 @@ class Throttle:
         """Publish everything once more, each no faster than its rate: it may not have been heard."""
         self._published = {name: (None, at_ms) for name, (_, at_ms) in self._published.items()}
 
-    def _is_due(self, state: State, now_ms: int) -> bool:
-        if state.name in self.apart:
-            return False
-        if state.name not in self._published:
-            return True
-        policy = self._policies[state.name]
-        last, at_ms = self._published[state.name]
-        if now_ms - at_ms >= policy.heartbeat_ms:
-            return True
-        exceeds = _any_change if policy.is_for_rest and self.current(Armed.name) == Armed(True) else policy.exceeds
-        return now_ms - at_ms >= policy.min_interval_ms and (last is None or exceeds(last, state))
+    def _due(self, now_ms: int) -> list[State]:
+        any_change = self._current.get(Armed.name) == Armed(True)
+        found = []
+        for name, state in self._current.items():
+            if name in self.apart:
+                continue
+            if name in self._published:
+                policy, (last, at_ms) = self._policies[name], self._published[name]
+                exceeds = _any_change if policy.is_for_rest and any_change else policy.exceeds
+                is_new = now_ms - at_ms >= policy.min_interval_ms and (last is None or exceeds(last, state))
+                if not is_new and now_ms - at_ms < policy.heartbeat_ms:
+                    continue
+            found.append(state)
+        return found

@@ -59,11 +59,15 @@ class ReadingAck:
 
 @dataclass(frozen=True)
 class Reading:
-    """A reading on its way, as every node between its sensor and the ground station holds it."""
+    """A reading on its way, as every node between its sensor and the ground station holds it.
+
+    `said` is what its sensor signed, with the sensor's certificate; empty where readings are not signed.
+    """
 
     sensor: int
     kind: str
     message: ReadingMessage
+    said: bytes = b""
 
     @property
     def key(self) -> ReadingKey:
@@ -75,11 +79,11 @@ class Reading:
         return UNITS.get(self.kind) or self.message.unit or ""
 
 
-def checked(sensor: int, kind: str, message: ReadingMessage) -> Reading:
+def checked(sensor: int, kind: str, message: ReadingMessage, said: bytes = b"") -> Reading:
     """The reading; raises PayloadError for a unit that its kind does not have, or that is no text to show."""
     expected = UNITS.get(kind)
     if expected is not None and message.unit not in (None, expected):
         raise PayloadError(f"unit: expected {expected} for {kind}, or none, got {message.unit!r}")
     if message.unit is not None and not message.unit.isprintable():
         raise PayloadError(f"unit: expected printable characters, got {message.unit!r}")
-    return Reading(sensor, kind, message)
+    return Reading(sensor, kind, message, said)

@@ -41,14 +41,15 @@ class StampedState:
 def message_class(name: str, relayed: bool) -> type[Any]:
     """The message of state `name`, as `codec` and `spec.schema` take it; raises PayloadError for an unknown name."""
     stamps = [("relay_stamp", Stamp)] if relayed else []
-    title = "".join(part.title() for part in re.split("[_/]", name)) + ("Relayed" if relayed else "")
+    own = STATES[name].__name__ if name in STATES else "".join(part.title() for part in re.split("[_/]", name))
+    title = own + ("Relayed" if relayed else "")
     return make_dataclass(title, [*stamps, ("stamp", Stamp), *_fields_of(name)], frozen=True)
 
 
-def _fields_of(name: str) -> list[tuple[str, Any]]:
+def _fields_of(name: str) -> list[Any]:
     if name in STATES:
         hints = get_type_hints(STATES[name], include_extras=True)
-        return [(item.name, hints[item.name]) for item in fields(STATES[name])]
+        return [(item.name, hints[item.name], field(default=item.default)) for item in fields(STATES[name])]
     if kind_of(name) is not None:
         return [*fields_of(name)]
     raise PayloadError(f"state {name!r}: expected {MAVLINK_STATE}NAME or one of {', '.join(STATES)}", "state")

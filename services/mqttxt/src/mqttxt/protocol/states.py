@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, ClassVar, get_type_hints
+from typing import Annotated, ClassVar
 
 from ..errors import PayloadError
-from .fields import U32, Altitude, Integer, Latitude, Longitude, Named, Scaled, Variant
-from .values import mark_of
+from .codec import layout_of
+from .fields import U16, U32, Altitude, Hash, Integer, Latitude, Longitude, Named, Scaled, Text, Variant
 
 Speed = Annotated[float, Scaled(100, 0, 655)]
 """Metres a second; CBOR carries centimetres a second."""
+SpeedAlong = Annotated[float, Scaled(100, -327.68, 327.67)]
+"""Metres a second along one axis."""
+MavlinkEnum = Annotated[int, Integer(0, 255)]
+"""A value of one of MAVLink's enumerations, as its number."""
 
 
 class FlightModeName(Named):
@@ -66,6 +70,33 @@ class Landed(Named):
     IN_AIR = 2
     TAKEOFF = 3
     LANDING = 4
+
+
+class GpsFix(Named):
+    """GPS_FIX_TYPE."""
+
+    NO_GPS = 0
+    NO_FIX = 1
+    FIX_2D = 2
+    FIX_3D = 3
+    DGPS = 4
+    RTK_FLOAT = 5
+    RTK_FIXED = 6
+    STATIC = 7
+    PPP = 8
+
+
+class Severity(Named):
+    """MAV_SEVERITY."""
+
+    EMERGENCY = 0
+    ALERT = 1
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+    DEBUG = 7
 
 
 @dataclass(frozen=True)
@@ -166,6 +197,80 @@ class Endurance:
     cruise_m_s: Speed
 
 
+@dataclass(frozen=True)
+class VelocityNed:
+    """Speed over ground, north, east and down, in metres a second (GLOBAL_POSITION_INT.vx, vy, vz)."""
+
+    name: ClassVar[str] = "velocity"
+    north_m_s: SpeedAlong
+    east_m_s: SpeedAlong
+    down_m_s: SpeedAlong
+
+
+@dataclass(frozen=True)
+class Gps:
+    """What the receiver has: the kind of its `fix`, its satellites, and hdop (GPS_RAW_INT)."""
+
+    name: ClassVar[str] = "gps"
+    fix: GpsFix
+    satellites: Annotated[int, Integer(0, 254)] | None = None
+    hdop: Annotated[float, Scaled(100, 0, 655.34)] | None = None
+
+
+@dataclass(frozen=True)
+class Power:
+    """What the battery gives: `voltage_v` in volts, `current_a` in amperes (SYS_STATUS)."""
+
+    name: ClassVar[str] = "power"
+    voltage_v: Annotated[float, Scaled(1000, 0, 65.534)]
+    current_a: Annotated[float, Scaled(100, 0, 327.67)] | None = None
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """What flies: its `autopilot` (MAV_AUTOPILOT), its `kind` (MAV_TYPE), and the firmware's `version`.
+
+    HEARTBEAT has the first two, AUTOPILOT_VERSION.flight_sw_version the third.
+    """
+
+    name: ClassVar[str] = "airframe"
+    autopilot: MavlinkEnum
+    kind: MavlinkEnum
+    version: U32 | None = None
+
+
+@dataclass(frozen=True)
+class AutopilotText:
+    """What the autopilot says to people (STATUSTEXT): the whole `text`, and its `severity`."""
+
+    name: ClassVar[str] = "text"
+    severity: Severity
+    text: Annotated[str, Text(200)]
+
+
+@dataclass(frozen=True)
+class Mission:
+    """The drone's mission: its `current` item, the one `reached` last (0: none), and how many it has (`total`).
+
+    Items count from 1 (MISSION_CURRENT, MISSION_ITEM_REACHED). `mission` names it (section 16); absent while unknown.
+    """
+
+    name: ClassVar[str] = "mission"
+    current: U16
+    reached: U16
+    total: U16
+    mission: Hash | None = None
+
+
+@dataclass(frozen=True)
+class Fence:
+    """Whether the drone is outside its geofence (`breached`, FENCE_STATUS); `fence` names it, absent while unknown."""
+
+    name: ClassVar[str] = "fence"
+    breached: bool
+    fence: Hash | None = None
+
+
 FieldValue = int | float | str | None | tuple[int | float | None, ...]
 """What a field of a MAVLink message carries; None is a float that is no number."""
 
@@ -193,6 +298,13 @@ VitalState = (
     | Home
     | Health
     | Endurance
+    | VelocityNed
+    | Gps
+    | Power
+    | Airframe
+    | AutopilotText
+    | Mission
+    | Fence
 )
 """The states that have names and forms of their own."""
 
@@ -212,21 +324,29 @@ STATES: dict[str, type[VitalState]] = {
         Home,
         Health,
         Endurance,
+        VelocityNed,
+        Gps,
+        Power,
+        Airframe,
+        AutopilotText,
+        Mission,
+        Fence,
     )
 }
 """Every state by its name, but for MAVLink messages as they are."""
 
 
-STATE = Variant("state", tuple((code, cls.name, cls) for code, cls in enumerate(STATES.values(), start=1)))
-"""A state by its code (CBOR) or its name (JSON), where no topic names it."""
+STATE = Variant(
+    "state",
+    tuple((code, cls.name, cls) for code, cls in enumerate(STATES.values(), start=1) if cls is not AutopilotText),
+)
+"""A state by its code (CBOR) or its name (JSON), where no topic names it: in bundles, which carry no text."""
 
 
 @cache
 def _ranges(name: str) -> tuple[tuple[str, Integer | Scaled], ...]:
-    cls = STATES[name]
-    hints = get_type_hints(cls, include_extras=True)
-    marks = ((item.name, mark_of(hints[item.name])) for item in fields(cls))
-    return tuple((field, mark) for field, mark in marks if isinstance(mark, Integer | Scaled))
+    layout = layout_of(STATES[name])
+    return tuple((field.name, field.mark) for field in layout.fields if isinstance(field.mark, Integer | Scaled))
 
 
 def check_range(state: State) -> None:
@@ -235,5 +355,5 @@ def check_range(state: State) -> None:
         return
     for field, mark in _ranges(state.name):
         value = getattr(state, field)
-        if not mark.low <= value <= mark.high:
+        if value is not None and not mark.low <= value <= mark.high:
             raise PayloadError(f"{state.name}.{field}: expected {mark.low:g} to {mark.high:g}, got {value!r}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from .bulk import BulkAnswer, BulkAsk
 from .bundles import DroneBundle, FogBundle
 from .messages import (
     BeaconMessage,
@@ -24,11 +25,14 @@ from .messages import (
 )
 from .rankings import PsmiMessage, QodsMessage, SelectMessage
 from .readings import ReadingAck, ReadingMessage
+from .topics import REVOKED
 
 STATION, STATIONS = "station", "stations"
 ACTIVATOR, ACTIVATORS = "activator", "activators"
 UAV = "UAV client"
 SENSOR, SENSORS = "sensor", "sensors"
+CLOUD_NODES, FOG_NODES = "stations, activators", "activator, UAV clients"
+REVOCATION_LIST = "revocation list"
 
 
 @dataclass(frozen=True)
@@ -115,8 +119,28 @@ CLOUD_SIDE = (
         "words about a command and a drone",
     ),
     TopicRow(
+        *("fogX/droneY/bulk", STATION, ACTIVATOR, 0, False, BulkAsk),
+        "a piece of an object that is staged at the drone, or a question for one",
+        choice=True,
+    ),
+    TopicRow(
+        *("fogX/droneY/bulk_answer", ACTIVATOR, STATIONS, 0, False, BulkAnswer),
+        "what the drone answers to that; outside the gate",
+        choice=True,
+    ),
+    TopicRow(
         *("fogX/droneY/sensorS/K", ACTIVATOR, STATIONS, 1, False, ReadingMessage),
         "a reading that a drone carried; outside the gate",
+    ),
+    TopicRow(
+        *("fogX/droneY/sensor_ack", STATION, ACTIVATOR, 1, False, ReadingAck),
+        "which readings a station has heard; only where messages are signed",
+        choice=True,
+    ),
+    TopicRow(
+        *(REVOKED, CLOUD_NODES, CLOUD_NODES, 1, True, REVOCATION_LIST),
+        "the newest revocation list that any of them has, in DER; only where nodes have identities",
+        choice=True,
     ),
 )
 
@@ -146,11 +170,22 @@ FOG_SIDE = (
     TopicRow(*("droneY/commands", ACTIVATOR, UAV, 1, False, CommandMessage), "a command"),
     TopicRow(*("droneY/commands_result/C", UAV, ACTIVATOR, 1, False, ResultMessage), "words about a command"),
     TopicRow(
+        *("droneY/bulk", ACTIVATOR, UAV, 0, False, BulkAsk),
+        "a piece of an object that a station stages, or a question for one",
+        choice=True,
+    ),
+    TopicRow(*("droneY/bulk_answer", UAV, ACTIVATOR, 0, False, BulkAnswer), "the answer to that", choice=True),
+    TopicRow(
         *("droneY/sensorS/K", UAV, ACTIVATOR, 1, False, ReadingMessage), "a reading, repeated until it is acknowledged"
     ),
     TopicRow(
         *("droneY/sensor_ack", ACTIVATOR, UAV, 1, False, ReadingAck),
-        "which readings the activator has passed on",
+        "which readings the activator has passed on; where messages are signed, as a station has signed it",
+        choice=True,
+    ),
+    TopicRow(
+        *(REVOKED, FOG_NODES, FOG_NODES, 1, True, REVOCATION_LIST),
+        "the newest revocation list that any of them has, in DER; only where nodes have identities",
         choice=True,
     ),
 )
@@ -161,6 +196,11 @@ SENSOR_SIDE = (
         *("sensorS/K", SENSOR, UAV, 1, False, ReadingMessage), "a reading, repeated until it is acknowledged if it can"
     ),
     TopicRow(*("sensor_ack", UAV, SENSORS, 1, False, ReadingAck), "which readings the drone has stored", choice=True),
+    TopicRow(
+        *(REVOKED, UAV, SENSORS, 1, True, REVOCATION_LIST),
+        "the newest revocation list that the drone has, in DER; only where nodes have identities",
+        choice=True,
+    ),
 )
 
 

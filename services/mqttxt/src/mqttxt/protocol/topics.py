@@ -13,6 +13,7 @@ from functools import lru_cache
 from ..errors import ConfigurationError, PayloadError
 
 MAX_DRONE = 250
+MAX_FOG = 999_999_999
 MAX_SENSOR = 999_999_999
 _NUMBER = re.compile(r"[1-9][0-9]{0,8}")
 NAME = "[A-Za-z0-9_.-]{1,64}"
@@ -62,8 +63,8 @@ class DroneTopic:
     """What a fog-side topic, or the rest of a cloud-side one behind `fogX/`, says: drone, kind, name.
 
     kind is `reachable`, `clock`, `init_connect`, `state`, `states`, `commands`, `commands_result`, `sensor`,
-    `sensor_ack`, `birth`, `stations` or `control`; name is the state's, the command's or the sensor value's kind,
-    empty for the others; sensor is the number in `sensorS`, 0 for the other kinds.
+    `sensor_ack`, `birth`, `stations`, `control`, `bulk` or `bulk_answer`; name is the state's, the
+    command's or the sensor value's kind, empty for the others; sensor is the number in `sensorS`, 0 for the others.
     """
 
     drone: int
@@ -93,13 +94,18 @@ class StationTopic:
 
 _FOG_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "QoDS", "PSMI"})
 _DRONE_KINDS = frozenset(
-    {"reachable", "clock", "init_connect", "commands", "states", "sensor_ack", "birth", "stations", "control"}
+    {
+        *("reachable", "clock", "init_connect", "commands", "states", "sensor_ack", "birth", "stations", "control"),
+        *("bulk", "bulk_answer"),
+    }
 )
 _NAMED_KINDS = frozenset({"state", "commands_result"})
 MAVLINK_STATE = "mavlink/"
 """Leads the name of a state that is a MAVLink message as it is."""
 SELECTABLE = ("goto",)
 """The commands for which PSMI chooses a drone."""
+REVOKED = "fleet/revoked"
+"""Below either side's root: the fleet's revocation list, which every node with an identity hears."""
 
 
 def _number(level: str, what: str, most: int) -> int | None:
@@ -117,48 +123,54 @@ class FogSide:
     def __init__(self, root: str = "") -> None:
         self.root = root
 
-    def _drone(self, drone: int, rest: str) -> str:
-        return f"{self.root}drone{drone}/{rest}"
+    revoked = property(lambda self: f"{self.root}{REVOKED}")
 
     def reachable(self, drone: int) -> str:
-        return self._drone(drone, "reachable")
+        return f"{self.root}drone{drone}/reachable"
 
     def clock(self, drone: int) -> str:
-        return self._drone(drone, "clock")
+        return f"{self.root}drone{drone}/clock"
 
     def init_connect(self, drone: int) -> str:
-        return self._drone(drone, "init_connect")
+        return f"{self.root}drone{drone}/init_connect"
 
     def state(self, drone: int, name: str) -> str:
-        return self._drone(drone, f"state/{name}")
+        return f"{self.root}drone{drone}/state/{name}"
 
     def states(self, drone: int) -> str:
-        return self._drone(drone, "states")
+        return f"{self.root}drone{drone}/states"
 
     def sensor(self, drone: int, sensor: int, kind: str) -> str:
-        return self._drone(drone, f"sensor{sensor}/{kind}")
+        return f"{self.root}drone{drone}/sensor{sensor}/{kind}"
 
     def sensor_ack(self, drone: int) -> str:
-        return self._drone(drone, "sensor_ack")
+        return f"{self.root}drone{drone}/sensor_ack"
 
     def stations(self, drone: int) -> str:
-        return self._drone(drone, "stations")
+        return f"{self.root}drone{drone}/stations"
 
     def control(self, drone: int) -> str:
-        return self._drone(drone, "control")
+        return f"{self.root}drone{drone}/control"
+
+    def bulk(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/bulk"
+
+    def bulk_answer(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/bulk_answer"
 
     def commands(self, drone: int) -> str:
-        return self._drone(drone, "commands")
+        return f"{self.root}drone{drone}/commands"
 
     def commands_result(self, drone: int, command: str) -> str:
-        return self._drone(drone, f"commands_result/{command}")
+        return f"{self.root}drone{drone}/commands_result/{command}"
 
     def activator_filters(self) -> tuple[str, ...]:
         """What an activator subscribes to; no two of them match one topic.
 
         `+/+/+` is states, results and sensors: a filter cannot say `sensor` and any number.
         """
-        return tuple(f"{self.root}+/{rest}" for rest in ("reachable", "clock", "states", "+/+", "state/mavlink/+"))
+        kinds = ("reachable", "clock", "states", "bulk_answer", "+/+", "state/mavlink/+")
+        return tuple(f"{self.root}+/{rest}" for rest in kinds)
 
     def parse(self, topic: str) -> DroneTopic:
         """A topic below this root; raises PayloadError for any other."""
@@ -200,6 +212,7 @@ class CloudSide:
     states = property(lambda self: f"{self.root}states")
     qods = property(lambda self: f"{self.root}QoDS")
     psmi = property(lambda self: f"{self.root}PSMI")
+    revoked = property(lambda self: f"{self.prefix}{REVOKED}")
 
     def select(self, command: str) -> str:
         return f"{self.root}commands/{command}"
@@ -216,14 +229,27 @@ class CloudSide:
     def drone_control(self, drone: int) -> str:
         return f"{self.root}drone{drone}/control"
 
+    def drone_bulk(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/bulk"
+
+    def drone_bulk_answer(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/bulk_answer"
+
     def drone_clock(self, drone: int) -> str:
         return f"{self.root}drone{drone}/clock"
+
+    def signed_drone_clock(self, drone: int) -> str:
+        """As a drone's signature names it on either side: the drone says so whose fog's it is."""
+        return self.drone_clock(drone).removeprefix(self.prefix)
 
     def drone_state(self, drone: int, name: str) -> str:
         return f"{self.root}drone{drone}/state/{name}"
 
     def drone_sensor(self, drone: int, sensor: int, kind: str) -> str:
         return f"{self.root}drone{drone}/sensor{sensor}/{kind}"
+
+    def drone_sensor_ack(self, drone: int) -> str:
+        return f"{self.root}drone{drone}/sensor_ack"
 
     def drone_commands(self, drone: int) -> str:
         return f"{self.root}drone{drone}/commands"
@@ -242,29 +268,36 @@ class CloudSide:
     def activator_filters(self, signed: bool = False) -> tuple[str, ...]:
         """What an activator subscribes to beside commands: registrations, stations, its own records.
 
-        `signed`: where messages are, the stations' grants too.
+        `signed`: where messages are, the stations' grants and acknowledgements too.
         """
         return (
             f"{self.root}init_connect",
             f"{self.root}reachable",
             f"{self.root}+/reachable",
-            *((f"{self.root}+/control",) if signed else ()),
+            f"{self.root}+/bulk",
+            *((f"{self.root}+/control", f"{self.root}+/sensor_ack") if signed else ()),
             f"{self.prefix}gs/+/reachable",
         )
 
     def station_filters(self, signed: bool = False) -> tuple[str, ...]:
         """What a ground station subscribes to; no two of them match one topic. `signed`: where messages are."""
         own = ("reachable", "clock", "states", "QoDS", "PSMI", "commands_result/#")
-        drones = ("+/reachable", *(("+/birth", "+/clock") if signed else ()), "+/+/+", "+/state/mavlink/+")
+        drones = (
+            "+/reachable",
+            "+/bulk_answer",
+            *(("+/birth", "+/clock") if signed else ()),
+            "+/+/+",
+            "+/state/mavlink/+",
+        )
         return tuple(f"{self.root}{rest}" for rest in (*own, *drones))
 
     def parse(self, topic: str) -> DroneTopic | FogTopic | StationTopic:
         """A topic of this fog or of a station; raises PayloadError for any other."""
-        station = station_of(topic, self.prefix)
-        if station is not None:
-            return StationTopic(station)
         if not topic.startswith(self.root):
-            raise PayloadError(f"topic {topic!r}: expected the root {self.root!r}", "topic")
+            station = station_of(topic, self.prefix)
+            if station is None:
+                raise PayloadError(f"topic {topic!r}: expected the root {self.root!r}", "topic")
+            return StationTopic(station)
         levels = topic.removeprefix(self.root).split("/")
         if len(levels) == 1 and levels[0] in _FOG_KINDS:
             return FogTopic(levels[0])

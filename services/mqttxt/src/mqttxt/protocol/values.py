@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 from ..errors import PayloadError
-from .fields import Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
+from .fields import Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from .topics import NAME_EXPECTED
 
 Plain = Any
@@ -66,6 +66,8 @@ def converters(hint: Any, nested: Callable[[type[Any]], Converters]) -> Converte
         return _finite()
     if isinstance(mark, Text):
         return _text(mark)
+    if isinstance(mark, Binary):
+        return _binary(mark)
     if isinstance(mark, Items):
         return _items(mark, item_of(hint), nested)
     if mark is bool:
@@ -78,12 +80,12 @@ def converters(hint: Any, nested: Callable[[type[Any]], Converters]) -> Converte
 
 
 def _integer(low: int, high: int) -> Converters:
-    def check(value: Plain, path: str) -> int:
+    def check(value: Plain, _: Encoding, path: str = "field") -> int:
         if type(value) is not int or not low <= value <= high:
             refuse(path, f"a whole number from {low} to {high}", value)
         return int(value)
 
-    return (lambda value, _: check(value, "field")), (lambda plain, _, path: check(plain, path))
+    return check, check
 
 
 def _constant(constant: int) -> Converters:
@@ -137,18 +139,18 @@ def _real(largest: float) -> Converters:
 
 
 def _finite() -> Converters:
-    def check(value: Plain, path: str) -> float:
+    def check(value: Plain, _: Encoding, path: str = "field") -> float:
         # NaN, infinity and integers that no 64 bits hold fail the comparison.
         if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
             refuse(path, "a finite number", value)
         return float(value)
 
     def to_plain(value: Any, encoding: Encoding) -> Plain:
-        number = check(value, "field")
+        number = check(value, encoding)
         is_short = encoding is Encoding.CBOR and number.is_integer() and abs(number) < 2**53
         return int(number) if is_short else number
 
-    return to_plain, (lambda plain, _, path: check(plain, path))
+    return to_plain, check
 
 
 def _text(mark: Text) -> Converters:
@@ -163,6 +165,26 @@ def _text(mark: Text) -> Converters:
 
     def to_plain(value: Any, _: Encoding) -> str:
         return str(value)[: mark.longest].encode(errors="replace").decode()
+
+    return to_plain, from_plain
+
+
+def _binary(mark: Binary) -> Converters:
+    size = f"{mark.most}" if mark.least == mark.most else f"{mark.least} to {mark.most}"
+    digits = re.compile(rf"([0-9a-f]{{2}}){{{mark.least},{mark.most}}}")
+
+    def from_plain(plain: Plain, encoding: Encoding, path: str) -> bytes:
+        if encoding is Encoding.JSON:
+            if not isinstance(plain, str) or not digits.fullmatch(plain):
+                refuse(path, f"{size} bytes in hexadecimal", plain)
+            return bytes.fromhex(plain)
+        if not isinstance(plain, bytes) or not mark.least <= len(plain) <= mark.most:
+            refuse(path, f"a string of {size} bytes", plain)
+        return plain
+
+    def to_plain(value: Any, encoding: Encoding) -> Plain:
+        found = from_plain(value, Encoding.CBOR, "field")
+        return found.hex() if encoding is Encoding.JSON else found
 
     return to_plain, from_plain
 

@@ -11,6 +11,8 @@ NOT_SIGNED = "not_signed"
 """The station has signed a broadcast for others, and not for this drone."""
 NOT_ALLOWED = "not_allowed"
 """The station's certificate lacks a right, which the reason names."""
+NOT_AUDITED = "audit"
+"""The audit log takes no records, and was said to be required."""
 
 PASSED_OVER = frozenset({Word.DENIED, Word.UNSUPPORTED, Word.EXPIRED, Word.UNREACHABLE})
 """Last words after which PSMI tries the next drone (R7.6). Not `overtaken`: the station itself sent a later command."""

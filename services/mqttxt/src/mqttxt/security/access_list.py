@@ -11,12 +11,15 @@ from dataclasses import dataclass
 from itertools import product
 
 from ..errors import ConfigurationError
+from ..protocol.bulk import BulkAsk
 from ..protocol.messages import CommandMessage, Grant
 from ..protocol.rankings import SelectMessage
 from ..protocol.topic_table import (
     ACTIVATOR,
     ACTIVATORS,
+    CLOUD_NODES,
     CLOUD_SIDE,
+    FOG_NODES,
     FOG_SIDE,
     SENSOR,
     SENSOR_SIDE,
@@ -26,48 +29,53 @@ from ..protocol.topic_table import (
     UAV,
     TopicRow,
 )
-from ..protocol.topics import MAVLINK_STATE
+from ..protocol.topics import MAVLINK_STATE, CloudSide
 from .certificate import Certificate
 from .names import Kind, NodeName
 from .rights import Rights
 
 CLOUD = "cloud"
 _KINDS = {
-    Kind.STATION: (STATION, STATIONS),
-    Kind.FOG: (ACTIVATOR, ACTIVATORS),
-    Kind.DRONE: (UAV,),
+    Kind.STATION: (STATION, STATIONS, CLOUD_NODES),
+    Kind.FOG: (ACTIVATOR, ACTIVATORS, CLOUD_NODES, FOG_NODES),
+    Kind.DRONE: (UAV, FOG_NODES),
     Kind.SENSOR: (SENSOR, SENSORS),
 }
-_COMMANDING = (CommandMessage, SelectMessage, Grant)
+_COMMANDING = (CommandMessage, SelectMessage, Grant, BulkAsk)
 OWN_BEACON = "fogX/clock"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What one node may do with the topics that match a filter."""
+    """What one node may do with the topics that match a filter; neither: it may not, whatever other entries say."""
 
     filter: str
     publish: bool
     hear: bool
 
     def __str__(self) -> str:
-        access = "readwrite" if self.publish and self.hear else "write" if self.publish else "read"
+        allowed = (("write", self.publish), ("read", self.hear))
+        access = "".join(reversed([word for word, is_allowed in allowed if is_allowed])) or "deny"
         return f"topic {access} {self.filter}"
 
 
 @dataclass(frozen=True)
 class Place:
-    """Which broker it is: the cloud's, with the prefix of its topics, or that of a fog or drone, by its number."""
+    """Which broker it is: the cloud's, with the prefix of its topics, or that of a fog or drone, by its number.
+
+    `fogs` have the cloud's broker as theirs too.
+    """
 
     kind: str
     number: int = 0
     prefix: str = ""
+    fogs: frozenset[int] = frozenset()
 
     @classmethod
-    def of_broker(cls, name: NodeName, prefix: str = "") -> Place:
+    def of_broker(cls, name: NodeName, prefix: str = "", fogs: frozenset[int] = frozenset()) -> Place:
         """By the broker's own name: `broker-cloud`, `broker-fog1`, `broker-drone3`; raises ConfigurationError."""
         if name.label == CLOUD:
-            return cls(CLOUD, prefix=prefix)
+            return cls(CLOUD, prefix=prefix, fogs=fogs)
         node = NodeName.parse(name.label)
         if name.kind is not Kind.BROKER or node.kind not in (Kind.FOG, Kind.DRONE):
             raise ConfigurationError(f"{name}: expected broker-cloud, broker-fogX or broker-droneY")
@@ -86,12 +94,26 @@ def entries(place: Place, node: NodeName, rights: Rights, fogs: Iterable[NodeNam
     """What a node may publish and hear at a broker of a fleet with these fogs."""
     if node.kind not in _KINDS or not place.has(node) or (node.kind is Kind.STATION and rights == Rights()):
         return []
+    found = _of_rows(place.rows, place.prefix, node, rights, fogs)
+    for fog in sorted(place.fogs):
+        root = CloudSide(fog, place.prefix).local_root()
+        if node.kind is Kind.DRONE or node == NodeName(Kind.FOG, fog):
+            found += _of_rows(FOG_SIDE, root, node, rights, fogs)
+        elif node.kind is Kind.STATION:  # the filter of readings would let it hear some of it
+            found.append(Entry(f"{root}#", publish=False, hear=False))
+    return found
+
+
+def _of_rows(
+    rows: Iterable[TopicRow], root: str, node: NodeName, rights: Rights, fogs: Iterable[NodeName]
+) -> list[Entry]:
+    """What a node may do with the topics of some rows of the table, below a root."""
     names = _KINDS[node.kind]
     found: dict[str, Entry] = {}
-    for row in place.rows:
+    for row in rows:
         publish, hear = row.sender in names, row.receiver in names
         for topic in _filters(row, node, rights, fogs) if publish or hear else ():
-            found[topic] = Entry(place.prefix + topic, publish, hear or _is_watched(row))
+            found[topic] = Entry(root + topic, publish, hear or _is_watched(row))
     return list(found.values())
 
 

@@ -138,7 +138,8 @@ class Authority:
             entries = _entries(self.fleet)
             entries |= dict.fromkeys(new, datetime.now(UTC))
             number = self.fleet.revoked.number + 1
-            self.fleet.replace(_signed_list(self._key, self.fleet.authority, number, entries))
+            self.fleet.take(self.fleet.read(_signed_list(self._key, self.fleet.authority, number, entries)))
+            files.write(self.folder / REVOKED_FILE, self.fleet.revoked.pem())
             self._bring_up_to_date()
         return len(new)
 

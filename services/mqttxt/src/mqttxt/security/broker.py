@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import pwd
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,14 +14,18 @@ from .certificate import Certificate
 from .fleet import FLEET_FILE, REVOKED_FILE
 from .identity import CERTIFICATE_FILE, KEY_FILE, MEMBERS_FILE, Identity
 from .names import Kind
+from .revocation import RevocationList
 
 CONFIGURATION_FILE, ACCESS_FILE = "mosquitto.conf", "access.acl"
-TLS_PORT = 8883
+MOST_CONNECTIONS = 2000
+"""At a listener: those of a thousand nodes, twice, while they come back over another network."""
 LIMITS = """\
 # Without persistence on purpose: a retained record of a drone that died with the broker would stay for good.
 persistence false
 set_tcp_nodelay true
 max_packet_size 65536
+# The longest payload (R3.4).
+message_size_limit 61440
 # A topic for each state of 250 drones and more: one connection, the activator's, may publish them all.
 max_topic_alias 4096
 # The default, 20 unacknowledged messages a connection, would hold back broadcasts on slow links.
@@ -44,6 +47,7 @@ _CONFIGURATION = """\
 max_queued_bytes 16777216
 {user}\
 listener {port} {host}
+max_connections {connections}
 allow_anonymous false
 require_certificate true
 use_identity_as_username true
@@ -60,13 +64,20 @@ class BrokerFiles:
     """What a broker's identity makes of itself in a folder; raises ConfigurationError where it is not a broker's.
 
     Nothing is copied: the configuration names the identity's own files, so that a renewed list counts at SIGHUP.
+    `fogs` share the cloud's broker.
     """
 
-    def __init__(self, folder: Path, prefix: str = "", system: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        prefix: str = "",
+        system: Callable[[], float] = time.time,
+        fogs: frozenset[int] = frozenset(),
+    ) -> None:
         self.identity = Identity.load(folder, system)
         if self.identity.certificate.node.kind is not Kind.BROKER:
             raise ConfigurationError(f"{folder}: the identity of {self.identity.name}; expected a broker's")
-        self.place = Place.of_broker(self.identity.certificate.node, prefix)
+        self.place = Place.of_broker(self.identity.certificate.node, prefix, fogs)
         self.members()
 
     def members(self) -> list[Certificate]:
@@ -80,14 +91,22 @@ class BrokerFiles:
             raise ConfigurationError(f"{path}: {name}: not issued by the authority in {FLEET_FILE}")
         return [each for each, wrong in zip(found, verdicts, strict=True) if wrong in (None, "not_yet_valid")]
 
-    def write(self, out: Path, host: str, port: int) -> Path:
-        """Write configuration and access list into a folder; returns the configuration's path."""
+    def fogs(self) -> set[int]:
+        """The numbers of the fleet's fogs."""
+        return {each.node.number for each in self.members() if each.node.kind is Kind.FOG}
+
+    def write(self, out: Path, host: str, port: int, newest: RevocationList | None = None) -> Path:
+        """Write configuration and access list into a folder; returns the configuration's path.
+
+        `newest` is as `write_access` has it.
+        """
         with files.changing(out):
             out.mkdir(parents=True, exist_ok=True)
-        self.write_access(out)
+        self.write_access(out, newest)
         folder = self.identity.folder.resolve()
         text = _CONFIGURATION.format(
             limits=LIMITS,
+            connections=MOST_CONNECTIONS,
             user=_user_of(folder / KEY_FILE),
             host=host,
             port=port,
@@ -100,16 +119,39 @@ class BrokerFiles:
         files.write(out / CONFIGURATION_FILE, text.encode())
         return out / CONFIGURATION_FILE
 
-    def write_access(self, out: Path) -> None:
-        """Write the access list anew, for the members as they are now; raises ConfigurationError for a bad file."""
-        self.identity.fleet.read_again()
+    def write_access(self, out: Path, newest: RevocationList | None = None) -> None:
+        """Write the access list anew, for the members as they are now; raises ConfigurationError for a bad file.
+
+        `newest` is the revocation list that the broker's node has by now; the broker's folder gets it too.
+        """
+        fleet = self.identity.fleet
+        if newest is not None:
+            fleet.take(newest)
+        with contextlib.ExitStack() as whatever_is_wrong:
+            whatever_is_wrong.callback(self._write_members, out)
+            whatever_is_wrong.callback(fleet.keep)
+            fleet.take(fleet.in_folder())
+
+    @property
+    def is_list_readable(self) -> bool:
+        """Whether Mosquitto can read the revocation list: without one it would accept everybody."""
+        try:
+            self.identity.fleet.in_folder()
+        except ConfigurationError:
+            return False
+        return True
+
+    def _write_members(self, out: Path) -> None:
         found = access_list(self.place, self.members()).encode()
         # Readable for those who may read the key, and nobody else: Mosquitto is to refuse other lists one day.
         files.write(out / ACCESS_FILE, found, 0o600, like=self.identity.folder / KEY_FILE)
 
 
 def _user_of(key: Path) -> str:
-    """Mosquitto that was started by root gives up its rights before it reads the key: to who owns that."""
-    with contextlib.suppress(KeyError):
-        return f"user {pwd.getpwuid(key.stat().st_uid).pw_name}\n"
+    """Mosquitto that was started by root gives up its rights before it reads the key: to who owns that.
+
+    Windows' Mosquitto stays who it is.
+    """
+    with contextlib.suppress(KeyError, NotImplementedError):
+        return f"user {key.owner()}\n"
     return ""

@@ -39,7 +39,7 @@ def problems(folder: Path, system: Callable[[], float] = time.time) -> list[str]
     if fleet is not None:
         now = tried(lambda: TrustedTime(folder, fleet, system))
         if certificate is not None and now is not None:
-            tried(lambda: check_valid(folder, certificate, fleet, now.now_s()))
+            tried(lambda: check_valid(folder, certificate, now))
     if certificate is not None and certificate.node.kind is Kind.BROKER and not found:
         tried(lambda: BrokerFiles(folder, system=system))
     return found

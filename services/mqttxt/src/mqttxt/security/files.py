@@ -12,6 +12,8 @@ from pathlib import Path
 from ..errors import ConfigurationError
 
 MOST_BYTES = 4_000_000
+_HAS_MODES = hasattr(os, "geteuid")
+"""Whether files have owners and modes, and folders can be synced. Windows has access lists, which a file inherits."""
 
 
 def read(path: Path, *, private: bool = False) -> bytes:
@@ -19,7 +21,7 @@ def read(path: Path, *, private: bool = False) -> bytes:
     try:
         with path.open("rb") as file:
             mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
-            if private and mode & 0o077:
+            if private and _HAS_MODES and mode & 0o077:
                 raise ConfigurationError(
                     f"{path}: mode {mode:04o}, so others can use the key; expected 0600: chmod 600 {path}"
                 )
@@ -49,10 +51,8 @@ def write(path: Path, content: bytes, mode: int = 0o644, like: Path | None = Non
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
         try:
             with os.fdopen(handle, "wb") as file:
-                os.fchmod(file.fileno(), mode)
-                if like is not None and os.geteuid() == 0:
-                    owner = like.stat()
-                    os.fchown(file.fileno(), owner.st_uid, owner.st_gid)
+                if _HAS_MODES:
+                    _give(file.fileno(), mode, like)
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
@@ -60,8 +60,20 @@ def write(path: Path, content: bytes, mode: int = 0o644, like: Path | None = Non
         except BaseException:
             Path(name).unlink(missing_ok=True)
             raise
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        if _HAS_MODES:
+            _sync_folder(path.parent)
+
+
+def _give(file: int, mode: int, like: Path | None) -> None:
+    os.fchmod(file, mode)
+    if like is not None and os.geteuid() == 0:
+        owner = like.stat()
+        os.fchown(file, owner.st_uid, owner.st_gid)
+
+
+def _sync_folder(path: Path) -> None:
+    folder = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from pathlib import Path
 
 from cryptography import x509
@@ -18,16 +19,18 @@ from .revocation import RevocationList
 
 FLEET_FILE = "fleet.pem"
 REVOKED_FILE = "revoked.pem"
+NEWEST_FILE = "newest.pem"
+"""The newest revocation list that a node has known, whatever REVOKED_FILE has by now."""
 _MOST_KNOWN = 4096
 
 
 class Fleet:
     """Says of a certificate whether it is good. `name` is the fleet's, `key_hash` SHA-256 of the authority's key.
 
-    `load` reads both files of a folder and raises ConfigurationError for what is wrong with them.
+    `load` reads the files of a folder and raises ConfigurationError for what is wrong with them.
     """
 
-    def __init__(self, authority: x509.Certificate, revoked: RevocationList, file: Path | None = None) -> None:
+    def __init__(self, authority: x509.Certificate, revoked: RevocationList, folder: Path | None = None) -> None:
         key = authority.public_key()
         assert isinstance(key, Ed25519PublicKey)
         self.name = str(authority.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
@@ -35,17 +38,20 @@ class Fleet:
         self.authority = authority
         self.revoked = revoked
         self._key = key
-        self._file = file
+        self._folder = folder
+        self._keeping = threading.Lock()
         self._signed: set[bytes] = set()
 
     @classmethod
     def load(cls, folder: Path) -> Fleet:
         path = folder / FLEET_FILE
         authority = read_authority(files.read(path), str(path))
-        revoked = folder / REVOKED_FILE
         key = authority.public_key()
         assert isinstance(key, Ed25519PublicKey)
-        return cls(authority, RevocationList.of(files.read(revoked), key, str(revoked)), revoked)
+        lists = [RevocationList.of(files.read(folder / REVOKED_FILE), key, str(folder / REVOKED_FILE))]
+        if (folder / NEWEST_FILE).exists():
+            lists.append(RevocationList.of(files.read(folder / NEWEST_FILE), key, str(folder / NEWEST_FILE)))
+        return cls(authority, max(lists, key=lambda each: each.number), folder)
 
     @property
     def not_after_s(self) -> int:
@@ -67,31 +73,35 @@ class Fleet:
             return "expired"
         return None
 
-    def replace(self, encoded: bytes) -> bool:
-        """Take a newer revocation list, in memory and in its file; False where it is not newer.
+    def read(self, encoded: bytes, what: str = "revocation list") -> RevocationList:
+        """A revocation list of this fleet, older or newer; raises ConfigurationError for any other."""
+        return RevocationList.of(encoded, self._key, what)
 
-        Raises ConfigurationError where it is not this fleet's, or cannot be written: then nothing has changed.
+    def take(self, found: RevocationList) -> bool:
+        """Take a list of this fleet that is newer, which counts from now on; False where it is not.
+
+        `keep` writes it down.
         """
-        newer = RevocationList.of(encoded, self._key)
-        if newer.number <= self.revoked.number:
+        if found.number <= self.revoked.number:
             return False
-        if self._file is not None:
-            files.write(self._file, newer.pem())
-        self.revoked = newer
+        self.revoked = found
         return True
 
-    def read_again(self) -> None:
-        """Take the revocation list that the file has by now, if it is newer; put an older one right.
+    def in_folder(self) -> RevocationList:
+        """The list that the folder has by now; blocks. Raises ConfigurationError."""
+        if self._folder is None:
+            return self.revoked
+        return self.read(files.read(self._folder / REVOKED_FILE), str(self._folder / REVOKED_FILE))
 
-        Raises ConfigurationError.
-        """
-        if self._file is None:
+    def keep(self) -> None:
+        """Write the list down, and put an older one in the folder right; blocks. Raises ConfigurationError."""
+        if self._folder is None:
             return
-        found = RevocationList.of(files.read(self._file), self._key, str(self._file))
-        if found.number < self.revoked.number:
-            files.write(self._file, self.revoked.pem())
-        elif found.number > self.revoked.number:
-            self.revoked = found
+        with self._keeping:
+            pem = self.revoked.pem()
+            for path in (self._folder / NEWEST_FILE, self._folder / REVOKED_FILE):
+                if not path.exists() or files.read(path) != pem:
+                    files.write(path, pem)
 
     def _is_signed(self, certificate: Certificate) -> bool:
         """A signature is verified once: certificates stand in many messages."""

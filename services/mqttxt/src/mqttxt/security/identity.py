@@ -54,13 +54,34 @@ class Identity:
         fleet = Fleet.load(folder)
         check_pair(folder, key, certificate)
         now = TrustedTime(folder, fleet, system)
-        check_valid(folder, certificate, fleet, now.now_s())
+        check_valid(folder, certificate, now)
         return cls(folder, key, certificate, fleet, now)
+
+    def in_folder(self) -> tuple[Ed25519PrivateKey, Certificate]:
+        """Key and certificate that the folder has by now; blocks.
+
+        Raises ConfigurationError where a node would not start with them, or they are another node's.
+        """
+        key = read_key(self.folder / KEY_FILE)
+        certificate = read_certificate(self.folder / CERTIFICATE_FILE)
+        check_pair(self.folder, key, certificate)
+        check_valid(self.folder, certificate, self.time)
+        if certificate.name != self.name:
+            raise ConfigurationError(
+                f"{self.folder / CERTIFICATE_FILE}: {certificate.name}; expected a certificate of {self.name}"
+            )
+        return key, certificate
+
+    def renew(self, key: Ed25519PrivateKey, certificate: Certificate) -> bool:
+        """Sign with another key from now on; whether it is another one."""
+        is_new = certificate != self.certificate
+        self._key, self.certificate = key, certificate
+        return is_new
 
     @property
     def wrong(self) -> str | None:
         """Why this node's own certificate is not good now, in words; None while it is."""
-        verdict = self.fleet.verify(self.certificate, self.time.now_s())
+        verdict = self.time.verify(self.certificate)
         return None if verdict is None else verdict.replace("_", " ")
 
     def sign(self, data: bytes) -> bytes:
@@ -90,9 +111,9 @@ def check_pair(folder: Path, key: Ed25519PrivateKey, certificate: Certificate) -
         raise ConfigurationError(f"{folder / KEY_FILE}: not the key of {CERTIFICATE_FILE} ({certificate.name})")
 
 
-def check_valid(folder: Path, certificate: Certificate, fleet: Fleet, now_s: float) -> None:
+def check_valid(folder: Path, certificate: Certificate, now: TrustedTime) -> None:
     """Raises ConfigurationError where a node would refuse the certificate."""
-    wrong = fleet.verify(certificate, now_s)
+    wrong = now.verify(certificate)
     if wrong is None:
         return
     said = _WRONG[wrong].format(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, MAX_SENSOR
+from ..protocol.topics import MAX_DRONE, MAX_FOG, MAX_SENSOR
 
 _STATION, _BROKER = "gs-", "broker-"
 _LABEL = r"[A-Za-z0-9_.-]{1,%d}"
@@ -31,7 +31,7 @@ class Kind(StrEnum):
     BROKER = "broker"
 
 
-_MOST = {Kind.DRONE: MAX_DRONE, Kind.SENSOR: MAX_SENSOR, Kind.FOG: 999_999_999}
+_MOST = {Kind.DRONE: MAX_DRONE, Kind.SENSOR: MAX_SENSOR, Kind.FOG: MAX_FOG}
 
 
 @dataclass(frozen=True)

@@ -27,13 +27,12 @@ class RevocationList:
         try:
             is_pem = encoded.lstrip().startswith(b"-----BEGIN")
             found = x509.load_pem_x509_crl(encoded) if is_pem else x509.load_der_x509_crl(encoded)
+            if not found.is_signature_valid(authority):
+                raise ConfigurationError(f"{what}: not signed by this fleet's authority")
             extensions = found.extensions
             serials = frozenset(entry.serial_number for entry in found)
-            is_signed = found.is_signature_valid(authority)
         except UNREADABLE as error:
             raise ConfigurationError(f"{what}: not a certificate revocation list ({error})") from error
-        if not is_signed:
-            raise ConfigurationError(f"{what}: not signed by this fleet's authority")
         numbers = [each.value.crl_number for each in extensions if isinstance(each.value, x509.CRLNumber)]
         if len(numbers) != 1:
             raise ConfigurationError(f"{what}: no CRLNumber; expected one made by `mqttxt keys`")

@@ -1,7 +1,7 @@
 """What a ground station may do, as its certificate says it in URIs of the subject's alternative names.
 
-`mqttxt:may/command/1-3,7` (or `*`), `mqttxt:may/take-over`, `mqttxt:may/observe`; beside them stands the fleet,
-`mqttxt:fleet/NAME`, in every certificate.
+`mqttxt:may/command/1-3,7` (or `*`), `mqttxt:may/upload-plan`, `mqttxt:may/set-parameters`,
+`mqttxt:may/take-over`, `mqttxt:may/observe`; beside them stands the fleet, `mqttxt:fleet/NAME`, in every certificate.
 """
 
 from __future__ import annotations
@@ -11,13 +11,17 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from ..errors import ConfigurationError
+from ..protocol.commands import Command, PlanCommand, SetParameter
 from ..protocol.topics import MAX_DRONE
 
 SCHEME = "mqttxt:"
 FLEET = SCHEME + "fleet/"
 COMMAND = SCHEME + "may/command/"
 TAKE_OVER = SCHEME + "may/take-over"
+UPLOAD_PLAN = SCHEME + "may/upload-plan"
+SET_PARAMETERS = SCHEME + "may/set-parameters"
 OBSERVE = SCHEME + "may/observe"
+_PLAIN = (UPLOAD_PLAN, SET_PARAMETERS, TAKE_OVER, OBSERVE)
 EVERY = "*"
 
 
@@ -51,19 +55,43 @@ def command_right(drone: int) -> str:
 
 @dataclass(frozen=True)
 class Rights:
-    """What a station may do. `command` is the drones that it may command: None is every drone of the fleet."""
+    """What a station may do. `command` is the drones that it may command: None is every drone of the fleet.
+
+    `upload_plan`: their plans may be replaced and cleared, too; `set_parameters`: their parameters may be set.
+    """
 
     command: frozenset[int] | None = frozenset()
     take_over: bool = False
     observe: bool = False
+    upload_plan: bool = False
+    set_parameters: bool = False
 
     def may_command(self, drone: int) -> bool:
         return self.command is None or drone in self.command
 
+    @property
+    def may_hear(self) -> bool:
+        """Whether the station may hear states, words and readings: who has any right may."""
+        return self != Rights()
+
+    def missing(self, command: Command, drone: int) -> str | None:
+        """The right that is missing for a command to a drone, None where none is."""
+        if not self.may_command(drone):
+            return command_right(drone)
+        if isinstance(command, PlanCommand) and not self.upload_plan:
+            return UPLOAD_PLAN
+        return SET_PARAMETERS if isinstance(command, SetParameter) and not self.set_parameters else None
+
     def uris(self) -> tuple[str, ...]:
         """As a certificate carries them."""
         command = EVERY if self.command is None else write_numbers(self.command)
-        given = ((COMMAND + command, command != ""), (TAKE_OVER, self.take_over), (OBSERVE, self.observe))
+        given = (
+            (COMMAND + command, command != ""),
+            (UPLOAD_PLAN, self.upload_plan),
+            (SET_PARAMETERS, self.set_parameters),
+            (TAKE_OVER, self.take_over),
+            (OBSERVE, self.observe),
+        )
         return tuple(uri for uri, has in given if has)
 
     @classmethod
@@ -73,15 +101,15 @@ class Rights:
         seen: set[str] = set()
         for uri in uris:
             kind = COMMAND if uri.startswith(COMMAND) else uri
-            if kind not in (COMMAND, TAKE_OVER, OBSERVE) or kind in seen:
+            if kind not in (COMMAND, *_PLAIN) or kind in seen:
                 raise ConfigurationError(
-                    f"right {uri[:80]!r}: expected {COMMAND}1-3,7, {TAKE_OVER} or {OBSERVE}, each once"
+                    f"right {uri[:80]!r}: expected {COMMAND}1-3,7, {', '.join(_PLAIN[:-1])} or {_PLAIN[-1]}, each once"
                 )
             seen.add(kind)
             if kind == COMMAND:
                 drones = uri.removeprefix(COMMAND)
                 command = None if drones == EVERY else parse_numbers(drones, MAX_DRONE, f"right {uri[:80]!r}")
-        return cls(command, TAKE_OVER in seen, OBSERVE in seen)
+        return cls(command, TAKE_OVER in seen, OBSERVE in seen, UPLOAD_PLAN in seen, SET_PARAMETERS in seen)
 
 
 def _not_numbers(text: str, most: int, what: str) -> ConfigurationError:

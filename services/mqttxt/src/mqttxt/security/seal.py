@@ -38,19 +38,39 @@ class Signed:
         return self.certificate.name
 
 
+def is_drone(certificate: Certificate) -> bool:
+    """Whether a certificate is a drone's."""
+    return certificate.node.kind is Kind.DRONE
+
+
 def is_station(certificate: Certificate) -> bool:
     """Whether a certificate is a ground station's."""
     return certificate.node.kind is Kind.STATION
 
 
 class Seal:
-    """Signs for one node, keeps the certificates of the others, and verifies what they signed."""
+    """Signs for one node, keeps the certificates of the others, and verifies what they signed.
 
-    def __init__(self, identity: Identity) -> None:
+    `signs_states`: states too, which are not signed otherwise; `signs_readings`: sensors sign their readings.
+    """
+
+    def __init__(self, identity: Identity, signs_states: bool = False, signs_readings: bool = False) -> None:
         self.name = identity.name
-        self.certificate = identity.certificate
         self.identity = identity
+        self.signs_states = signs_states
+        self.signs_readings = signs_readings
         self._known: dict[str, list[Certificate]] = {identity.name: [identity.certificate]}
+
+    @property
+    def certificate(self) -> Certificate:
+        """This node's own, which may be renewed."""
+        return self.identity.certificate
+
+    def on_identity(self) -> bool:
+        """Whether the identity was renewed since this was asked: what either key signs is the node's own."""
+        is_new = self.certificate not in self._known[self.name]
+        self._keep(self.certificate)
+        return is_new
 
     def sign(self, topic: str, payload: bytes, with_certificate: bool = False) -> Envelope:
         """A payload as this node says it on `topic`, which is named as R12.3 has it."""
@@ -60,7 +80,7 @@ class Seal:
         return Envelope(payload, self.certificate.hash[:KID_BYTES], signature, certificate)
 
     def open(self, topic: str, data: bytes, signer: str) -> Signed:
-        """What `signer` said on `topic`; raises PayloadError where that is not so, and then nothing may follow.
+        """A message of `signer` on `topic`; raises PayloadError for any other, of which nothing may follow.
 
         What comes here has no relay that adds to it, and much of it is passed on byte by byte.
         """
@@ -70,19 +90,19 @@ class Seal:
         return signed
 
     def open_one_of(self, data: bytes, topics: dict[str, str]) -> Signed:
-        """What one of several signers, each with the topic that it has for it, said; raises PayloadError."""
+        """A message of one of several signers, each on a topic of its own; raises PayloadError for any other."""
         return self.verified(
             Envelope.parse(data), lambda certificate: topics[certificate.name], lambda c: c.name in topics
         )
 
     def open_of_station(self, topic: str, envelope: Envelope) -> Signed:
-        """What a ground station, whichever, said on `topic`; raises PayloadError."""
+        """A message of any ground station on `topic`; raises PayloadError for any other."""
         return self.verified(envelope, lambda _: topic, is_station)
 
     def verified(
         self, envelope: Envelope, topic: Callable[[Certificate], str], expected: Callable[[Certificate], bool]
     ) -> Signed:
-        """What one of those that are `expected` said on the `topic` that it has for it; raises PayloadError."""
+        """A message of an `expected` signer on its `topic`; raises PayloadError for any other."""
         if envelope.certificate is not None:
             self._learn(envelope.certificate, expected)
         named = (known for certificates in self._known.values() for known in certificates)
@@ -95,11 +115,15 @@ class Seal:
                 certificate.public_key.verify(envelope.signature, to_be_signed(envelope.payload, aad))
             except InvalidSignature:
                 continue
-            refusal = self.identity.fleet.verify(certificate, self.identity.time.now_s())
+            refusal = self.identity.time.verify(certificate)
             if refusal not in (None, EXPIRED):
                 raise PayloadError(f"certificate of {certificate.name}: {refusal}", "certificate")
             return Signed(certificate, envelope, is_expired=refusal == EXPIRED)
         raise PayloadError(f"signature: expected one of {among[0].name} for this topic", "forged")
+
+    def knows(self, name: str) -> bool:
+        """Whether a certificate of that name is known that is not revoked."""
+        return any(known.serial not in self.identity.fleet.revoked.serials for known in self._known.get(name, ()))
 
     def _learn(self, der: bytes, expected: Callable[[Certificate], bool]) -> None:
         """Keep a certificate that is good, and of somebody who is expected; raises PayloadError for any other."""
@@ -109,9 +133,12 @@ class Seal:
             certificate = Certificate.from_der(der)
         except ConfigurationError as error:
             raise PayloadError(str(error), "certificate") from error
-        refusal = self.identity.fleet.verify(certificate, self.identity.time.now_s())
+        refusal = self.identity.time.verify(certificate)
         if refusal is not None or not expected(certificate):
             raise PayloadError(f"certificate of {certificate.name}: {refusal or 'of another node'}", "certificate")
+        self._keep(certificate)
+
+    def _keep(self, certificate: Certificate) -> None:
         known = self._known.setdefault(certificate.name, [])
         if certificate not in known:
             known.append(certificate)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..errors import ConfigurationError
 from . import files
+from .certificate import Certificate
 from .fleet import Fleet
 
 TIME_FILE = "time"
@@ -15,27 +16,57 @@ PERSIST_EVERY_S = 600.0
 
 
 class TrustedTime:
-    """The latest of the system's clock, the time that `folder` keeps, and the revocation list's.
+    """The latest of the system's clock, and of what the node knew at some moment and the time that has passed since.
 
-    Without a battery-backed clock a machine starts in 1970, or where it ended: a certificate is judged by the latest
-    time that the node has known. `system` gives Unix seconds; tests hand in their own.
+    It knows the time that `folder` keeps, and the revocation list's. Without a battery-backed clock a machine starts in
+    1970, or where it ended. `system` gives Unix seconds, `running` those since any start; tests hand in their own.
     """
 
-    def __init__(self, folder: Path, fleet: Fleet, system: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        fleet: Fleet,
+        system: Callable[[], float] = time.time,
+        running: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._file = folder / TIME_FILE
         self._fleet = fleet
         self._system = system
-        self._kept_s = _read(self._file)
+        self._running = running
+        self._at_start_s = _read(self._file) - running()
 
     def now_s(self) -> float:
         """Unix seconds."""
-        return max(self._system(), self._kept_s, self._fleet.revoked.this_update_s)
+        return max(self._system(), self._least_s())
+
+    def verify(self, certificate: Certificate) -> str | None:
+        """Why a certificate is not good now, None where it is (`Fleet.verify`).
+
+        A clock that is behind what the node knows cannot tell that a certificate is not yet valid: that the authority
+        has signed it tells the time.
+        """
+        verdict = self._fleet.verify(certificate, self.now_s())
+        if verdict == "not_yet_valid" and self._system() < self._least_s():
+            self._learn(certificate.not_before_s)
+            return None
+        return verdict
+
+    def _least_s(self) -> float:
+        """What it is at least, whatever the system's clock says."""
+        known_s = self._at_start_s + self._running()
+        listed_s = self._fleet.revoked.this_update_s
+        if listed_s > known_s:
+            self._learn(listed_s)
+        return max(known_s, listed_s)
+
+    def _learn(self, now_s: float) -> None:
+        self._at_start_s = now_s - self._running()
 
     def keep(self) -> None:
         """Write the time down, for a start without a clock; blocks. Raises ConfigurationError."""
         now_s = self.now_s()
         files.write(self._file, f"{int(now_s)}\n".encode())
-        self._kept_s = now_s
+        self._learn(now_s)
 
 
 def _read(path: Path) -> float:

@@ -37,7 +37,7 @@ def best(runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: fl
 async def _choose(
     runner: StationRunner, command: Command, asked: list[Asked], ttl_s: float, limit_s: float | None
 ) -> AsyncIterator[Outcome | PsmiList]:
-    """What is said from the fogs' offers to the last word of whoever was sent."""
+    """The events from the fogs' offers to the last word of the drone that was sent."""
     held: list[PsmiList] = []
     try:
         offers = await _answers(asked, ttl_s)
@@ -89,7 +89,7 @@ async def _commit(
 async def _next_offer(
     runner: StationRunner, command: Command, tried: PsmiList, start_until_s: float
 ) -> list[Outcome | PsmiList]:
-    """What a fog has to offer beside the drone that said no."""
+    """A fog's next offer, beside the drone that refused."""
     left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
     with contextlib.suppress(FogUnreachable):
         return await _answers(_ask(runner, command, [tried.fog], left_s, tried.id.seq), left_s)
@@ -97,14 +97,14 @@ async def _next_offer(
 
 
 def _why_to_end(runner: StationRunner, chosen: PsmiList, start_until_s: float) -> str | None:
-    """Why nobody is sent in place of who said no, None where somebody is."""
+    """Why no drone is sent in place of one that refused, None where one is."""
     if runner.station.commands.is_overridden(chosen.id):
         return "cancelled"
     return Word.EXPIRED.label if asyncio.get_running_loop().time() >= start_until_s else None
 
 
 def _reserved(event: Outcome | PsmiList) -> list[PsmiList]:
-    """The offer among what a fog said, if it is one."""
+    """The offer in a fog's answer, if there is one."""
     return [event] if isinstance(event, PsmiList) and event.chosen is not None else []
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..core.channel import Channel
 from ..core.clock import DEFAULT_TTL_MS, MAX_TTL_MS, expiry_s
@@ -22,17 +22,17 @@ from ..protocol.messages import (
     Limit,
     ResultMessage,
     Word,
-    without_contradiction,
 )
 from ..protocol.rankings import PsmiMessage, SelectMessage, SelectMode
-from ..protocol.topics import SELECTABLE, FogSide
+from ..protocol.topics import SELECTABLE
 from ..protocol.values import mark_of
-from ..security.addressed import Addressed
-from ..security.cose import Envelope
-from ..security.rights import command_right
-from .fog import LINK, DroneView, FogView
+from .fog import LINK, FogView
 from .outcomes import Event, Outcome, PsmiList
 from .pending import Pending
+
+if TYPE_CHECKING:
+    from ..security.addressed import Addressed
+    from .signing import CommandSigner
 
 Output = Effect | Event
 
@@ -56,6 +56,11 @@ class StationCommands:
         self._session = session
         self._channel = channel
         self._settings = channel.settings
+        self._signer: CommandSigner | None = None
+        if channel.seal is not None:
+            from .signing import CommandSigner
+
+            self._signer = CommandSigner(channel.seal, channel.settings.encoding)
         self._seq = 0
         self._overriding_seq = -1
 
@@ -80,11 +85,12 @@ class StationCommands:
         """
         if drone is None and not isinstance(command, BROADCASTABLE):
             raise ConfigurationError(f"broadcast {command.name}: expected a command that is the same for every drone")
-        self._check_signing(fog, drone, command.name)
+        if self._signer is not None and drone is not None:
+            self._signer.check(fog, drone, command)
         common = self._addressed(fog, command, ttl_ms, limit_s, now_ms)
         message = CommandMessage(**common, command=command)
         topic = fog.topics.broadcast if drone is None else fog.topics.drone_commands(drone)
-        signed = self._signed(fog, drone, message, ttl_ms, now_ms)
+        signed = self._signer.sign(fog, drone, message, ttl_ms, now_ms) if self._signer is not None else None
         pending = self._pend(fog, drone, message, topic, signed, ttl_ms, now_ms)
         pending.roster = None if drone is None else (drone,)
         pending.signed_for = tuple(signed.entries) if signed is not None else ()
@@ -111,65 +117,25 @@ class StationCommands:
         """
         if command.name not in SELECTABLE:
             raise ConfigurationError(f"{command.name}: expected a command that PSMI ranks: {', '.join(SELECTABLE)}")
-        if mode is SelectMode.SELECT and self._channel.seal is not None:
+        if mode is SelectMode.SELECT and self._signer is not None:
             raise ConfigurationError(f"select {command.name}: expected an offer and a commit, as commands are signed")
-        if mode is SelectMode.COMMIT:
-            self._check_signing(fog, drone, command.name)
+        signer = self._signer if mode is SelectMode.COMMIT else None
+        if signer is not None and drone is not None:
+            signer.check(fog, drone, command)
         common = self._addressed(fog, command, ttl_ms, limit_s, now_ms)
         message = SelectMessage(**common, mode=mode, reservation=reservation, command=command)
         signed = None
-        if mode is SelectMode.COMMIT and drone is not None:
-            signed = self._signed(fog, drone, message.as_command(), ttl_ms, now_ms, reservation)
+        if signer is not None and drone is not None:
+            signed = signer.sign(fog, drone, message.as_command(), ttl_ms, now_ms, reservation)
         pending = self._pend(fog, None, message, fog.topics.select(command.name), signed, ttl_ms, now_ms)
         pending.choosing = mode is SelectMode.SELECT
         pending.denied = mode is SelectMode.RELEASE
         return message.id, [pending.publish]
 
-    def _check_signing(self, fog: FogView, drone: int | None, name: str) -> None:
-        """Raises where commands are signed and this one cannot be: for want of a right, or of the drone's clock."""
-        seal = self._channel.seal
-        if seal is None or drone is None:
-            return
-        if not seal.certificate.rights.may_command(drone):
-            right = command_right(drone)
-            raise ConfigurationError(f"drone {drone}: {seal.name}'s certificate has no {right}; {name} was not sent")
-        view = fog.drones.get(drone)
-        if view is None or view.signing_clock is None:
-            raise FogUnreachable(f"fog {fog.number}: no signed beacon of drone {drone}; {name} was not sent")
-
-    def _signed(
-        self,
-        fog: FogView,
-        drone: int | None,
-        message: CommandMessage,
-        ttl_ms: int,
-        now_ms: int,
-        reservation: int | None = None,
-    ) -> Addressed | None:
-        """A command signed for a drone, or with None for each whose clock is known; None where nothing is signed."""
-        if self._channel.seal is None:
-            return None
-        views = fog.drones.values() if drone is None else [fog.drones[drone]]
-        rights = self._channel.seal.certificate.rights
-        entries = {
-            view.number: envelope
-            for view in views
-            if rights.may_command(view.number)
-            for envelope in [self._signed_for(view, message, ttl_ms, now_ms)]
-            if envelope is not None
-        }
-        if not entries:
-            raise FogUnreachable(f"fog {fog.number}: no signed beacon of a drone; {message.command.name} was not sent")
-        return Addressed(message.executor_session, message.deadline_ms or 0, entries, reservation)
-
-    def _signed_for(self, view: DroneView, message: CommandMessage, ttl_ms: int, now_ms: int) -> Envelope | None:
-        """A command as one drone is to have it: in its session, due in its clock."""
-        clock = view.signing_clock
-        deadline_ms = clock.deadline_ms(now_ms, ttl_ms) if clock is not None else None
-        if clock is None or deadline_ms is None or self._channel.seal is None:
-            return None
-        own = replace(message, executor_session=clock.session, deadline_ms=max(0, deadline_ms))
-        return self._channel.seal.sign(FogSide().commands(view.number), self._channel.encoded(own))
+    def check_right(self, drone: int, command: Command) -> None:
+        """Raises ConfigurationError where commands are signed, and the certificate does not allow this one."""
+        if self._signer is not None:
+            self._signer.check_right(drone, command)
 
     def _addressed(
         self, fog: FogView, command: Command, ttl_ms: int, limit_s: float | None, now_ms: int
@@ -245,50 +211,7 @@ class StationCommands:
             observed=result.observed is not False,
             signer=signer,
         )
-        return self._say(pending, outcome, now_ms)
-
-    def _say(self, pending: Pending, outcome: Outcome, now_ms: int) -> list[Output]:
-        """Pass on a word once: one last word for each drone, and at most one truth after an unconfirmed."""
-        assert outcome.drone is not None
-        before = pending.words.get(outcome.drone)
-        if before is None and pending.denied_by is not None and outcome.signer == f"drone{outcome.drone}":
-            before = pending.words[outcome.drone] = Word.DENIED
-            pending.signers[outcome.drone] = pending.denied_by
-        if before is None or not before.is_last:
-            if before is outcome.word and outcome.percent == pending.percents.get(outcome.drone):
-                return []
-            word, reason = without_contradiction(outcome.word, outcome.reason, before)
-            pending.percents[outcome.drone] = outcome.percent
-            pending.words[outcome.drone] = word
-            pending.signers[outcome.drone] = outcome.signer
-            pending.retry = Retry.after_word(self._settings.qos, now_ms)
-            if word is Word.UNCONFIRMED:
-                pending.unconfirmed_here.add(outcome.drone)
-            return [replace(outcome, word=word, reason=reason, settled=False)]
-        is_truth = outcome.signer in (None, f"drone{outcome.drone}")
-        if (
-            outcome.drone in pending.unconfirmed_here
-            and is_truth
-            and outcome.word.is_last
-            and outcome.word is not before
-        ):
-            pending.unconfirmed_here.discard(outcome.drone)
-            pending.words[outcome.drone] = outcome.word
-            pending.signers[outcome.drone] = outcome.signer
-            return [replace(outcome, settled=True)]
-        return self._contradiction(pending, outcome, before)
-
-    def _contradiction(self, pending: Pending, outcome: Outcome, before: Word) -> list[Output]:
-        """A drone has signed something else than its activator said in its place: people are told."""
-        assert outcome.drone is not None
-        said_by, drone = pending.signers.get(outcome.drone), f"drone{outcome.drone}"
-        if said_by in (None, drone) or outcome.signer != drone or outcome.word is before:
-            return []
-        told = Log("contradicted", f"{said_by} said {before.label} of {outcome.id}, {drone} {outcome.word.label}")
-        if not outcome.word.is_last:
-            return [told]
-        pending.signers[outcome.drone] = drone
-        return [told, replace(outcome, settled=True)]
+        return [*pending.hear(outcome, self._settings.qos, now_ms)]
 
     def on_psmi(self, fog: FogView, message: PsmiMessage, now_ms: int) -> list[Output]:
         pending = self.pending.get(message.id)
@@ -326,6 +249,15 @@ class StationCommands:
     def ask_again(self, fog_number: int) -> list[Output]:
         """After a lost connection the same bytes again: a duplicate is answered, not executed."""
         return [p.publish for p in self.pending.values() if p.fog == fog_number and p.is_open]
+
+    def sign_again(self) -> None:
+        """Asked for again, what is open is signed by the newest key: an older one may be revoked by then."""
+        if self._signer is None:
+            return
+        for pending in self._open.values():
+            publish = pending.publish
+            topic = self._channel.signed_topic(publish.topic)
+            pending.publish = replace(publish, payload=self._signer.sign_again(topic, publish.payload))
 
     def tick(self, fogs: Mapping[int, FogView], now_ms: int) -> list[Output]:
         """Commands that nobody answers: asked for again, and at last given up."""
@@ -366,5 +298,5 @@ class StationCommands:
         out: list[Output] = []
         for drone in pending.open_drones():
             outcome = Outcome(pending.id, pending.fog, drone, pending.command.name, word, reason, signer=signer)
-            out += self._say(pending, outcome, now_ms)
+            out += pending.hear(outcome, self._settings.qos, now_ms)
         return out

@@ -9,6 +9,7 @@ from ..core.channel import Channel
 from ..core.clock import Beacon, RemoteClock, stamp_supersedes
 from ..core.effects import Publish
 from ..core.settings import RESEND_FIRST_MS
+from ..protocol.codec import encode
 from ..protocol.messages import BeaconMessage, Control, DroneRecord, FogPresence, Grant, Registration
 from ..protocol.rankings import QodsMessage, Ranked
 from ..protocol.state_payload import StampedState
@@ -41,7 +42,7 @@ class HeardState:
 class DroneView:
     """One drone of a fog. `clock` is what the drone's own beacons say, where they are signed.
 
-    `session` is the drone's in the fog's newest record of it that names one: a beacon can be moved to another fog.
+    `session` is the drone's in the fog's newest record of it that names one: an older beacon may be repeated.
     """
 
     number: int
@@ -67,6 +68,8 @@ class FogView:
     ) -> None:
         self.topics = topics
         self.control = control
+        self.claimed: set[int] = set()
+        """The drones that this station wants one by one, where it does not want all."""
         self.ranking: tuple[Ranked, ...] = ()
         self.in_offboard = False
         self.number = topics.fog
@@ -133,7 +136,7 @@ class FogView:
             return [], False
         asked_ms = self._nonces.get(message.nonce) if message.nonce is not None else None
         if asked_ms is not None and message.nonce is not None and self.channel.seal is not None:
-            del self._nonces[message.nonce]  # what answers once cannot be said again
+            del self._nonces[message.nonce]  # a nonce answers once: a beacon that is repeated confirms nothing
         beacon = Beacon(message.session, message.now_ms, message.nonce, message.held_ms)
         self.clock.observe(beacon, now_ms, asked_ms)
         if asked_ms is not None and asked_ms == self._questioned_ms:
@@ -224,7 +227,7 @@ class FogView:
             offboard_until_ms=max(0, offboard_ms) if self.in_offboard else None,
         )
         assert self.channel.seal is not None
-        signed = self.channel.seal.sign(FogSide().control(drone.number), self.channel.encoded(grant))
+        signed = self.channel.seal.sign(FogSide().control(drone.number), encode(grant, self._settings.encoding))
         return Publish(LINK, self.topics.drone_control(drone.number), signed.encode(), qos=1)
 
     def registration(
@@ -243,12 +246,15 @@ class FogView:
         if is_signed and until_ms is None:
             lease_s, self._questioned_ms = 0, now_ms
         self._counter += 1
+        control = self.control
+        if control is Control.NONE and self.claimed:
+            control, drones = Control.WANT, drones or tuple(sorted(self.claimed))
         message = Registration(
             name=self._name,
             session=self._own_session,
             nonce=nonce,
             lease_s=self._lease_s if lease_s is None else lease_s,
-            control=Control.TAKE if take else self.control,
+            control=Control.TAKE if take else control,
             bundles=self._settings.bundles,
             drones=drones,
             until_ms=max(0, until_ms) if until_ms is not None else None,

@@ -7,7 +7,7 @@ import ssl
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from ..core.address import BrokerAddress
 from ..core.clock import SessionClock
@@ -17,7 +17,6 @@ from ..errors import ConfigurationError, FogUnreachable
 from ..protocol.commands import Command
 from ..protocol.topics import MAX_DRONE, check_number, check_station_name
 from ..protocol.values import Encoding
-from ..security.identity import Identity
 from ..security.names import Kind
 from .best import best
 from .heard import EventStream, SentCommand
@@ -25,6 +24,9 @@ from .outcomes import Outcome, PsmiList
 from .process import StationRunner
 from .role import StationRole
 from .views import TAKEOVER_S, TTL_S, Fog
+
+if TYPE_CHECKING:
+    from ..security.identity import Identity
 
 CONNECT_S = 10.0
 
@@ -53,6 +55,8 @@ class GroundStation:
             its fleet; the station's name is then that of the identity.
         signed: sign commands for their drones, end to end, and hear only what is signed; takes an identity. The whole
             fleet signs, or none of it does.
+        signed_states: hear only states that are signed too; takes `signed`, and a whole fleet that signs states.
+        signed_readings: hear only readings that their sensors signed; takes `signed`, and a fleet that does so.
         insecure: allow `mqtt://` to other machines: nothing is encrypted, and anybody can command the drones.
         clock: the clock of this session; None: a new one on the system's monotonic clock.
 
@@ -73,6 +77,8 @@ class GroundStation:
         ssl_context: ssl.SSLContext | None = None,
         identity: Path | str | None = None,
         signed: bool = False,
+        signed_states: bool = False,
+        signed_readings: bool = False,
         insecure: bool = False,
         clock: SessionClock | None = None,
     ) -> None:
@@ -80,12 +86,16 @@ class GroundStation:
             raise ConfigurationError(f"qos {qos}: expected 0 or 1")
         if ssl_context is not None and identity is not None:
             raise ConfigurationError("ssl_context: expected none beside identity")
-        own = Identity.load(Path(identity)) if identity is not None else None
+        own: Identity | None = None
+        if identity is not None:
+            from ..security.identity import Identity
+
+            own = Identity.load(Path(identity))
         own_name = _name_of(name, own)
         own_clock = clock or SessionClock()
         settings = Settings(qos=qos, encoding=encoding, bundles=bundles)
         transport = Transport(own, insecure)
-        seal = transport.seal(signed)
+        seal = transport.seal(signed, signed_states, signed_readings)
         role = StationRole(own_name, own_clock.session, settings, prefix=prefix, control=control, seal=seal)
         address = transport.check(BrokerAddress.parse(url), "broker")
         self._runner = StationRunner(role, address, own_clock, ssl_context, own)
@@ -153,10 +163,35 @@ class GroundStation:
     def events(self) -> EventStream:
         """Everything that is heard from this call on: an asynchronous iterator that ends with the station.
 
-        It yields `Outcome`, `StateUpdate`, `Reachability`, `ControlChanged`, `PsmiList`, `QodsRanking` and
-        `SensorReading`. Raises nothing; iterating raises BrokerRefused where the broker ended the station.
+        It yields `Outcome`, `StateUpdate`, `Reachability`, `ControlChanged`, `PsmiList`, `QodsRanking`,
+        `SensorReading` and `ListBehind`. Raises nothing; iterating raises BrokerRefused where the broker ended the
+        station.
         """
         return self._runner.listen()
+
+    async def reload(self) -> None:
+        """Read the identity anew: a renewed key signs from now on, and a newer revocation list counts.
+
+        Raises nothing: what cannot be used is logged, and changes nothing. Without an identity it does nothing.
+        """
+        await self._runner.reload()
+
+    async def share_list(self, timeout_s: float = CONNECT_S) -> int:
+        """Wait until the cloud broker has this station's revocation list, or a newer one; returns the list's number.
+
+        A station with an identity publishes its list by itself; this says when that is done.
+
+        Parameters:
+            timeout_s: how long to wait, in seconds.
+
+        Raises:
+            FogUnreachable: it is not there in time; the message says what is missing.
+            ConfigurationError: the station has no identity, or the timeout is not above 0.
+            StationEnded, BrokerRefused: the station ends before.
+        """
+        if self._runner.identity is None:
+            raise ConfigurationError("share_list: expected a station with an identity")
+        return await self._runner.share_list(timeout_s)
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """Wait until something holds; it is looked at whenever something was heard, and twenty times a second.
@@ -199,7 +234,7 @@ class GroundStation:
         return best(self._runner, command, numbers, ttl_s, limit_s)
 
     async def take_over(self, fog: int, drones: tuple[int, ...] | None = None, timeout_s: float = TAKEOVER_S) -> None:
-        """Take control of a fog's drones, whoever has it; all stations are told.
+        """Take control of a fog's drones, whoever has it; all stations hear of it.
 
         Parameters:
             fog: the fog's number.

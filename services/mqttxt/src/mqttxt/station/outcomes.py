@@ -77,7 +77,7 @@ class Outcomes(tuple[Outcome, ...]):
 
     @classmethod
     def of(cls, said: Iterable[Outcome]) -> Self:
-        """The last words among what was said."""
+        """The last words among these outcomes."""
         return cls(sorted((outcome for outcome in said if outcome.is_last), key=lambda outcome: outcome.drone or 0))
 
     @property
@@ -179,4 +179,21 @@ class SensorReading:
         return f"drone {self.drone} sensor {self.sensor}: {self.kind} {self.value:g}{unit}"
 
 
-Event = Outcome | StateUpdate | Reachability | ControlChanged | PsmiList | QodsRanking | SensorReading
+@dataclass(frozen=True)
+class ListBehind:
+    """A `node` (`drone3`, `fog1`, or this station itself) goes on with an old revocation list.
+
+    It has said so for 30 s on its way through a `fog`, in a fleet that signs. `number` is that of the list that it has,
+    `newest` the highest that anybody has said. Somebody withholds the newer one, or the node cannot take it.
+    """
+
+    fog: int
+    node: str
+    number: int
+    newest: int
+
+    def __str__(self) -> str:
+        return f"{self.node}: revocation list {self.number}, while there is a list {self.newest}: it may be withheld"
+
+
+Event = Outcome | StateUpdate | Reachability | ControlChanged | PsmiList | QodsRanking | SensorReading | ListBehind

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from ..core.effects import Publish
+from ..core.effects import Log, Publish
 from ..core.settings import Retry
 from ..protocol.commands import Command
-from ..protocol.messages import CommandId, Word
+from ..protocol.messages import CommandId, Word, without_contradiction
 from ..protocol.words import PASSED_OVER
+from .outcomes import Outcome
 
 
 @dataclass
@@ -43,9 +44,49 @@ class Pending:
         concerned = self.words if self.roster is None else self.roster
         return [n for n in concerned if n not in self.words or not self.words[n].is_last]
 
+    def hear(self, outcome: Outcome, qos: int, now_ms: int) -> list[Log | Outcome]:
+        """A word once: one last word for each drone, and at most one truth after an unconfirmed.
+
+        `qos` is that of commands: what was answered at QoS 0 is asked for again.
+        """
+        assert outcome.drone is not None
+        drone, own = outcome.drone, f"drone{outcome.drone}"
+        before = self.words.get(drone)
+        if before is None and self.denied_by is not None and outcome.signer == own:
+            before = self.words[drone] = Word.DENIED
+            self.signers[drone] = self.denied_by
+        if before is None or not before.is_last:
+            if before is outcome.word and outcome.percent == self.percents.get(drone):
+                return []
+            word, reason = without_contradiction(outcome.word, outcome.reason, before)
+            self.percents[drone], self.words[drone], self.signers[drone] = outcome.percent, word, outcome.signer
+            self.retry = Retry.after_word(qos, now_ms)
+            if word is Word.UNCONFIRMED:
+                self.unconfirmed_here.add(drone)
+            return [replace(outcome, word=word, reason=reason, settled=False)]
+        if outcome.word is before:
+            return []
+        if drone in self.unconfirmed_here and outcome.signer in (None, own) and outcome.word.is_last:
+            self.unconfirmed_here.discard(drone)
+            self.words[drone], self.signers[drone] = outcome.word, outcome.signer
+            return [replace(outcome, settled=True)]
+        return self._contradiction(outcome, before, own)
+
+    def _contradiction(self, outcome: Outcome, before: Word, own: str) -> list[Log | Outcome]:
+        """A drone has signed another word than its activator sent in its place: a log line, and an outcome."""
+        assert outcome.drone is not None
+        signer = self.signers.get(outcome.drone)
+        if signer in (None, own) or outcome.signer != own:
+            return []
+        line = Log("contradicted", f"{signer} said {before.label} of {outcome.id}, {own} {outcome.word.label}")
+        if not outcome.word.is_last:
+            return [line]
+        self.signers[outcome.drone] = own
+        return [line, replace(outcome, settled=True)]
+
     @property
     def has_begun(self) -> bool:
-        """Whether any drone has said that it does it, or may."""
+        """Whether any drone has accepted it, or may have."""
         return any(word not in PASSED_OVER for word in self.words.values())
 
     @property

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import ssl
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakSet
 
 from ..core.address import BrokerAddress
@@ -13,16 +14,21 @@ from ..core.clock import SessionClock
 from ..core.ledger import OVERRIDING
 from ..core.mqtt.link import MqttLink
 from ..core.runner import Runner
-from ..errors import ConfigurationError, FogUnreachable, StationEnded
+from ..errors import ConfigurationError, FogUnreachable, StationEnded, TransferFailed
 from ..protocol.commands import Command
 from ..protocol.messages import CommandId
 from ..protocol.rankings import SelectMode
-from ..security.identity import Identity
 from .commands import Output, ttl_ms_of
 from .fog import LINK, FogView
 from .heard import Bell, EventStream, Record, SentCommand
-from .outcomes import Event, Outcome, PsmiList, last_word
+from .outcomes import Event, ListBehind, Outcome, PsmiList, last_word
 from .role import StationRole
+from .transfers import Transfer
+
+if TYPE_CHECKING:
+    from ..security.identity import Identity
+
+logger = logging.getLogger("mqttxt")
 
 Answer = TypeVar("Answer")
 
@@ -38,11 +44,14 @@ class StationRunner(Runner):
         ssl_context: ssl.SSLContext | None,
         identity: Identity | None = None,
     ) -> None:
-        super().__init__(station, clock, identity=identity)
+        super().__init__(station, clock, identity=identity, lists={LINK: station.lists_topic})
         self.station = station
         client_id = f"mqttxt-{station.name}-{clock.session:08x}"
         self.links[LINK] = MqttLink(
-            LINK, address, client_id, station.will(), self, ssl_context=ssl_context, identity=identity
+            *(LINK, address, client_id, station.will, self),
+            ssl_context=ssl_context,
+            identity=identity,
+            ends_when_taken_over=not station.signs,
         )
         self._open: dict[CommandId, Record[Any]] = {}
         self._streams: WeakSet[Record[Event]] = WeakSet()
@@ -55,9 +64,13 @@ class StationRunner(Runner):
         return self._running is not None
 
     def begin(self) -> None:
-        """Run until `leave`; raises StationEnded where it has run before."""
+        """Run until `leave`; raises StationEnded where it has run before, ConfigurationError for a loop that cannot."""
         if self._running is not None:
             raise StationEnded("a ground station is entered once: make another GroundStation")
+        loop = type(asyncio.get_running_loop())
+        if loop.add_reader is asyncio.AbstractEventLoop.add_reader:
+            wanted = "asyncio.Runner(loop_factory=asyncio.SelectorEventLoop)"
+            raise ConfigurationError(f"event loop {loop.__name__}: does not watch sockets; expected that of {wanted}")
         self._running = asyncio.create_task(self.run())
         self._running.add_done_callback(lambda _: self._end_all())
 
@@ -88,8 +101,8 @@ class StationRunner(Runner):
     def _ended_by(self) -> BaseException | None:
         """What ended the station, from the moment on at which it sends nothing more."""
         error = self.stopped_by()
-        was_left = error is None and self._has_ended
-        return StationEnded("the ground station has ended") if was_left or _is_cancel(error) else error
+        was_left = isinstance(error, asyncio.CancelledError) or (error is None and self._has_ended)
+        return StationEnded("the ground station has ended") if was_left else error
 
     @property
     def _has_ended(self) -> bool:
@@ -138,6 +151,10 @@ class StationRunner(Runner):
                 f"{command.name}: this station's certificate is {wrong}; expected hold, land or return"
             )
 
+    def check_right(self, command: Command, drone: int) -> None:
+        """Raises ConfigurationError where this station's certificate does not allow a command to a drone."""
+        self.station.commands.check_right(drone, command)
+
     def _follow(
         self, sent: tuple[CommandId, list[Output]], answer: Callable[[Sequence[Any]], Answer]
     ) -> SentCommand[Answer, Any]:
@@ -174,11 +191,46 @@ class StationRunner(Runner):
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """`GroundStation.wait_until`."""
         _check_timeout(timeout_s)
-        async with asyncio.timeout(timeout_s):
+        async with asyncio.timeout(timeout_s if timeout_s < float("inf") else None):
             while not condition():
                 if self._has_ended:
                     self.check()
                 await self._carried_out.wait()
+
+    async def share_list(self, timeout_s: float) -> int:
+        """The number of the revocation list that the cloud broker has, once it is this station's or a newer one.
+
+        Raises FogUnreachable where that does not come about in time.
+        """
+        _check_timeout(timeout_s)
+        assert self.identity is not None
+        link = self.links[LINK]
+        try:
+            await self.wait_until(lambda: self.station.connected and self.lists.is_shown(LINK), timeout_s)
+        except TimeoutError:
+            failure = f" ({link.failure})" if link.failure else ""
+            missing = "does not show the revocation list: is its access list new enough (`mqttxt broker`)?"
+            raise FogUnreachable(
+                f"{link.address}: {missing if self.station.connected else f'no connection{failure}'} "
+                f"(waited {timeout_s:g} s)"
+            ) from None
+        return self.identity.fleet.revoked.number
+
+    async def transfer(self, transfer: Transfer, timeout_s: float | None) -> None:
+        """Carry an object, and wait until it is there; raises TransferFailed where it will not be."""
+        if timeout_s is not None:
+            _check_timeout(timeout_s)
+        self.check()
+        self.carry_out(self.station.transfers.begin(transfer, self.clock.now_ms()))
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self.wait_until(lambda: transfer.is_over, float("inf"))
+        except TimeoutError:
+            raise TransferFailed(f"{transfer}: not within {timeout_s:g} s") from None
+        finally:
+            transfer.is_over = True
+        if transfer.error is not None:
+            raise TransferFailed(f"{transfer}: {transfer.error}")
 
     async def take_over(self, fog: int, drones: tuple[int, ...] | None, timeout_s: float) -> None:
         """`GroundStation.take_over`."""
@@ -191,6 +243,11 @@ class StationRunner(Runner):
             await self.wait_until(lambda: all(view.controls(drone) for drone in wanted), timeout_s)
         except TimeoutError:
             raise FogUnreachable(f"fog {fog}: the takeover was not confirmed within {timeout_s:g} s") from None
+
+    def claim(self, fog: int, drone: int, wanted: bool) -> None:
+        """`Drone.claim` and `Drone.release`."""
+        self.check()
+        self.carry_out(self.station.claim(fog, drone, wanted, self.clock.now_ms()))
 
     def missing(self, view: FogView) -> str:
         """What a fog lacks before commands can be sent to it."""
@@ -216,6 +273,8 @@ class StationRunner(Runner):
         if not isinstance(output, Event):
             super().special(output)
             return
+        if isinstance(output, ListBehind):
+            logger.warning("%s", output)
         for stream in list(self._streams):
             stream.hear(output)
         if isinstance(output, Outcome | PsmiList) and output.id in self._open:
@@ -234,7 +293,3 @@ class StationRunner(Runner):
 def _check_timeout(timeout_s: float) -> None:
     if not timeout_s > 0:
         raise ConfigurationError(f"timeout {timeout_s:g} s: expected more than 0")
-
-
-def _is_cancel(error: BaseException | None) -> bool:
-    return isinstance(error, asyncio.CancelledError)

@@ -51,10 +51,12 @@ class SeenNumbers:
 class Readings:
     """What has come of all sensors, and the newest of each kind.
 
-    A drone is unique in a fleet, so that a reading keeps its key when its drone changes the fog.
+    A drone is unique in a fleet, so that a reading keeps its key when its drone changes the fog. Where sensors sign, a
+    sensor is unique too (`by_sensor`), and a reading that somebody shows as another drone's is the same.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, by_sensor: bool = False) -> None:
+        self._by_sensor = by_sensor
         self.latest: OrderedDict[tuple[int, int, str], SensorReading] = OrderedDict()
         """By (drone, sensor, kind)."""
         self._seen: OrderedDict[tuple[int, int, int], SeenNumbers] = OrderedDict()
@@ -62,7 +64,7 @@ class Readings:
     def on_reading(self, fog: int, drone: int, reading: Reading) -> list[SensorReading]:
         """The reading, unless it has come before."""
         message = reading.message
-        source = (drone, reading.sensor, message.boot)
+        source = (0 if self._by_sensor else drone, reading.sensor, message.boot)
         seen = self._seen.setdefault(source, SeenNumbers())
         self._seen.move_to_end(source)
         if len(self._seen) > MOST_SENSORS:

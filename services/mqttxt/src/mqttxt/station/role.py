@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..core.channel import Channel
 from ..core.clock import STAMP_MODULUS
 from ..core.effects import Inbound, Log, Publish, Subscribe, Will
 from ..core.settings import Rebirth, Settings
 from ..errors import ConfigurationError, FogUnreachable, PayloadError
+from ..protocol.bulk import BulkAnswer
 from ..protocol.bundles import FogBundle, states_of
 from ..protocol.codec import decode
 from ..protocol.messages import (
@@ -24,17 +25,21 @@ from ..protocol.messages import (
     Word,
 )
 from ..protocol.rankings import PsmiMessage, QodsMessage
-from ..protocol.readings import ReadingMessage, checked
+from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
 from ..protocol.state_payload import decode_state
-from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic, check_prefix, station_of, station_reachable
+from ..protocol.topics import REVOKED, CloudSide, DroneTopic, FogSide, FogTopic, check_prefix, station_reachable
 from ..protocol.values import shown
-from ..security.cose import Envelope
 from ..security.rights import TAKE_OVER
-from ..security.seal import Seal
 from .commands import Output, StationCommands
 from .fog import LINK, FogView
-from .outcomes import Outcome
+from .list_watch import ListWatch
+from .outcomes import ListBehind, Outcome
 from .readings import Readings
+from .transfers import Transfers
+
+if TYPE_CHECKING:
+    from ..security.cose import Envelope
+    from ..security.seal import Seal
 
 DEFAULT_LEASE_S = 30
 OF_A_FOG = frozenset({Word.DENIED, Word.EXPIRED, Word.UNREACHABLE, Word.UNCONFIRMED})
@@ -61,13 +66,16 @@ class StationRole:
         self.fogs: dict[int, FogView] = {}
         self._channel = Channel(LINK, check_prefix(prefix), settings, seal)
         self.commands = StationCommands(session, self._channel)
-        self.readings = Readings()
+        self.readings = Readings(by_sensor=seal is not None and seal.signs_readings)
+        self.transfers = Transfers(session, self._channel)
         self.connected = False
         self._prefix = check_prefix(prefix)
         self._lease_s = lease_s
         self._control = Control.WANT if control else Control.NONE
         self._presence_topic = station_reachable(name, prefix)
         self._rebirth = Rebirth()
+        self._heard: dict[tuple[int, int], list[ReadingKey]] = {}
+        self._lists = ListWatch(f"gs-{name}")
 
     @property
     def signs(self) -> bool:
@@ -75,8 +83,13 @@ class StationRole:
         return self._channel.seal is not None
 
     def is_doubtful(self, outcome: Outcome) -> bool:
-        """Whether a word is none of the drone's own, where those can be told: the command may have reached it."""
+        """Whether a word is not signed by its drone, in a fleet that signs: the command may have reached the drone."""
         return self.signs and outcome.signer != f"drone{outcome.drone}"
+
+    @property
+    def lists_topic(self) -> str:
+        """Where the cloud broker has the fleet's revocation list."""
+        return f"{self._prefix}{REVOKED}"
 
     def will(self) -> Will:
         """One will serves all fogs of the station."""
@@ -88,8 +101,7 @@ class StationRole:
 
     def on_connected(self, link: str, now_ms: int) -> list[Output]:
         self.connected = True
-        out: list[Output] = [Subscribe(LINK, (self._presence_topic,), ref=None)]
-        return out + [self._subscribe(fog) for fog in self.fogs.values()]
+        return self._subscribed_to([*self.fogs.values()], is_first=True)
 
     def on_disconnected(self, link: str, now_ms: int) -> list[Output]:
         self.connected = False
@@ -108,16 +120,15 @@ class StationRole:
 
     def add_fogs(self, numbers: Iterable[int]) -> list[Output]:
         """Take part in more fogs: subscribe, register, and keep the registrations."""
-        out: list[Output] = []
+        is_first, added = not self.fogs, []
         for number in numbers:
             if number in self.fogs:
                 continue
             topics = CloudSide(number, self._prefix)
             fog = FogView(topics, self.name, self.session, self._lease_s, self._channel, self._control)
             self.fogs[number] = fog
-            if self.connected:
-                out.append(self._subscribe(fog))
-        return out
+            added.append(fog)
+        return self._subscribed_to(added, is_first) if self.connected else []
 
     def take_over(self, fog_number: int, drones: tuple[int, ...] | None, now_ms: int) -> list[Output]:
         """Take control of a fog's drones (None: of all), whoever holds it.
@@ -132,6 +143,16 @@ class StationRole:
             raise FogUnreachable(f"fog {fog_number}: no live activator; control was not taken")
         return [fog.registration(now_ms, take=True, drones=drones)]
 
+    def claim(self, fog_number: int, drone: int, wanted: bool, now_ms: int) -> list[Output]:
+        """Want control of a drone from now on, or no longer; raises ConfigurationError where the station wants all."""
+        fog = self.fog(fog_number)
+        if fog.control is not Control.NONE:
+            raise ConfigurationError(f"drone {drone}: expected a station with control=False; this one wants all drones")
+        if (drone in fog.claimed) == wanted:
+            return []
+        (fog.claimed.add if wanted else fog.claimed.discard)(drone)
+        return [fog.registration(now_ms)] if fog.up and fog.subscribed else []
+
     def fog(self, number: int, unsent: str | None = None) -> FogView:
         """A fog that this station takes part in; raises FogUnreachable for another, naming what was not sent."""
         if number not in self.fogs:
@@ -141,11 +162,13 @@ class StationRole:
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Output]:
         """A message from the cloud broker; what does not follow the specification is counted."""
         try:
-            if station_of(message.topic, self._prefix) is not None:
+            if message.topic == self._presence_topic:
                 return self._on_own_presence(message, now_ms)
             for fog in self.fogs.values():
                 if message.topic.startswith(fog.topics.root):
-                    return self._on_fog_message(fog, fog.topics.parse(message.topic), message, now_ms)
+                    topic = fog.topics.parse(message.topic)
+                    take = self._on_drone_message if isinstance(topic, DroneTopic) else self._on_fog_message
+                    return take(fog, topic, message, now_ms)
             raise PayloadError(f"topic {message.topic!r}: not of a fog that was asked for", "topic")
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]
@@ -153,6 +176,14 @@ class StationRole:
     def on_published(self, link: str, ref: Hashable, code: int, now_ms: int) -> list[Output]:
         """A command is acknowledged by its executor's words, not by the broker."""
         return []
+
+    def on_identity(self, now_ms: int) -> list[Output]:
+        """The identity has another key, or its fleet a newer revocation list: the birth says so."""
+        if self._channel.seal is None:
+            return []
+        if self._channel.seal.on_identity():
+            self.commands.sign_again()
+        return [self._birth(up=True)] if self.connected and self.fogs else []
 
     def tick(self, now_ms: int) -> list[Output]:
         """Everything that is due by time; to be called at least ten times a second."""
@@ -162,22 +193,32 @@ class StationRole:
             out += [*effects, *events]
         if self._rebirth.is_due(now_ms):
             out.append(self._birth(up=True))
-        return out + self.commands.tick(self.fogs, now_ms)
+        return [*out, *self._acknowledge(), *self.commands.tick(self.fogs, now_ms), *self.transfers.tick(now_ms)]
+
+    def _acknowledge(self) -> list[Output]:
+        """Readings that were heard since the last time, again ones too: only then do their drones give them up."""
+        heard, self._heard = self._heard, {}
+        out: list[Output] = []
+        for (number, drone), keys in heard.items():
+            for start in range(0, len(keys), MOST_ACKNOWLEDGED):
+                ack = ReadingAck(readings=tuple(keys[start : start + MOST_ACKNOWLEDGED]))
+                topic = self.fogs[number].topics.drone_sensor_ack(drone)
+                signed_as = FogSide().sensor_ack(drone)
+                out.append(self._channel.publish(topic, ack, qos=1, signed_as=signed_as))
+        return out
 
     def goodbye(self, now_ms: int) -> list[Output]:
         """A clean stop ends the leases and says that the station is gone."""
-        if not self.connected:
+        if not (self.connected and self.fogs):
             return []
         ends: list[Output] = [fog.registration(now_ms, lease_s=0) for fog in self.fogs.values() if fog.registered]
         return [*ends, self._birth(up=False)]
 
     def _on_fog_message(self, fog: FogView, topic: Any, message: Inbound, now_ms: int) -> list[Output]:
-        if isinstance(topic, DroneTopic):
-            return self._on_drone_message(fog, topic, message, now_ms)
         if not isinstance(topic, FogTopic):
             raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
         if topic.kind == "states":
-            pairs = states_of(decode(FogBundle, message.payload))
+            pairs = states_of(decode(FogBundle, self._channel.opened_state(message, fog.name, fog.clock, now_ms)))
             return [event for drone, state in pairs for event in fog.on_state(drone, state, now_ms)]
         payload = self._channel.opened(message, fog.name)
         if topic.kind == "commands_result":
@@ -187,18 +228,25 @@ class StationRole:
         if topic.kind == "PSMI":
             return self.commands.on_psmi(fog, decode(PsmiMessage, payload), now_ms)
         if topic.kind == "clock":
-            events, confirmed = fog.on_beacon(decode(BeaconMessage, payload), now_ms)
-            return [*events, *(self.commands.ask_again(fog.number) if confirmed else [])]
+            beacon = decode(BeaconMessage, payload)
+            events, confirmed = fog.on_beacon(beacon, now_ms)
+            asked = self.commands.ask_again(fog.number) if confirmed else []
+            return [*events, *asked, *self._on_list(fog, fog.name, beacon.revoked, now_ms)]
         if topic.kind == "reachable":
-            effects, events = fog.on_presence(decode(FogPresence, payload), now_ms)
-            return [*effects, *events]
+            presence = decode(FogPresence, payload)
+            effects, events = fog.on_presence(presence, now_ms)
+            return [*effects, *events, *(self._on_list(fog, fog.name, presence.revoked, now_ms) if presence.up else [])]
         raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
 
-    def _on_drone_message(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
+    def _on_drone_message(self, fog: FogView, topic: Any, message: Inbound, now_ms: int) -> list[Output]:
         if topic.kind == "state":
-            return [*fog.on_state(topic.drone, decode_state(topic.name, message.payload, relayed=True), now_ms)]
+            payload = self._channel.opened_state(message, fog.name, fog.clock, now_ms)
+            return [*fog.on_state(topic.drone, decode_state(topic.name, payload, relayed=True), now_ms)]
         if topic.kind == "sensor":
-            reading = checked(topic.sensor, topic.name, decode(ReadingMessage, message.payload))
+            payload = self._channel.opened_reading(message.payload, topic.sensor, topic.name)
+            reading = checked(topic.sensor, topic.name, decode(ReadingMessage, payload))
+            if self.signs and fog.registered:
+                self._heard.setdefault((fog.number, topic.drone), []).append(reading.key)
             return [*self.readings.on_reading(fog.number, topic.drone, reading)]
         if topic.kind == "reachable":
             record = decode(DroneRecord, self._channel.opened(message, fog.name))
@@ -206,20 +254,38 @@ class StationRole:
         if topic.kind == "commands_result":
             result, signer = self._result(fog, topic, message)
             return self.commands.on_result(fog, topic.drone, result, now_ms, signer)
+        if topic.kind == "bulk_answer":
+            answer = decode(BulkAnswer, self._of_drone(topic, message))
+            return [*self.transfers.on_answer(fog, topic.drone, answer, now_ms)]
         if topic.kind in ("birth", "clock") and self._channel.seal is not None:
             return self._on_drones_own(self._channel.seal, fog, topic, message, now_ms)
         raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
+
+    def _of_drone(self, topic: DroneTopic, message: Inbound) -> bytes:
+        """What a drone says of an object; where messages are signed, as it has signed it."""
+        if self._channel.seal is None:
+            return message.payload
+        return self._channel.seal.open(
+            FogSide().bulk_answer(topic.drone), message.payload, f"drone{topic.drone}"
+        ).payload
 
     def _on_drones_own(
         self, seal: Seal, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int
     ) -> list[Output]:
         """What a drone has signed and its activator passed on: its birth, with the certificate, and its beacons."""
-        topics = FogSide()
-        said_on = topics.reachable(topic.drone) if topic.kind == "birth" else topics.clock(topic.drone)
+        is_birth = topic.kind == "birth"
+        said_on = FogSide().reachable(topic.drone) if is_birth else fog.topics.signed_drone_clock(topic.drone)
         signed = seal.open(said_on, message.payload, f"drone{topic.drone}")
         if topic.kind == "clock":
-            return [*fog.on_drone_beacon(topic.drone, decode(BeaconMessage, signed.payload), now_ms)]
-        return []
+            beacon = decode(BeaconMessage, signed.payload)
+            events = fog.on_drone_beacon(topic.drone, beacon, now_ms)
+            return [*events, *self._on_list(fog, signed.signer, beacon.revoked, now_ms)]
+        return [*self._on_list(fog, signed.signer, decode(Presence, signed.payload).revoked, now_ms)]
+
+    def _on_list(self, fog: FogView, node: str, number: int | None, now_ms: int) -> list[ListBehind]:
+        """Which revocation list a node has, in its own signed words."""
+        own = self._channel.list_number
+        return self._lists.observe(fog.number, node, number, own, now_ms) if own is not None else []
 
     def _result(self, fog: FogView, topic: DroneTopic, message: Inbound) -> tuple[ResultMessage, str | None]:
         """A word, and who has signed it: the drone, or the activator a word of its own; raises PayloadError."""
@@ -236,7 +302,7 @@ class StationRole:
         return result, fog.name
 
     def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Output]:
-        """The birth is said again where the topic shows anything else; who signs knows its own by the bytes."""
+        """The birth is published again where the topic shows anything else; who signs knows its own by the bytes."""
         if self._channel.seal is not None:
             is_own = message.payload == self._presence(up=True)
         else:
@@ -246,12 +312,14 @@ class StationRole:
             self._rebirth.arm(now_ms)
         return []
 
-    def _subscribe(self, fog: FogView) -> Subscribe:
+    def _subscribed_to(self, fogs: list[FogView], is_first: bool) -> list[Output]:
+        """Before the first fog comes the station's own birth: one that takes part in none says nothing of itself."""
         signed = self._channel.seal is not None
-        return Subscribe(LINK, fog.topics.station_filters(signed), ref=fog.number)
+        own: list[Output] = [Subscribe(LINK, (self._presence_topic,), ref=None)] if is_first and fogs else []
+        return own + [Subscribe(LINK, fog.topics.station_filters(signed), ref=fog.number) for fog in fogs]
 
     def _presence(self, up: bool) -> bytes:
-        message = Presence(session=self.session, up=up)
+        message = Presence(session=self.session, up=up, revoked=self._channel.list_number if up else None)
         return self._channel.payload(self._presence_topic, message, with_certificate=up)
 
     def _birth(self, up: bool) -> Publish:

@@ -6,18 +6,44 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar, cast
 
 from ..core.clock import DEFAULT_TTL_MS
-from ..protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Return, Takeoff
+from ..errors import ConfigurationError, PayloadError, TransferFailed
+from ..protocol.commands import (
+    Arm,
+    ClearPlan,
+    Command,
+    Disarm,
+    Goto,
+    Hold,
+    Land,
+    Pause,
+    Resume,
+    Return,
+    SetCurrentItem,
+    SetParameter,
+    StartMission,
+    Takeoff,
+    UploadPlan,
+)
+from ..protocol.parameters import PARAMETERS, ParameterSet
+from ..protocol.plans import PLAN, PlanObject
 from ..protocol.rankings import Ranked
-from ..protocol.states import Location, State, VitalState
+from ..protocol.states import Home, Location, State, VitalState
 from ..protocol.topics import MAX_DRONE, check_number
 from .best import best
 from .fog import DroneView, FogView
 from .heard import SentCommand
 from .outcomes import Outcome, Outcomes, PsmiList, SensorReading, last_word
+from .parameters import Parameters
+from .plan import Plan
 from .process import StationRunner
+from .transfers import Fetching, Staging
 
 TTL_S = DEFAULT_TTL_MS / 1000
 TAKEOVER_S = 10.0
+UPLOAD_TTL_S = 30.0
+"""How soon an upload has to begin: the drone reads what its autopilot has before."""
+_STAGINGS = 3
+"""How often a plan is staged that the drone does not have any more once it is committed: it was started anew."""
 
 AState = TypeVar("AState", bound=State)
 AVitalState = TypeVar("AVitalState", bound=VitalState)
@@ -167,8 +193,26 @@ class Drone:
         """The name of the station in control, None when nobody is."""
         return self._view.holder
 
+    def claim(self) -> None:
+        """Want control of this drone while nobody has it, from now on; `is_controlled` tells when it came.
+
+        For a station with `control=False`, which wants no others.
+
+        Raises:
+            ConfigurationError: the station wants all drones as it is.
+            StationEnded, BrokerRefused: the station has ended.
+        """
+        self._runner.claim(self._fog.number, self.number, wanted=True)
+
+    def release(self) -> None:
+        """Give up control of this drone and do not want it any more; errors as `claim`."""
+        self._runner.claim(self._fog.number, self.number, wanted=False)
+
     async def take_over(self, timeout_s: float = TAKEOVER_S) -> None:
-        """Take control of this drone, whoever has it; `timeout_s` and errors as `Fog.take_over`."""
+        """Take control of this drone, whoever has it; `timeout_s` and errors as `Fog.take_over`.
+
+        A station with `control=False` keeps it only where it has claimed the drone.
+        """
         await self._runner.take_over(self._fog.number, (self.number,), timeout_s)
 
     @property
@@ -205,7 +249,7 @@ class Drone:
         Parameters:
             command: what to do.
         """
-        return self._runner.send(self._fog, self.number, command, ttl_s, limit_s, last_word)
+        return self._runner.send(self._fog, self._number, command, ttl_s, limit_s, last_word)
 
     def arm(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
         """Start the motors; completed when the autopilot reports itself armed."""
@@ -255,6 +299,138 @@ class Drone:
         """Return to the take-off point and land there; completed when landed and disarmed."""
         return self.send(Return(), ttl_s=ttl_s, limit_s=limit_s)
 
+    async def upload(self, plan: Plan, *, timeout_s: float | None = None, ttl_s: float = UPLOAD_TTL_S) -> Outcome:
+        """Replace the drone's plan; returns the last word, completed when what was read back is that plan.
+
+        The plan is carried first, which has no deadline and goes on after a broken connection; then it is committed.
+        A drone that this station does not control is not sent the plan, and the word says who controls it.
+
+        Parameters:
+            plan: what to upload.
+            timeout_s: how long to carry it at most, in seconds; None: as long as it takes.
+
+        Raises:
+            TransferFailed: the plan was not carried in time, or the drone does not keep it; the old plan is there.
+            FogUnreachable: the activator is not live; nothing was committed.
+            ConfigurationError: a time that cannot be, or a right that is missing; nothing was committed.
+            PayloadError: a plan that cannot be carried; nothing was sent.
+            StationEnded, BrokerRefused: the station has ended.
+        """
+        packed = plan.content.packed()
+        staging = Staging(self._fog, self.number, PLAN, packed)
+        command = UploadPlan(staging.hash)
+        self._runner.check_right(command, self.number)
+        for _ in range(_STAGINGS):
+            if self.is_controlled:
+                staging = Staging(self._fog, self.number, PLAN, packed)
+                await self._runner.transfer(staging, timeout_s)
+            last = await self.send(command, ttl_s=ttl_s)
+            if last.reason != "not_staged" or not self.is_controlled:
+                break
+        return last
+
+    async def download(self, *, timeout_s: float = 120.0) -> Plan:
+        """The plan that the autopilot has now, all three lists; `Plan.save` makes a file of it.
+
+        Parameters:
+            timeout_s: how long to wait for all of it, in seconds.
+
+        Raises:
+            TransferFailed: the drone has not given it in time, or cannot read it.
+            ConfigurationError: this station does not control the drone, or the timeout is not above 0.
+            StationEnded, BrokerRefused: the station has ended.
+        """
+        self._check_control()
+        fetching = Fetching(self._fog, self.number, PLAN)
+        await self._runner.transfer(fetching, timeout_s)
+        known = self.state(Home)
+        home = known.state if known is not None else None
+        place = (home.latitude_deg, home.longitude_deg, home.altitude_amsl_m) if home is not None else None
+        try:
+            return Plan(PlanObject.unpacked(fetching.data), place)
+        except PayloadError as error:
+            raise TransferFailed(f"{fetching}: {error}") from error
+
+    async def parameters(self, known: Parameters | None = None, *, timeout_s: float = 300.0) -> Parameters:
+        """The parameters that the autopilot has now.
+
+        Parameters:
+            known: parameters of this drone from before, so that only what has changed since is carried.
+            timeout_s: how long to wait for all of them, in seconds.
+
+        Raises:
+            TransferFailed: the drone has not given them in time, or cannot read them.
+            ConfigurationError: this station does not control the drone, or the timeout is not above 0.
+            StationEnded, BrokerRefused: the station has ended.
+        """
+        self._check_control()
+        base = known.content if known is not None else None
+        fetching = Fetching(self._fog, self.number, PARAMETERS, base.hash if base is not None else None)
+        await self._runner.transfer(fetching, timeout_s)
+        if known is not None and not fetching.data:
+            return known
+        try:
+            return Parameters(ParameterSet.unpacked(fetching.data, base))
+        except PayloadError as error:
+            raise TransferFailed(f"{fetching}: {error}") from error
+
+    def set_parameter(
+        self, name: str, value: float, *, ttl_s: float = TTL_S, limit_s: float | None = None
+    ) -> SentCommand[Outcome, Outcome]:
+        """Set a parameter of the autopilot; completed when it was read back as that value.
+
+        Parameters:
+            name: the parameter, at most 16 characters.
+            value: what to set it to; a whole number where the parameter is one.
+        """
+        return self.send(SetParameter(name, value), ttl_s=ttl_s, limit_s=limit_s)
+
+    def clear_plan(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
+        """Remove mission, geofence and rally points; completed when they were read back as empty."""
+        return self.send(ClearPlan(), ttl_s=ttl_s, limit_s=limit_s)
+
+    def start_mission(
+        self, plan: Plan, item: int = 1, *, ttl_s: float = TTL_S, limit_s: float | None = None
+    ) -> SentCommand[Outcome, Outcome]:
+        """Fly the mission of a plan, if that is the one that the drone has; completed at its end.
+
+        Parameters:
+            plan: whose mission to fly.
+            item: where to begin, counted from 1.
+        """
+        return self.send(StartMission(plan.mission_hash, item), ttl_s=ttl_s, limit_s=limit_s)
+
+    def pause(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
+        """Stop the mission that is flown, and stay; completed when the drone stands still."""
+        return self.send(Pause(), ttl_s=ttl_s, limit_s=limit_s)
+
+    def resume(
+        self, plan: Plan, *, ttl_s: float = TTL_S, limit_s: float | None = None
+    ) -> SentCommand[Outcome, Outcome]:
+        """Fly the mission of a plan on from its current item; completed at its end.
+
+        Parameters:
+            plan: whose mission to fly.
+        """
+        return self.send(Resume(plan.mission_hash), ttl_s=ttl_s, limit_s=limit_s)
+
+    def set_current_item(
+        self, plan: Plan, item: int, *, ttl_s: float = TTL_S, limit_s: float | None = None
+    ) -> SentCommand[Outcome, Outcome]:
+        """Make an item of a plan's mission the current one; a mission that is flown goes on from there.
+
+        Parameters:
+            plan: whose mission it is.
+            item: the item, counted from 1.
+        """
+        return self.send(SetCurrentItem(plan.mission_hash, item), ttl_s=ttl_s, limit_s=limit_s)
+
     @property
     def _view(self) -> DroneView:
         return self._fog.drones.get(self.number) or DroneView(self.number)
+
+    def _check_control(self) -> None:
+        if not self.is_controlled:
+            raise ConfigurationError(
+                f"drone {self.number}: expected this station in control, not {self.holder or 'nobody'}"
+            )

@@ -87,7 +87,7 @@ class Network:
         return self._planned[name]
 
     def shut(self, name: str, shut: bool) -> None:
-        """Let nothing through, or again what the rest says."""
+        """Let nothing through, or again what the link's other figures let through."""
         (self._shut.add if shut else self._shut.discard)(name)
         self._apply(name)
 

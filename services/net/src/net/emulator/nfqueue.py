@@ -30,12 +30,12 @@ HEAD_BYTES = 4
 """Version, type of service and total length of an IPv4 header."""
 ALL_BYTES = 0xFFFF
 QUEUE_PACKETS = 100_000
-"""What the kernel holds for a link, in flight and waiting, before it drops and says so."""
+"""What the kernel holds for a link, in flight and waiting, before it drops, and counts that."""
 RECEIVE_BYTES = 64 << 20
 SO_RCVBUFFORCE = 33
 SO_TIMESTAMP = 29
 _ID = struct.Struct(">I")
-QUEUE_AT, ATTRIBUTES_AT = 18, 20
+ATTRIBUTES_AT = 20
 ID_AT, ID_BYTES = ATTRIBUTES_AT + 4, 4
 """A packet's id comes first of its attributes, the copied bytes last."""
 SHORT_PAYLOAD = struct.pack("=HH", 4 + HEAD_BYTES, ATTRIBUTE_PAYLOAD)

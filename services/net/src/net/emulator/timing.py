@@ -1,4 +1,4 @@
-"""How late packets are let go, as a histogram: what the emulator says of its own precision."""
+"""How late packets are let go, as a histogram: the emulator's own precision."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class Sender(Protocol):
 
 
 class Turns:
-    """`offer` each frame as it comes; `advance` at `next_ns`, and after every offer, says which were sent."""
+    """`offer` each frame as it comes; `advance` at `next_ns`, and after every offer, returns those that were sent."""
 
     def __init__(self) -> None:
         self._waiting: dict[Sender, deque[tuple[int, int]]] = {}

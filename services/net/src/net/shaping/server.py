@@ -16,7 +16,7 @@ MOST_BYTES = 1 << 17
 
 
 class Server:
-    """`answer` says what becomes of a request, or raises NetError, whose text is the answer. Raises NetError itself."""
+    """`answer` returns a request's result, or raises NetError, whose text is the answer. Raises NetError itself."""
 
     def __init__(self, path: Path, answer: Callable[[object], None]) -> None:
         self._path, self._answer = path, answer
@@ -30,7 +30,7 @@ class Server:
         self.socket.listen()
 
     def serve(self) -> None:
-        """One request; who connects and then says nothing waits in vain, and does not hold up anything for long."""
+        """One request; a client that sends nothing waits in vain, and does not hold up anything for long."""
         connection, _ = self.socket.accept()
         with connection:
             connection.settimeout(1.0)

@@ -6,6 +6,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from ..autopilot import FALL_M_S, IN_AIR, LANDING, ON_GROUND, TAKEOFF, Autopilot, FlightMode
 from ..dynamics import Energy, Place, Vector
+from ..mission import Leg
 from ..parameters import Parameters
 from ..setpoints import SetPoint
 from .guidance import CopterGuidance
@@ -13,6 +14,10 @@ from .modes import ARMABLE, UNPOWERED, Mode
 
 SPOOL_UP_S = 0.6
 """From a takeoff's command to the first of its motion."""
+AUTO_S = 0.5
+"""So much later a mission's."""
+CLIMBED_M = 0.1
+"""A mission's takeoff that is nearer than this to its height is over."""
 STICK_S = 1.2
 """So much later where the stick decides."""
 ARMING_S = 2.0
@@ -30,6 +35,20 @@ class ArduCopter(Autopilot):
     def __init__(self, system_id: int, home: Place, battery: Energy, parameters: Parameters) -> None:
         super().__init__(system_id, battery, CopterGuidance(home, parameters))
         self._takes_off = False
+        self.mission.first = 1
+        self._flies_mission = False
+        """Whether the mission was begun: on the ground AUTO alone does not."""
+
+    @property
+    def flies_as(self) -> Mode:
+        """The mode whose flying is done: a mission goes to places and lands as the modes for that do."""
+        mode = self.mode
+        assert isinstance(mode, Mode)
+        if mode is not Mode.AUTO:
+            return mode
+        if self.mission.leg is Leg.LAND and not self.guidance.is_above(self.mission.target):
+            return Mode.AUTO
+        return _LEGS.get(self.mission.leg, Mode.AUTO)
 
     @property
     def landed_state(self) -> int:
@@ -44,9 +63,11 @@ class ArduCopter(Autopilot):
         return self.mode is Mode.GUIDED and not self.landed and self.guidance.set_point is None
 
     def _is_landing(self) -> bool:
-        return self.mode is Mode.LAND or (self.mode is Mode.RTL and self.guidance.lands)
+        return self.flies_as is Mode.LAND or (self.flies_as is Mode.RTL and self.guidance.lands)
 
     def _fly(self, dt_s: float) -> None:
+        if self._flies_mission:
+            self._fly_mission()
         if self._lift_s is None:
             return
         if self._takes_off and self.guidance.is_near(self.guidance.target[2]):
@@ -54,8 +75,40 @@ class ArduCopter(Autopilot):
         if self.mode in UNPOWERED:
             self.motion.fall(FALL_M_S, dt_s)
         elif self.now_s - self._lift_s >= SPOOL_UP_S:
-            wanted = self.guidance.wanted_velocity(self.mode, self.now_s)
-            self.motion.step(wanted, self.guidance.limits(self.mode), dt_s)
+            wanted = self.guidance.wanted_velocity(self.flies_as, self.now_s)
+            self.motion.step(wanted, self.guidance.limits(self.flies_as), dt_s)
+
+    def _fly_mission(self) -> None:
+        """Item after item; behind the last one it stays in AUTO, where it is."""
+        leg, target = self.mission.leg, self.mission.target
+        is_there = self.guidance.is_there(target, self.mission.waits)
+        if leg is Leg.TAKEOFF:
+            is_there = target[2] - self.motion.position[2] < CLIMBED_M
+        self._out += self.mission.step(self.now_s, is_there)
+        if self.mission.leg is not leg or self.mission.target != target:
+            self._lead()
+
+    def _lead(self) -> None:
+        """Do what the mission's leg wants."""
+        self.guidance.cruise_m_s = self.mission.speed_m_s
+        leg, target = self.mission.leg, self.mission.target
+        if leg is Leg.RETURN:
+            self.guidance.start_return()
+        elif leg is Leg.TAKEOFF and self.landed:
+            self.take_off(target[2])
+            self._lift_s = (self._lift_s or self.now_s) + AUTO_S
+        elif leg is Leg.LAND:
+            self.guidance.go((*target[:2], self.motion.position[2]))
+        elif leg in (Leg.GO, Leg.STAY):
+            self.guidance.go(target)
+        else:
+            self.guidance.stop()
+
+    def start_mission(self) -> None:
+        """In AUTO the mission goes on."""
+        self._flies_mission = True
+        self._out += self.mission.begin()
+        self._lead()
 
     def _wants_up(self) -> bool:
         return self._takes_off
@@ -71,7 +124,7 @@ class ArduCopter(Autopilot):
 
     def arm_refusal(self) -> str | None:
         """Why arming is denied now, if it is."""
-        if self.mode is Mode.AUTO:
+        if self.mode is Mode.AUTO and not self.plans.mission:
             return "Arm: Mode requires mission"
         if self.mode not in ARMABLE:
             return f"Arm: {self.mode.name} mode not armable"
@@ -79,7 +132,7 @@ class ArduCopter(Autopilot):
 
     def mode_refusal(self, mode: FlightMode) -> str | None:
         """Why a mode cannot be entered now, if it cannot: there is no mission."""
-        return "init failed" if mode is Mode.AUTO and self.armed else None
+        return "init failed" if mode is Mode.AUTO and self.armed and not self.plans.mission else None
 
     def arm(self) -> None:
         if not self.armed:
@@ -95,7 +148,10 @@ class ArduCopter(Autopilot):
         if self.armed:
             self.say("Disarming motors", mavlink.MAV_SEVERITY_INFO)
         self._set_armed(False)
-        self._lift_s, self._takes_off = None, False
+        if self._flies_mission and self.mission.leg in (Leg.LAND, Leg.RETURN) and self.landed:
+            self._out += self.mission.arrive()
+        self._lift_s, self._takes_off, self._flies_mission = None, False, False
+        self.plans.go_to(0)
 
     def enter(self, mode: FlightMode) -> None:
         if mode is self.mode:
@@ -106,7 +162,10 @@ class ArduCopter(Autopilot):
         self.guidance.stop()
         if mode is Mode.RTL:
             self.guidance.start_return()
+        self._flies_mission, self.guidance.cruise_m_s = False, None
         self._change_mode(mode)
+        if mode is Mode.AUTO and not self.landed:
+            self.start_mission()
 
     def take_off(self, up_m: float) -> None:
         """In GUIDED, from the ground, to a height over the origin."""
@@ -127,3 +186,6 @@ class ArduCopter(Autopilot):
         """In GUIDED in the air, a velocity."""
         self._takes_off = False
         self.guidance.set_point = point
+
+
+_LEGS = {Leg.LAND: Mode.LAND, Leg.RETURN: Mode.RTL}

@@ -131,6 +131,14 @@ def _into(mode: Mode) -> Callable[[ArduCopter, Any], int]:
     return lambda autopilot, message: _set_mode(autopilot, mode.custom_mode)
 
 
+def _start_mission(autopilot: ArduCopter, message: Any) -> int:
+    """Into AUTO; armed, the mission goes on there."""
+    result = _set_mode(autopilot, Mode.AUTO.custom_mode)
+    if result == ACCEPTED and autopilot.armed:
+        autopilot.start_mission()
+    return result
+
+
 def _follow(autopilot: ArduCopter, point: SetPoint | None) -> None:
     """In GUIDED; on the ground nothing follows. A position is flown to, whatever comes after it."""
     if point is None or autopilot.mode is not Mode.GUIDED or autopilot.landed:
@@ -165,7 +173,7 @@ _COMMANDS: dict[int, Callable[[ArduCopter, Any], int]] = {
     mavlink.MAV_CMD_DO_REPOSITION: _reposition,
     mavlink.MAV_CMD_DO_SET_MODE: _do_set_mode,
     mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
-    mavlink.MAV_CMD_MISSION_START: _into(Mode.AUTO),
+    mavlink.MAV_CMD_MISSION_START: _start_mission,
     **dict.fromkeys(
         (
             mavlink.MAV_CMD_DO_DIGICAM_CONTROL,

@@ -10,6 +10,12 @@ from ..guidance import Guidance
 from ..parameters import Parameters
 from .modes import SINKING, Mode
 
+WAYPOINT_M_S3 = 1.0
+"""WPNAV_JERK: between the places of a mission."""
+REACHED_M = 2.0
+"""WPNAV_RADIUS: a place of a mission that is nearer than this is reached."""
+PASSED_M = 3.0
+"""And one where it does not stop."""
 REACHED_UP_M = 0.5
 """A takeoff that is nearer than this to its height is over."""
 RETURNED_M = 0.2
@@ -34,6 +40,8 @@ class CopterGuidance(Guidance):
         super().__init__(origin, parameters)
         self.lands = False
         """Whether a return has come to its landing."""
+        self.cruise_m_s: float | None = None
+        """What a mission has changed the speed to."""
         self._brakes = False
         self._return_up_m = 0.0
         self._home_s: float | None = None
@@ -42,11 +50,13 @@ class CopterGuidance(Guidance):
     def limits(self, mode: FlightMode) -> Limits:
         """Of acceleration and jerk. A return does not turn (WP_YAW_BEHAVIOR)."""
         up = self._m("PILOT_ACCEL_Z" if mode in SINKING else "WPNAV_ACCEL_Z")
-        across = self._m("WPNAV_ACCEL")
+        across, jerk = self._m("WPNAV_ACCEL"), self.parameters["PSC_JERK_XY"]
         if mode is Mode.BRAKE:
             across = max(BRAKE_M_S2, self.motion.groundspeed_m_s / BRAKE_S)
         turning_rad_s2 = 0.0 if mode is Mode.RTL else TURNING_RAD_S2
-        return Limits(across, up, up, self.parameters["PSC_JERK_XY"], waits=False, turning_rad_s2=turning_rad_s2)
+        if mode is Mode.AUTO:
+            jerk = WAYPOINT_M_S3
+        return Limits(across, up, up, jerk, waits=False, turning_rad_s2=turning_rad_s2)
 
     def stop(self) -> None:
         """Brake, and then stay where that ended."""
@@ -69,6 +79,15 @@ class CopterGuidance(Guidance):
         self._return_up_m = up_m
         self.lands, self._home_s = False, None
 
+    def is_above(self, target: Vector) -> bool:
+        """Whether it is over a place of a mission."""
+        here = self.motion.position
+        return math.hypot(target[0] - here[0], target[1] - here[1]) < REACHED_M
+
+    def is_there(self, target: Vector, stops: bool) -> bool:
+        """Whether a place of a mission is reached; where it does not stop, it is on its way round the corner before."""
+        return math.dist(self.motion.position, target) < (REACHED_M if stops else PASSED_M)
+
     def is_near(self, up_m: float) -> bool:
         """Whether a height is reached from below."""
         return up_m - self.motion.position[2] < REACHED_UP_M
@@ -83,16 +102,16 @@ class CopterGuidance(Guidance):
             return self._return(now_s)
         if self.set_point is not None:
             return self._velocity(now_s)
-        return self._stay()
+        return self._stay(Mode.AUTO if mode is Mode.AUTO else Mode.GUIDED)
 
-    def _stay(self) -> Vector:
+    def _stay(self, mode: FlightMode = Mode.GUIDED) -> Vector:
         """Towards the target, which is where braking ends."""
         if self._brakes and self.motion.groundspeed_m_s + abs(self.motion.velocity[2]) > STANDS_M_S:
             return 0.0, 0.0, 0.0
         if self._brakes:
             north, east, up = self.motion.position
             self.target, self._brakes = (north, east, up), False
-        return self._towards(self.target)
+        return self._towards(self.target, mode)
 
     def _m(self, name: str) -> float:
         """A parameter in centimetres, in metres."""
@@ -132,7 +151,7 @@ class CopterGuidance(Guidance):
         above_m = self.motion.position[2] - self.home_up_m - self._m("LAND_ALT_LOW")
         return max(slow, min(fast, abs(self._up(-max(0.0, above_m), fast))))
 
-    def _towards(self, target: Vector) -> Vector:
+    def _towards(self, target: Vector, mode: FlightMode = Mode.GUIDED) -> Vector:
         """On a straight line, as fast as across, up and down allow together."""
         here = self.motion.position
         north, east, up = target[0] - here[0], target[1] - here[1], target[2] - here[2]
@@ -140,8 +159,9 @@ class CopterGuidance(Guidance):
         if size < 1e-6:
             return 0.0, 0.0, 0.0
         climb = self._m("WPNAV_SPEED_UP" if up > 0 else "WPNAV_SPEED_DN")
-        fastest = min(self._m("WPNAV_SPEED") * size / max(across, 1e-6), climb * size / max(abs(up), 1e-6))
-        limits = self.limits(Mode.GUIDED)
+        cruise = self.cruise_m_s or self._m("WPNAV_SPEED")
+        fastest = min(cruise * size / max(across, 1e-6), climb * size / max(abs(up), 1e-6))
+        limits = self.limits(mode)
         speed = approach(across, max(0.1, fastest * across / size), BRAKING * limits.horizontal, limits.jerk)
         share = speed / max(across, 1e-6)
         return north * share, east * share, self._up(up, max(0.1, fastest * abs(up) / size))

@@ -16,11 +16,14 @@ from ..personality import Personality
 from . import commands
 from .autopilot import ArduCopter
 from .parameters import SPECS, of_fleet
+from .plans import CopterPlanLink
 from .telemetry import CopterTelemetry
 
 NOMINAL_V = 12.6
 """A 3S lithium polymer battery, for BATT_CAPACITY in mAh."""
 HOVER_W = 350.0
+RADIO = 166
+"""Of ardupilotmega.xml: what a SiK radio says of itself."""
 SILENT = frozenset(
     getattr(mavlink, f"MAVLINK_MSG_ID_{name}") for name in ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "GPS2_RAW")
 )
@@ -34,6 +37,7 @@ class _ArduCopter(Personality[ArduCopter]):
     no_interval, no_interval_told, no_message = DENIED, FAILED, FAILED
     tells_modes_at_once = True
     answers_pings = False
+    unsigned = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS, RADIO})
 
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
         """Nothing but heartbeats until somebody asks, whatever is chosen: the sets are PX4's."""
@@ -54,6 +58,9 @@ class _ArduCopter(Personality[ArduCopter]):
 
     def telemetry(self, autopilot: ArduCopter, seed: int, *, quiet: bool) -> CopterTelemetry:
         return CopterTelemetry(autopilot, seed, quiet=quiet)
+
+    def plan_link(self, autopilot: ArduCopter) -> CopterPlanLink:
+        return CopterPlanLink(autopilot.plans, autopilot.say, lambda: autopilot.guidance.home)
 
     def handle(self, autopilot: ArduCopter, message: Any) -> list[Output]:
         return commands.handle(autopilot, message)

@@ -1,4 +1,4 @@
-"""What ArduCopter says in its own way."""
+"""Messages that ArduCopter fills in its own way."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .autopilot import ArduCopter
 from .modes import UNPOWERED, Mode
 
 PRESENT, ENABLED, HEALTHY = 0x5371FC2F, 0x5361FC2F, 0x5771FC2F
-"""What a quadrotor in ArduCopter's simulation says of its sensors (MAV_SYS_STATUS_SENSOR) when all is well."""
+"""The sensors of a quadrotor in ArduCopter's simulation (MAV_SYS_STATUS_SENSOR) when all is well."""
 COMPASS_RAD = math.radians(0.9)
 """So far its heading is off in its simulation, which looks just north at first."""
 _STEERED = UNPOWERED | {Mode.ALT_HOLD, Mode.LAND}
@@ -60,8 +60,15 @@ class CopterTelemetry(Telemetry):
             *(round(battery.remaining_pct), 0, 0, 0, 0, 0, 0),
         )
 
+    def _mission(self) -> Any:
+        """Its item; home is number 0."""
+        plans = self._ap.plans
+        total = len(plans.mission)
+        return mavlink.MAVLink_mission_current_message(min(plans.current, max(0, total - 1)), total)
+
     makers: ClassVar = {
         **MAKERS,
+        "MISSION_CURRENT": _mission,
         "HEARTBEAT": _heartbeat,
         "SYS_STATUS": _sys_status,
     }

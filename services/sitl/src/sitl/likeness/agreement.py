@@ -26,7 +26,7 @@ NOISE = 2.0
 SPEED, SPEED_M_S = 0.10, 0.3
 HEIGHT_M = 1.0
 CHANGES, FEW_CHANGES = 0.5, 3
-"""As a part: how often what is told seldom changes."""
+"""As a part: how often a value that is rarely sent changes."""
 FEW_TOLD = 2
 """Refusals of ten, whose words a datagram more or less may bring late."""
 BATTERY_PCT = 4
@@ -88,7 +88,7 @@ def _streams(name: str, a: list[Case], b: list[Case]) -> Iterator[Fact]:
 
 
 def _words(case: str, name: str, first: list[str], second: list[str]) -> Fact:
-    """What one of them says has to be among what the other says."""
+    """Each value of one has to be among the values of the other."""
     one, other = (" or ".join(dict.fromkeys(words)) for words in (first, second))
     return Fact(case, name, one, other, bool(set(first) & set(second)))
 

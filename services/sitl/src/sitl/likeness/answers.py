@@ -49,7 +49,7 @@ def _arm_in_land_mode(pilot: Pilot) -> None:
 
 @case(ANSWERS, "refusals in words")
 def _refusals_in_words(pilot: Pilot) -> None:
-    """How many refusals are told to people before they are acknowledged."""
+    """How many refusals come as STATUSTEXT before their acknowledgement."""
     pilot.set_mode("land")
     pilot.wait(2)
     told = 0

@@ -41,14 +41,19 @@ OF_ITSELF: dict[str, tuple[str, ...]] = {
         "half a minute: rankings would have nothing to rank.",
         "Where PX4 main took a goto in MAV_FRAME_GLOBAL_INT alone, which was undone later, the stand-in takes the "
         "others.",
-        "Parameters are those that change its flight, not PX4's thousand; there is no mission and no file to download.",
+        "Parameters are those that change its flight, not PX4's thousand; there is no file to download. A value out of "
+        "range, and NaN, is refused, where PX4 takes it.",
+        "Of a mission's items it flies takeoff, waypoint, loiter, land, return, change of speed and jump; others are "
+        "over at once. Fences and rally points are kept, and not acted upon.",
         "The land detector is a time on the ground, so a landing takes as long as the quicker half of PX4's.",
         "An offboard attitude is flown as a velocity.",
     ),
     "ardupilot": (
         "It has no messages of ArduPilot's own dialect, and does not answer REQUEST_DATA_STREAM.",
-        "Parameters are those that change its flight, not ArduCopter's thousand; whole ones are all said as INT32.",
-        "There is no mission and no file to download.",
+        "Parameters are those that change its flight, not ArduCopter's thousand; whole ones are all said as INT32. A "
+        "value out of range is refused, where ArduCopter takes any that the type holds.",
+        "Of a mission's items it knows a dozen; fences and rally points are kept, and not acted upon. There is no file "
+        "to download.",
         "A NaN in NAV_TAKEOFF is refused, where ArduCopter ends with a floating point exception.",
         "An offboard attitude is flown as a velocity.",
     ),

@@ -5,6 +5,8 @@ from __future__ import annotations
 from .answers import ANSWERS
 from .flights import FLIGHTS
 from .messages import MESSAGES
+from .plans import PLANS
 from .procedures import Procedures
+from .settings import SETTINGS
 
-CASES: Procedures = FLIGHTS | ANSWERS | MESSAGES
+CASES: Procedures = FLIGHTS | ANSWERS | MESSAGES | PLANS | SETTINGS

@@ -18,14 +18,17 @@ from ..vehicle import Vehicle
 GCS_SYSTEM, GCS_COMPONENT = 245, 190
 TICK_S = 0.01
 TELLING = frozenset(
-    {"HEARTBEAT", "EXTENDED_SYS_STATE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYS_STATUS", "HOME_POSITION"}
+    {
+        *("HEARTBEAT", "EXTENDED_SYS_STATE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYS_STATUS"),
+        *("HOME_POSITION", "MISSION_CURRENT"),
+    }
 )
 """What a flight is followed by; the others take most of the time of a simulated one."""
 
 
 @dataclass(frozen=True)
 class Heard:
-    """A message, when it came in seconds, its size on the wire in bytes, its kind, and the system that said it."""
+    """A message, when it came in seconds, its size on the wire in bytes, its kind, and the system that sent it."""
 
     at_s: float
     message: Any

@@ -1,4 +1,4 @@
-"""Statistics of what an autopilot says: how often and how long, and how it wanders."""
+"""Statistics of an autopilot's messages: rates and sizes, and how values wander."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .channel import Heard
 
 
 def of(heard: Sequence[Heard]) -> dict[str, float]:
-    """Standard deviations about a straight line, and how often what is told seldom changes."""
+    """Standard deviations about a straight line, and how often values that are rarely sent change."""
     positions = _of_kind(heard, "GLOBAL_POSITION_INT")
     local = _of_kind(heard, "LOCAL_POSITION_NED")
     found = {
@@ -48,7 +48,7 @@ def streams(heard: Sequence[Heard]) -> dict[str, tuple[float, float]]:
 
 
 def changes(heard: Sequence[Heard]) -> dict[str, float]:
-    """How many different values in a row were told of home, heading (whole degrees), battery (percent)."""
+    """How often home, heading (whole degrees) and battery (percent) changed from one message to the next."""
     homes = [(one.latitude, one.longitude, one.altitude) for one in _of_kind(heard, "HOME_POSITION")]
     headings = [round(one.hdg / 100) % 360 for one in _of_kind(heard, "GLOBAL_POSITION_INT")]
     percents = [one.battery_remaining for one in _of_kind(heard, "BATTERY_STATUS")]

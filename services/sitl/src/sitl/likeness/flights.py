@@ -32,7 +32,7 @@ def _goto_and_return(pilot: Pilot) -> None:
 
 
 @case(FLIGHTS, "return from near")
-def _return_fromnear(pilot: Pilot) -> None:
+def _return_from_near(pilot: Pilot) -> None:
     pilot.track()
     up(pilot)
     pilot.goto(4, 0, HEIGHT_M)

@@ -23,7 +23,8 @@ class Manners:
     `rest` is the mode in which it waits, on the ground and after a takeoff; `brake` the one that stops it, None where
     that is a reposition. `unused` is what a parameter has that says nothing. `asks`: what has to be asked for, in Hz.
     `on_ground` and `in_air` are the modes to be tried, `odd_modes` what is no mode, as DO_SET_MODE's parameters.
-    `experiments` are the parameters with which the experiments fly.
+    `mission` is the mode that flies a mission, whose first item is home where it `has_home_item`.
+    `experiments` are the parameters with which the experiments fly, `a_float` and `a_whole` one of each kind.
     """
 
     name: str
@@ -36,6 +37,10 @@ class Manners:
     odd_modes: Mapping[str, Sequence[float]]
     parameters: Sequence[str]
     experiments: Mapping[str, float]
+    a_float: str
+    a_whole: str
+    mission: str
+    has_home_item: bool
     asks: Mapping[str, float] = field(default_factory=dict)
 
     def mode_name(self, custom_mode: int) -> str:
@@ -54,10 +59,9 @@ class Manners:
         """The value of a PARAM_VALUE."""
         return float(message.param_value)
 
-    def parameter_set(self, system: int, name: str, value: float, is_int: bool) -> Any:
-        """PARAM_SET."""
-        kind = mavlink.MAV_PARAM_TYPE_INT32 if is_int else mavlink.MAV_PARAM_TYPE_REAL32
-        return mavlink.MAVLink_param_set_message(system, 1, name.encode(), value, kind)
+    def carried(self, value: float, is_whole: bool) -> float:
+        """A value as PARAM_SET carries it."""
+        return value
 
 
 class Px4Manners(Manners):
@@ -76,9 +80,8 @@ class Px4Manners(Manners):
             return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
         return float(message.param_value)
 
-    def parameter_set(self, system: int, name: str, value: float, is_int: bool) -> Any:
-        wire = struct.unpack("<f", struct.pack("<i", int(value)))[0] if is_int else value
-        return super().parameter_set(system, name, wire, is_int)
+    def carried(self, value: float, is_whole: bool) -> float:
+        return float(struct.unpack("<f", struct.pack("<i", round(value)))[0]) if is_whole else value
 
 
 class CopterManners(Manners):
@@ -108,6 +111,10 @@ PX4 = Px4Manners(
     },
     parameters=[name for name in SPECS if name != "MAV_SYS_ID"],
     experiments={"RTL_RETURN_ALT": 10, "MPC_XY_CRUISE": 12},
+    a_float="MPC_XY_CRUISE",
+    a_whole="NAV_DLL_ACT",
+    mission="mission",
+    has_home_item=False,
 )
 ARDUCOPTER = CopterManners(
     name="ardupilot",
@@ -120,6 +127,10 @@ ARDUCOPTER = CopterManners(
     odd_modes={"mode 99": (1, 99), "mode without the custom flag": (0, 4)},
     parameters=[name for name in COPTER_SPECS if name != "SYSID_THISMAV"],
     experiments={"RTL_ALT": 1000, "WPNAV_SPEED": 1200},
+    a_float="WPNAV_SPEED",
+    a_whole="RTL_LOIT_TIME",
+    mission="auto",
+    has_home_item=True,
     asks={
         **dict.fromkeys(("ATTITUDE", "LOCAL_POSITION_NED"), 20.0),
         **dict.fromkeys(("GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE"), 10.0),

@@ -1,4 +1,4 @@
-"""Cases of what an autopilot says: its streams, their noise, its state in a flight, and its parameters."""
+"""Cases of an autopilot's messages: its streams, their noise, its state in a flight, and its parameters."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _idle_normal(pilot: Pilot) -> None:
 
 @case(MESSAGES, "unasked", counts=True)
 def _unasked(pilot: Pilot) -> None:
-    """What it says by itself, beside ATTITUDE, which is the clock."""
+    """The messages that it sends by itself, beside ATTITUDE, which is the clock."""
     for name in pilot.manners.asks.keys() - {"ATTITUDE"}:
         pilot.unask(name)
     pilot.wait(1)

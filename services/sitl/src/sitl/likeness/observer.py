@@ -29,7 +29,7 @@ class Observer(ABC):
     def __init__(self, channel: Channel, manners: Manners, system: int) -> None:
         self._channel = channel
         self.manners = manners
-        self._system = system
+        self.system = system
         self.last: dict[str, Any] = {}
         self.case = Case()
         self._boot_s: float | None = None
@@ -69,7 +69,7 @@ class Observer(ABC):
 
     @property
     def ready(self) -> bool:
-        """Whether it says that it could arm now."""
+        """Whether it reports that it could arm now."""
         status = self.last.get("SYS_STATUS")
         healthy = 0 if status is None else status.onboard_control_sensors_health
         return bool(healthy & mavlink.MAV_SYS_STATUS_PREARM_CHECK) and "HOME_POSITION" in self.last
@@ -154,7 +154,7 @@ class Observer(ABC):
 
     def _take(self, heard: Heard) -> None:
         message = heard.message
-        if heard.system != self._system:
+        if heard.system != self.system:
             return
         kind = heard.kind
         self.last[kind] = message

@@ -1,4 +1,4 @@
-"""Writes two tables into a page, each between its markers: the streams, and two recordings' facts."""
+"""Writes two tables into pages, each between its markers: the streams, and two recordings' facts."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ _IN_WORDS = ("acknowledgement", "armed", "mode", "landed_state")
 
 
 def write(path: Path, first: Recording, second: Recording) -> None:
-    """Put the tables where the last ones were. Raises SitlError for a page without markers."""
+    """Put the tables that a page has where the last ones were. Raises SitlError for a page without markers."""
     try:
         text = path.read_text(encoding="utf-8")
-        for (begin, end), table in ((STREAMS, streams()), (LIKENESS[first.like], likeness(first, second))):
-            before, found, rest = text.partition(begin)
-            _, ended, after = rest.partition(end)
-            if not found or not ended:
-                raise SitlError(f"{path}: expected {begin} and {end}")
-            text = f"{before}{begin}\n\n{table}\n{end}{after}"
+        tables = ((STREAMS, streams()), (LIKENESS[first.like], likeness(first, second)))
+        held = [(marks, table) for marks, table in tables if marks[0] in text and marks[1] in text]
+        if not held:
+            raise SitlError(f"{path}: expected {' or '.join(' and '.join(marks) for marks, _ in tables)}")
+        for (begin, end), table in held:
+            before, _, rest = text.partition(begin)
+            text = f"{before}{begin}\n\n{table}\n{end}{rest.partition(end)[2]}"
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise SitlError(f"{path}: {error.strerror}") from error
@@ -53,11 +54,11 @@ def streams() -> str:
 
 
 def likeness(first: Recording, second: Recording) -> str:
-    """Markdown: what has a number is a row; what agrees in words, or in a message's rate and size, is counted."""
+    """Markdown: a row per case, a line in it per number; what agrees in words, or in rate and size, is counted."""
     facts = compare(first, second)
     lines = [f"| case | what | {first.autopilot} | {second.autopilot} |", "|---|---|---|---|"]
     for case in dict.fromkeys(fact.case for fact in facts):
-        lines += _rows(case, [fact for fact in facts if fact.case == case])
+        lines.append(_row(case, [fact for fact in facts if fact.case == case]))
     lines += ["", "What stays apart:", ""]
     for fact in facts:
         if not fact.agrees:
@@ -69,16 +70,17 @@ def likeness(first: Recording, second: Recording) -> str:
     return "\n".join([*lines, ""])
 
 
-def _rows(case: str, facts: Sequence[Fact]) -> list[str]:
+def _row(case: str, facts: Sequence[Fact]) -> str:
     counted = {
         "results and transitions": [fact for fact in facts if fact.name.startswith(_IN_WORDS)],
         "messages' rates and sizes": [fact for fact in facts if fact.name.endswith((", Hz", ", bytes"))],
         "parameters' defaults": [fact for fact in facts if fact.case == "parameters"],
     }
-    rows = []
+    cells = []
     for what, found in counted.items():
         agreeing = [fact for fact in found if fact.agrees]
         if agreeing:
-            rows.append(f"| {case} | {what} | {len(found)} | {len(agreeing)} the same |")
+            cells.append((what, str(len(found)), f"{len(agreeing)} the same"))
     those = [fact for found in counted.values() for fact in found if fact.agrees]
-    return rows + [f"| {case} | {fact.name} | {fact.first} | {fact.second} |" for fact in facts if fact not in those]
+    cells += [(fact.name, fact.first, fact.second) for fact in facts if fact not in those]
+    return "| " + " | ".join([case, *("<br>".join(column) for column in zip(*cells, strict=True))]) + " |"

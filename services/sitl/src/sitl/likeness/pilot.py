@@ -51,15 +51,13 @@ class Pilot(Observer):
     def command(self, name: str, number: int, *params: float) -> str | None:
         """COMMAND_LONG; its result, None where nothing answers."""
         seven = [*params, *[0.0] * (7 - len(params))]
-        return self._ask(name, mavlink.MAVLink_command_long_message(self._system, 1, number, 0, *seven))
+        return self._ask(name, mavlink.MAVLink_command_long_message(self.system, 1, number, 0, *seven))
 
     def command_int(
         self, name: str, number: int, *params: float, x: int, y: int, z: float, frame: int = 0
     ) -> str | None:
         four = [*params, *[0.0] * (4 - len(params))]
-        return self._ask(
-            name, mavlink.MAVLink_command_int_message(self._system, 1, frame, number, 0, 0, *four, x, y, z)
-        )
+        return self._ask(name, mavlink.MAVLink_command_int_message(self.system, 1, frame, number, 0, 0, *four, x, y, z))
 
     def arm(self) -> str | None:
         return self.command("arm", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
@@ -118,25 +116,33 @@ class Pilot(Observer):
             frame=mavlink.MAV_FRAME_GLOBAL_INT,
         )
 
+    def begin_mission(self) -> str | None:
+        """On the ground a mission may have to be told to begin: a mode alone waits for a stick there."""
+        return self.command("mission start", mavlink.MAV_CMD_MISSION_START)
+
     def ask(self) -> None:
-        """For the messages of which an autopilot says nothing by itself."""
+        """For the messages that an autopilot does not send by itself."""
         for name, hz in self.manners.asks.items():
-            self._ask_interval(name, 1e6 / hz)
+            self.ask_for(name, hz)
+
+    def ask_for(self, name: str, hz: float) -> None:
+        """A message that it does not say by itself."""
+        self._ask_interval(name, 1e6 / hz)
 
     def unask(self, name: str) -> None:
-        """A message as often as the autopilot says it by itself."""
+        """A message as often as the autopilot sends it by itself."""
         self._ask_interval(name, 0.0)
 
     def _ask_interval(self, name: str, interval_us: float) -> None:
         wanted = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number(name), interval_us, *[0.0] * 5)
-        self.send(mavlink.MAVLink_command_long_message(self._system, 1, *wanted))
+        self.send(mavlink.MAVLink_command_long_message(self.system, 1, *wanted))
 
     def velocity(self, north: float, east: float, down: float) -> None:
         """One set-point for offboard control."""
         mask = 0b1111_1100_0111
         self._channel.send(
             mavlink.MAVLink_set_position_target_local_ned_message(
-                *(0, self._system, 1, mavlink.MAV_FRAME_LOCAL_NED, mask),
+                *(0, self.system, 1, mavlink.MAV_FRAME_LOCAL_NED, mask),
                 *(0, 0, 0, north, east, down, 0, 0, 0, 0, 0),
             )
         )
@@ -148,7 +154,7 @@ class Pilot(Observer):
         """A parameter's value; None for an unknown one."""
         self.last.pop("PARAM_VALUE", None)
         for _ in range(3):
-            self.send(mavlink.MAVLink_param_request_read_message(self._system, 1, name.encode(), -1))
+            self.send(mavlink.MAVLink_param_request_read_message(self.system, 1, name.encode(), -1))
             end_s = self._channel.now_s + 0.4
             while self._channel.now_s < end_s:
                 self._listen(0.02)
@@ -157,10 +163,12 @@ class Pilot(Observer):
                     return self.manners.parameter_value(found)
         return None
 
-    def set_parameter(self, name: str, value: float, *, is_int: bool = False) -> None:
-        """Raises Timeout unless the autopilot says that value afterwards."""
+    def set_parameter(self, name: str, value: float) -> None:
+        """Raises Timeout unless the autopilot reports that value afterwards."""
         for _ in range(5):
-            self.send(self.manners.parameter_set(self._system, name, value, is_int))
+            self.send(
+                mavlink.MAVLink_param_set_message(self.system, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32)
+            )
             if (now := self.parameter(name)) is not None and math.isclose(now, value, rel_tol=1e-5):
                 return
         raise Timeout(f"parameter {name} is not {value}")

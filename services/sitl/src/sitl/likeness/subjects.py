@@ -20,6 +20,7 @@ from ..personalities import PERSONALITIES
 from ..process import LinkConfig
 from ..real.ardupilot import DEFAULTS, PROGRAM
 from ..real.ardupilot import ArduCopter as Prepared
+from ..real.px4 import BATCH
 from ..vehicle import Vehicle
 from .channel import Channel, Clock, SimulatedChannel, UdpChannel
 from .manners import ARDUCOPTER, MANNERS, PX4, Manners
@@ -96,7 +97,7 @@ class ProcessSubject(Subject):
         """How it is started."""
 
     def environment(self) -> dict[str, str]:
-        """What it is told beside the command."""
+        """Variables that it starts with, beside the recorder's own."""
         return {}
 
     def start(self) -> None:
@@ -167,7 +168,7 @@ class Px4(ProcessSubject):
 
     def command(self) -> list[str]:
         return [
-            *(str(self._px4 / "bin/px4"), "-d", "-i", str(self._instance)),
+            *(*BATCH, str(self._px4 / "bin/px4"), "-d", "-i", str(self._instance)),
             *("-w", str(self.folder), str(self.folder / "etc")),
         ]
 
@@ -251,7 +252,7 @@ class Simulated(Subject):
 
 
 def wait_ready(subject: Subject, pilot: Pilot) -> None:
-    """Until it says that it could arm. Raises SitlError where it does not, or has ended by itself."""
+    """Wait until it reports that it could arm. Raises SitlError where it does not, or has ended by itself."""
     end_s = time.monotonic() + STARTED_S
     while not pilot.ready:
         subject.check()

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from ..autopilot import IN_AIR, LANDING, ON_GROUND, TAKEOFF, Autopilot, FlightMode
-from ..dynamics import Energy, Place
+from ..dynamics import Energy, Place, Vector
+from ..mission import Leg
 from ..parameters import Parameters
 from .guidance import GROUNDED_S, Px4Guidance
 from .modes import NEEDS_STICKS, Mode
 
+SHARE = 0.95
+"""A mission is flown with so much of the cruise speed."""
 LOW_BATTERY_PCT = 7.0
 """COM_ARM_BAT_MIN is off in PX4; below its emergency level (BAT_EMERGEN_THR, 5 %, and some) nobody should start."""
 
@@ -24,14 +27,25 @@ class Px4(Autopilot):
         super().__init__(system_id, battery, Px4Guidance(home, parameters))
         self._takes_off = False
         """Whether this takeoff began on the ground."""
+        self._led_to: Vector | None = None
+        """The mission's target that is flown to."""
 
     @property
     def landed_state(self) -> int:
         if self.landed:
             return ON_GROUND
-        if self.mode is Mode.LAND or (self.mode is Mode.RETURN and self.guidance.lands):
+        if self.flies_as is Mode.LAND or (self.mode is Mode.RETURN and self.guidance.lands):
             return LANDING
         return TAKEOFF if self._takes_off else IN_AIR
+
+    @property
+    def flies_as(self) -> FlightMode:
+        """The mode whose flying is done: a mission takes off, goes to places and lands as the modes for that do."""
+        if self.mode is not Mode.MISSION:
+            return self.mode
+        if self.mission.leg is Leg.LAND and not self.guidance.is_above(self.mission.target):
+            return Mode.HOLD
+        return _LEGS.get(self.mission.leg, Mode.HOLD)
 
     @property
     def has_target(self) -> bool:
@@ -39,12 +53,51 @@ class Px4(Autopilot):
         return self.armed and self.mode.custom_mode >> 16 & 0xFF == 4
 
     def _fly(self, dt_s: float) -> None:
+        if self.mode is Mode.MISSION:
+            self._fly_mission()
         self._begin_flight()
         self._end_modes()
         if self._lift_s is not None:
             lift_s = self.now_s - self._lift_s
-            wanted = self.guidance.wanted_velocity(self.mode, self.now_s, lift_s, not self._takes_off)
+            wanted = self.guidance.wanted_velocity(self.flies_as, self.now_s, lift_s, not self._takes_off)
             self.motion.step(wanted, self.guidance.limits, dt_s)
+
+    def _fly_mission(self) -> None:
+        """Item after item; behind the last one it holds, or returns where that was the last.
+
+        A takeoff climbs where it is, and flies to the item's place then.
+        Above the place of a landing that item is reached; once it has landed, it disarms and stays in its mode.
+        """
+        leg = self.mission.leg
+        if leg is Leg.TAKEOFF and self.guidance.is_high(self.mission.target):
+            self.mission.leg = Leg.GO
+        self._out += self.mission.step(self.now_s, self.guidance.is_there(self.mission.target))
+        if self.mission.leg is Leg.LAND and self.guidance.is_above(self.mission.target):
+            arrived = self.mission.arrive()
+            if arrived:
+                self.guidance.wait(self.now_s)
+            self._out += arrived
+            if self.landed:
+                self.disarm()
+        self._lead(leg)
+
+    def _lead(self, leg: Leg) -> None:
+        """Do what the mission's leg wants, `leg` being the one before."""
+        if self.mission.leg is Leg.RETURN:
+            self._out += self.mission.arrive()
+            self.enter(Mode.RETURN)
+            return
+        if self.mission.leg is Leg.OVER:
+            self.enter(Mode.HOLD)
+            return
+        if self.mission.leg is not leg or self._led_to != self.mission.target:
+            self._led_to = self.mission.target
+            north, east, up = self.mission.target
+            lands = self.mission.leg is Leg.LAND
+            self.guidance.target = (north, east, self.motion.position[2] if lands else up)
+            self.guidance.cruise_m_s = SHARE * (self.mission.speed_m_s or self.parameters["MPC_XY_CRUISE"])
+            self.guidance.start(self.flies_as, self.now_s)
+            self._takes_off = self.landed
 
     def _begin_flight(self) -> None:
         """On the ground the motors speed up COM_SPOOLUP_TIME after arming, for whatever leads upwards."""
@@ -54,7 +107,8 @@ class Px4(Autopilot):
             self._lift_s = self.now_s
 
     def _wants_up(self) -> bool:
-        if self.mode is Mode.TAKEOFF or (self.mode is Mode.HOLD and self.guidance.target[2] > 1.0):
+        mode = self.flies_as
+        if mode is Mode.TAKEOFF or (mode is Mode.HOLD and self.guidance.target[2] > 1.0):
             return self.guidance.target[2] > self.motion.position[2]
         point = self.guidance.set_point
         if self.mode is not Mode.OFFBOARD or point is None:
@@ -92,8 +146,8 @@ class Px4(Autopilot):
         return None
 
     def can_fly_in(self, mode: FlightMode) -> bool:
-        """Whether what a mode needs is there: no sticks ever, no mission, perhaps a stream of set-points."""
-        if mode in NEEDS_STICKS or mode is Mode.MISSION:
+        """Whether what a mode needs is there: no sticks ever, perhaps a mission or a stream of set-points."""
+        if mode in NEEDS_STICKS or (mode is Mode.MISSION and not self.plans.mission):
             return False
         return mode is not Mode.OFFBOARD or self.guidance.has_set_point(self.now_s)
 
@@ -123,3 +177,10 @@ class Px4(Autopilot):
             self._takes_off = mode is Mode.TAKEOFF and self.landed
             self.guidance.start(mode, self.now_s)
             self._change_mode(mode)
+        self.guidance.cruise_m_s = self._led_to = None
+        if mode is Mode.MISSION and self.plans.mission:
+            self._out += self.mission.begin()
+            self._lead(Leg.OVER)
+
+
+_LEGS: dict[Leg, FlightMode] = {Leg.TAKEOFF: Mode.TAKEOFF, Leg.LAND: Mode.LAND}

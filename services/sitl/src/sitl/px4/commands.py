@@ -40,8 +40,6 @@ def _results(autopilot: Px4, message: Any) -> list[int]:
     """The results in the order of their acknowledgements; none for what PX4 leaves unanswered."""
     if message.command in _UNANSWERED or _is_no_arming(message):
         return []
-    if message.command == mavlink.MAV_CMD_MISSION_START:
-        return [DENIED]
     if message.command in _NOTHING_TO_DO:
         return [ACCEPTED]
     result = _COMMANDS.get(message.command, _unsupported)(autopilot, message)
@@ -170,6 +168,19 @@ def _set_mode(autopilot: Px4, main: int, sub: int) -> int:
     return ACCEPTED
 
 
+def _start_mission(autopilot: Px4, message: Any) -> int:
+    """It arms, too."""
+    first = whole(message.param1)
+    if first is None or not -1 <= first < len(autopilot.plans.mission):
+        return DENIED
+    reason = None if autopilot.armed else autopilot.arm_refusal()
+    if reason is not None:
+        return _refuse(autopilot, reason)
+    autopilot.arm()
+    autopilot.enter(Mode.MISSION)
+    return ACCEPTED
+
+
 def _z(message: Any) -> float:
     return float(message.z if message.get_type() == "COMMAND_INT" else message.param7)
 
@@ -213,4 +224,5 @@ _COMMANDS: dict[int, Callable[[Px4, Any], int]] = {
     mavlink.MAV_CMD_NAV_LAND: _land,
     mavlink.MAV_CMD_DO_REPOSITION: _reposition,
     mavlink.MAV_CMD_DO_SET_MODE: _do_set_mode,
+    mavlink.MAV_CMD_MISSION_START: _start_mission,
 }

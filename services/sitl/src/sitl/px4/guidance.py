@@ -15,6 +15,8 @@ REACHED_UP_M = 0.8
 """NAV_MC_ALT_RAD: nearer than this a height counts as reached."""
 STARTED_S = 0.5
 """From a command to the first of its motion."""
+LANDS_S = 1.0
+"""And from the place of a mission's landing to its descent."""
 LIFT_S = 1.5
 """A goto from the ground waits so long for thrust."""
 LIFTS_AT = 0.85
@@ -42,6 +44,8 @@ class Px4Guidance(Guidance):
         super().__init__(origin, parameters)
         self.lands = False
         """Whether a return has come to its landing."""
+        self.cruise_m_s: float | None = None
+        """What a mission has changed the cruise speed to."""
         self._starts_s = 0.0
         self._return_up_m = 0.0
 
@@ -86,6 +90,23 @@ class Px4Guidance(Guidance):
             position[1] + velocity[1] * ahead_s,
             max(0.0, position[2] + velocity[2] * LAG_S),
         )
+
+    def wait(self, now_s: float) -> None:
+        """Above the place of a mission's landing, before it descends."""
+        self._starts_s = now_s + LANDS_S
+
+    def is_above(self, target: Vector) -> bool:
+        """Whether it is over, or at, a place of a mission."""
+        here = self.motion.position
+        return math.hypot(target[0] - here[0], target[1] - here[1]) < self.parameters["NAV_ACC_RAD"]
+
+    def is_there(self, target: Vector) -> bool:
+        """Whether a place of a mission is reached."""
+        return self.is_above(target) and self.is_high(target)
+
+    def is_high(self, target: Vector) -> bool:
+        """Whether the height of a place of a mission is reached."""
+        return abs(target[2] - self.motion.position[2]) < REACHED_UP_M
 
     def takeoff_done(self, now_s: float) -> bool:
         return now_s - self._starts_s > TAKEOFF_S and self.target[2] - self.motion.position[2] < REACHED_UP_M
@@ -187,7 +208,7 @@ class Px4Guidance(Guidance):
         distance = math.hypot(north, east)
         if distance < 1e-6:
             return 0.0, 0.0
-        cruise = min(self.parameters["MPC_XY_CRUISE"], self.parameters["MPC_XY_VEL_MAX"])
+        cruise = min(self.cruise_m_s or self.parameters["MPC_XY_CRUISE"], self.parameters["MPC_XY_VEL_MAX"])
         limits = self.limits
         speed = approach(distance, cruise / (1 + TRAILING * cruise * cruise), limits.horizontal, limits.jerk)
         return north * speed / distance, east * speed / distance

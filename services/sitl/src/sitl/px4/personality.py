@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from pymavlink.dialects.v20 import development as mavlink
+
 from ..answers import ACCEPTED, DENIED, FAILED
 from ..dynamics import Energy, SimulatedBattery
 from ..fleet import DroneConfig
@@ -14,6 +16,7 @@ from ..personality import Personality
 from . import commands
 from .autopilot import Px4
 from .parameters import SPECS
+from .plans import Px4PlanLink
 from .streams import SILENT, rates_hz
 from .telemetry import Px4Telemetry
 
@@ -29,6 +32,14 @@ class _Px4(Personality[Px4]):
     no_interval, no_interval_told, no_message = FAILED, ACCEPTED, DENIED
     tells_modes_at_once = False
     answers_pings = True
+    unsigned = frozenset(
+        {
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+            mavlink.MAVLINK_MSG_ID_RADIO_STATUS,
+            mavlink.MAVLINK_MSG_ID_ADSB_VEHICLE,
+            mavlink.MAVLINK_MSG_ID_COLLISION,
+        }
+    )
 
     def rates_hz(self, chosen: str) -> Mapping[str, float]:
         return rates_hz(chosen)
@@ -47,6 +58,9 @@ class _Px4(Personality[Px4]):
 
     def telemetry(self, autopilot: Px4, seed: int, *, quiet: bool) -> Px4Telemetry:
         return Px4Telemetry(autopilot, seed, quiet=quiet)
+
+    def plan_link(self, autopilot: Px4) -> Px4PlanLink:
+        return Px4PlanLink(autopilot.plans, autopilot.say)
 
     def handle(self, autopilot: Px4, message: Any) -> list[Output]:
         return commands.handle(autopilot, message)

@@ -43,7 +43,7 @@ RATES_HZ: dict[str, tuple[float, float, float]] = {
     "AVAILABLE_MODES": (0, 0, 0),
     "WIND_COV": (0, 0, 0),
 }
-"""Hz in PX4's sets onboard, normal and gcs, as its main says them; POSITION_TARGET_GLOBAL_INT in automatic modes only.
+"""Hz in PX4's sets onboard, normal and gcs, as its main sends them; POSITION_TARGET_GLOBAL_INT in automatic modes only.
 
 The last ones it has, and says them where somebody asks for them.
 """

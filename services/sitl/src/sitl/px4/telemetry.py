@@ -1,4 +1,4 @@
-"""What PX4 says in its own way."""
+"""Messages that PX4 fills in its own way."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Px4Telemetry(Telemetry):
         return mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_PX4, base, ap.mode.custom_mode, state, 3)
 
     def _sys_status(self) -> Any:
-        """PX4 says PREARM_CHECK in health alone, and never that it is present."""
+        """PX4 sets PREARM_CHECK in health alone, never in present."""
         health = SENSORS & ~mavlink.MAV_SYS_STATUS_SENSOR_GPS
         if self._ap.healthy:
             health = SENSORS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
@@ -161,8 +161,14 @@ class Px4Telemetry(Telemetry):
         )
 
     def _mission(self) -> Any:
+        """Its item, and as the total the highest number where there is none."""
+        ap = self._ap
+        total, flies = len(ap.plans.mission), ap.mode is Mode.MISSION
         state = mavlink.MISSION_STATE_NO_MISSION
-        return mavlink.MAVLink_mission_current_message(0, 0, state, 1 if self._ap.mode is Mode.MISSION else 2)
+        if total:
+            state = mavlink.MISSION_STATE_ACTIVE if flies else mavlink.MISSION_STATE_NOT_STARTED
+        seq = min(ap.plans.current, max(0, total - 1))
+        return mavlink.MAVLink_mission_current_message(seq, total or 0xFFFF, state, 1 if flies else 2)
 
     def _current_mode(self) -> Any:
         mode = self._ap.mode

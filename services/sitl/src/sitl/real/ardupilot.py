@@ -15,7 +15,7 @@ OWN: dict[str, float] = {
     "FLTMODE_CH": 0,  # nobody holds sticks, nor the switch of modes that the simulation has
     "INITIAL_MODE": 4,  # GUIDED, in which it would arm only where it could take off
 }
-"""What every ArduCopter here is told beside the fleet's parameters."""
+"""The parameters that every ArduCopter here gets beside the fleet's."""
 
 
 class ArduCopter(Autopilot):

@@ -7,7 +7,6 @@ import contextlib
 import signal
 import sys
 from asyncio.subprocess import DEVNULL, PIPE, STDOUT, Process
-from pathlib import Path
 
 from ..errors import AutopilotDied
 from .autopilot import Autopilot
@@ -31,7 +30,7 @@ async def fly(autopilot: Autopilot, watching: Watching) -> None:
         raise AutopilotDied(f"{words[0]}: {error.strerror}") from error
     checked = asyncio.Event()
     tasks = [
-        asyncio.create_task(_say(child, Path(words[0]).name)),
+        asyncio.create_task(_say(child, type(autopilot).__name__)),
         asyncio.create_task(watching.run(checked.is_set)),
         asyncio.create_task(_check(autopilot, watching, checked)),
     ]

@@ -23,15 +23,20 @@ SPEED_FACTOR = 1.05
 """PX4's simulator sleeps too long in each of its steps of 4 ms: six of them run at 0.977 of the time on two idle cores,
 at 1.027 with this, and slower beside the fleet's other programs. The witness measures what came of it.
 """
+BATCH = ("chrt", "--batch", "0")
+"""How PX4 is started: a thread that is woken waits for the one that runs (SCHED_BATCH, sched(7)). PX4 cancels and sets
+its timer in two steps. Its thread of timers, woken between them on one of few processors, finds no timer and sleeps on,
+and the sensors of the simulation stand still.
+"""
 PARAMETERS = Path("etc/extras/parameters.json.xz")
-"""What PX4's build says of each parameter, in PX4's folder."""
+"""The build's description of each parameter, in PX4's folder."""
 OWN: dict[str, float] = {
     "COM_RC_IN_MODE": 4,  # nobody holds sticks
     "NAV_DLL_ACT": 0,  # nor has to be on a link for ground stations
     "SDLOG_MODE": 2,  # the flight log goes on from boot to shutdown, past a first disarming
     "SDLOG_PROFILE": 1,  # and has what analyses need; by default a simulation logs for estimator replays, too
 }
-"""What every PX4 here is told beside the fleet's parameters."""
+"""The parameters that every PX4 here gets beside the fleet's."""
 RATE_B_S = 4_000_000
 STREAMS = {
     "px4-onboard": ("onboard", {}),
@@ -73,7 +78,7 @@ class Px4(Autopilot):
             **{f"PX4_PARAM_{name}": value for name, value in values.items()},
         }
         words = [str(self._bin / "px4"), "-d", "-i", self._instance, "-w", str(self.work), str(self.folder / "etc")]
-        return words, environment
+        return [*BATCH, *words], environment
 
     def questions(self) -> dict[str, list[str]]:
         command = [str(self._bin / "px4-param"), "--instance", self._instance, "show", "-q"]
@@ -102,7 +107,7 @@ class Px4(Autopilot):
         return self.work / "hooks"
 
     def _values(self) -> dict[str, str]:
-        """Every parameter as PX4 has to be told it: whole numbers, and degrees in 1e-7, where it has them so."""
+        """Every parameter as PX4 takes it: whole numbers, and degrees in 1e-7, where it has them so."""
         known = self._known()
         home = self.config.home
         place = {"SIH_LOC_LAT0": home.latitude_deg, "SIH_LOC_LON0": home.longitude_deg, "SIH_LOC_H0": home.altitude_m}

@@ -37,7 +37,7 @@ class Watching:
         self._peer: tuple[str, int] | None = None
 
     async def run(self, may_be_ready: Callable[[], bool] = lambda: True) -> None:
-        """Until cancelled. It is ready once the autopilot told its place and would arm, and `may_be_ready`."""
+        """Until cancelled. It is ready once the autopilot reports its place and would arm, and `may_be_ready`."""
         loop = asyncio.get_running_loop()
         loop.add_reader(self._socket, self._readable)
         try:

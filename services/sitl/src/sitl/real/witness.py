@@ -9,11 +9,11 @@ from pymavlink.dialects.v20 import common as mavlink
 WANTED_HZ = {"EXTENDED_SYS_STATE": 20.0, "GLOBAL_POSITION_INT": 10.0, "SYSTEM_TIME": 5.0, "SYS_STATUS": 2.0}
 """What is asked for, and how often it shall come. Heartbeats come by themselves."""
 SYSTEM, COMPONENT = 250, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-"""Who asks. A witness says no heartbeat: to the autopilot it is no ground station whose loss would matter."""
+"""Who asks. A witness sends no heartbeat: to the autopilot it is no ground station whose loss would matter."""
 AGAIN_NS = 2_000_000_000
 """What has not come for so long is asked for (again)."""
 EVERY_NS = {"position": 1_000_000_000, "clock": 150_000_000}
-"""How often these are told at most; `clock` as often as SYSTEM_TIME comes."""
+"""How often these are written at most; `clock` as often as SYSTEM_TIME comes."""
 _AIRBORNE = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 _IDS = {name: next(i for i, kind in mavlink.mavlink_map.items() if kind.msgname == name) for name in WANTED_HZ}
 
@@ -21,7 +21,7 @@ Event = dict[str, Any]
 
 
 class Witness:
-    """What one autopilot has said so far."""
+    """What one autopilot has reported so far."""
 
     def __init__(self, system: int) -> None:
         self._system = system
@@ -32,9 +32,9 @@ class Witness:
         self._asked_ns = 0
         self._codec = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         self.place: dict[str, float] | None = None
-        """latitude_deg, longitude_deg, altitude_m above home; None until it is told."""
+        """latitude_deg, longitude_deg, altitude_m above home; None until it is known."""
         self.is_armable = False
-        """Whether the autopilot has said that it would arm."""
+        """Whether the autopilot has reported that it would arm."""
         self.heard_ns: int | None = None
         """When its last heartbeat came."""
         self.told_ns: int | None = None

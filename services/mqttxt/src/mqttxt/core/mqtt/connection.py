@@ -15,35 +15,34 @@ import struct
 from collections import deque
 from collections.abc import Callable, Hashable
 from itertools import count
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from paho.mqtt import MQTTException
 from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
-from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from ...errors import BrokerRefused
 from ..address import BrokerAddress
-from ..effects import Inbound, Publish, Receipt, Subscribe, Unsubscribe, Will
+from ..effects import Inbound, Publish, Receipt, Unsubscribe, Will
 from .aliases import AliasTable
 from .client import CONNECT_TIMEOUT_S, cork, make_client, start_connecting
 from .events import LinkEvents
 from .properties import BrokerLimits, publish_properties
+from .subscriptions import Subscriptions
+
+if TYPE_CHECKING:
+    from ...security.identity import Identity
 
 logger = logging.getLogger("mqttxt.mqtt")
 
 MOST_HELD = 10_000
-"""Publishes at QoS 0 that wait while the broker takes no bytes; further ones are dropped: they age."""
+"""Publishes that wait while the broker takes no bytes or, at QoS 1, acknowledges none; further ones are dropped."""
 _READ_AT_ONCE = 64
 _VOID_BYTES = 65_536
 _SERIALS = count(1)
 _MISC_S = 1.0
-UNSPECIFIED = 0x80
-"""From this reason code on MQTT's are errors."""
-_NEVER_GRANTED = frozenset({0x87, 0x8F, 0x9E, 0xA1, 0xA2})
-"""SUBACK reason codes that asking again cannot mend (MQTT 5.0, 3.9.3)."""
 _WITH_WILL = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
 _UNPARSABLE = (struct.error, ValueError, LookupError, TypeError, MQTTException)
 """What paho raises, beside what it handles itself, on bytes that are not MQTT."""
@@ -75,8 +74,6 @@ class Connection:
         self._noted = 0
         self.refusal: str | None = None
         """Why this connection was given up though the broker had accepted it."""
-        self._subscribes: deque[Subscribe] = deque()
-        self._subscribing: int | None = None
         self._refs: dict[int, Hashable] = {}
         self._unacknowledged: set[int] = set()
         self._waiting: deque[Publish] = deque()
@@ -88,6 +85,8 @@ class Connection:
         self._held = 0
         self._serial = next(_SERIALS) if manual_ack else None
         self._client = client = make_client(address, client_id, will, manual_ack, ssl_context)
+        self._subscriptions = Subscriptions(client, events.subscribed, self._refused)
+        self.subscribe = self._subscriptions.subscribe
         client.on_connect = self._on_connect
         client.on_disconnect = self._on_disconnect
         client.on_message = self._on_message
@@ -126,7 +125,10 @@ class Connection:
             self._events.count("too_long_for_broker", detail)
             return
         if effect.qos > 0 and len(self._unacknowledged) >= self._limits.in_flight:
-            self._waiting.append(effect)
+            if len(self._waiting) < MOST_HELD:
+                self._waiting.append(effect)
+            else:
+                self._events.count("held_up", f"{self.name}: {effect.topic}: {self.address} acknowledges nothing")
             return
         topic, alias = self._aliases.shorten(effect.topic) if effect.qos == 0 else (effect.topic, None)
         info = self._client.publish(
@@ -137,20 +139,6 @@ class Connection:
             if effect.ref is not None:
                 self._refs[info.mid] = effect.ref
 
-    def subscribe(self, effect: Subscribe) -> None:
-        """One SUBSCRIBE after the other: a broker may take a second one for the first one's repetition."""
-        self._subscribes.append(effect)
-        if self._subscribing is None:
-            self._subscribe_next()
-
-    def _subscribe_next(self) -> None:
-        effect = self._subscribes[0]
-        handling = (
-            SubscribeOptions.RETAIN_DO_NOT_SEND if effect.live_only else SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE
-        )
-        options = SubscribeOptions(qos=1, retainAsPublished=effect.live_only, retainHandling=handling)
-        _, self._subscribing = self._client.subscribe([(topic, options) for topic in effect.filters])
-
     def unsubscribe(self, effect: Unsubscribe) -> None:
         self._client.unsubscribe(list(effect.filters))
 
@@ -159,6 +147,18 @@ class Connection:
         serial, mid = receipt
         if serial == self._serial:
             self._client.ack(mid, 1)
+
+    def wrong_with_broker(self, identity: Identity) -> str | None:
+        """Why the broker's certificate is not good now, in words; None while it is."""
+        from .tls import wrong_with
+
+        sock = self._client.socket()
+        return wrong_with(identity, sock.getpeercert(binary_form=True)) if isinstance(sock, ssl.SSLSocket) else None
+
+    def give_up(self, reason: str) -> None:
+        """End a connection that the broker had accepted; the link begins another one."""
+        self.refusal = reason
+        self.close(with_will=True)
 
     async def settled(self, limit_s: float) -> None:
         """Wait until all that was handed over has left, and is acknowledged where that is asked for."""
@@ -307,7 +307,7 @@ class Connection:
         self._note(self._events.received, self.name, inbound)
 
     def _on_subscribe(self, _client: Client, _userdata: Any, mid: int, codes: Any, _properties: Any) -> None:
-        self._note(self._subscribed, mid, [code.value for code in codes])
+        self._note(self._subscriptions.on_suback, mid, [code.value for code in codes])
 
     def _on_publish(self, _client: Client, _userdata: Any, mid: int, code: Any, _properties: Any) -> None:
         self._noted += 1
@@ -330,31 +330,16 @@ class Connection:
         if self._settled is not None and not self._unacknowledged and not self._client.want_write():
             _resolve(self._settled, 0)
 
-    def _subscribed(self, mid: int, codes: list[int]) -> None:
-        if mid != self._subscribing:
-            return
-        self._subscribing = None
-        effect = self._subscribes.popleft()
-        granted = dict(zip(effect.filters, codes, strict=False))
-        refused = {topic: code for topic in effect.filters if (code := granted.get(topic, UNSPECIFIED)) >= UNSPECIFIED}
-        if refused:
-            self._refused(refused)
-            return
-        if self._subscribes:
-            self._subscribe_next()
-        self._events.subscribed(effect)
-
-    def _refused(self, refused: dict[str, int]) -> None:
-        """Some filters were not granted: for good, or only this time, and then all begins anew on a new connection."""
-        topic, code = next(((t, c) for t, c in refused.items() if c in _NEVER_GRANTED), next(iter(refused.items())))
+    def _refused(self, topic: str, code: int, for_good: bool) -> None:
+        """A filter was not granted: for good, or only this time, and then all begins anew on a new connection."""
         self.refusal = f"the subscription to {topic} was refused with reason code 0x{code:02x}"
         if self.ended.done():
             return
-        if code in _NEVER_GRANTED:
+        if for_good:
             logger.error("%s: %s: %s", self.name, self.address, self.refusal)
             self.ended.set_exception(BrokerRefused(f"{self.name}: {self.address} refused the subscription to {topic}"))
         else:
-            self.close(with_will=True)
+            self.give_up(self.refusal)
 
 
 def _resolve(future: asyncio.Future[int], value: int) -> None:

@@ -9,15 +9,19 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
+import secrets
 import ssl
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from ...errors import BrokerRefused, ConfigurationError
-from ...security.identity import Identity
 from ..address import BrokerAddress
 from ..effects import Publish, Receipt, Subscribe, Unsubscribe, Will
 from .connection import Connection
 from .events import LinkEvents
-from .tls import client_context
+
+if TYPE_CHECKING:
+    from ...security.identity import Identity
 
 logger = logging.getLogger("mqttxt.mqtt")
 
@@ -26,6 +30,8 @@ LONGEST_PAUSE_S = 5.0
 GOODBYE_S = 1.0
 """How long a broker that takes no bytes, or acknowledges none, may hold up the end."""
 SESSION_TAKEN_OVER = 0x8E
+SECRET_BYTES = 8
+"""Behind a client id where nodes have identities: no other member of the fleet can take it over."""
 _PERMANENT = frozenset({0x84, 0x85, 0x86, 0x87, 0x8A, 0x8C, 0x90, 0x95, 0x99, 0x9A, 0x9B})
 """CONNACK reason codes that asking again cannot mend (MQTT 5.0, 3.2.2.2)."""
 
@@ -35,9 +41,10 @@ class MqttLink:
 
     With `manual_ack` an inbound QoS 1 message counts as delivered only when its receipt was acknowledged; in the
     order of receipt (MQTT 5.0, 4.6). The broker sends again what was not on the next connection, if that comes
-    within `session_expiry_s` with the same client id: for who only subscribes. `longest_pause_s` is that between
-    two attempts to connect. `identity` is this node's, for `mqtts://` to a broker of its fleet; without, `ssl_context`,
-    or the system's certificate authorities. Raises ConfigurationError for one of these with `mqtt://`.
+    within `session_expiry_s` with the same client id: for who only subscribes. `will` makes that of each connection.
+    `longest_pause_s` is that between two attempts to connect. `identity` is this node's, for `mqtts://` to a broker of
+    its fleet; without, `ssl_context`, or the system's certificate authorities. Who took over the client id ends a link
+    only where `ends_when_taken_over`. Raises ConfigurationError for one of these with `mqtt://`.
     """
 
     def __init__(
@@ -45,7 +52,7 @@ class MqttLink:
         name: str,
         address: BrokerAddress,
         client_id: str,
-        will: Will | None,
+        will: Callable[[], Will] | None,
         events: LinkEvents,
         *,
         manual_ack: bool = False,
@@ -53,6 +60,7 @@ class MqttLink:
         longest_pause_s: float = LONGEST_PAUSE_S,
         ssl_context: ssl.SSLContext | None = None,
         identity: Identity | None = None,
+        ends_when_taken_over: bool = True,
     ) -> None:
         for given, what in ((ssl_context, "ssl_context"), (identity, "identity")):
             if given is not None and not address.tls:
@@ -63,7 +71,9 @@ class MqttLink:
         """Why the last attempt to connect failed, None where it did not."""
         self._ssl_context = ssl_context
         self._identity = identity
-        self._client_id = client_id
+        self._ends_when_taken_over = ends_when_taken_over
+        is_secret = identity is not None and session_expiry_s == 0
+        self._client_id = f"{client_id}-{secrets.token_hex(SECRET_BYTES)}" if is_secret else client_id
         self._will = will
         self._events = events
         self._manual_ack = manual_ack
@@ -105,6 +115,13 @@ class MqttLink:
         if self._connection is not None:
             self._connection.acknowledge(receipt)
 
+    def check_broker(self) -> None:
+        """Give up a connection to a broker whose certificate is not good any more, as after a revocation."""
+        if self._identity is not None and self._connection is not None:
+            wrong = self._connection.wrong_with_broker(self._identity)
+            if wrong is not None:
+                self._connection.give_up(wrong)
+
     async def close(self) -> None:
         """A clean DISCONNECT, after what was handed over has left."""
         self._is_closed = True
@@ -117,11 +134,13 @@ class MqttLink:
         """One connection from CONNECT to its end; returns why it never came about, or was of no use, None if it was."""
         if self._identity is None:
             return await self._one_connection_by(self._ssl_context)
+        from .tls import client_context
+
         try:
             # Read for each connection: an identity is renewed while its node runs.
             context = client_context(self._identity)
         except OSError as error:
-            return f"the identity cannot be read: {error.strerror or error}"
+            return f"the identity cannot be used: {error.strerror or error}"
         reason = await self._one_connection_by(context)
         return f"it refuses this node's certificate: {context.alert}" if context.alert is not None else reason
 
@@ -130,7 +149,7 @@ class MqttLink:
             self.name,
             self.address,
             self._client_id,
-            self._will,
+            self._will() if self._will is not None else None,
             self._events,
             manual_ack=self._manual_ack,
             session_expiry_s=self._session_expiry_s,
@@ -153,7 +172,10 @@ class MqttLink:
             self._events.connected(self.name)
             code = await connection.ended
             if code == SESSION_TAKEN_OVER:
-                raise BrokerRefused(f"{self.name}: {self.address}: another client took over the id {self._client_id}")
+                reason = f"another client took over the id {self._client_id}"
+                if self._ends_when_taken_over:
+                    raise BrokerRefused(f"{self.name}: {self.address}: {reason}")
+                return reason
             return connection.refusal
         finally:
             was_up, self._connection = self._connection is connection, None

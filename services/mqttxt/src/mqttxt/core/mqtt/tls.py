@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import logging
+import os
 import ssl
 from typing import Any
 
@@ -12,6 +15,10 @@ from ...security.fleet import FLEET_FILE
 from ...security.identity import CERTIFICATE_FILE, KEY_FILE, Identity
 from ...security.names import Kind
 
+logger = logging.getLogger("mqttxt.tls")
+
+KEY_LOG = "SSLKEYLOGFILE"
+"""The environment's variable, of many programs, that names a file for session keys: whoever has them reads captures."""
 _NO_CHECK_TIME = ssl.VerifyFlags(0x200000)
 """X509_V_FLAG_NO_CHECK_TIME: the system's clock may be in 1970; the handshake here judges by the trusted time."""
 
@@ -31,7 +38,7 @@ class FleetSocket(ssl.SSLSocket):
 
     def do_handshake(self, block: bool = False) -> None:
         super().do_handshake(block)
-        wrong = _wrong_with(self._fleet.identity, self.getpeercert(binary_form=True))
+        wrong = wrong_with(self._fleet.identity, self.getpeercert(binary_form=True))
         if wrong is not None:
             self.close()
             raise ssl.SSLCertVerificationError(ssl.SSLErrorNumber.SSL_ERROR_SSL, wrong)
@@ -63,7 +70,7 @@ def client_context(identity: Identity) -> FleetContext:
     """For one connection as a node to a broker of its fleet: TLS 1.3 alone, the broker's name checked.
 
     The broker's certificate is of this fleet, valid at the trusted time and not revoked, or the handshake fails.
-    Raises OSError where the identity's files cannot be used.
+    Raises OSError where the identity's files, or the file for session keys, cannot be used.
     """
     context = FleetContext(ssl.PROTOCOL_TLS_CLIENT)
     context.identity = identity
@@ -72,10 +79,22 @@ def client_context(identity: Identity) -> FleetContext:
     context.load_verify_locations(identity.folder / FLEET_FILE)
     context.load_cert_chain(identity.folder / CERTIFICATE_FILE, identity.folder / KEY_FILE)
     context.verify_flags |= _NO_CHECK_TIME
+    if path := os.environ.get(KEY_LOG):
+        _tell_of_keys(path)
+        try:
+            context.keylog_filename = path
+        except OSError as error:
+            raise OSError(error.errno, f"{KEY_LOG} {path}: {error.strerror}") from error
     return context
 
 
-def _wrong_with(identity: Identity, der: bytes | None) -> str | None:
+@functools.cache
+def _tell_of_keys(path: str) -> None:
+    """Once: it is for measurements, and nobody is to find it out late."""
+    logger.warning("%s: session keys go to %s; whoever has them reads what this node says", KEY_LOG, path)
+
+
+def wrong_with(identity: Identity, der: bytes | None) -> str | None:
     """Why a peer is no broker of the fleet; None where it is one."""
     if der is None:
         return "it shows no certificate"
@@ -85,5 +104,5 @@ def _wrong_with(identity: Identity, der: bytes | None) -> str | None:
         return str(error)
     if certificate.node.kind is not Kind.BROKER:
         return f"its certificate is {certificate.name}'s; expected a broker's"
-    verdict = identity.fleet.verify(certificate, identity.time.now_s())
+    verdict = identity.time.verify(certificate)
     return None if verdict is None else f"its certificate ({certificate.name}) is {verdict.replace('_', ' ')}"

@@ -11,7 +11,21 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ...protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff
+from ...protocol.commands import (
+    Arm,
+    Command,
+    Disarm,
+    Goto,
+    Hold,
+    Land,
+    Offboard,
+    Pause,
+    Resume,
+    Return,
+    StartMission,
+    Takeoff,
+)
+from ...protocol.plans import PlanItem
 from ...protocol.states import Armed, FlightMode, FlightModeName, Health, Landed
 from .autopilot import Autopilot
 from .plans import (
@@ -19,12 +33,14 @@ from .plans import (
     Group,
     Plan,
     arming,
+    check_pause,
     climbed,
     command_long,
     holds,
     home_altitude_m,
     is_down,
     landed_state,
+    mission,
     never,
     reposition,
 )
@@ -73,6 +89,30 @@ _ARMABLE: Final = frozenset(
 """Modes in which it arms and then stays on the ground. After a landing it is in LAND or RTL, where it refuses to."""
 
 
+_KEPT: Final[dict[int, tuple[int, ...]]] = {
+    mavlink.MAV_CMD_NAV_WAYPOINT: (0,),
+    mavlink.MAV_CMD_NAV_LOITER_UNLIM: (),
+    mavlink.MAV_CMD_NAV_LOITER_TIME: (0, 2, 3),
+    mavlink.MAV_CMD_NAV_LAND: (0,),
+    mavlink.MAV_CMD_NAV_TAKEOFF: (0,),
+    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: (),
+    mavlink.MAV_CMD_DO_CHANGE_SPEED: (0, 1, 2),
+    mavlink.MAV_CMD_DO_JUMP: (0, 1),
+    mavlink.MAV_CMD_NAV_RALLY_POINT: (),
+}
+"""The parameters that ArduCopter keeps of items, from 0; of others all."""
+
+
+def mode_name(custom_mode: int) -> FlightModeName:
+    """The name of HEARTBEAT.custom_mode; UNKNOWN for a mode that has none here."""
+    return _MODES.get(custom_mode, FlightModeName.UNKNOWN)
+
+
+def mode_number(name: FlightModeName) -> int:
+    """HEARTBEAT.custom_mode of a mode; raises KeyError for one that ArduCopter does not have."""
+    return _NUMBERS[name]
+
+
 class ArduCopter(Autopilot):
     """A multicopter with ArduPilot.
 
@@ -99,9 +139,12 @@ class ArduCopter(Autopilot):
     priming = 0
     refuses_as_failed = True
     explains_afterwards = True
+    home_items = 1
+    bytewise = False
+    tells_of_fence = True
 
     def flight_mode(self, heartbeat: Any) -> FlightModeName:
-        return _MODES.get(heartbeat.custom_mode, FlightModeName.UNKNOWN)
+        return mode_name(heartbeat.custom_mode)
 
     def health(self, status: Any) -> Health:
         known = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
@@ -112,6 +155,19 @@ class ArduCopter(Autopilot):
     def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(vehicle, mavlink.MAV_CMD_DO_SET_MODE, custom, float(_NUMBERS[name]))
+
+    def kept(self, item: PlanItem) -> PlanItem:
+        """The parameters that it has a use for, and of an item without a place no frame."""
+        kept = _KEPT.get(item.command, range(4))
+        params = [param if place in kept else 0.0 for place, param in enumerate(item.params)]
+        if item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:  # which way round, and whether it leaves by the tangent
+            params[2:] = [-1.0 if (params[2] or 0.0) < 0 else 1.0, float((params[3] or 0.0) > 0)]
+        frame = mavlink.MAV_FRAME_GLOBAL if item.frame == mavlink.MAV_FRAME_MISSION else item.frame
+        return replace(item, frame=frame, params=tuple(params))
+
+    def has_ended(self, vehicle: Vehicle, after: int) -> bool:
+        """It stays in its mode, and where it is."""
+        return vehicle.is_still(after)
 
     def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:
         if isinstance(command, Arm):
@@ -127,7 +183,12 @@ class ArduCopter(Autopilot):
         if isinstance(command, Land):
             message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND)
             return Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
-        if isinstance(command, Hold):
+        if isinstance(command, Pause):
+            check_pause(vehicle)
+        if isinstance(command, StartMission | Resume):
+            message = command_long(vehicle, mavlink.MAV_CMD_MISSION_START)
+            return mission(vehicle, Plan(message, mavlink.MAV_CMD_MISSION_START, Group.MOTION, never))
+        if isinstance(command, Hold | Pause):
             return self._mode(vehicle, self.hold_mode, holds)
         if isinstance(command, Offboard):
             return self._mode(vehicle, self.offboard_mode, never)

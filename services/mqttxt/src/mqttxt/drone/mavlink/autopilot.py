@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pymavlink.dialects.v20 import common as mavlink
 
 from ...protocol.commands import Command
+from ...protocol.parameters import ParameterSet
+from ...protocol.plans import PlanItem
 from ...protocol.states import FlightModeName, Health
 from .plans import Effect, Group, Plan
 
@@ -25,7 +27,9 @@ class Autopilot(ABC):
     is, `offboard_mode` the one in which it follows set-points; `is_offboard_alone`: it does nothing else there.
     `priming` set-points have to come before that mode. `refuses_as_failed`: it says MAV_RESULT_FAILED of what it does
     not begin. `explains_afterwards`: its reason comes behind its refusal. `answers_twice` are the MAV_CMDs that it
-    may accept first, and then say what became of them.
+    may accept first, and then say what became of them. `home_items`: how many items its mission has in front of a
+    plan's own. `tells_of_fence`: it sends FENCE_STATUS, where it is asked to. `bytewise`: whole parameters are
+    carried as their bytes, else as numbers.
     """
 
     name: ClassVar[str]
@@ -39,6 +43,9 @@ class Autopilot(ABC):
     refuses_as_failed: ClassVar[bool]
     explains_afterwards: ClassVar[bool] = False
     answers_twice: ClassVar[frozenset[int]] = frozenset()
+    home_items: ClassVar[int] = 0
+    tells_of_fence: ClassVar[bool] = False
+    bytewise: ClassVar[bool]
 
     @abstractmethod
     def flight_mode(self, heartbeat: Any) -> FlightModeName:
@@ -51,6 +58,18 @@ class Autopilot(ABC):
     @abstractmethod
     def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:
         """MAV_CMD_DO_SET_MODE as COMMAND_LONG; raises KeyError for a mode that this kind does not have."""
+
+    @abstractmethod
+    def kept(self, item: PlanItem) -> PlanItem:
+        """What it keeps of an item of a plan; of what it gives back, the same."""
+
+    def hash_check(self, parameters: ParameterSet) -> int | None:
+        """The number that it gives as _HASH_CHECK where it has these parameters; None where it has no such number."""
+        return None
+
+    @abstractmethod
+    def has_ended(self, vehicle: Vehicle, after: int) -> bool:
+        """Whether messages after number `after` show that it has left a mission whose last item was reached."""
 
     @abstractmethod
     def plan(self, command: Command, vehicle: Vehicle, now_ms: int) -> Plan:

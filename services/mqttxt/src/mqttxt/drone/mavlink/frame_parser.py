@@ -16,7 +16,8 @@ HELD_S = 0.5
 """How long the rest of a frame is waited for: one of the longest takes 0.05 s at 57,600 baud."""
 MOST_SPOILT = 32
 """Places at which a datagram may be no frame before the rest of it is given up: each costs a checksum."""
-_MAGIC = (mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2)
+NO_FRAME = "mavlink_malformed"
+MAGIC = (mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2)
 _V1_BYTES, _V2_BYTES = 8, 12
 """Header and checksum."""
 _DECODER = mavlink.MAVLink(None)
@@ -24,8 +25,9 @@ _DECODER = mavlink.MAVLink(None)
 
 @dataclass(frozen=True)
 class Malformed:
-    """Bytes that are no frame, and why."""
+    """What is not heard, and why; `kind` is under what it is counted."""
 
+    kind: str
     reason: str
 
 
@@ -43,7 +45,7 @@ def _in_whole(rest: bytearray) -> Iterator[Any]:
     while rest:
         yield from _take(rest)
         if rest:
-            yield Malformed("a frame that its datagram cuts off")
+            yield Malformed(NO_FRAME, "a frame that its datagram cuts off")
             del rest[0]
 
 
@@ -63,7 +65,7 @@ class StreamFrames:
         self._rest += data
         yield from self._whole(now_s, before)
         while self._rest and now_s - self._since_s > HELD_S:
-            yield Malformed("a frame whose rest did not come")
+            yield Malformed(NO_FRAME, "a frame whose rest did not come")
             del self._rest[0]
             yield from self._whole(now_s, 0)
 
@@ -77,9 +79,9 @@ class StreamFrames:
 def _take(data: bytearray) -> Iterator[Any]:
     """Take what is whole from the front of `data`; what is left begins with a frame that is not."""
     while data:
-        if data[0] not in _MAGIC:
-            start = next((at for at, byte in enumerate(data) if byte in _MAGIC), len(data))
-            yield Malformed(f"{start} bytes that begin no frame")
+        if data[0] not in MAGIC:
+            start = next((at for at, byte in enumerate(data) if byte in MAGIC), len(data))
+            yield Malformed(NO_FRAME, f"{start} bytes that begin no frame")
             del data[:start]
             continue
         size = _size(data)
@@ -89,11 +91,11 @@ def _take(data: bytearray) -> Iterator[Any]:
             _check_flags(data)
             message = _DECODER.decode(data[:size])
         except mavlink.MAVError as error:
-            yield Malformed(str(error))
+            yield Malformed(NO_FRAME, str(error))
             del data[0]
             continue
-        if isinstance(message, mavlink.MAVLink_unknown) and size < len(data) and data[size] not in _MAGIC:
-            yield Malformed("bytes behind which no frame begins")  # without its checksum only its end shows
+        if isinstance(message, mavlink.MAVLink_unknown) and size < len(data) and data[size] not in MAGIC:
+            yield Malformed(NO_FRAME, "bytes behind which no frame begins")  # without its checksum only its end shows
             del data[0]
             continue
         del data[:size]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ...protocol.commands import Arm, Command, Disarm, Goto, Offboard, Takeoff, haversine_m
+from ...protocol.commands import Arm, Command, Disarm, Goto, Offboard, Resume, StartMission, Takeoff, haversine_m
 from ...protocol.states import Armed, FlightMode, FlightModeName, Home, Landed, LandedState, Location
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def check(command: Command, vehicle: Vehicle, now_ms: int) -> None:
             raise CannotExecute("landed_state_unknown")
         if landed is Landed.ON_GROUND:
             raise CannotExecute("on_ground")
-    if isinstance(command, Takeoff | Goto | Offboard) and vehicle.seen(Armed) != Armed(True):
+    if isinstance(command, Takeoff | Goto | Offboard | StartMission | Resume) and vehicle.seen(Armed) != Armed(True):
         raise CannotExecute("disarmed")
 
 
@@ -176,6 +176,26 @@ def holds(vehicle: Vehicle, after: int) -> bool:
     if vehicle.seen(FlightMode, after) != FlightMode(vehicle.autopilot.hold_mode):
         return False
     return vehicle.is_still(after) or vehicle.seen(LandedState, after) == LandedState(Landed.ON_GROUND)
+
+
+def mission(vehicle: Vehicle, plan: Plan) -> Plan:
+    """The plan of a mission's start: it is over behind its last item, and on the ground where that leads there."""
+    lands = vehicle.mission.lands
+
+    def is_over(seen: Vehicle, after: int) -> bool:
+        return seen.mission.is_over and (is_down(seen, after) if lands else seen.autopilot.has_ended(seen, after))
+
+    def is_near(seen: Vehicle, after: int) -> bool:
+        return seen.mission.is_over or is_disarmed(seen, after)
+
+    modes = {FlightModeName.MISSION, *({FlightModeName.RETURN} if lands else ())}
+    return replace(plan, effect=is_over, modes=frozenset(modes), passing=frozenset({FlightModeName.HOLD}), near=is_near)
+
+
+def check_pause(vehicle: Vehicle) -> None:
+    """Raises CannotExecute where no mission is flown."""
+    if vehicle.seen(FlightMode) != FlightMode(FlightModeName.MISSION):
+        raise CannotExecute("not_in_mission")
 
 
 def is_disarmed(vehicle: Vehicle, after: int) -> bool:

@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+import math
+import re
+import struct
+import zlib
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ...protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff
+from ...protocol.commands import (
+    Arm,
+    Command,
+    Disarm,
+    Goto,
+    Hold,
+    Land,
+    Offboard,
+    Pause,
+    Resume,
+    Return,
+    StartMission,
+    Takeoff,
+)
+from ...protocol.parameters import ParameterSet
+from ...protocol.plans import PlanItem
 from ...protocol.states import Armed, FlightMode, FlightModeName, Health, Landed
 from .autopilot import Autopilot
 from .plans import (
@@ -17,6 +36,7 @@ from .plans import (
     Plan,
     above,
     arming,
+    check_pause,
     climbed,
     command_long,
     holds,
@@ -24,6 +44,7 @@ from .plans import (
     is_disarmed,
     is_down,
     landed_state,
+    mission,
     never,
     reposition,
 )
@@ -71,6 +92,36 @@ def mode_numbers(name: FlightModeName) -> tuple[int, int]:
     return _NUMBERS[name]
 
 
+_KEPT: Final[dict[int, tuple[int, ...]]] = {
+    mavlink.MAV_CMD_NAV_WAYPOINT: (0, 1, 3),
+    mavlink.MAV_CMD_NAV_LOITER_UNLIM: (2, 3),
+    mavlink.MAV_CMD_NAV_LOITER_TIME: (0, 1, 2, 3),
+    mavlink.MAV_CMD_NAV_LAND: (1, 3),
+    mavlink.MAV_CMD_NAV_TAKEOFF: (3,),
+    mavlink.MAV_CMD_NAV_LOITER_TO_ALT: (0, 1, 3),
+    mavlink.MAV_CMD_NAV_VTOL_TAKEOFF: (3,),
+    mavlink.MAV_CMD_NAV_VTOL_LAND: (3,),
+    mavlink.MAV_CMD_DO_SET_ROI_LOCATION: (),
+    mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT: (),
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION: (0,),
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION: (0,),
+    mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION: (0,),
+    mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION: (0,),
+    mavlink.MAV_CMD_NAV_RALLY_POINT: (),
+}
+"""The parameters that PX4 keeps of items with a place, from 0."""
+_FLAGS: Final = {mavlink.MAV_CMD_NAV_LOITER_TIME: (1, 3), mavlink.MAV_CMD_NAV_LOITER_TO_ALT: (0, 3)}
+"""Those of which it keeps whether they are above 0."""
+_HEADED: Final = frozenset(command for command, kept in _KEPT.items() if 3 in kept and command not in _FLAGS)
+
+
+_VOLATILE: Final = re.compile(
+    r"CAL_(ACC|GYRO|MAG)\d_[XYZ](OFF|SCALE|ODIAG|COMP)|CAL_BARO\d_OFF|SENS_DPRES_OFF|EKF2_MAG_DECL"
+    r"|LND_FLIGHT_T_(HI|LO)|COM_FLIGHT_UUID|COM_MODE\d_HASH"
+)
+"""The parameters that PX4's own hash leaves out (`@volatile`), of 1.15 and main."""
+
+
 class Px4(Autopilot):
     """A PX4 multicopter."""
 
@@ -82,6 +133,7 @@ class Px4(Autopilot):
     is_offboard_alone = True
     priming = 10
     refuses_as_failed = False
+    bytewise = True
     answers_twice: ClassVar = frozenset({mavlink.MAV_CMD_DO_SET_MODE})
 
     def flight_mode(self, heartbeat: Any) -> FlightModeName:
@@ -92,6 +144,16 @@ class Px4(Autopilot):
         enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
         unhealthy = enabled & ~status.onboard_control_sensors_health & 0xFFFFFFFF
         return Health(bool(status.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK), unhealthy)
+
+    def hash_check(self, parameters: ParameterSet) -> int | None:
+        """A CRC-32 over names and values, but for those that PX4 changes by itself; without the usual inversions."""
+        crc = 0
+        for one in parameters:
+            if not _VOLATILE.fullmatch(one.name):
+                value = math.nan if one.value is None else one.value
+                packed = struct.pack("<f", value) if one.type.span is None else struct.pack("<q", value)[:4]
+                crc = zlib.crc32(one.name.encode() + packed, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
+        return crc
 
     def set_mode(self, vehicle: Vehicle, name: FlightModeName) -> Any:
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
@@ -111,12 +173,33 @@ class Px4(Autopilot):
             message = command_long(vehicle, mavlink.MAV_CMD_NAV_LAND, *[NAN] * 7)
             plan = Plan(message, mavlink.MAV_CMD_NAV_LAND, Group.MOTION, is_down, frozenset({FlightModeName.LAND}))
             return _ending_in_hold(plan)
-        if isinstance(command, Hold):
+        if isinstance(command, Pause):
+            check_pause(vehicle)
+        if isinstance(command, Hold | Pause):
             return self._hold(vehicle, now_ms)
+        if isinstance(command, StartMission | Resume):
+            return mission(vehicle, self._mode(vehicle, FlightModeName.MISSION, never))
         if isinstance(command, Offboard):
             return self._mode(vehicle, self.offboard_mode, never)
         assert isinstance(command, Return)
         return _ending_in_hold(self._mode(vehicle, FlightModeName.RETURN, is_down))
+
+    def kept(self, item: PlanItem) -> PlanItem:
+        """Of a place the parameters that PX4 has a use for (mavlink_mission.cpp), a heading from 0 to 360 degrees."""
+        if item.command not in _KEPT or item.frame == mavlink.MAV_FRAME_MISSION:
+            return item
+        params: list[float | None] = [0.0] * 4
+        for place in _KEPT[item.command]:
+            value = item.params[place]
+            if place in _FLAGS.get(item.command, ()):
+                value = float(value is not None and value > 0)
+            elif place == 3 and value is not None and item.command in _HEADED:
+                value = value % 360
+            params[place] = value
+        return replace(item, params=tuple(params))
+
+    def has_ended(self, vehicle: Vehicle, after: int) -> bool:
+        return vehicle.seen(FlightMode, after) == FlightMode(self.hold_mode)
 
     def _hold(self, vehicle: Vehicle, now_ms: int) -> Plan:
         """In the air a reposition to where it is: a goto is HOLD mode already, and DO_SET_MODE would not stop it.

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ...protocol.commands import Arm, Disarm, Goto, Hold, Land, Mavlink, Offboard, Return, Stream, Takeoff
+from ...protocol.commands import (
+    Arm,
+    Disarm,
+    Goto,
+    Hold,
+    Land,
+    Mavlink,
+    Offboard,
+    Pause,
+    Return,
+    SetCurrentItem,
+    StartMission,
+    Stream,
+    Takeoff,
+)
 from .plans import AUTOPILOT_COMPONENT, NAN, CannotExecute, Plan, never
 from .vehicle import Vehicle
 
@@ -23,6 +38,9 @@ TYPED: dict[int, str] = {
     mavlink.MAV_CMD_NAV_GUIDED_ENABLE: Offboard.name,
     mavlink.MAV_CMD_DO_SET_MODE: Hold.name,
     mavlink.MAV_CMD_DO_REPOSITION: Goto.name,
+    mavlink.MAV_CMD_DO_PAUSE_CONTINUE: Pause.name,
+    mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: SetCurrentItem.name,
+    mavlink.MAV_CMD_MISSION_START: StartMission.name,
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: Arm.name,
     mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: Stream.name,
 }
@@ -55,10 +73,15 @@ GUARDED: dict[int, str] = {
 
 @dataclass(frozen=True)
 class Limits:
-    """What a UAV client lets pass: guarded MAV_CMDs, and components of its system beside the autopilot."""
+    """What a UAV client lets pass: guarded MAV_CMDs and parameters, and components beside the autopilot.
+
+    `ranges` are the least and the greatest value of the parameters whose range is known.
+    """
 
     mav_cmds: frozenset[int] = frozenset()
     components: frozenset[int] = frozenset()
+    parameters: frozenset[str] = frozenset()
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def plan_raw(command: Mavlink, vehicle: Vehicle, limits: Limits) -> Plan:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from ...protocol.states import (
+    Airframe,
     Armed,
     Battery,
     FlightMode,
+    Gps,
+    GpsFix,
     Groundspeed,
     Heading,
     Home,
@@ -20,7 +23,9 @@ from ...protocol.states import (
     LandedState,
     Location,
     MaxGroundspeed,
+    Power,
     State,
+    VelocityNed,
     VitalState,
     check_range,
 )
@@ -28,11 +33,14 @@ from .autopilot import Autopilot
 from .autopilots import kind_of
 from .boots import Boots
 from .home import HomeOfArming
+from .mission_progress import MissionProgress
 from .plans import AUTOPILOT_COMPONENT, CannotExecute
 
 HEARTBEAT_LOST_MS = 3000
 LOST_MS = 10_000
 """Without a heartbeat for this long, what an autopilot was doing is not known any more: ten in a row are missing."""
+UNKNOWN_U8, UNKNOWN_U16 = 2**8 - 1, 2**16 - 1
+"""What MAVLink says of a figure that is not known."""
 STILL_M_S, STILL_CLIMB_M_S, STILL_MS = 1.0, 0.5, 1000
 """Slower than both for this long is standing still: a drone that turns back passes through zero sooner."""
 
@@ -70,6 +78,7 @@ class Vehicle:
         self.boots = Boots()
         self.states: dict[str, Seen[Any]] = {}
         self.cruise_m_s: float | None = None
+        self.mission = MissionProgress()
         self._autopilot: Autopilot | None = None
         self._still: list[tuple[int, int]] = []
         self._arrivals: dict[str, Arrivals] = {}
@@ -164,8 +173,8 @@ class Vehicle:
     def _is_of_kind(self, heartbeat: Any) -> bool:
         """Whether a heartbeat is of the first one's kind; one of another kind is ignored."""
         kind = kind_of(heartbeat)
-        if self._autopilot is None:
-            self._autopilot = kind
+        if self._autopilot is None and kind is not None:
+            self._autopilot, self.mission.home_items = kind, kind.home_items
         return kind is not None and kind is self._autopilot
 
     def _read(self, kind: str, message: Any) -> list[State]:
@@ -175,12 +184,25 @@ class Vehicle:
             return reader(message)
         if self._autopilot is None:
             return []
+        if kind in _PROGRESS:
+            return self.mission.on_message(message)
         if kind == "HEARTBEAT":
             armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            return [Armed(armed), FlightMode(self._autopilot.flight_mode(message))]
+            known = self.seen(Airframe)
+            airframe = Airframe(message.autopilot, message.type, None if known is None else known.version)
+            return [Armed(armed), FlightMode(self._autopilot.flight_mode(message)), airframe]
         if kind == "SYS_STATUS":
-            return [self._autopilot.health(message)]
+            return [self._autopilot.health(message), *_power(message)]
+        if kind == "AUTOPILOT_VERSION":
+            return self._read_version(message)
         return self._read_parameter(message) if kind == "PARAM_VALUE" else []
+
+    def _read_version(self, message: Any) -> list[State]:
+        """0 is MAVLink's word for a version that is not known."""
+        known = self.seen(Airframe)
+        if known is None or message.flight_sw_version == 0:
+            return []
+        return [replace(known, version=message.flight_sw_version)]
 
     def _read_parameter(self, message: Any) -> list[State]:
         name, value = message.param_id, message.param_value
@@ -229,7 +251,22 @@ def _position(message: Any) -> list[State]:
     ]
     if message.hdg < 36_000:
         told.append(Heading(message.hdg / 100))
-    return told
+    return [*told, VelocityNed(message.vx / 100, message.vy / 100, message.vz / 100)]
+
+
+def _gps(message: Any) -> list[State]:
+    if message.fix_type not in list(GpsFix):
+        return []
+    satellites = None if message.satellites_visible == UNKNOWN_U8 else message.satellites_visible
+    return [Gps(GpsFix(message.fix_type), satellites, None if message.eph == UNKNOWN_U16 else message.eph / 100)]
+
+
+def _power(message: Any) -> list[State]:
+    """The current is -1 where it is not measured."""
+    if message.voltage_battery == UNKNOWN_U16:
+        return []
+    current_a = None if message.current_battery < 0 else message.current_battery / 100
+    return [Power(message.voltage_battery / 1000, current_a)]
 
 
 def _vfr_hud(message: Any) -> list[State]:
@@ -247,10 +284,12 @@ def _home(message: Any) -> list[State]:
 _READERS = {
     "BATTERY_STATUS": _battery,
     "GLOBAL_POSITION_INT": _position,
+    "GPS_RAW_INT": _gps,
     "VFR_HUD": _vfr_hud,
     "EXTENDED_SYS_STATE": _landed,
     "HOME_POSITION": _home,
 }
+_PROGRESS = frozenset({"MISSION_CURRENT", "MISSION_ITEM_REACHED", "FENCE_STATUS"})
 SOURCES = {
     "battery": "BATTERY_STATUS",
     "location": "GLOBAL_POSITION_INT",
@@ -261,5 +300,11 @@ SOURCES = {
     "landed_state": "EXTENDED_SYS_STATE",
     "home": "HOME_POSITION",
     "health": "SYS_STATUS",
+    "velocity": "GLOBAL_POSITION_INT",
+    "gps": "GPS_RAW_INT",
+    "power": "SYS_STATUS",
+    "airframe": "HEARTBEAT",
+    "mission": "MISSION_CURRENT",
+    "fence": "FENCE_STATUS",
 }
-"""The message that has each state, but for those that come from parameters."""
+"""The message that has each state, but for those that come from parameters and for texts."""

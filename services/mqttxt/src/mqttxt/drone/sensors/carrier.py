@@ -8,42 +8,53 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 
+from ...core.channel import Channel
 from ...core.effects import Inbound, Log, Publish, Subscribe
-from ...core.settings import Retry, Settings
+from ...core.floods import Budget
+from ...core.settings import Retry
 from ...errors import PayloadError
 from ...protocol.codec import decode, encode
 from ...protocol.readings import MOST_ACKNOWLEDGED, Reading, ReadingAck, ReadingKey, ReadingMessage, checked
-from ...protocol.topics import FogSide, SensorSide
+from ...protocol.topics import REVOKED, FogSide, SensorSide
+from ...security.cose import Envelope
+from ...security.seal import EXPIRED
 from ..effects import Acknowledge, Effect, ForgetReadings, LoadReadings, StoreReading
 
 SENSORS = "sensors"
 """The connection to the drone's own broker."""
 WINDOW = 32
 """Readings that may be on their way to the activator at once: a stalled link holds no more of them."""
+SENSOR_PER_S, SENSOR_AT_ONCE = 1000, 2000
+"""Readings that one sensor may have; what it keeps it sends again."""
 
 
 @dataclass
 class UnderWay:
-    """A reading under way; `retry` from the broker's PUBACK on, before it the transport repeats."""
+    """A reading under way; `retry` from the broker's PUBACK on, before it the transport repeats.
+
+    `again`: it was sent before, and who was to hear it may lack the sensor's certificate.
+    """
 
     reading: Reading
     retry: Retry | None = None
+    again: bool = False
 
 
 class Carrier:
-    """The sensors' side of a UAV client. Times are milliseconds of its session clock; `link` is the fog's broker."""
+    """The sensors' side of a UAV client. Times are milliseconds of its session clock; `channel` is to the fog."""
 
-    def __init__(self, drone: int, link: str, settings: Settings, fog_side: FogSide) -> None:
+    def __init__(self, drone: int, channel: Channel, fog_side: FogSide) -> None:
         self.side = SensorSide()
         self._drone = drone
-        self._link = link
-        self._settings = settings
+        self._channel = channel
+        self._to_sensors = Channel(SENSORS, "", channel.settings, channel.seal if channel.signs_readings else None)
         self._fog = fog_side
         self._under_way: dict[ReadingKey, UnderWay] = {}
         self._place = 0
         self._is_loading = False
         self._may_have_more = True
         self._fog_is_up = False
+        self._budget = Budget(SENSOR_PER_S, SENSOR_AT_ONCE)
 
     def on_connected(self, now_ms: int) -> list[Effect]:
         """The drone's own broker is there."""
@@ -51,9 +62,15 @@ class Carrier:
 
     def on_message(self, message: Inbound, now_ms: int) -> list[Effect]:
         """From the drone's own broker: a reading, or something that is counted and dropped."""
+        if message.topic == REVOKED:  # as this drone has published it: the filter of readings matches it
+            return _acknowledge(message)
         try:
             sensor, kind = self.side.parse(message.topic)
-            reading = checked(sensor, kind, decode(ReadingMessage, message.payload))
+            if not self._budget.takes(sensor, now_ms):
+                return [Log("flood", f"readings of sensor {sensor}: too many"), *_acknowledge(message)]
+            payload = self._channel.opened_reading(message.payload, sensor, kind)
+            said = _with_certificate(message.payload) if self._channel.signs_readings else b""
+            reading = checked(sensor, kind, decode(ReadingMessage, payload), said)
         except PayloadError as error:
             kind = "sensor_topic" if error.kind == "topic" else "sensor_reading"
             return [Log(kind, f"{message.topic[:100]}: {error}"), *_acknowledge(message)]
@@ -66,8 +83,8 @@ class Carrier:
         out: list[Effect] = [Acknowledge(SENSORS, e.receipt) for e in effects if e.receipt is not None]
         for start in range(0, len(effects), MOST_ACKNOWLEDGED):
             keys = tuple(e.reading.key for e in effects[start : start + MOST_ACKNOWLEDGED])
-            payload = encode(ReadingAck(readings=keys), self._settings.encoding)
-            out.append(Publish(SENSORS, self.side.ack, payload, qos=1))
+            ack = ReadingAck(readings=keys)
+            out.append(self._to_sensors.publish(self.side.ack, ack, qos=1, with_certificate=True))
         return out + self._load()
 
     def on_refused(self, refused: Iterable[StoreReading], reason: str, now_ms: int) -> list[Effect]:
@@ -102,6 +119,11 @@ class Carrier:
         out: list[Effect] = []
         for place, reading in rows:
             self._place = max(self._place, place)
+            if self._channel.signs_readings and not reading.said:
+                out.append(
+                    Log("unsigned_reading", f"{reading.key}: stays, because nobody takes it without a signature")
+                )
+                continue
             sent = self._under_way[reading.key] = UnderWay(reading)
             if self._fog_is_up:
                 out.append(self._publish(sent))
@@ -126,8 +148,28 @@ class Carrier:
         out: list[Effect] = []
         if self._fog_is_up:
             due = [f for f in self._under_way.values() if f.retry is not None and f.retry.is_due(now_ms)]
-            out += [self._publish(sent) for sent in due]
+            out += [effect for sent in due for effect in self._again(sent)]
         return out + self._load()
+
+    def _again(self, sent: UnderWay) -> list[Effect]:
+        """Say a reading once more; one whose sensor's certificate is not good any more makes room for others."""
+        reading, sent.again = sent.reading, True
+        refusal = self._refusal(reading)
+        if refusal is None:
+            return [self._publish(sent)]
+        del self._under_way[reading.key]
+        return [Log("sensor_certificate", f"{reading.key}: stays, because nobody would take it: {refusal}")]
+
+    def _refusal(self, reading: Reading) -> str | None:
+        """Why a station that does not know its sensor would not take a reading."""
+        seal = self._channel.seal
+        if seal is None or not seal.signs_readings:
+            return None
+        try:
+            signed = seal.open(self.side.sensor(reading.sensor, reading.kind), reading.said, f"sensor{reading.sensor}")
+        except PayloadError as error:
+            return str(error)
+        return EXPIRED if signed.is_expired else None
 
     def _load(self) -> list[Effect]:
         room = WINDOW - len(self._under_way)
@@ -139,13 +181,23 @@ class Carrier:
     def _publish(self, sent: UnderWay) -> Publish:
         reading = sent.reading
         topic = self._fog.sensor(self._drone, reading.sensor, reading.kind)
-        payload = encode(reading.message, self._settings.encoding)
-        return Publish(self._link, topic, payload, qos=1, ref=reading.key)
+        if not self._channel.signs_readings:
+            payload = encode(reading.message, self._channel.settings.encoding)
+        else:
+            payload = reading.said if sent.again else Envelope.parse(reading.said).bare().encode()
+        return Publish(self._channel.link, topic, payload, qos=1, ref=reading.key)
 
 
 def is_carried(ref: Hashable) -> bool:
     """Whether a publish's `ref` is of a reading."""
     return isinstance(ref, ReadingKey)
+
+
+def _with_certificate(payload: bytes) -> bytes:
+    """What a sensor signed; raises PayloadError without its certificate, which is kept with the reading."""
+    if Envelope.parse(payload).certificate is None:
+        raise PayloadError("reading: expected the sensor's certificate with it", "not_signed")
+    return payload
 
 
 def _acknowledge(message: Inbound) -> list[Effect]:

@@ -19,6 +19,7 @@ from ...core.mqtt.events import LinkEvents
 from ...core.mqtt.link import BrokerAddress, MqttLink
 from ...errors import BrokerRefused
 from ...security.identity import Identity
+from ...security.revocation import RevocationList
 from ..effects import Acknowledge, ForgetReadings, LoadReadings, StoreReading
 from . import DEFAULT_LIMIT
 from .carrier import SENSORS, Carrier
@@ -96,6 +97,7 @@ class SensorPort:
             manual_ack=True,
             session_expiry_s=KEPT_BY_BROKER_S,
             identity=identity,
+            ends_when_taken_over=identity is None,
         )
         self._receipts = Receipts(self.link.acknowledge)
 
@@ -104,10 +106,10 @@ class SensorPort:
         embedded = [self._embedded.run()] if self._embedded is not None else []
         return [*embedded, self._keep_link(), self._work()]
 
-    def reload(self) -> None:
+    def reload(self, newest: RevocationList) -> None:
         """`EmbeddedBroker.reload`, where there is one."""
         if self._embedded is not None:
-            self._embedded.reload()
+            self._embedded.reload(newest)
 
     def take(self, output: Any) -> bool:
         """Carry out an effect of the carrier; whether it was one."""

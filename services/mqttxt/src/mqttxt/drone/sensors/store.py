@@ -12,10 +12,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ...core.disk import is_fault
 from ...errors import ConfigurationError, PayloadError
 from ...protocol.codec import decode, encode
 from ...protocol.readings import Reading, ReadingKey, ReadingMessage, checked
-from ..disk import is_fault
+from ...security.cose import Envelope
 from ..effects import LoadReadings, StoreReading
 from . import DEFAULT_LIMIT
 
@@ -158,7 +159,7 @@ class SensorStore:
             return
         self._database.execute(
             "INSERT INTO reading (sensor, boot, seq, kind, payload) VALUES (?, ?, ?, ?, ?)",
-            (*row, reading.kind, encode(reading.message)),
+            (*row, reading.kind, reading.said or encode(reading.message)),
         )
         self._count += 1
         done.stored.append(effect)
@@ -171,7 +172,7 @@ class SensorStore:
         )
         for place, sensor, kind, payload in found:
             try:
-                rows.append((place, checked(sensor, kind, decode(ReadingMessage, payload))))
+                rows.append((place, _restored(sensor, kind, payload)))
             except PayloadError as error:
                 logger.error("%s: reading at place %d is spoilt and is removed: %s", self.path, place, error)
                 spoilt.append(place)
@@ -182,3 +183,12 @@ class SensorStore:
             self._database.execute("DELETE FROM reading WHERE place = ?", (place,))
             self._count -= 1
         return rows
+
+
+def _restored(sensor: int, kind: str, payload: bytes) -> Reading:
+    """A reading as it was stored, signed or not; raises PayloadError."""
+    try:
+        signed = Envelope.parse(payload)
+    except PayloadError:
+        return checked(sensor, kind, decode(ReadingMessage, payload))
+    return checked(sensor, kind, decode(ReadingMessage, signed.payload), payload)

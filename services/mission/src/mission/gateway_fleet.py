@@ -1,0 +1,82 @@
+"""The fleet over MQTT-XT with MAVSDK as its ground station, through a `mqttxt gs mavlink` beside the mission."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+
+from .events import EventLog
+from .fleet import MissionError
+from .mavsdk_fleet import MavsdkFleet
+from .options import Options
+
+PORT = 14_550
+STREAMS = "px4-gcs"
+"""What the gateway shows is like PX4's set for a ground station, whatever the autopilots stream on their drones."""
+LAST_WORDS = 300
+"""Characters of what a gateway that has ended said last."""
+
+
+class GatewayFleet(MavsdkFleet):
+    """As over MAVLink, with the gateway in the place of the routers. Raises ValueError as that does."""
+
+    def __init__(self, options: Options, log: EventLog, port: int = PORT) -> None:
+        super().__init__((f"udpin://127.0.0.1:{port}",), options.fleet, options.commanding, STREAMS, log)
+        self._words = gateway_command(options, port)
+        self._gateway: asyncio.subprocess.Process | None = None
+        self._said = b""
+        self._reading: asyncio.Task[None] | None = None
+
+    async def connect(self, limit_s: float) -> None:
+        """As MavsdkFleet; raises MissionError also where the gateway does not run."""
+        self._gateway = await asyncio.create_subprocess_exec(
+            *self._words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE, env=dict(os.environ)
+        )
+        self._reading = asyncio.create_task(self._read(self._gateway))
+        connecting = asyncio.create_task(super().connect(limit_s))
+        try:
+            await asyncio.wait({connecting, self._reading}, return_when=asyncio.FIRST_COMPLETED)
+            self._check_gateway()
+            await connecting
+        finally:
+            connecting.cancel()
+
+    async def close(self) -> None:
+        """Release MAVSDK, then end the gateway."""
+        await super().close()
+        if self._gateway is not None and self._reading is not None:
+            if not self._reading.done():  # a signal to one that has just ended would take its exit code from the loop
+                self._gateway.terminate()
+            await self._gateway.wait()
+            await self._reading
+
+    async def changed(self) -> None:
+        """As MavsdkFleet; raises MissionError also when the gateway has ended."""
+        self._check_gateway()
+        await super().changed()
+        self._check_gateway()
+
+    async def _read(self, gateway: asyncio.subprocess.Process) -> None:
+        """Until it has ended, what it says."""
+        assert gateway.stderr is not None
+        while said := await gateway.stderr.read(4096):
+            self._said = (self._said + said)[-LAST_WORDS:]
+            sys.stderr.buffer.write(said)
+        self._news.set()
+
+    def _check_gateway(self) -> None:
+        if self._reading is not None and self._reading.done():
+            lines = self._said.decode(errors="replace").strip().splitlines()
+            raise MissionError(f"the gateway has ended: {lines[-1] if lines else 'it said nothing'}")
+
+
+def gateway_command(options: Options, port: int) -> list[str]:
+    """`mqttxt gs mavlink` for a mission's options."""
+    command = [sys.executable, "-m", "mqttxt", "gs", "mavlink", "--cloud", options.cloud, "--qos", options.qos]
+    command += [word for fog in options.fleet for word in ("--fog", str(fog))]
+    if options.identity is None:
+        command += ["--insecure"]
+    else:
+        command += ["--identity", str(options.identity), *(["--signed"] if options.signed else [])]
+    return [*command, "--to", f"udp:127.0.0.1:{port}"]

@@ -1,0 +1,178 @@
+"""Which session is the activator of a fog: its birth, the challenge to one before it, and what its brokers retain."""
+
+from __future__ import annotations
+
+import secrets
+
+from ..core.channel import Channel
+from ..core.effects import Effect, Inbound, Publish, Stop, Unsubscribe, Will
+from ..core.session_owners import SessionOwners
+from ..core.settings import Rebirth
+from ..errors import PayloadError
+from ..protocol.codec import decode
+from ..protocol.messages import BeaconMessage, DroneRecord, FogPresence, Registration
+from ..protocol.topics import CloudSide
+from .births import Births
+from .drones import CLOUD, Drones
+
+CHALLENGE_MS = 3000
+"""How long another live activator of this fog has to answer before this one takes its place."""
+
+
+class Ownership:
+    """One activator session's claim to its fog. `born`: it is the fog's activator, and its presence says so."""
+
+    def __init__(
+        self,
+        session: int,
+        channel: Channel,
+        cloud: CloudSide,
+        drones: Drones,
+        births: Births,
+        owners: SessionOwners,
+        broker: str | None,
+    ) -> None:
+        self.born = False
+        self._name = f"fog{cloud.fog}"
+        self._session = session
+        self._channel = channel
+        self._cloud = cloud
+        self._drones = drones
+        self._births = births
+        self._owners = owners
+        self._broker = broker
+        self._was_born = False
+        self._next_beacon_ms = 0
+        self._rival: int | None = None
+        self._challenge_until_ms: int | None = None
+        self._challenge_nonce = 0
+        self._rebirth = Rebirth()
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the fog may be another activator's: what is asked of the fog is left to that one."""
+        return not self.born and (self._rival is not None or not self._was_born)
+
+    def will(self) -> Will:
+        """The will of the connection to the cloud broker."""
+        return Will(self._cloud.reachable, self._channel.payload(self._cloud.reachable, self._presence(up=False)))
+
+    def on_cloud_down(self) -> None:
+        self.born = self._drones.tells = False
+        self._rival = self._challenge_until_ms = None
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """The end of a challenge; presence and beacons that are due."""
+        out: list[Effect] = []
+        if self._challenge_until_ms is not None and now_ms >= self._challenge_until_ms:
+            self._rival = self._challenge_until_ms = None
+            out += self._be_born(now_ms)
+        if self._rebirth.is_due(now_ms) and self.born:
+            out.append(self._publish_presence(up=True))
+        if self.born and self._drones.roster_changed:
+            out.append(self._publish_presence(up=True))
+        if self.born and now_ms >= self._next_beacon_ms:
+            out.append(self.beacon(now_ms))
+        return out
+
+    def goodbye(self) -> list[Effect]:
+        """A clean stop says that neither the fog nor its drones are reachable."""
+        if not self.born:
+            return []
+        self.born = False
+        gone = self._drones.forget_connections()
+        return [*(self._drones.record_of(number) for number in gone), self._publish_presence(up=False)]
+
+    def on_presence(self, message: Inbound, now_ms: int) -> list[Effect]:
+        """`fogX/reachable`: put right where it is not this session's birth; before birth it says who else is there."""
+        try:
+            presence = decode(FogPresence, self._channel.opened(message, self._name))
+        except PayloadError:
+            if self._channel.seal is not None and self.born:
+                self._rebirth.arm(now_ms)
+            raise
+        if presence.session == self._session:
+            if not presence.up and self.born:
+                self._rebirth.arm(now_ms)
+            return []
+        if self.born:
+            self._rebirth.arm(now_ms)
+        elif presence.up:
+            self._rival = presence.session
+        elif presence.session == self._rival:
+            self._rival = None
+        return []
+
+    def on_clock(self, message: Inbound, now_ms: int) -> list[Effect]:
+        """`fogX/clock` before birth: the own beacon closes what the broker retains, a rival's proves it alive."""
+        beacon = decode(BeaconMessage, self._channel.opened(message, self._name))
+        if self.born:
+            return []
+        is_answer = self._channel.seal is None or beacon.nonce == self._challenge_nonce
+        if beacon.session == self._rival and is_answer:
+            return [Stop(f"refused: another live activator is fog {self._cloud.fog} already")]
+        if beacon.session != self._session or self._challenge_until_ms is not None:
+            return []
+        if self._rival is None:
+            return self._be_born(now_ms)
+        self._challenge_until_ms = now_ms + CHALLENGE_MS
+        self._challenge_nonce = secrets.randbelow(2**32)
+        question = Registration(name="activator", session=self._session, nonce=self._challenge_nonce, lease_s=0)
+        return [self._channel.publish(self._cloud.init_connect, question, qos=1)]
+
+    def on_record(self, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+        """Anything but this session's newest word about a drone is put right; before birth it says who had control."""
+        try:
+            record = decode(DroneRecord, self._channel.opened(message, self._name))
+        except PayloadError:
+            if self.born:
+                self._drones.on_record(drone, None, now_ms)
+            raise
+        if not self.born:
+            self._drones.restore(drone, record, now_ms)
+            if record.holder is not None and record.holder_session is not None:
+                self._owners.restore(record.holder_session, f"gs-{record.holder}")
+        else:
+            self._drones.on_record(drone, record, now_ms)
+        return []
+
+    def on_identity(self, is_renewed: bool, now_ms: int) -> list[Effect]:
+        """Birth and beacon name the newest revocation list; what stays at the broker is signed by the newest key."""
+        if not self.born:
+            return []
+        records = self._drones.records() if is_renewed else []
+        return [self._publish_presence(up=True), *records, self.beacon(now_ms)]
+
+    def beacon(self, now_ms: int, nonce: int | None = None) -> Publish:
+        """What this session's clock reads, in answer to `nonce` where there is one."""
+        self._next_beacon_ms = now_ms + self._channel.settings.beacon_interval_ms
+        held_ms = 0 if nonce is not None else None
+        message = BeaconMessage(
+            session=self._session, now_ms=now_ms, nonce=nonce, held_ms=held_ms, revoked=self._channel.list_number
+        )
+        return self._channel.publish(self._cloud.clock, message, qos=0)
+
+    def _be_born(self, now_ms: int) -> list[Effect]:
+        self.born = self._was_born = self._drones.tells = True
+        return [
+            Unsubscribe(CLOUD, (self._cloud.clock,)),
+            self._publish_presence(up=True),
+            *self._drones.records(),
+            *self._births.of_drones(),
+            self.beacon(now_ms),
+        ]
+
+    def _presence(self, up: bool) -> FogPresence:
+        return FogPresence(
+            session=self._session,
+            up=up,
+            broker=self._broker if up else None,
+            authenticated=self._channel.seal is not None if up else None,
+            drones=self._drones.roster() if up else None,
+            revoked=self._channel.list_number if up else None,
+        )
+
+    def _publish_presence(self, up: bool) -> Publish:
+        self._drones.roster_changed = False
+        topic, presence = self._cloud.reachable, self._presence(up)
+        return self._channel.publish(topic, presence, qos=1, retain=True, with_certificate=up)

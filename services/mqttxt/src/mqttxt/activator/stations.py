@@ -1,0 +1,137 @@
+"""The ground stations of a fog: their registrations and births, and what they grant to drones."""
+
+from __future__ import annotations
+
+from ..core.channel import Channel
+from ..core.effects import Effect, Inbound, Log, Publish
+from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
+from ..core.session_owners import SessionOwners
+from ..errors import PayloadError
+from ..protocol.codec import decode
+from ..protocol.messages import Grant, Presence, Registration
+from ..protocol.readings import ReadingAck
+from ..protocol.topics import FogSide
+from ..security.cose import Envelope
+from ..security.seal import Seal
+from .births import Births
+from .drones import FOG, Drones
+from .leases import Leases
+from .ownership import Ownership
+from .registrations import SignedRegistrations, is_question
+from .sensor_relay import SensorRelay
+from .state_relay import StateRelay
+
+MOST_STATIONS = 1000
+"""Registrations at a time; who is not answered is not registered."""
+BIRTHS_PER_S, BIRTHS_AT_ONCE = 10, 100
+"""Births and wills of one station, of which 64 sessions may be there."""
+
+
+class Stations:
+    """What one activator session does for the stations that register at it."""
+
+    def __init__(
+        self,
+        session: int,
+        to_cloud: Channel,
+        to_fog: Channel,
+        fog: FogSide,
+        drones: Drones,
+        leases: Leases,
+        owners: SessionOwners,
+        births: Births,
+        ownership: Ownership,
+        states: StateRelay,
+        sensors: SensorRelay,
+    ) -> None:
+        self._to_cloud = to_cloud
+        self._to_fog = to_fog
+        self._fog = fog
+        self._drones = drones
+        self._leases = leases
+        self._owners = owners
+        self._births = births
+        self._ownership = ownership
+        self._states = states
+        self._sensors = sensors
+        self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
+        self._births_budget = Budget(BIRTHS_PER_S, BIRTHS_AT_ONCE)
+        self._welcomes: Repetitions[str] = Repetitions()
+        self._signed = SignedRegistrations(session, to_cloud.seal, owners) if to_cloud.seal is not None else None
+
+    def on_registration(self, inbound: Inbound, now_ms: int) -> list[Effect]:
+        """`fogX/init_connect`: answered with a beacon; who registers anew hears the drones' last states."""
+        if self._signed is None:
+            message = decode(Registration, inbound.payload)
+        else:
+            topic = self._to_cloud.signed_topic(inbound.topic)
+            message = self._signed.read(topic, inbound.payload, self._leases, now_ms)
+        if not self._budget.takes(message.name, now_ms):
+            return [Log("flood", f"registration of {message.name}: too many")]
+        is_new = (message.name, message.session) not in self._leases
+        if is_new and message.lease_s > 0 and len(self._leases) >= MOST_STATIONS:
+            return [Log("too_many_stations", f"{message.name}: {MOST_STATIONS} stations are registered already")]
+        if self._signed is not None and is_question(message):
+            return [self._ownership.beacon(now_ms, message.nonce)]
+        out = self._drones.controlled_anew(self._leases.register(message, now_ms), now_ms)
+        out.append(self._ownership.beacon(now_ms, message.nonce))
+        if is_new and message.lease_s > 0 and self._welcomes.may_answer(message.name, now_ms):
+            out += self._welcome(message.name, now_ms)
+        return out
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        """What a station is told that has registered again and again."""
+        return [effect for name in self._welcomes.due(now_ms) for effect in self._welcome(name, now_ms)]
+
+    def _welcome(self, name: str, now_ms: int) -> list[Effect]:
+        """What a station that has registered is told of the drones, and they of it."""
+        self._states.qods.forget()
+        out = self._states.relay_all(self._drones.links.values(), now_ms)
+        if self._signed is not None:
+            out += [*self._births.on_registered(name), *self._drones.ask_all(now_ms)]
+        return out
+
+    def on_presence(self, name: str, message: Inbound, now_ms: int) -> list[Effect]:
+        """A station's birth or will; a will that its broker may say at any time frees nothing (R12.13)."""
+        seal = self._to_cloud.seal
+        if seal is None:
+            presence = decode(Presence, message.payload)
+            if presence.up:
+                return []
+            return self._drones.controlled_anew(self._leases.end((name, presence.session), now_ms), now_ms)
+        if not self._births_budget.takes(name, now_ms):  # the topic names the station
+            return [Log("flood", f"birth of gs-{name}: too many")]
+        signed = seal.open(self._to_cloud.signed_topic(message.topic), message.payload, f"gs-{name}")
+        presence = decode(Presence, signed.payload)
+        if not presence.up or not self._owners.claim(presence.session, signed.signer):
+            return []
+        return self._births.on_station(name, signed.certificate, presence.session, message.payload)
+
+    def on_grant(self, seal: Seal, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+        """A station's word on its control of a drone: passed on as it is, while the drone is the station's."""
+        topic = self._fog.control(drone)
+        signed = seal.open_of_station(self._to_fog.signed_topic(topic), Envelope.parse(message.payload))
+        grant = decode(Grant, signed.payload)
+        is_own = self._owners.is_of(grant.gs_session, signed.signer)
+        if not is_own or not self._leases.controls(grant.gs_session, drone):
+            return [Log("foreign_session", f"{message.topic}: {signed.signer} is not in control")]
+        if not self._budget.takes(signed.certificate.node.label, now_ms):
+            return [Log("flood", f"grant of {signed.signer}: too many")]
+        return [Publish(FOG, topic, signed.envelope.bare().routed(None).encode(), qos=1)]
+
+    def on_heard(self, seal: Seal, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+        """A station's word on the readings that it has heard: passed on as it is."""
+        topic = self._to_fog.signed_topic(self._fog.sensor_ack(drone))
+        signed = seal.open_of_station(topic, Envelope.parse(message.payload))
+        if not any(f"gs-{name}" == signed.signer for name, _ in self._leases):
+            raise PayloadError(f"{signed.signer}: expected a station that is registered", "not_registered")
+        if not self._budget.takes(signed.certificate.node.label, now_ms):
+            return [Log("flood", f"readings that {signed.signer} has heard: too many")]
+        ack = decode(ReadingAck, signed.payload)
+        return self._sensors.on_heard(drone, ack, signed.envelope.bare().routed(None))
+
+    def end_revoked(self, seal: Seal, now_ms: int) -> list[Effect]:
+        """The fleet may have a newer revocation list: who is revoked controls nothing."""
+        revoked = [key for key in self._leases if not seal.knows(f"gs-{key[0]}")]
+        changed = [drone for key in revoked for drone in self._leases.end(key, now_ms)]
+        return self._drones.controlled_anew(set(changed), now_ms)

@@ -1,0 +1,60 @@
+"""What the command adds to a word or an error, for somebody who has not read the specification.
+
+What a station needs is imported by what runs: help needs none of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from typer.core import TyperGroup
+
+from ..errors import FogUnreachable
+from ..protocol.commands import COMMANDS
+from ..protocol.messages import Word
+from ..protocol.words import NOT_IN_CONTROL
+
+if TYPE_CHECKING:
+    from ..station.ground_station import GroundStation
+    from ..station.outcomes import Outcome, PsmiList
+    from ..station.views import Fog
+
+AS_WISHED = (Word.ACCEPTED, Word.IN_PROGRESS, Word.COMPLETED)
+
+
+class GroundStationCommands(TyperGroup):
+    """Says where a drone's command belongs that was typed as a command of the ground station."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """As the base class does."""
+        if args[0] in COMMANDS and args[0] not in self.commands:
+            ctx.fail(f"No such command {args[0]!r}; expected `mqttxt gs send {args[0]}`.")
+        return super().resolve_command(ctx, args)
+
+
+def line_of(said: Outcome | PsmiList) -> str:
+    """A word as it is printed; one that is not as wished with what it means, and what can be done."""
+    from ..page.words import in_plain_english
+    from ..station.outcomes import Outcome
+
+    if not isinstance(said, Outcome) or (said.word in AS_WISHED and said.observed):
+        return str(said)
+    holder = (said.reason or "").partition(NOT_IN_CONTROL)[2]
+    return f"{said}. {in_plain_english(said)}{' --take-over takes control from it.' if holder else ''}"
+
+
+async def connect(station: GroundStation, fogs: Iterable[int], timeout_s: float) -> list[Fog]:
+    """`GroundStation.connect`, whose error names the options of the command too."""
+    try:
+        return await station.connect(fogs, timeout_s)
+    except FogUnreachable as error:
+        raise FogUnreachable(f"{error}; expected --cloud (or MQTTXT_CLOUD) and --fog of a running fleet") from None
+
+
+def not_there(fog: Fog, drone: int) -> str | None:
+    """A line that says which drones a fog has, where that one is none of them."""
+    known = [one.number for one in fog.drones]
+    if drone in known:
+        return None
+    return f"fog {fog.number}: has no drone {drone}; its drones: {', '.join(map(str, known)) or 'none'}"

@@ -1,0 +1,42 @@
+"""`mqttxt gs page`: the live page."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ..errors import ConfigurationError
+from .advice import connect
+from .broker import address_of
+from .common import errors_as_lines, run_coroutine, set_up_logging, settings
+from .gs import Json, Qos
+from .station import StationOptions, of_a_station
+
+
+@of_a_station
+def page(
+    options: StationOptions,
+    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    listen: Annotated[
+        str, typer.Option(help="HOST:PORT where the browser finds the page, on this machine alone.")
+    ] = "127.0.0.1:8080",
+    watch_only: Annotated[bool, typer.Option("--watch-only", help="Take no control, and command nothing.")] = False,
+    qos: Qos = 1,
+    json: Json = False,
+) -> None:
+    """Serve a page on which the drones are watched and flown, until Ctrl-C."""
+    try:
+        from ..page.process import check_listen, serve
+    except ModuleNotFoundError:
+        with errors_as_lines():
+            raise ConfigurationError("page: expected aiohttp: pip install 'mqttxt[page]'") from None
+    set_up_logging(verbose=False)
+
+    async def job() -> int:
+        host, port = check_listen(*address_of(listen, "--listen"))
+        async with options.station(settings(qos, json), control=not watch_only) as station:
+            await serve(station, await connect(station, fog, options.timeout), host, port, watch_only)
+        return 0
+
+    run_coroutine(job())

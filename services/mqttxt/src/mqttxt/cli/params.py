@@ -1,0 +1,232 @@
+"""`mqttxt gs params`: the parameters of a drone's autopilot, and `.params` files as QGroundControl writes them."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import ConfigurationError, PayloadError
+from .common import errors_as_lines
+from .plan import DroneNumber, FogNumber, TakeOver, run_with_drone
+from .station import StationOptions, of_a_station
+
+if TYPE_CHECKING:
+    from ..protocol.parameters import Parameter
+    from ..station.parameters import Parameters
+    from ..station.views import Drone
+
+logger = logging.getLogger("mqttxt.parameters")
+params_app = typer.Typer(help="The parameters of a drone's autopilot.", no_args_is_help=True, rich_markup_mode=None)
+
+File = Annotated[Path, typer.Argument(help="A .params file of QGroundControl.")]
+AT_ONCE = 8
+"""Commands that are under way to a drone at a time: it sets one parameter after the other."""
+TTL_S = 30.0
+
+
+@params_app.command("list")
+@of_a_station
+def list_(
+    options: StationOptions,
+    drone: DroneNumber,
+    pattern: Annotated[str, typer.Argument(help="Names, as 'MPC_*'.")] = "*",
+    fog: FogNumber = 1,
+    take_over: TakeOver = False,
+) -> None:
+    """Print the parameters that a drone's autopilot has now: name, value and type."""
+
+    async def job(there: Drone) -> int:
+        found = [one for one in (await _fetched(there, fog)).content if fnmatchcase(one.name, pattern)]
+        for one in found:
+            typer.echo(f"{one.name:<16} {one!s:<16} {one.type.label}")
+        return 0 if found else 1
+
+    run_with_drone(job, options, drone, fog, take_over)
+
+
+@params_app.command()
+@of_a_station
+def get(
+    options: StationOptions,
+    names: Annotated[list[str], typer.Argument(help="Names of parameters.")],
+    drone: DroneNumber,
+    fog: FogNumber = 1,
+    take_over: TakeOver = False,
+) -> None:
+    """Print the values of parameters, a line each, in the order of the names."""
+
+    async def job(there: Drone) -> int:
+        known = (await _fetched(there, fog)).content.parameters
+        for name in names:
+            if name not in known:
+                raise ConfigurationError(f"{name}: drone {there.number} has no such parameter")
+        for name in names:
+            typer.echo(str(known[name]))
+        return 0
+
+    run_with_drone(job, options, drone, fog, take_over)
+
+
+@params_app.command("set")
+@of_a_station
+def set_(
+    options: StationOptions,
+    name: Annotated[str, typer.Argument(help="The parameter's name.")],
+    value: Annotated[str, typer.Argument(help="The number to set it to; behind -- where it is negative.")],
+    drone: DroneNumber,
+    fog: FogNumber = 1,
+    take_over: TakeOver = False,
+) -> None:
+    """Set a parameter; exit code 0 only if the drone read it back as that value."""
+
+    async def job(there: Drone) -> int:
+        last = await there.set_parameter(name, number)
+        typer.echo(str(last))
+        return 0 if last.completed else 1
+
+    with errors_as_lines():
+        number = _number(name, value)
+    run_with_drone(job, options, drone, fog, take_over)
+
+
+@params_app.command()
+@of_a_station
+def save(
+    options: StationOptions,
+    file: File,
+    drone: DroneNumber,
+    fog: FogNumber = 1,
+    take_over: TakeOver = False,
+) -> None:
+    """Write the parameters that a drone's autopilot has now into a file, which QGroundControl opens."""
+
+    async def job(there: Drone) -> int:
+        found = await _fetched(there, fog)
+        found.save(file, there.number)
+        typer.echo(f"{file}: {len(found)} parameters")
+        return 0
+
+    run_with_drone(job, options, drone, fog, take_over)
+
+
+@params_app.command()
+@of_a_station
+def load(
+    options: StationOptions,
+    file: File,
+    drone: DroneNumber,
+    fog: FogNumber = 1,
+    take_over: TakeOver = False,
+) -> None:
+    """Set each parameter whose value in a file is another than the drone's; exit code 0 only if all of them were set.
+
+    Nothing is set where the drone does not have one of them, or has it with another type.
+    """
+
+    async def job(there: Drone) -> int:
+        return await _set_all(there, _to_set(file, wanted, await _fetched(there, fog)))
+
+    wanted = _loaded(file)
+    run_with_drone(job, options, drone, fog, take_over)
+
+
+@params_app.command()
+@of_a_station
+def diff(
+    options: StationOptions,
+    file: File,
+    drone: DroneNumber,
+    fog: FogNumber = 1,
+    take_over: TakeOver = False,
+) -> None:
+    """Print where a file and the drone have different values, the file's first; exit code 1 if they do."""
+
+    async def job(there: Drone) -> int:
+        found = wanted.differences(await _fetched(there, fog))
+        for one in found:
+            typer.echo(str(one))
+        return 1 if found else 0
+
+    wanted = _loaded(file)
+    run_with_drone(job, options, drone, fog, take_over)
+
+
+def _to_set(file: Path, wanted: Parameters, found: Parameters) -> list[Parameter]:
+    """What of a file is to be set; raises ConfigurationError for what the drone cannot have."""
+    known, out = found.content.parameters, []
+    for one in wanted.content:
+        there = known.get(one.name)
+        if there is None:
+            raise ConfigurationError(f"{file}: {one.name}: the drone has no such parameter; nothing was set")
+        if there.type is not one.type:
+            kinds = [f"{int(each.type)} ({each.type.label})" for each in (there, one)]
+            said = f"type: expected {kinds[0]}, got {kinds[1]}; nothing was set"
+            raise ConfigurationError(f"{file}: {one.name}: {said}")
+        if there != one and one.value is None:
+            raise ConfigurationError(f"{file}: {one.name}: expected a number, got nan; nothing was set")
+        if there != one:
+            out.append(one)
+    return out
+
+
+async def _set_all(there: Drone, wanted: Sequence[Parameter]) -> int:
+    """Set parameters in their order, some commands ahead; the exit code."""
+    done = 0
+    for first in range(0, len(wanted), AT_ONCE):
+        some = wanted[first : first + AT_ONCE]
+        sent = [there.set_parameter(one.name, one.value or 0, ttl_s=TTL_S, limit_s=AT_ONCE * 30.0) for one in some]
+        for one, command in zip(some, sent, strict=True):
+            last = await command
+            done += last.completed
+            typer.echo(f"{one.name} {one}: {last}")
+    typer.echo(f"{done} of {len(wanted)} parameters were set")
+    return 0 if done == len(wanted) else 1
+
+
+async def _fetched(there: Drone, fog: int) -> Parameters:
+    """The drone's parameters: those that were fetched before, and what has changed since."""
+    from ..protocol.parameters import ParameterSet
+    from ..station.parameters import Parameters
+
+    cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    path = Path(cache) / "mqttxt" / "parameters" / f"fog{fog}-drone{there.number}"
+    known = None
+    try:
+        known = Parameters(ParameterSet.unpacked(path.read_bytes()))
+    except (OSError, PayloadError) as error:
+        logger.debug("%s: %s", path, error)
+    found = await there.parameters(known)
+    if found is not known:
+        part = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(found.content.packed())
+            os.replace(part, path)
+        except OSError as error:
+            logger.warning("%s: %s; the parameters are fetched as a whole the next time", path, error.strerror)
+    return found
+
+
+def _loaded(path: Path) -> Parameters:
+    """A file of parameters; what is wrong with it is said before anything is connected to."""
+    from ..station.parameters import Parameters
+
+    with errors_as_lines():
+        return Parameters.load(path)
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ConfigurationError(f"{name}: expected a finite number, got {text[:40]!r}")
+    return number

@@ -1,0 +1,166 @@
+"""The files of an audit log: one chain, also over full disks, power losses and rotation (protocol, section 14).
+
+What a failed write or sync left in a file is not known. So the lines since the last sync that succeeded stay in
+memory; after a failure the file is cut there, and they are written again.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import logging
+import os
+import stat
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import ConfigurationError
+from ..security.audit_chain import Line, Link
+from ..security.audit_verdict import older_files
+from ..security.seal import Seal
+from .disk import sync_folder, write_all
+
+logger = logging.getLogger("mqttxt.audit")
+
+LARGEST = 8 * 1024 * 1024
+MOST = 8
+
+
+class AuditFile:
+    """The log of `node` at `path`: at most `most` files of `largest` bytes and one sync more, the older ones at
+    `path.NUMBER` with the number of their first line.
+
+    `open`, `flush` and `sync` block, and raise OSError: call `fail` then, and go on with `open`. `open` raises
+    ConfigurationError where the file is no audit log or of another node, BlockingIOError where a process has it.
+    """
+
+    def __init__(self, path: Path, node: str, largest: int = LARGEST, most: int = MOST) -> None:
+        self.path = path
+        self._node = node
+        self._largest, self._most = largest, most
+        self._file: int | None = None
+        self._link: Link | None = None
+        self._first_n = 1
+        self._size = 0
+        """Bytes of the file that the disk has for sure; more where nothing has failed."""
+        self._unsynced: list[bytes] = []
+        self._written = 0
+        """How many of the unsynced lines the file has."""
+
+    @property
+    def is_synced(self) -> bool:
+        return not self._unsynced
+
+    def open(self, now_s: float) -> None:
+        """Make ready to add lines; nothing where that is so."""
+        if self._file is None:
+            self._file = _open_locked(self.path)
+            if self._link is None:
+                self._find_end(now_s)
+            os.ftruncate(self._file, self._size)
+            self._written = 0
+
+    def add(self, now_s: float, event: str, fields: Mapping[str, Any]) -> None:
+        """Chain a line; `flush` writes it."""
+        assert self._link is not None
+        self._link, line = self._link.next(now_s, event, fields)
+        self._unsynced.append(line)
+
+    def sign(self, now_s: float, seal: Seal) -> None:
+        """Chain a `head`: a signature of everything before."""
+        assert self._link is not None
+        self.add(now_s, "head", {"sign1": self._link.signature(seal)})
+
+    def flush(self) -> None:
+        """Write what was added."""
+        assert self._file is not None
+        if self._written < len(self._unsynced):
+            write_all(self._file, b"".join(self._unsynced[self._written :]))
+            self._written = len(self._unsynced)
+
+    def sync(self, now_s: float) -> None:
+        """Bring what was added to the disk; then go on in a new file where this one is large."""
+        assert self._file is not None
+        self.flush()
+        os.fsync(self._file)
+        self._size += sum(map(len, self._unsynced))
+        self._unsynced, self._written = [], 0
+        if self._size >= self._largest:
+            self._rotate(now_s)
+
+    def fail(self) -> None:
+        """What the file has behind the last sync is not known."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _rotate(self, now_s: float) -> None:
+        for oldest in older_files(self.path)[: 2 - self._most or None]:
+            oldest.unlink()
+        self.path.rename(self.path.with_name(f"{self.path.name}.{self._first_n:09d}"))
+        self.fail()
+        self._size = 0
+        self._begin_file(now_s)
+        sync_folder(self.path.parent)
+        self.open(now_s)
+        self.flush()
+
+    def _begin_file(self, now_s: float) -> None:
+        assert self._link is not None
+        self._first_n = self._link.n + 1
+        self.add(now_s, "file", {"node": self._node, "before": self._link.hash})
+
+    def _find_end(self, now_s: float) -> None:
+        """Go on behind the last line that is there: in the file itself, or where it has none in the newest before."""
+        size = self._read_end(self.path)
+        if self._link is not None:
+            self._size = size
+            cut = os.stat(self.path).st_size - size
+            if cut:
+                logger.warning("audit log %s: its last line had no end; %d bytes are cut off", self.path, cut)
+                self.add(now_s, "repaired", {"cut_bytes": cut})
+            return
+        for older in older_files(self.path)[-1:]:
+            self._read_end(older)
+        self._link = self._link or Link()
+        self._begin_file(now_s)
+
+    def _read_end(self, path: Path) -> int:
+        """Take the last line's link; returns the bytes of whole lines."""
+        lines = path.read_bytes().split(b"\n")[:-1]
+        if not lines:
+            return 0
+        try:
+            first = Line.parse(lines[0])
+        except ValueError as error:
+            raise ConfigurationError(f"audit log {path}: line 1: {error}; expected an audit log, or no file") from None
+        node = first.fields.get("node")
+        if node != self._node:
+            raise ConfigurationError(f"audit log {path}: of {node}; expected that of {self._node}, or no file")
+        self._first_n = first.link.n
+        for number in range(len(lines), 0, -1):
+            try:
+                self._link = Line.parse(lines[number - 1]).link
+                break
+            except ValueError as error:
+                logger.error(
+                    "audit log %s: line %d: %s; it is left there, for `mqttxt audit verify`", path, number, error
+                )
+        return sum(len(line) + 1 for line in lines)
+
+
+def _open_locked(path: Path) -> int:
+    """A file that no other process has, on disks that have locks; raises BlockingIOError where one has it."""
+    file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600)
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise OSError(errno.EINVAL, "not a regular file")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(file)
+        raise
+    except OSError as error:
+        logger.debug("audit log %s: no lock: %s", path, error)
+    return file

@@ -1,0 +1,62 @@
+"""What one client with valid credentials may ask of a role, however much it sends (docs/protocol.md, section 15)."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Generic, TypeVar
+
+Key = TypeVar("Key", bound=Hashable)
+
+STATION_PER_S, STATION_AT_ONCE = 400, 1000
+"""Messages that one station may have: a command for each of 250 drones at once, and a grant for each every second."""
+PAUSE_MS = 1000
+MOST_KNOWN = 1000
+
+
+class Budget:
+    """Of each station as many messages are taken as `per_s` a second, and `at_once` beyond that."""
+
+    def __init__(self, per_s: int, at_once: int) -> None:
+        self._ms = 1000 / per_s
+        self._ahead_ms = at_once * self._ms
+        self._paid_until_ms: dict[Hashable, float] = {}
+
+    def takes(self, station: Hashable, now_ms: int) -> bool:
+        """Whether one more message of a station is taken."""
+        paid_until_ms = max(self._paid_until_ms.get(station, 0.0), now_ms) + self._ms
+        if paid_until_ms > now_ms + self._ahead_ms:
+            return False
+        if len(self._paid_until_ms) >= MOST_KNOWN:
+            self._paid_until_ms = {one: until for one, until in self._paid_until_ms.items() if until > now_ms}
+        self._paid_until_ms[station] = paid_until_ms
+        return True
+
+
+class Repetitions(Generic[Key]):
+    """A repetition is answered at once, then at most once in `PAUSE_MS`; the last one when that is over.
+
+    `key` says what is repeated: a command's id, say.
+    """
+
+    def __init__(self) -> None:
+        self._answered_ms: dict[Key, int] = {}
+        self._owed: dict[Key, None] = {}
+
+    def may_answer(self, key: Key, now_ms: int) -> bool:
+        """Whether to answer now; where not, it is `due` later."""
+        if now_ms - self._answered_ms.get(key, now_ms - PAUSE_MS) < PAUSE_MS:
+            self._owed[key] = None
+            return False
+        self._answered_ms[key] = now_ms
+        return True
+
+    def due(self, now_ms: int) -> list[Key]:
+        """What is to be answered now."""
+        over = [key for key, at_ms in self._answered_ms.items() if now_ms - at_ms >= PAUSE_MS]
+        for key in over:
+            del self._answered_ms[key]
+        found = [key for key in over if key in self._owed]
+        for key in found:
+            del self._owed[key]
+            self._answered_ms[key] = now_ms
+        return found

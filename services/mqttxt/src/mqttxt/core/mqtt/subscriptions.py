@@ -1,0 +1,62 @@
+"""The SUBSCRIBEs of a connection, one after the other: a broker may take a second for the first one's repetition."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from paho.mqtt.client import Client
+from paho.mqtt.subscribeoptions import SubscribeOptions
+
+from ..effects import Subscribe
+
+UNSPECIFIED = 0x80
+"""From this reason code on MQTT's are errors."""
+_NEVER_GRANTED = frozenset({0x87, 0x8F, 0x9E, 0xA1, 0xA2})
+"""SUBACK reason codes that asking again cannot mend (MQTT 5.0, 3.9.3)."""
+
+
+class Subscriptions:
+    """What is to be subscribed on a client. `granted` hears of each effect, `refused` of a filter that was not granted.
+
+    `refused` has the filter, the reason code, and whether asking again cannot mend it.
+    """
+
+    def __init__(
+        self, client: Client, granted: Callable[[Subscribe], None], refused: Callable[[str, int, bool], None]
+    ) -> None:
+        self._client = client
+        self._granted = granted
+        self._refused = refused
+        self._waiting: deque[Subscribe] = deque()
+        self._under_way: int | None = None
+
+    def subscribe(self, effect: Subscribe) -> None:
+        """Subscribe, behind what is under way."""
+        self._waiting.append(effect)
+        if self._under_way is None:
+            self._send_next()
+
+    def on_suback(self, mid: int, codes: Sequence[int]) -> None:
+        """The broker has answered the SUBSCRIBE with this packet id, with a reason code per filter."""
+        if mid != self._under_way:
+            return
+        self._under_way = None
+        effect = self._waiting.popleft()
+        answers = dict(zip(effect.filters, codes, strict=False))
+        refused = {topic: code for topic in effect.filters if (code := answers.get(topic, UNSPECIFIED)) >= UNSPECIFIED}
+        if refused:
+            topic, code = next(((t, c) for t, c in refused.items() if c in _NEVER_GRANTED), next(iter(refused.items())))
+            self._refused(topic, code, code in _NEVER_GRANTED)
+            return
+        if self._waiting:
+            self._send_next()
+        self._granted(effect)
+
+    def _send_next(self) -> None:
+        effect = self._waiting[0]
+        handling = (
+            SubscribeOptions.RETAIN_DO_NOT_SEND if effect.live_only else SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE
+        )
+        options = SubscribeOptions(qos=1, retainAsPublished=effect.live_only, retainHandling=handling)
+        _, self._under_way = self._client.subscribe([(topic, options) for topic in effect.filters])

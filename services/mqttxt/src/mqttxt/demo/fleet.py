@@ -1,0 +1,42 @@
+"""The demo's drones: where each stands, what its battery holds, and how fast it flies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+FOG = 1
+_PARAMETERS = "{COM_DISARM_PRFLT: 60, RTL_RETURN_ALT: 15, MIS_TAKEOFF_ALT: 10}"
+"""Of all drones, with PX4's names. PX4's own 10 s between arm and takeoff are short for who types."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """One drone. Its largest speed is also its cruising speed, so that it arrives when a ranking says so."""
+
+    latitude_deg: float
+    longitude_deg: float
+    capacity_wh: float
+    charge_pct: float
+    speed_m_s: float
+    endurance_s: int
+    """Flight time of a full battery."""
+
+
+DRONES = {
+    1: Simulated(47.397742, 8.545594, 70, 100, 12, 790),
+    2: Simulated(47.397742, 8.546126, 64, 96, 10, 760),
+    3: Simulated(47.398102, 8.545594, 70, 88, 14, 750),
+    4: Simulated(47.398102, 8.546126, 60, 97, 11, 700),
+}
+"""By number. Each differs from the others, so that a ranking has something to rank."""
+
+
+def fleet_file() -> str:
+    """The drones as YAML, for the autopilot stand-in."""
+    lines = [f"parameters: {_PARAMETERS}", "drones:"]
+    for number, drone in DRONES.items():
+        place = f"latitude_deg: {drone.latitude_deg}, longitude_deg: {drone.longitude_deg}, altitude_m: 488.0"
+        battery = f"capacity_wh: {drone.capacity_wh}, charge_pct: {drone.charge_pct}"
+        speed = f"parameters: {{MPC_XY_VEL_MAX: {drone.speed_m_s}, MPC_XY_CRUISE: {drone.speed_m_s}}}"
+        lines.append(f"  {number}: {{{place}, {battery}, {speed}}}")
+    return "\n".join(lines) + "\n"

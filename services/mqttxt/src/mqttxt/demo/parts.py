@@ -1,0 +1,91 @@
+"""A part of the demo: a process that is started, listened to, and ended with all that it has started itself."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+from asyncio.subprocess import DEVNULL, PIPE, STDOUT, Process
+from collections import deque
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from ..core.children import ENDS_WITH_PARENT
+from ..errors import PartEnded
+
+END_S = 10.0
+"""How long a part may take to end by itself."""
+LAST_WORDS = 5
+"""Lines that are told of a part that has ended."""
+
+
+class Part:
+    """One process in a process group of its own, so that Ctrl-C reaches the demo alone, which ends its parts in order.
+
+    Parameters:
+        name: what a person calls it.
+        command: the program and its arguments.
+        hear: called with each line that it writes.
+        sign: how a line ends by which it is known to run.
+    """
+
+    def __init__(self, name: str, command: Iterable[str], hear: Callable[[str], None], sign: str = "") -> None:
+        self.name = name
+        self._command = tuple(command)
+        self._hear = hear
+        self._lines: deque[str] = deque(maxlen=LAST_WORDS)
+        self._sign = sign
+        self.runs: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        """True once it has written its sign, False where it has ended without."""
+        self._process: Process | None = None
+        self._ended: asyncio.Task[int] | None = None
+
+    async def start(self, folder: Path) -> None:
+        """Start it; all that it writes for a while goes into `folder`."""
+        self._process = await asyncio.create_subprocess_exec(
+            *self._command,
+            stdin=DEVNULL,
+            stdout=PIPE,
+            stderr=STDOUT,
+            cwd=folder,
+            env={**os.environ, "TMPDIR": str(folder), "PYTHONUNBUFFERED": "1"},
+            process_group=0,
+            preexec_fn=ENDS_WITH_PARENT,
+        )
+        self._ended = asyncio.create_task(self._follow(self._process))
+
+    @property
+    def ended(self) -> asyncio.Task[int]:
+        """Done with the exit code when it has ended."""
+        assert self._ended is not None
+        return self._ended
+
+    def last_words(self) -> PartEnded:
+        """What to tell of it when it has ended by itself."""
+        code = self.ended.result()
+        how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+        return PartEnded(f"{self.name} {how}; its last words: {' | '.join(self._lines) or 'none'}")
+
+    async def end(self) -> None:
+        """End it, by force where it does not within `END_S`, and then what is left of its group."""
+        process = self._process
+        if process is None:
+            return
+        with contextlib.suppress(ProcessLookupError):
+            process.terminate()
+        await asyncio.wait({self.ended}, timeout=END_S)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        await self.ended
+
+    async def _follow(self, process: Process) -> int:
+        assert process.stdout is not None
+        async for line in process.stdout:
+            self._lines.append(line.decode(errors="replace").rstrip())
+            self._hear(self._lines[-1])
+            if not self.runs.done() and self._lines[-1].endswith(self._sign):
+                self.runs.set_result(True)
+        if not self.runs.done():
+            self.runs.set_result(False)
+        return await process.wait()

@@ -1,0 +1,184 @@
+"""Objects in pieces at the drone: what a station stages here, and what it fetches (docs/protocol.md, section 16)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from ..core.channel import Channel
+from ..core.effects import Inbound
+from ..core.session_owners import SessionOwners
+from ..errors import PayloadError
+from ..protocol.bulk import (
+    MOST_BYTES,
+    PIECE_BYTES,
+    BulkAnswer,
+    BulkAsk,
+    Get,
+    Have,
+    Partial,
+    Piece,
+    Put,
+    Range,
+    Refused,
+    Unchanged,
+)
+from ..protocol.codec import decode
+from ..protocol.plans import PLAN, hash_of
+from ..protocol.topics import FogSide
+from ..security.cose import Envelope
+from .effects import Effect
+
+MOST_STAGED = 4
+MOST_STAGED_BYTES = 256 * 1024
+"""What is staged at a time, of all objects together; what was touched longest ago makes room."""
+KEPT_MS = 600_000
+"""How long an object stays that nobody touches."""
+MOST_BYTES_OF = {PLAN: 64 * 1024}
+"""How long an object of each kind that can be staged may be."""
+Source = Callable[[int, bytes | None], bytes | str | Unchanged | None]
+"""Gives the newest object of a kind, at a time, to who has what is named; or why there is none.
+
+None while it is being made.
+"""
+
+
+Answer = Have | Piece | Refused | Unchanged
+
+
+@dataclass
+class _Staged:
+    part: Partial
+    touched_ms: int
+
+
+@dataclass
+class BulkStore:
+    """What one UAV client has of objects, in memory alone: after a restart a station stages again.
+
+    `sources` give what is fetched, by its kind.
+    """
+
+    sources: dict[str, Source] = field(default_factory=dict)
+    _staged: dict[bytes, _Staged] = field(default_factory=dict)
+    _given: dict[str, tuple[bytes, bytes]] = field(default_factory=dict)
+    """The newest object of each kind that was asked for, behind its hash."""
+    _awaiting: dict[str, tuple[int, bytes | None]] = field(default_factory=dict)
+    """Kinds that a session waits for, and what it has already."""
+
+    def on_ask(self, message: BulkAsk, now_ms: int) -> list[BulkAnswer]:
+        """The answers to a station's message; none while what it asks for is being made."""
+        if isinstance(message.ask, Put):
+            answers: list[Answer] = [self._put(message.kind, message.ask, now_ms)]
+        else:
+            answers = self._get(message, message.ask, now_ms)
+        return [BulkAnswer(gs_session=message.gs_session, kind=message.kind, answer=answer) for answer in answers]
+
+    def tick(self, now_ms: int) -> list[BulkAnswer]:
+        """Objects that have become ready, for who waits for them."""
+        self._staged = {hash: one for hash, one in self._staged.items() if now_ms - one.touched_ms <= KEPT_MS}
+        out: list[BulkAnswer] = []
+        for kind, (gs_session, known) in list(self._awaiting.items()):
+            answer = self._newest(kind, known, now_ms)
+            if answer is not None:
+                del self._awaiting[kind]
+                out.append(BulkAnswer(gs_session=gs_session, kind=kind, answer=answer))
+        return out
+
+    def staged(self, hash: bytes) -> bytes | None:
+        """An object that was staged as a whole."""
+        found = self._staged.get(hash)
+        return found.part.data if found is not None and found.part.is_whole else None
+
+    def _put(self, kind: str, put: Put, now_ms: int) -> Have | Refused:
+        longest = MOST_BYTES_OF.get(kind)
+        if longest is None:
+            return Refused("unknown_kind", put.hash)
+        if put.size > longest:
+            return Refused(f"too_long, {longest}", put.hash)
+        found = self._staged.get(put.hash)
+        if found is None:
+            self._make_room(put.size)
+            found = self._staged[put.hash] = _Staged(Partial(put.size), now_ms)
+        found.touched_ms = now_ms
+        if found.part.size != put.size or not (found.part.is_whole or found.part.put(put.offset, put.data)):
+            del self._staged[put.hash]
+            return Refused("inconsistent", put.hash)
+        if found.part.is_whole and hash_of(found.part.data) != put.hash:
+            del self._staged[put.hash]
+            return Refused("wrong_hash", put.hash)
+        return Have(put.hash, put.size, found.part.ranges)
+
+    def _make_room(self, size: int) -> None:
+        oldest_first = sorted(self._staged, key=lambda hash: self._staged[hash].touched_ms)
+        for hash in oldest_first:
+            used = sum(one.part.size for one in self._staged.values())
+            if len(self._staged) < MOST_STAGED and used + size <= MOST_STAGED_BYTES:
+                return
+            del self._staged[hash]
+
+    def _get(self, message: BulkAsk, get: Get, now_ms: int) -> list[Answer]:
+        if get.hash is None:
+            answer = self._newest(message.kind, get.known, now_ms)
+            if answer is None:
+                self._awaiting[message.kind] = (message.gs_session, get.known)
+            return [] if answer is None else [answer]
+        hash, data = self._given.get(message.kind, (b"", b""))
+        if hash != get.hash:
+            return [Refused("unknown_hash", get.hash)]
+        end = min(get.offset + get.length, len(data))
+        return [
+            Piece(hash, len(data), start, data[start : min(start + PIECE_BYTES, end)])
+            for start in range(get.offset, end, PIECE_BYTES)
+        ]
+
+    def _newest(self, kind: str, known: bytes | None, now_ms: int) -> Have | Refused | Unchanged | None:
+        """What there is of a kind, kept until the next question, None while it is being made."""
+        source = self.sources.get(kind)
+        if source is None:
+            return Refused("unknown_kind")
+        data = source(now_ms, known)
+        if data is None or isinstance(data, Unchanged):
+            return data
+        if isinstance(data, str) or len(data) > MOST_BYTES:
+            return Refused(data if isinstance(data, str) else "too_long")
+        hash = hash_of(data)
+        self._given[kind] = (hash, data)
+        return Have(hash, len(data), (Range(0, len(data)),))
+
+
+@dataclass(frozen=True)
+class BulkPort:
+    """The messages about objects: only those of the station in control are heard, so nobody else costs anything."""
+
+    drone: int
+    channel: Channel
+    topics: FogSide
+    owners: SessionOwners
+    store: BulkStore
+
+    def on_message(self, message: Inbound, holder_session: int | None, now_ms: int) -> list[Effect]:
+        """A piece or a question; raises PayloadError where it is not of `holder_session`."""
+        ask = self._opened(message)
+        if holder_session is None or ask.gs_session != holder_session:
+            raise PayloadError(f"object of session {ask.gs_session:08x}: expected the station in control", "outsiders")
+        return self._published(self.store.on_ask(ask, now_ms))
+
+    def tick(self, now_ms: int) -> list[Effect]:
+        return self._published(self.store.tick(now_ms))
+
+    def _opened(self, message: Inbound) -> BulkAsk:
+        """The message; where messages are signed, of a station's own session, with the rights that it needs."""
+        seal = self.channel.seal
+        if seal is None:
+            return decode(BulkAsk, message.payload)
+        signed = seal.open_of_station(self.channel.signed_topic(message.topic), Envelope.parse(message.payload))
+        ask, rights = decode(BulkAsk, signed.payload), signed.certificate.rights
+        may = rights.may_command(self.drone) and (rights.upload_plan or not isinstance(ask.ask, Put))
+        if not may or not self.owners.is_of(ask.gs_session, signed.signer):
+            raise PayloadError(f"object of {signed.signer}: expected its own session and the right", "foreign_session")
+        return ask
+
+    def _published(self, answers: list[BulkAnswer]) -> list[Effect]:
+        topic = self.topics.bulk_answer(self.drone)
+        return [self.channel.publish(topic, answer, qos=0) for answer in answers]

@@ -1,0 +1,82 @@
+"""Who controls the drone, as far as it can tell: the activator's lease and, where messages are signed, the grants."""
+
+from __future__ import annotations
+
+from ..core.channel import Channel
+from ..core.effects import Inbound, Log
+from ..core.session_owners import SessionOwners
+from ..errors import PayloadError
+from ..protocol.codec import decode
+from ..protocol.messages import DroneLease, Grant, Presence
+from ..protocol.topics import station_reachable
+from ..security.cose import Envelope
+from ..security.seal import Seal, is_station
+from .commands import CommandDesk
+from .effects import Effect
+from .grants import Grants
+
+
+class Control:
+    """The newest lease of one UAV client session, and what follows from it for its commands (`desk`)."""
+
+    def __init__(self, drone: int, session: int, channel: Channel, desk: CommandDesk, owners: SessionOwners) -> None:
+        self.lease: DroneLease | None = None
+        self._drone = drone
+        self._session = session
+        self._channel = channel
+        self._desk = desk
+        self._owners = owners
+        self._grants = Grants()
+
+    def take(self, lease: DroneLease) -> bool:
+        """Whether this is the newest word on who controls the drone; an old one changes nothing."""
+        if self.lease is not None and self._is_older(lease, self.lease):
+            return False
+        self.lease = lease
+        self._apply()
+        return True
+
+    def _is_older(self, lease: DroneLease, known: DroneLease) -> bool:
+        """Unsigned leases of one activator session are ordered by their epoch alone, signed ones also of several."""
+        is_of_same = lease.activator_session == known.activator_session
+        if self._channel.seal is None:
+            return is_of_same and lease.epoch < known.epoch
+        if is_of_same:
+            return (lease.counter or 0) <= (known.counter or 0)
+        return known.heard_ms is not None and (lease.heard_ms or 0) <= known.heard_ms
+
+    def on_station(self, seal: Seal, message: Inbound) -> list[Effect]:
+        """A ground station's birth as it was signed: from now on the drone knows its certificate and its session."""
+        signed = seal.verified(
+            Envelope.parse(message.payload), lambda station: station_reachable(station.node.label), is_station
+        )
+        presence = decode(Presence, signed.payload)
+        if not self._owners.claim(presence.session, signed.signer):
+            return [Log("foreign_session", f"{signed.signer}: session {presence.session:08x} is another station's")]
+        return []
+
+    def on_grant(self, seal: Seal, message: Inbound) -> list[Effect]:
+        """A station's own word on its control, which no activator can make last longer."""
+        signed = seal.open_of_station(self._channel.signed_topic(message.topic), Envelope.parse(message.payload))
+        grant = decode(Grant, signed.payload)
+        is_own = self._owners.is_of(grant.gs_session, signed.signer)
+        if not is_own or not signed.certificate.rights.may_command(self._drone):
+            raise PayloadError(f"grant of {signed.signer}: expected its own session and the right", "foreign_session")
+        if grant.drone_session == self._session:
+            self._grants.take(grant)
+            self._apply()
+        return []
+
+    def _apply(self) -> None:
+        """Where messages are signed control lasts no longer than its station has granted."""
+        lease = self.lease
+        if lease is None:
+            return
+        until_ms, offboard_ms = lease.deadline_ms, lease.offboard_until_ms
+        if self._channel.seal is not None:
+            until_ms, offboard_ms = self._grants.bound(lease.holder_session, until_ms, offboard_ms)
+        self._desk.epoch = lease.epoch
+        self._desk.held_until_ms = lease.deadline_ms
+        self._desk.executor.lease_until_ms = until_ms
+        self._desk.executor.offboard_until_ms = offboard_ms
+        self._desk.executor.holder_session = lease.holder_session

@@ -1,0 +1,77 @@
+"""Keeps the journal without the event loop waiting for a disk, and no command either where the front has its record."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+from ..core.ledger import OVERRIDING
+from ..protocol.messages import CommandId
+from .effects import Journal
+from .journal import JournalFile, line_of
+
+_OVERRIDING = frozenset(command.name for command in OVERRIDING)
+
+
+class JournalKeeper:
+    """Passes records to `file` in their order, on a thread of its own.
+
+    `on_opened` is called once for each opening: whether the journal has it, in its front or on the disk. `on_error` is
+    called for each record that the disk did not take. While it takes none, only commands that override others (hold,
+    land, return) are opened with the front alone.
+    """
+
+    def __init__(
+        self,
+        file: JournalFile,
+        on_opened: Callable[[CommandId, bool], None],
+        on_error: Callable[[OSError], None],
+    ) -> None:
+        self._file = file
+        self._on_opened = on_opened
+        self._on_error = on_error
+        self._thread = ThreadPoolExecutor(1, "journal")
+        self._waiting = 0
+        self._is_failing = False
+        self._has_ended = False
+
+    def record(self, effect: Journal) -> None:
+        """Keep one record; to be called on the event loop."""
+        is_begun = self._front_takes(effect) and effect.is_opening
+        self._waiting += 1
+        on_disk = asyncio.get_running_loop().run_in_executor(self._thread, self._file.record, effect, is_begun)
+        on_disk.add_done_callback(lambda done: self._tried(effect, is_begun, done))
+        if is_begun:
+            self._on_opened(effect.id, True)
+
+    async def close(self) -> None:
+        """Wait until the disk has been asked for every record, and end the journal. Nothing is opened any more."""
+        self._has_ended = True
+        await asyncio.to_thread(self._thread.shutdown)
+        await asyncio.to_thread(self._file.close)
+
+    def _front_takes(self, effect: Journal) -> bool:
+        front = self._file.front
+        if front is None or (effect.is_opening and self._is_failing and effect.command not in _OVERRIDING):
+            return False
+        with contextlib.suppress(OSError):  # the front has no room: then it is for the disk to take it
+            front.append(line_of(effect))
+            return True
+        return False
+
+    def _tried(self, effect: Journal, is_begun: bool, done: asyncio.Future[None]) -> None:
+        """The disk took a record, or did not."""
+        self._waiting -= 1
+        try:
+            done.result()
+        except OSError as error:
+            self._is_failing = True
+            self._on_error(error)
+        else:
+            self._is_failing = False
+            if self._file.front is not None and not self._waiting:
+                self._file.front.clear()
+        if effect.is_opening and not is_begun and not self._has_ended:
+            self._on_opened(effect.id, not self._is_failing)

@@ -1,0 +1,99 @@
+"""Where the autopilot is in its mission, and whether it is outside its geofence, by its own messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ...protocol.plans import PlanList
+from ...protocol.states import Fence, Mission, State
+
+_NONE = 0xFFFF
+"""PX4's total where there is no mission."""
+_TO_THE_GROUND = (mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+
+
+@dataclass
+class MissionProgress:
+    """What one autopilot said of its plan. `hashes` name the lists that were read and not changed since.
+
+    `home_items`: how many items the autopilot has in front of the plan's own. Items count from 1, the plan's first.
+    """
+
+    hashes: dict[PlanList, bytes] = field(default_factory=dict)
+    lands: bool = False
+    """Whether the mission that was read last ends on the ground."""
+    home_items: int = 0
+    current: int = 0
+    reached: int = 0
+    total: int = 0
+    _stale: int = 0
+    """What was reached last before the mission was started anew, until another item is."""
+    _is_told: bool = False
+    _breached: bool | None = None
+
+    def on_message(self, message: Any) -> list[State]:
+        """The states in a message of the mission's or the fence's progress."""
+        kind = message.get_type()
+        if kind == "FENCE_STATUS":
+            return self._on_fence(bool(message.breach_status))
+        if kind == "MISSION_ITEM_REACHED":
+            self._reach(self._number(message.seq))
+        else:
+            total = 0 if message.total == _NONE else message.total - self.home_items
+            self.current, self.total = self._number(message.seq), max(0, total)
+        return self.states()
+
+    def states(self) -> list[State]:
+        """The mission's state, once there was one, and the fence's."""
+        self._is_told = self._is_told or self.total > 0
+        out: list[State] = []
+        if self._is_told:
+            out.append(Mission(self.current, self.reached, self.total, self.hashes.get(PlanList.MISSION)))
+        if self._breached is not None:
+            out.append(Fence(self._breached, self.hashes.get(PlanList.FENCE)))
+        return out
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the last item was reached; the landing behind it, or of it, may be still to come."""
+        return self.total > 0 and self.reached >= self.total - self.lands
+
+    @property
+    def is_landing(self) -> bool:
+        """Whether the mission is over, or nearly, and ends on the ground: the motors may stop."""
+        return self.lands and self.is_over
+
+    def read(self, hash: bytes, commands: Sequence[int]) -> None:
+        """The mission was read: its hash, and the MAV_CMDs of its items."""
+        self.hashes[PlanList.MISSION] = hash
+        self.lands = bool(commands) and commands[-1] in _TO_THE_GROUND
+        self.total = len(commands)
+
+    def begin(self) -> None:
+        """The mission is started anew: what was reached before is of an earlier flight."""
+        self._stale, self.reached = self.reached, 0
+
+    def _reach(self, number: int) -> None:
+        """PX4 repeats the item that was reached last, ten times, also when the mission was started anew meanwhile."""
+        if number == self._stale and number != self.current:
+            return
+        self.reached, self._stale = number, 0
+
+    def forget(self) -> None:
+        """The lists may be others: they have to be read again."""
+        self.hashes.clear()
+
+    def seq(self, item: int) -> int:
+        """An item of the plan as the autopilot counts it."""
+        return item - 1 + self.home_items
+
+    def _number(self, seq: int) -> int:
+        return max(0, int(seq) + 1 - self.home_items)
+
+    def _on_fence(self, breached: bool) -> list[State]:
+        self._breached = breached
+        return [Fence(breached, self.hashes.get(PlanList.FENCE))]

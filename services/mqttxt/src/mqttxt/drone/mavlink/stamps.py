@@ -1,0 +1,76 @@
+"""Time stamps for signed MAVLink messages: none is given twice, over restarts and odd clocks (R13.3)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from ...errors import ConfigurationError
+from ...security import files
+
+TICKS_PER_S: Final = 100_000
+EPOCH_S: Final = 1_420_070_400
+"""2015-01-01 in Unix seconds."""
+MOST: Final = 2**48 - 1
+LEAST_AHEAD, MOST_AHEAD = 4 * TICKS_PER_S, 60 * TICKS_PER_S
+"""How far the file is ahead of what was given: as long as the client has been running, so that one that is restarted
+again and again does not run far ahead of the clock.
+"""
+KEEP_EVERY_S = 1.0
+
+
+class Stamps:
+    """Ten microseconds since 2015. `path` has a time stamp that was never reached; after a restart they go on there.
+
+    Without a `path` nothing is kept.
+
+    `system` gives Unix seconds. Raises ConfigurationError for a file that has something else in it.
+    """
+
+    def __init__(self, path: Path | None = None, system: Callable[[], float] = time.time) -> None:
+        self._path = path
+        self._system = system
+        self._kept = _read(path) if path is not None else 0
+        self._last = self._kept
+        self._first = self.now()
+
+    def now(self) -> int:
+        """The time, without giving it to a message."""
+        return min(MOST, max(self._last, int((self._system() - EPOCH_S) * TICKS_PER_S)))
+
+    def next(self) -> int | None:
+        """The time stamp of the next message, None behind the last that there is."""
+        if self._last >= MOST:
+            return None
+        self._last = max(self._last + 1, self.now())
+        return self._last
+
+    def adopt(self, stamp: int) -> None:
+        """Somebody who has the key has given this one: go on behind it."""
+        self._last = max(self._last, stamp)
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the file is to be written anew."""
+        return self._path is not None and self._kept < min(MOST, self.now() + self._ahead() // 2)
+
+    def keep(self) -> None:
+        """Write the file; blocks. Raises ConfigurationError where that fails."""
+        assert self._path is not None
+        kept = min(MOST, self.now() + self._ahead())
+        files.write(self._path, f"{kept}\n".encode())
+        self._kept = kept
+
+    def _ahead(self) -> int:
+        return max(LEAST_AHEAD, min(MOST_AHEAD, self.now() - self._first))
+
+
+def _read(path: Path) -> int:
+    if not path.exists():
+        return 0
+    text = files.read(path).strip()
+    if not (text.isdigit() and len(text) <= 15 and int(text) <= MOST):
+        raise ConfigurationError(f"{path}: {text[:40]!r}; expected a MAVLink time stamp, or no such file")
+    return int(text)

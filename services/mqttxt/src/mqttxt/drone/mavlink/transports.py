@@ -1,0 +1,229 @@
+"""What an autopilot's link goes over: UDP, TCP or a serial line, never blocking."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import socket
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import serial
+
+from ...core.address import is_host, whole_number
+from ...errors import ConfigurationError
+from .frame_parser import NO_FRAME, Malformed, StreamFrames, in_datagram
+from .plans import AUTOPILOT_COMPONENT
+from .signing import Refused
+from .vehicle import HEARTBEAT_LOST_MS
+
+logger = logging.getLogger("mqttxt.mavlink")
+
+MAX_BAUD = 99_999_999
+_READ_BYTES = 65_536
+
+Judge = Callable[[Any, float], Any]
+"""Of a message that was read, and the time in seconds: the message, or Malformed."""
+
+
+@dataclass(frozen=True)
+class AutopilotAddress:
+    """Where the autopilot is: `udp:HOST:PORT` (listen), `tcp:HOST:PORT` (connect), `serial:DEVICE:BAUD`."""
+
+    kind: str
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, text: str) -> AutopilotAddress:
+        """Raises ConfigurationError where `text` is none of the three."""
+        kind, _, rest = text.partition(":")
+        host, _, number = rest.rpartition(":")
+        is_known = "\0" not in host and host != "" if kind == "serial" else is_host(host)
+        if kind not in ("udp", "tcp", "serial") or not is_known:
+            raise ConfigurationError(f"autopilot {text!r}: expected udp:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD")
+        what, most = ("baud rate", MAX_BAUD) if kind == "serial" else ("port", 65_535)
+        found = whole_number(number, most)
+        if found is None:
+            raise ConfigurationError(f"autopilot {text!r}: expected a {what} from 1 to {most}, got {number[:20]!r}")
+        return cls(kind, host, found)
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.host}:{self.port}"
+
+
+def _judged(found: Iterable[Any], judge: Judge, now_s: float) -> Iterator[Any]:
+    """What was read, with Malformed in place of what is not believed."""
+    return (each if isinstance(each, Malformed) else judge(each, now_s) for each in found)
+
+
+@dataclass(frozen=True)
+class Read:
+    """What one reading brought; `was_there` false where nothing was there to read."""
+
+    messages: Iterable[Any] = ()
+    was_there: bool = True
+
+
+_NOTHING = Read(was_there=False)
+
+
+class Transport:
+    """Non-blocking. `read` takes the time in seconds and returns None when the other side has closed."""
+
+    def __init__(self, judge: Judge) -> None:
+        self._judge = judge
+
+    def fileno(self) -> int:
+        raise NotImplementedError
+
+    def read(self, now_s: float) -> Read | None:
+        raise NotImplementedError
+
+    def write(self, packet: bytes, *, is_heartbeat: bool = False) -> bool:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        raise NotImplementedError
+
+
+class Udp(Transport):
+    """Listens to one autopilot, and answers where its heartbeats come from.
+
+    The peer is whoever sent a valid heartbeat of the drone's autopilot. While those keep coming nobody else is heard on
+    this socket: what another one sends is neither parsed nor a reason to write there. Before there is a peer, everybody
+    is heard, and nobody is written to: heartbeats alone go to whoever sent one whose signature is right and whose time
+    stamp is old. An autopilot that was started without a clock learns the time from them (R13.6).
+    """
+
+    def __init__(self, address: AutopilotAddress, system_id: int, judge: Judge) -> None:
+        super().__init__(judge)
+        self._system_id = system_id
+        self._peer: Any = None
+        self._peer_heard_s = 0.0
+        self._behind: Any = None
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((address.host, address.port))
+        except OSError:
+            self._socket.close()
+            raise
+        self._socket.setblocking(False)
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self, now_s: float) -> Read | None:
+        try:
+            data, sender = self._socket.recvfrom(_READ_BYTES)
+        except OSError:  # nothing there, or an ICMP error for an earlier datagram
+            return _NOTHING
+        if sender != self._peer and self._peer is not None and now_s - self._peer_heard_s <= HEARTBEAT_LOST_MS / 1000:
+            reason = f"a datagram of {sender[0]}:{sender[1]}, which is not the autopilot's"
+            return Read([Malformed(NO_FRAME, reason)])
+        messages = list(_judged(in_datagram(data), self._judge, now_s))
+        if any(self._is_heartbeat(message) for message in messages):
+            if sender != self._peer:
+                logger.info("the autopilot is at %s:%d", *sender)
+            self._peer, self._peer_heard_s, self._behind = sender, now_s, None
+        elif any(isinstance(each, Refused) and each.is_stale and self._is_heartbeat(each.message) for each in messages):
+            self._behind = sender
+        return Read(messages)
+
+    def _is_heartbeat(self, message: Any) -> bool:
+        if isinstance(message, Malformed) or message.get_type() != "HEARTBEAT":
+            return False
+        return bool((message.get_srcSystem(), message.get_srcComponent()) == (self._system_id, AUTOPILOT_COMPONENT))
+
+    def write(self, packet: bytes, *, is_heartbeat: bool = False) -> bool:
+        if is_heartbeat and self._behind is not None and self._behind != self._peer:
+            self._send(packet, self._behind)
+        return self._peer is not None and self._send(packet, self._peer)
+
+    def _send(self, packet: bytes, to: Any) -> bool:
+        try:
+            return self._socket.sendto(packet, to) == len(packet)
+        except OSError:
+            return False
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Tcp(Transport):
+    """A TCP connection to the autopilot or its simulator."""
+
+    def __init__(self, sock: socket.socket, judge: Judge) -> None:
+        super().__init__(judge)
+        self._socket = sock
+        self._frames = StreamFrames()
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self, now_s: float) -> Read | None:
+        try:
+            data = self._socket.recv(_READ_BYTES)
+        except BlockingIOError:
+            return _NOTHING
+        except OSError:
+            return None
+        return Read(_judged(self._frames.feed(data, now_s), self._judge, now_s)) if data else None
+
+    def write(self, packet: bytes, *, is_heartbeat: bool = False) -> bool:
+        try:
+            return self._socket.send(packet) == len(packet)
+        except OSError:
+            return False
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Serial(Transport):
+    """A serial line."""
+
+    def __init__(self, address: AutopilotAddress, judge: Judge) -> None:
+        super().__init__(judge)
+        try:
+            self._port = serial.Serial(address.host, address.port, timeout=0, write_timeout=0)
+            self._frames = StreamFrames()
+        except ValueError as error:
+            raise ConfigurationError(f"autopilot {address}: {error}; expected a rate that the device has") from error
+
+    def fileno(self) -> int:
+        return int(self._port.fileno())
+
+    def read(self, now_s: float) -> Read | None:
+        try:
+            data = bytes(self._port.read(_READ_BYTES))
+        except serial.SerialException:
+            return None
+        return Read(_judged(self._frames.feed(data, now_s), self._judge, now_s)) if data else _NOTHING
+
+    def write(self, packet: bytes, *, is_heartbeat: bool = False) -> bool:
+        try:  # pyserial's own would try again without end where the device takes nothing
+            return os.write(self._port.fileno(), packet) == len(packet)
+        except OSError:
+            return False
+
+    def close(self) -> None:
+        self._port.close()
+
+
+async def open_transport(address: AutopilotAddress, system_id: int, judge: Judge) -> Transport:
+    if address.kind == "udp":
+        return Udp(address, system_id, judge)
+    if address.kind == "serial":
+        return Serial(address, judge)
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    sock.setblocking(False)
+    try:
+        await asyncio.get_running_loop().sock_connect(sock, (address.host, address.port))
+    except OSError:
+        sock.close()
+        raise
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return Tcp(sock, judge)

@@ -1,0 +1,136 @@
+"""The drone's copy of its autopilot's parameters: read when it is asked for, kept by hash (section 17)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..errors import PayloadError
+from ..protocol.bulk import Unchanged
+from ..protocol.parameters import ParameterSet
+from .effects import Transmit
+from .mavlink.mission_protocol import Exchange
+from .mavlink.parameter_protocol import Reading, has_hash, parameter_of
+from .mavlink.vehicle import Vehicle
+from .runs import Output
+
+FRESH_MS = 60_000
+"""How long a set counts as the autopilot's after it was read, where the autopilot gives no hash of it."""
+SURE_MS = 1000
+"""The same where it does: it is asked for the hash again."""
+MOST_GIVEN = 4
+"""The sets that stations were given last: who has one of them is given only what has changed since."""
+
+
+class ParameterCopy:
+    """One autopilot's parameters. `kept` is the set that a station was given in an earlier session."""
+
+    def __init__(self, vehicle: Vehicle, kept: ParameterSet | None = None) -> None:
+        self._vehicle = vehicle
+        self._set = kept
+        self._given = [kept] if kept is not None else []
+        self._total: int | None = None
+        self._proven_ms: int | None = None
+        """When the set was the autopilot's, None while that is not known."""
+        self._is_wanted = False
+        self._error: tuple[str, int] | None = None
+        self._proof: Exchange | None = None
+        self._reading: Reading | None = None
+        self._restarts = vehicle.boots.restarts
+
+    @property
+    def newest_given(self) -> ParameterSet | None:
+        """The set that a station was given last."""
+        return self._given[-1] if self._given else None
+
+    def fetch(self, now_ms: int, known: bytes | None = None) -> bytes | str | Unchanged | None:
+        """The set, packed, or what is other than in the set `known`; why there is none; None while it is read."""
+        if not self._vehicle.is_alive(now_ms):
+            return "no_autopilot"
+        if self._set is not None and self._proven_ms is not None and now_ms - self._proven_ms <= self._counts_ms():
+            return self._packed(self._set, known)
+        error, self._error = self._error, None
+        if error is not None and now_ms - error[1] <= SURE_MS:
+            return error[0]
+        self._is_wanted = True
+        return None
+
+    def on_message(self, message: Any, now_ms: int) -> list[Output]:
+        """A message of the autopilot: a parameter may be another one now, whoever has set it."""
+        self._notice_restart()
+        if not self._vehicle.is_own(message):
+            return []
+        out: list[Any] = []
+        if self._proof is not None:
+            out += [step.message for step in self._proof.on_message(message, now_ms)]
+        if message.get_type() == "PARAM_VALUE":
+            self._fold(message)
+            if self._reading is not None:
+                out += self._reading.on_value(message, now_ms)
+        return [Transmit(one) for one in out] + self._go_on(now_ms)
+
+    def tick(self, now_ms: int) -> list[Output]:
+        """What is asked for, and asked for again."""
+        self._notice_restart()
+        out: list[Any] = []
+        if self._proof is not None:
+            out += [step.message for step in self._proof.tick(now_ms)]
+        if self._reading is not None:
+            out += self._reading.due(now_ms)
+        return [Transmit(one) for one in out] + self._go_on(now_ms)
+
+    def _go_on(self, now_ms: int) -> list[Output]:
+        """From what is over to what follows: a proof by the hash where there is a set to prove, else a reading."""
+        if self._proof is not None and self._proof.is_over:
+            is_same, self._proof = self._proof.result, None
+            if is_same:
+                self._is_wanted, self._proven_ms = False, now_ms
+                return []
+            return self._read(now_ms)
+        if self._reading is not None and self._reading.is_over:
+            reading, self._reading = self._reading, None
+            self._is_wanted = False
+            if reading.found is None:
+                self._error = (reading.error or "", now_ms)
+            else:
+                self._set, self._total, self._proven_ms = reading.found, reading.total, now_ms
+            return []
+        if not self._is_wanted or self._proof is not None or self._reading is not None:
+            return []
+        number = self._vehicle.autopilot.hash_check(self._set) if self._set is not None else None
+        if number is None:
+            return self._read(now_ms)
+        self._proof = Exchange(has_hash(self._vehicle.system_id, number))
+        return [Transmit(step.message) for step in self._proof.begin(now_ms)]
+
+    def _read(self, now_ms: int) -> list[Output]:
+        self._reading = Reading(self._vehicle.system_id, self._vehicle.autopilot.bytewise)
+        return [Transmit(one) for one in self._reading.begin(now_ms)]
+
+    def _fold(self, message: Any) -> None:
+        if self._set is None or self._vehicle.heartbeat_ms is None:  # before its first heartbeat its kind is not known
+            return
+        if self._total is not None and message.param_count != self._total:
+            self._proven_ms = None
+        value = parameter_of(message, self._vehicle.autopilot.bytewise)
+        if value is not None and self._set.parameters.get(value.name, value) != value:
+            self._set = self._set.with_one(value)
+
+    def _packed(self, found: ParameterSet, known: bytes | None) -> bytes | str | Unchanged:
+        base = next((one for one in self._given if one.hash == known), None)
+        try:
+            data = Unchanged(found.hash) if known == found.hash else found.packed(base)
+        except PayloadError:  # what has changed since another firmware's set may be more than the whole
+            data = found.packed()
+        self._given = [*(one for one in self._given if one.hash != found.hash), found][-MOST_GIVEN:]
+        return data
+
+    def _counts_ms(self) -> int:
+        assert self._set is not None
+        return FRESH_MS if self._vehicle.autopilot.hash_check(self._set) is None else SURE_MS
+
+    def _notice_restart(self) -> None:
+        """What an autopilot has after a start is known once it was read."""
+        if self._restarts != self._vehicle.boots.restarts:
+            self._restarts = self._vehicle.boots.restarts
+            self._is_wanted = self._is_wanted or self._reading is not None or self._proof is not None
+            self._proof = self._reading = self._proven_ms = None

@@ -1,0 +1,123 @@
+"""The commands that set a parameter of the autopilot, one after the other (docs/protocol.md, section 17)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..protocol.commands import SetParameter
+from ..protocol.messages import CommandId, Word
+from .effects import Transmit
+from .mavlink.guarded_parameters import is_guarded
+from .mavlink.mission_protocol import Exchange, Step
+from .mavlink.parameter_protocol import assign
+from .mavlink.plans import CannotExecute
+from .mavlink.raw import Limits
+from .mavlink.vehicle import Vehicle
+from .runs import Output, Said
+
+
+@dataclass(eq=False)
+class _Setting:
+    """A parameter that is being set. `is_written`: the autopilot may have the value by now."""
+
+    id: CommandId
+    exchange: Exchange
+    deadline_ms: int
+    ends_ms: int
+    restarts: int
+    is_written: bool = False
+    late_ms: int | None = None
+
+
+class ParameterSettings:
+    """Of one autopilot, within limits."""
+
+    def __init__(self, vehicle: Vehicle, limits: Limits) -> None:
+        self._vehicle = vehicle
+        self._limits = limits
+        self._settings: list[_Setting] = []
+
+    def start(
+        self, command_id: CommandId, command: SetParameter, deadline_ms: int, limit_ms: int, now_ms: int
+    ) -> list[Output]:
+        """Begin a command that was admitted; another one may have to end first."""
+        if is_guarded(command.parameter) and command.parameter not in self._limits.parameters:
+            return [Said(command_id, Word.DENIED, "parameter_not_enabled")]
+        if not self._vehicle.is_alive(now_ms):
+            return [Said(command_id, Word.DENIED, "no_autopilot")]
+        name, bytewise = command.parameter, self._vehicle.autopilot.bytewise
+        steps = assign(self._vehicle.system_id, name, command.value, bytewise, self._limits.ranges.get(name))
+        restarts = self._vehicle.boots.restarts
+        self._settings.append(_Setting(command_id, Exchange(steps), deadline_ms, now_ms + limit_ms, restarts))
+        return self._begin_next(now_ms)
+
+    def owns(self, command_id: CommandId) -> bool:
+        """Whether a write was for one of these commands."""
+        return any(one.id == command_id for one in self._settings)
+
+    def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
+        """The parameter was written."""
+        one = next(one for one in self._settings if one.id == command_id)
+        one.is_written = True
+        if now_ms > one.deadline_ms:
+            one.late_ms = max(one.late_ms or 0, now_ms - one.deadline_ms)
+        return []
+
+    def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
+        """It was not written: past the deadline (`late`), or the autopilot's link took nothing."""
+        one = next(one for one in self._settings if one.id == command_id)
+        return self._end(one, Word.EXPIRED, None, now_ms) if late and not one.is_written else []
+
+    def on_message(self, message: Any, now_ms: int) -> list[Output]:
+        """A message of the autopilot."""
+        one = self._settings[0] if self._settings else None
+        if one is None or not self._vehicle.is_own(message):
+            return []
+        return self._write(one, one.exchange.on_message(message, now_ms), now_ms)
+
+    def tick(self, now_ms: int) -> list[Output]:
+        """Repetitions, limits, and what has become of the autopilot."""
+        out = self._begin_next(now_ms)
+        one = self._settings[0] if self._settings else None
+        if one is None:
+            return out
+        lost = "autopilot_restarted" if one.restarts != self._vehicle.boots.restarts else None
+        lost = lost or ("autopilot_lost" if self._vehicle.is_lost(now_ms) else None)
+        lost = lost or ("timeout" if now_ms >= one.ends_ms else None)
+        if lost is not None:
+            return out + self._end(one, Word.UNCONFIRMED if one.is_written else Word.DENIED, lost, now_ms)
+        return out + self._write(one, one.exchange.tick(now_ms), now_ms)
+
+    def _begin_next(self, now_ms: int) -> list[Output]:
+        one = self._settings[0] if self._settings else None
+        if one is None or one.exchange.has_begun:
+            return []
+        if now_ms > one.deadline_ms:
+            return self._end(one, Word.EXPIRED, None, now_ms)
+        return self._write(one, one.exchange.begin(now_ms), now_ms)
+
+    def _write(self, one: _Setting, steps: list[Step], now_ms: int) -> list[Output]:
+        """Questions at any time; the value itself, each time, within the deadline."""
+        out: list[Output] = [
+            Transmit(step.message, one.deadline_ms, one.id) if step.changes else Transmit(step.message)
+            for step in steps
+        ]
+        return out + (self._over(one, now_ms) if one.exchange.is_over else [])
+
+    def _over(self, one: _Setting, now_ms: int) -> list[Output]:
+        error = one.exchange.error
+        if error is None:
+            return self._end(one, Word.COMPLETED, None, now_ms)
+        if not one.is_written:
+            return self._end(one, Word.DENIED, str(error), now_ms)
+        if isinstance(error, CannotExecute):  # what was read back says nothing of the value
+            return self._end(one, Word.UNCONFIRMED, str(error), now_ms)
+        if str(error) == "no_answer":
+            return self._end(one, Word.UNCONFIRMED, "no_ack", now_ms)
+        return self._end(one, Word.FAILED, str(error), now_ms)
+
+    def _end(self, one: _Setting, word: Word, reason: str | None, now_ms: int) -> list[Output]:
+        one.exchange.stop()
+        self._settings.remove(one)
+        return [Said(one.id, word, reason, late_ms=one.late_ms), *self._begin_next(now_ms)]

@@ -1,0 +1,239 @@
+"""The commands about a drone's plan, and what a mission's start needs first (docs/protocol.md, section 16)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Mapping
+from dataclasses import dataclass
+
+from ..errors import PayloadError
+from ..protocol.commands import ClearPlan, Resume, SetCurrentItem, StartMission, UploadPlan
+from ..protocol.messages import CommandId, Word
+from ..protocol.plans import PlanItem, PlanList, PlanObject
+from ..protocol.states import Armed, FlightMode, FlightModeName
+from .effects import Transmit
+from .mavlink.mission_protocol import Exchange, Step, Steps, TransferFailed
+from .mavlink.plans import CannotExecute
+from .mavlink.sources import Source
+from .mavlink.vehicle import Vehicle
+from .plan_lists import OtherPlan, PlanLists
+from .runs import Output, Said
+
+OfPlan = UploadPlan | ClearPlan | SetCurrentItem
+MISSION_RUNNING = "mission_running"
+
+
+@dataclass(eq=False)
+class _Job:
+    """A transfer with the autopilot, and the command that it is for; without one, for whoever fetches the plan.
+
+    `is_begun`: something was written that may have changed the autopilot's lists.
+    """
+
+    exchange: Exchange
+    id: CommandId | None
+    changes_lists: bool = False
+    deadline_ms: int = 0
+    ends_ms: int = 0
+    restarts: int = 0
+    is_begun: bool = False
+    late_ms: int | None = None
+
+    @property
+    def is_preparation(self) -> bool:
+        """Whether it is part of a mission's start, whose run says the words."""
+        return self.id is not None and self.ends_ms == 0
+
+
+class PlanKeeper:
+    """The plan of one drone: one transfer at a time, in the order in which they were asked for.
+
+    `staged` gives an object that was staged, by its hash; `is_starting`: whether a mission's start is open.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, staged: Callable[[bytes], bytes | None], is_starting: Callable[[], bool]
+    ) -> None:
+        self._vehicle = vehicle
+        self._is_starting = is_starting
+        self._lists = PlanLists(vehicle)
+        self._staged = staged
+        self._jobs: list[_Job] = []
+        self._fetched: bytes | str | None = None
+        """The whole plan as it was read last, or why it could not be, until somebody took it."""
+        self._restarts = vehicle.boots.restarts
+
+    def start(
+        self, command_id: CommandId, command: OfPlan, deadline_ms: int, limit_ms: int, now_ms: int
+    ) -> list[Output]:
+        """Begin a command of the plan that was admitted."""
+        try:
+            if not self._vehicle.is_alive(now_ms):
+                raise CannotExecute("no_autopilot")
+            exchange = Exchange(self._steps(command))
+        except (CannotExecute, PayloadError) as error:
+            return [Said(command_id, Word.DENIED, str(error))]
+        changes_lists = not isinstance(command, SetCurrentItem)
+        job = _Job(exchange, command_id, changes_lists, deadline_ms, now_ms + limit_ms, self._vehicle.boots.restarts)
+        self._jobs.append(job)
+        return self._begin_next(now_ms)
+
+    def preparing(self, command_id: CommandId, command: StartMission | Resume, deadline_ms: int) -> str | None:
+        """Why a mission cannot be started: empty while that is not known yet, None once it can.
+
+        Its list is read anew for each start: nobody tells of what another station has uploaded.
+        """
+        job = next((job for job in self._jobs if job.id == command_id), None)
+        if job is None:
+            if any(job.changes_lists for job in self._jobs):
+                return "plan_busy"
+            item = command.item if isinstance(command, StartMission) else None
+            steps = self._lists.select(command.mission, item)
+            restarts = self._vehicle.boots.restarts
+            self._jobs.append(_Job(Exchange(steps), command_id, deadline_ms=deadline_ms, restarts=restarts))
+            return ""
+        if not job.exchange.is_over:
+            return ""
+        self._jobs.remove(job)
+        if job.restarts != self._vehicle.boots.restarts:
+            return "autopilot_restarted"
+        if job.exchange.error is not None:
+            return str(job.exchange.error)
+        if isinstance(command, StartMission):
+            self._vehicle.mission.begin()
+        return None
+
+    def fetch(self, now_ms: int, known: bytes | None = None) -> bytes | str | None:
+        """The whole plan, packed, or why there is none; None while it is being read. It is given whole to everybody."""
+        if not self._vehicle.is_alive(now_ms):
+            return "no_autopilot"
+        found, self._fetched = self._fetched, None
+        if found is None and not any(job.id is None for job in self._jobs):
+            self._jobs.append(_Job(Exchange(self._lists.fetch_all()), None, restarts=self._vehicle.boots.restarts))
+        return found
+
+    def on_message(self, message: object, now_ms: int) -> list[Output]:
+        """A message of the autopilot, after `vehicle` has taken it in."""
+        self._notice_restart()
+        job = self._jobs[0] if self._jobs else None
+        if job is None or not self._vehicle.is_own(message) or not self._is_for_us(message):
+            return []
+        return self._write(job, job.exchange.on_message(message, now_ms), now_ms)
+
+    def tick(self, now_ms: int, open_ids: Container[CommandId]) -> list[Output]:
+        """Repetitions, limits, and what has become of the autopilot. Starts that are not `open_ids` are over."""
+        self._notice_restart()
+        self._jobs = [job for job in self._jobs if not job.is_preparation or job.id in open_ids]
+        out = self._begin_next(now_ms)
+        job = self._jobs[0] if self._jobs else None
+        if job is None or job.exchange.is_over:
+            return out
+        lost = "autopilot_restarted" if job.restarts != self._vehicle.boots.restarts else None
+        lost = lost or ("autopilot_lost" if self._vehicle.is_lost(now_ms) else None)
+        if lost is not None:
+            return out + self._end(job, Word.UNCONFIRMED if job.is_begun else Word.DENIED, lost)
+        if job.ends_ms and now_ms >= job.ends_ms:
+            return out + self._end(job, Word.FAILED, "partial, timeout" if job.is_begun else "timeout")
+        return out + self._write(job, job.exchange.tick(now_ms), now_ms)
+
+    def owns(self, command_id: CommandId) -> bool:
+        """Whether a write was for a command of the plan."""
+        return any(job.id == command_id for job in self._jobs)
+
+    def on_transmitted(self, command_id: CommandId, now_ms: int) -> list[Output]:
+        """A write that is bound by the deadline has happened; the first one is said, but for a start's."""
+        job = next(job for job in self._jobs if job.id == command_id)
+        if now_ms > job.deadline_ms:
+            job.late_ms = max(job.late_ms or 0, now_ms - job.deadline_ms)
+        was_begun, job.is_begun = job.is_begun, True
+        if was_begun or job.is_preparation:
+            return []
+        return [Said(command_id, Word.IN_PROGRESS, late_ms=job.late_ms)]
+
+    def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
+        """It was not written: past the deadline (`late`), or the autopilot's link took nothing."""
+        job = next(job for job in self._jobs if job.id == command_id)
+        return self._end(job, Word.EXPIRED) if late and not job.is_begun else []
+
+    def _steps(self, command: OfPlan) -> Steps[None]:
+        """The steps of a command; raises CannotExecute and PayloadError where it cannot be begun."""
+        if isinstance(command, SetCurrentItem):
+            return self._lists.select(command.mission, command.item)
+        if any(job.changes_lists for job in self._jobs):
+            raise CannotExecute("plan_busy")
+        if isinstance(command, ClearPlan):
+            return self._lists.replace(dict.fromkeys(PlanList, ()))
+        data = self._staged(command.plan)
+        if data is None:
+            raise CannotExecute("not_staged")
+        return self._lists.replace(PlanObject.unpacked(data).lists)
+
+    def _begin_next(self, now_ms: int) -> list[Output]:
+        job = self._jobs[0] if self._jobs else None
+        if job is None or job.exchange.has_begun:
+            return []
+        return self._write(job, job.exchange.begin(now_ms), now_ms)
+
+    def _write(self, job: _Job, steps: list[Step], now_ms: int) -> list[Output]:
+        """Write steps. The first that may change lists is due by the deadline, and not under a mission that runs.
+
+        Of the current item each is: what it changes is where the drone flies to.
+        """
+        out: list[Output] = []
+        for step in steps:
+            if step.changes and job.changes_lists and not job.is_begun and self._is_flying_mission():
+                return [*out, *self._end(job, Word.DENIED, MISSION_RUNNING)]
+            is_bound = step.changes and job.id is not None and not (job.changes_lists and job.is_begun)
+            out.append(Transmit(step.message, job.deadline_ms, job.id) if is_bound else Transmit(step.message))
+        return out + (self._over(job, now_ms) if job.exchange.is_over else [])
+
+    def _over(self, job: _Job, now_ms: int) -> list[Output]:
+        """The end of a transfer. A start that was prepared is taken up by its own run."""
+        error = job.exchange.error
+        if job.id is None:
+            self._jobs.remove(job)
+            self._fetched = str(error) if error is not None else _packed(job.exchange.result)
+            return []
+        if job.is_preparation:
+            return []
+        if error is None:
+            return self._end(job, Word.COMPLETED)
+        if job.is_begun and not job.changes_lists:
+            return self._end(job, Word.UNCONFIRMED, "no_ack")
+        is_no = isinstance(error, OtherPlan)
+        return self._end(job, Word.DENIED if is_no else Word.FAILED, str(error))
+
+    def _end(self, job: _Job, word: Word, reason: str | None = None) -> list[Output]:
+        """Say a job's last word; a preparation's is its run's to say."""
+        job.exchange.stop()
+        if job.is_preparation:
+            job.exchange.error = job.exchange.error or TransferFailed(reason or word.label)
+            return []
+        self._jobs.remove(job)
+        if job.id is None:
+            self._fetched = reason
+            return []
+        return [Said(job.id, word, reason, late_ms=job.late_ms)]
+
+    def _is_flying_mission(self) -> bool:
+        mode = self._vehicle.seen(FlightMode)
+        is_flown = mode == FlightMode(FlightModeName.MISSION) and self._vehicle.seen(Armed) == Armed(True)
+        return is_flown or self._is_starting()
+
+    def _is_for_us(self, message: object) -> bool:
+        """Whether a message is for the UAV client, or for everybody."""
+        system, component = (getattr(message, f"target_{what}", 0) for what in ("system", "component"))
+        return system in (0, self._vehicle.system_id) and component in (0, Source.COMPANION.component)
+
+    def _notice_restart(self) -> None:
+        """What an autopilot has after a start is known once it was read."""
+        if self._restarts != self._vehicle.boots.restarts:
+            self._restarts = self._vehicle.boots.restarts
+            self._vehicle.mission.forget()
+
+
+def _packed(lists: Mapping[PlanList, tuple[PlanItem, ...]]) -> bytes | str:
+    """A plan as it is given, or why it cannot be."""
+    try:
+        return PlanObject.of(lists).packed()
+    except PayloadError as error:
+        return str(error)

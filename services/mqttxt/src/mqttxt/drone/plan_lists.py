@@ -1,0 +1,168 @@
+"""A drone's plan as its autopilot has it: read, replaced as a whole, compared with what was wanted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..protocol.plans import PlanItem, PlanList, list_hash
+from .mavlink.mission_protocol import Steps, TransferFailed, read, set_current, write
+from .mavlink.vehicle import Vehicle
+
+Items = tuple[PlanItem, ...]
+_HOME = PlanItem(mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0, True)
+"""In the place that an autopilot keeps for home, which it fills in itself."""
+_PLAIN_FRAMES = {
+    mavlink.MAV_FRAME_GLOBAL_INT: mavlink.MAV_FRAME_GLOBAL,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT: mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+}
+_CLOSE = 1e-3
+
+
+class OtherPlan(TransferFailed):
+    """The autopilot's mission is not the one that was named, or has no such item: nothing is begun."""
+
+
+@dataclass
+class PlanLists:
+    """The three lists of one autopilot. `_written` are those that were written and read back, as they were wanted."""
+
+    vehicle: Vehicle
+    _written: dict[PlanList, Items] = field(default_factory=dict)
+
+    def fetch(self, kind: PlanList) -> Steps[Items]:
+        """A list as the plan has it; from now on its hash is known."""
+        found = self._of_autopilot((yield from self._read(kind)), kind)
+        known = self._written.get(kind)
+        if known is None or not self._alike(known, found, kind):
+            known = found
+        self._know(kind, known)
+        return known
+
+    def _know(self, kind: PlanList, items: Items) -> None:
+        if kind is PlanList.MISSION:
+            self.vehicle.mission.read(list_hash(items), [item.command for item in items])
+        else:
+            self.vehicle.mission.hashes[kind] = list_hash(items)
+
+    def fetch_all(self) -> Steps[dict[PlanList, Items]]:
+        """All three lists."""
+        found = {}
+        for kind in PlanList:
+            found[kind] = yield from self.fetch(kind)
+        return found
+
+    def replace(self, wanted: Mapping[PlanList, Items]) -> Steps[None]:
+        """Each list as it is wanted, or all of them as they were; raises TransferFailed.
+
+        What the autopilot has already is not written again.
+        """
+        before = {}
+        for kind in wanted:
+            before[kind] = yield from self.fetch(kind)
+        changed: list[PlanList] = []
+        try:
+            for kind, items in wanted.items():
+                if not self._alike(items, before[kind], kind):
+                    changed.append(kind)
+                    yield from self._put(kind, items)
+                self._written[kind] = items
+                self._know(kind, items)
+        except TransferFailed as error:
+            if not (yield from self._put_back({kind: before[kind] for kind in changed})):
+                raise TransferFailed(f"partial, {error}") from error
+            raise
+
+    def select(self, mission: bytes, item: int | None) -> Steps[None]:
+        """Make an item of the mission with that hash the current one; raises OtherPlan."""
+        items = yield from self.fetch(PlanList.MISSION)
+        if self.vehicle.mission.hashes[PlanList.MISSION] != mission:
+            raise OtherPlan("other_plan")
+        if not items:
+            raise OtherPlan("no_mission")
+        if item is not None and item > len(items):
+            raise OtherPlan(f"no_such_item, {len(items)}")
+        if item is not None:
+            yield from set_current(self.vehicle.system_id, self.vehicle.mission.seq(item))
+
+    def _put(self, kind: PlanList, items: Items) -> Steps[None]:
+        """Write a list and read it back; raises TransferFailed with the first item that is another one."""
+        self.vehicle.mission.hashes.pop(kind, None)
+        home_items = self._home_items(kind)
+        yield from write(self.vehicle.system_id, kind, self._for_autopilot(items, kind), home_items)
+        found = self._of_autopilot((yield from self._read(kind)), kind)
+        if len(found) != len(items):
+            raise TransferFailed(f"{kind.label}: {len(found)} items of {len(items)} were read back")
+        for number, (one, other) in enumerate(zip(items, found, strict=True), start=1):
+            if not self._alike((one,), (other,), kind):
+                raise TransferFailed(f"{kind.label} item {number}: read back as another one")
+
+    def _put_back(self, before: Mapping[PlanList, Items]) -> Steps[bool]:
+        """Whether every list is as it was."""
+        try:
+            for kind, items in before.items():
+                if not self._alike(items, (yield from self.fetch(kind)), kind):
+                    yield from self._put(kind, items)
+                    yield from self.fetch(kind)
+        except TransferFailed:
+            return False
+        return True
+
+    def _read(self, kind: PlanList) -> Steps[Items]:
+        return (yield from read(self.vehicle.system_id, kind))
+
+    def _home_items(self, kind: PlanList) -> int:
+        return self.vehicle.mission.home_items if kind is PlanList.MISSION else 0
+
+    def _for_autopilot(self, items: Items, kind: PlanList) -> Items:
+        """With home in front where it belongs there, and the items that are jumped to as the autopilot counts them."""
+        if not items:
+            return ()
+        return (_HOME,) * self._home_items(kind) + tuple(_jumping(item, self._home_items(kind) - 1) for item in items)
+
+    def _of_autopilot(self, items: Items, kind: PlanList) -> Items:
+        home_items = self._home_items(kind)
+        own = (replace(item, frame=_PLAIN_FRAMES.get(item.frame, item.frame)) for item in items[home_items:])
+        return tuple(_jumping(item, 1 - home_items) for item in own)
+
+    def _alike(self, wanted: Items, found: Items, kind: PlanList) -> bool:
+        """Whether two lists are the same to this kind of autopilot, which does not keep every field.
+
+        A corner of a fence has no height, and it and a rally point nothing to continue with.
+        """
+        kept = self.vehicle.autopilot.kept if kind is PlanList.MISSION else _corner
+        pairs = zip(wanted, found, strict=False)
+        return len(wanted) == len(found) and all(_close(kept(one), kept(other)) for one, other in pairs)
+
+
+def _corner(item: PlanItem) -> PlanItem:
+    is_rally = item.command == mavlink.MAV_CMD_NAV_RALLY_POINT
+    z, first = (item.z, 0.0) if is_rally else (0.0, item.params[0])
+    frame = item.frame if is_rally else mavlink.MAV_FRAME_GLOBAL
+    return replace(item, frame=frame, params=(first, 0.0, 0.0, 0.0), z=z, autocontinue=False)
+
+
+def _jumping(item: PlanItem, by: int) -> PlanItem:
+    """DO_JUMP to an item that is `by` further on; any other item as it is."""
+    if item.command != mavlink.MAV_CMD_DO_JUMP or item.params[0] is None:
+        return item
+    return replace(item, params=(item.params[0] + by, *item.params[1:]))
+
+
+def _close(one: PlanItem, other: PlanItem) -> bool:
+    """Whether two items differ by no more than rounding does."""
+    floats = [(*each.params, each.z) for each in (one, other)]
+    if (one.command, one.x, one.y, one.autocontinue) != (other.command, other.x, other.y, other.autocontinue):
+        return False
+    frames = [_PLAIN_FRAMES.get(each.frame, each.frame) for each in (one, other)]
+    return frames[0] == frames[1] and all(_same(a, b) for a, b in zip(*floats, strict=True))
+
+
+def _same(a: float | None, b: float | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return math.isclose(a, b, rel_tol=1e-6, abs_tol=_CLOSE)

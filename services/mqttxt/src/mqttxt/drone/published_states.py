@@ -1,0 +1,97 @@
+"""The states that a drone publishes: by their policies, by rates of their own, alone or in bundles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.channel import Channel
+from ..core.clock import stamp
+from ..core.effects import Log
+from ..core.settings import next_turn_ms
+from ..errors import PayloadError
+from ..protocol.bundles import drone_bundle
+from ..protocol.codec import encode
+from ..protocol.policies import ON_REQUEST, URGENT, Policy, Throttle
+from ..protocol.state_payload import StampedState, encode_state
+from ..protocol.states import State
+from ..protocol.topics import FogSide
+from .effects import Effect
+from .streams import Streams
+from .texts import Texts
+
+
+class PublishedStates:
+    """When one UAV client session publishes which state. `throttle` has the newest value of each.
+
+    With `all_states` those on request are published too, and `texts` of the autopilot; it is None without.
+    """
+
+    def __init__(
+        self,
+        drone: int,
+        session: int,
+        channel: Channel,
+        topics: FogSide,
+        streams: Streams,
+        policies: dict[str, Policy] | None,
+        all_states: bool = False,
+    ) -> None:
+        self.throttle = Throttle(policies)
+        self.texts = Texts() if all_states else None
+        self._unasked = frozenset() if all_states else ON_REQUEST
+        self._drone = drone
+        self._session = session
+        self._channel = channel
+        self._settings = channel.settings
+        self._topics = topics
+        self._streams = streams
+        self._next_bundle_ms = 0
+        self._for_bundle: dict[str, State] = {}
+
+    def on_message(self, message: Any, now_ms: int) -> list[Effect]:
+        """The states that are published because the autopilot sent this message, after the vehicle has taken it in."""
+        streamed = self._without_bundled(self._streams.on_message(message, now_ms))
+        return [self._publish(state, now_ms) for state in streamed]
+
+    def due(self, now_ms: int) -> list[Effect]:
+        """The states that are due by policy or by a rate of their own, bundled if so set."""
+        self.throttle.apart = self._streams.names | self._unasked
+        current = (self.throttle.current(name) for name in self._streams.due(now_ms))
+        alone = self._without_bundled([state for state in current if state is not None])
+        alone += self.texts.due(now_ms) if self.texts is not None else []
+        if self._settings.bundles:
+            return [self._publish(state, now_ms) for state in alone] + self._bundle(now_ms)
+        return [self._publish(state, now_ms) for state in (*alone, *self.throttle.due(now_ms))]
+
+    def _without_bundled(self, streamed: list[State]) -> list[State]:
+        """Keep for the next bundle what is streamed no faster than bundles leave; the rest leaves alone."""
+        if not self._settings.bundles:
+            return streamed
+        waiting = [state for state in streamed if self._streams.waits(state.name, self._settings.bundle_ms)]
+        self._for_bundle |= {state.name: state for state in waiting}
+        return [state for state in streamed if state not in waiting]
+
+    def _bundle(self, now_ms: int) -> list[Effect]:
+        """Once per bundle interval, or when something urgent is due: everything that is due, in one message."""
+        if now_ms < self._next_bundle_ms and not self.throttle.is_due(URGENT, now_ms):
+            return []
+        self._next_bundle_ms = next_turn_ms(self._next_bundle_ms, now_ms, self._settings.bundle_ms)
+        due = {state.name: state for state in self.throttle.due(now_ms)}
+        due |= {name: self.throttle.current(name) or state for name, state in self._for_bundle.items()}
+        self._for_bundle.clear()
+        alone = [(state, self._publish(state, now_ms)) for state in due.values()]
+        refused: list[Effect] = [effect for _, effect in alone if isinstance(effect, Log)]
+        together = [state for state, effect in alone if not isinstance(effect, Log)]
+        if not together:
+            return refused
+        bundle = drone_bundle(together, stamp(now_ms))
+        payload = encode(bundle, self._settings.encoding)
+        return [self._channel.state(self._topics.states(self._drone), payload, self._session, now_ms), *refused]
+
+    def _publish(self, state: State, now_ms: int) -> Effect:
+        """A state on its own topic; a value that cannot be carried is counted."""
+        try:
+            payload = encode_state(StampedState(state, stamp(now_ms)), self._settings.encoding)
+        except PayloadError as error:
+            return Log("autopilot_value", f"{state.name}: {error}")
+        return self._channel.state(self._topics.state(self._drone, state.name), payload, self._session, now_ms)

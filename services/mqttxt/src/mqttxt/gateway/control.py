@@ -1,0 +1,140 @@
+"""Which client controls which drone, and with it this station (docs/gateway.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import defaultdict
+from collections.abc import AsyncIterator, Callable
+
+from ..protocol.states import Armed, Severity
+from ..station.ground_station import GroundStation
+from ..station.views import Drone
+from .clients import Client, Clients
+from .texts import send_text
+from .translation import NOT_NOW, Declined
+
+HEARTBEAT_S = 2.0
+"""How long a command waits for its client's HEARTBEAT: MAVSDK may send it up to a second after its first command."""
+READING_S = 10.0
+
+
+class ClientControl:
+    """Control of drones by clients; with `take_over` whoever commands takes it. Times are of the gateway's clock."""
+
+    def __init__(self, station: GroundStation, clients: Clients, now_ms: Callable[[], int], take_over: bool) -> None:
+        self._station = station
+        self._clients = clients
+        self._now_ms = now_ms
+        self._take_over = take_over
+        self._read: defaultdict[int, set[object]] = defaultdict(set)
+
+    async def heard(self, client: Client) -> None:
+        """Wait until a client shows that it is alive; raises Declined."""
+        if self._clients.is_alive(client, self._now_ms()):
+            return
+        try:
+            async with asyncio.timeout(HEARTBEAT_S):
+                await self._clients.next_heartbeat(client)
+        except TimeoutError:
+            raise Declined(f"no HEARTBEAT from system {client.system}: only who sends them controls") from None
+
+    def check(self, client: Client, drone: Drone) -> None:
+        """Whether a client may command a drone; raises Declined."""
+        other = self._other(client, drone)
+        if other is not None and not self._take_over:
+            raise Declined(f"controlled by {other}")
+
+    def has(self, client: Client, drone: Drone) -> bool:
+        """Whether a client has taken control of a drone, and nobody else has since."""
+        return self._clients.controllers.get(drone.number) == client
+
+    @contextlib.asynccontextmanager
+    async def reading(self, drone: Drone, armed: Armed | None) -> AsyncIterator[None]:
+        """Have control of a drone for as long as something is read from it; raises Declined.
+
+        Where no client has it, it is taken on the ground alone: in the air the autopilot has to notice that nobody is
+        there. So it is held for the reading no longer than until a client takes it.
+        """
+        readers, reader = self._read[drone.number], object()
+        try:
+            if not drone.is_controlled or readers:
+                if armed != Armed(False):
+                    raise Declined("nobody controls the drone, and it is not known to be disarmed")
+                readers.add(reader)
+                drone.claim()
+                await self._granted(drone, READING_S)
+            yield
+        finally:
+            readers.discard(reader)
+            self.review(drone, armed)
+
+    async def take(self, client: Client, drone: Drone, left_s: float) -> None:
+        """Have control of a drone for a client, within `left_s` seconds.
+
+        Raises Declined, and what `Drone.claim` and `Drone.take_over` raise.
+        """
+        self._clients.controllers[drone.number] = client
+        self._read[drone.number].clear()
+        if drone.is_controlled:
+            return
+        drone.claim()
+        if self._take_over and self._is_others(drone):
+            await drone.take_over(left_s)
+            return
+        await self._granted(drone, left_s)
+
+    async def take_over(self, client: Client, drone: Drone, left_s: float) -> None:
+        """Take control for a client, whoever has it; another client of this gateway is told. Errors as `take`."""
+        other = self._other(client, drone)
+        if not drone.is_controlled:
+            drone.claim()
+            await drone.take_over(left_s)
+        self._clients.controllers[drone.number] = client
+        self._read[drone.number].clear()
+        if other is not None:
+            send_text(other.peer, drone.number, Severity.WARNING, f"control was taken by {client}")
+
+    def give_up(self, client: Client, drone: Drone) -> None:
+        """A client does not want control any more."""
+        if self._clients.controllers.get(drone.number) == client:
+            self._give_up(drone)
+
+    def review(self, drone: Drone, armed: Armed | None) -> None:
+        """Want control of a drone only while the client that has it is alive, or for a reading on the ground."""
+        if armed != Armed(False):
+            self._read[drone.number].clear()
+        controller = self._clients.controllers.get(drone.number)
+        is_alive = controller is not None and self._clients.is_alive(controller, self._now_ms())
+        if is_alive or self._read[drone.number]:
+            drone.claim()
+        else:
+            drone.release()
+
+    def on_taken(self, drone: Drone, holder: str) -> None:
+        """Another station controls a drone now; its client is told, and does not get it back by waiting."""
+        controller = self._clients.controllers.get(drone.number)
+        if controller is not None:
+            self._give_up(drone)
+            send_text(controller.peer, drone.number, Severity.WARNING, f"control was taken by the station {holder}")
+
+    async def _granted(self, drone: Drone, left_s: float) -> None:
+        """Wait for control that is wanted; raises Declined."""
+        try:
+            await self._station.wait_until(lambda: drone.is_controlled or self._is_others(drone), left_s)
+        except TimeoutError:
+            raise Declined("no control: the fog did not answer in time", NOT_NOW) from None
+        if not drone.is_controlled:
+            holder = drone.holder
+            self._give_up(drone)
+            raise Declined(f"controlled by the station {holder}")
+
+    def _is_others(self, drone: Drone) -> bool:
+        return drone.holder not in (None, self._station.name)
+
+    def _other(self, client: Client, drone: Drone) -> Client | None:
+        return self._clients.others_controller(drone.number, client, self._now_ms())
+
+    def _give_up(self, drone: Drone) -> None:
+        self._clients.controllers.pop(drone.number, None)
+        drone.release()

@@ -1,0 +1,301 @@
+"""Commands of clients from their first COMMAND_ACK to their last word (docs/gateway.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from ..errors import BrokerRefused, ConfigurationError, FogUnreachable, PayloadError, StationEnded
+from ..protocol.commands import Arm, Command, Mavlink, Resume, SetCurrentItem, StartMission, Stream, Takeoff
+from ..protocol.messages import Word
+from ..protocol.states import Armed, Severity
+from ..station.outcomes import Outcome
+from ..station.views import Drone
+from .answers import ACCEPTED
+from .clients import Client
+from .control import ClientControl
+from .entries import (
+    CANCELLED,
+    IN_PROGRESS,
+    PERCENT_UNKNOWN,
+    PROGRESS_MS,
+    RESULTS,
+    SEVERITIES,
+    Arming,
+    Entry,
+    KeptTakeoff,
+    first_progress_ms,
+)
+from .telemetry import View
+from .texts import send_text
+from .translation import NOT_NOW, REQUEST_OPERATOR_CONTROL, Declined, Request, command_of, name_of
+from .uploads import Uploads
+
+UNANSWERED_MS = 10_000
+"""How long after the last moment at which a command may start its first word is waited for."""
+KEPT_MS = 10_000
+"""How long a takeoff waits for its client to arm the drone."""
+ARMED_MS = 3000
+"""How long a completed arm counts for more than a state that says disarmed: its word may have come first."""
+_BY_THE_PLAN = (Arm, StartMission, Resume, SetCurrentItem)
+"""What a client commands because of the plan that it has uploaded."""
+_BESIDE = (*_BY_THE_PLAN, Takeoff, Stream, Mavlink)
+"""What does not revoke that; any other command of whoever controls the drone does."""
+
+
+class Desk:
+    """The commands of all clients, each followed by a task of `group`.
+
+    `view` gives what is known of a drone now, `now_ms` the time of the gateway's clock.
+    """
+
+    def __init__(
+        self,
+        control: ClientControl,
+        uploads: Uploads,
+        view: Callable[[Drone], View],
+        now_ms: Callable[[], int],
+        group: asyncio.TaskGroup,
+        ttl_s: float,
+    ) -> None:
+        self._control = control
+        self._uploads = uploads
+        self._view = view
+        self._now_ms = now_ms
+        self._group = group
+        self._ttl_s = ttl_s
+        self._entries: list[Entry] = []
+        self._newest: dict[int, Entry] = {}
+        self._kept: dict[int, KeptTakeoff] = {}
+        self._armings: dict[int, Arming] = {}
+        self._turns: dict[int, asyncio.Lock] = {}
+
+    def on_request(self, client: Client, drone: Drone, request: Request, confirmation: int, takeoff_m: float) -> None:
+        """A command that the drone has to carry out."""
+        view = self._view(drone)
+        open_ones = [entry for entry in self._entries if entry.waits and entry.drone == drone.number]
+        newest = self._newest.get(drone.number)
+        for known in (*open_ones, *([newest] if newest is not None else [])):
+            if known.is_repeated(client, request, confirmation, view.now_ms):
+                known.repeat(view.now_ms)
+                return
+        entry = Entry(client, drone.number, request, view.now_ms, view.now_ms + first_progress_ms(request))
+        self._forget(entry, view.now_ms)
+        self._newest[drone.number] = entry
+        self._entries.append(entry)
+        try:
+            if request.mav_cmd == REQUEST_OPERATOR_CONTROL:
+                self._group.create_task(self._change_control(entry, drone))
+                return
+            self._group.create_task(self._carry_out(entry, drone, command_of(request, view, takeoff_m)))
+        except Declined as declined:
+            self._decline(entry, declined)
+
+    def on_taken(self, drone: int) -> None:
+        """Another station controls a drone now: nothing that still waits takes it back."""
+        self._newest.pop(drone, None)
+        self._revoke(drone)
+        if drone in self._kept:
+            self._drop_kept(drone)
+
+    def tick(self, now_ms: int) -> None:
+        """IN_PROGRESS for what waits, and takeoffs that nobody armed for."""
+        for entry in self._entries:
+            is_silent = entry.waits and not entry.is_answered and not entry.is_kept
+            if is_silent and now_ms > entry.asked_ms + self._ttl_s * 1000 + UNANSWERED_MS:
+                self._end(entry, None)
+                text = f"{name_of(entry.request.mav_cmd)}: no answer, it may have been done"
+                send_text(entry.client.peer, entry.drone, Severity.CRITICAL, text)
+            elif entry.waits and now_ms >= entry.next_progress_ms:
+                entry.next_progress_ms = now_ms + PROGRESS_MS
+                entry.acknowledge(IN_PROGRESS, entry.percent)
+        for number in [number for number, kept in self._kept.items() if now_ms > kept.until_ms]:
+            self._drop_kept(number)
+
+    def _kept_for(self, client: Client, drone: int, command: Command) -> Takeoff | None:
+        """The takeoff that an arm of the same client is followed by; any other command to fly gives it up."""
+        kept = self._kept.get(drone)
+        if kept is None or isinstance(command, Stream | Mavlink):
+            return None
+        if kept.client == client and isinstance(command, Arm):
+            return self._kept.pop(drone).command
+        self._drop_kept(drone)
+        return None
+
+    def _drop_kept(self, drone: int) -> None:
+        client = self._kept.pop(drone).client
+        send_text(client.peer, drone, Severity.WARNING, "takeoff given up: no arm followed it")
+
+    def _forget(self, newest: Entry, now_ms: int) -> None:
+        """Of one command of one client only the newest is acknowledged: COMMAND_ACK cannot tell them apart."""
+        for entry in self._entries:
+            if (entry.client, entry.drone, entry.request.mav_cmd) == (
+                newest.client,
+                newest.drone,
+                newest.request.mav_cmd,
+            ):
+                entry.waits, entry.ended_ms = False, now_ms
+        self._entries = [entry for entry in self._entries if entry.waits]
+
+    async def _carry_out(self, entry: Entry, drone: Drone, command: Command) -> None:
+        """A command of a client that is alive; a takeoff that was kept follows an arm."""
+        with self._declining(entry):
+            await self._control.heard(entry.client)
+            if isinstance(command, Takeoff) and await self._comes_before_arming(entry, drone):
+                self._control.check(entry.client, drone)
+                self._keep(entry, command)
+                return
+            if isinstance(command, StartMission | Resume):
+                await self._behind_arming(entry, drone)
+            following = self._kept_for(entry.client, drone.number, command)
+            if isinstance(command, Arm):
+                await self._arm(entry, drone, command, following)
+            else:
+                await self._send(entry, drone, command)
+
+    async def _comes_before_arming(self, entry: Entry, drone: Drone) -> bool:
+        """Whether a takeoff has to wait for an arm that has not come yet."""
+        if await self._behind_arming(entry, drone):
+            return False  # without an arming the drone says no
+        arming = self._armings.get(drone.number)
+        armed_ms = None if arming is None else arming.completed_ms
+        if armed_ms is not None and self._now_ms() - armed_ms <= ARMED_MS:
+            return False
+        return self._view(drone).get(Armed) == Armed(False)
+
+    async def _behind_arming(self, entry: Entry, drone: Drone) -> bool:
+        """Wait for the end of its client's arm where a command comes right behind that; whether it did.
+
+        Raises Declined where something else was commanded meanwhile.
+        """
+        arming = self._armings.get(drone.number)
+        if arming is None or arming.client != entry.client or arming.is_over.is_set():
+            return False
+        await arming.is_over.wait()
+        if self._newest.get(drone.number) is not entry:
+            raise Declined(f"{name_of(entry.request.mav_cmd)} given up: another command came", CANCELLED)
+        return True
+
+    async def _arm(self, entry: Entry, drone: Drone, command: Arm, following: Takeoff | None) -> None:
+        arming = self._armings[drone.number] = Arming(entry.client, asyncio.Event())
+        last = None
+        try:
+            last = await self._send(entry, drone, command)
+        finally:
+            arming.completed_ms = self._now_ms() if last is not None and last.completed else None
+            arming.is_over.set()
+        if following is not None:
+            await self._follow(entry, drone, following, last)
+
+    async def _follow(self, entry: Entry, drone: Drone, takeoff: Takeoff, arming: Outcome | None) -> None:
+        """The takeoff behind its arming, unless that failed or something else was commanded meanwhile."""
+        if arming is None or not arming.completed:
+            send_text(entry.client.peer, drone.number, Severity.WARNING, "takeoff given up: the drone is not armed")
+        elif self._newest.get(drone.number) is not entry:
+            send_text(entry.client.peer, drone.number, Severity.WARNING, "takeoff given up: another command came")
+        else:
+            await self._send(replace(entry, waits=False, asked_ms=self._now_ms()), drone, takeoff)
+
+    async def _send(self, entry: Entry, drone: Drone, command: Command) -> Outcome | None:
+        """Send a command once this station controls the drone; its last word, None where it was not sent."""
+        with self._declining(entry):
+            if isinstance(command, _BY_THE_PLAN):
+                await self._wait_for_plan(entry, drone)
+            async with self._turns.setdefault(drone.number, asyncio.Lock()):
+                self._control.check(entry.client, drone)
+                await self._control.take(entry.client, drone, self._left_s(entry))
+                if not isinstance(command, _BESIDE):
+                    self._revoke(drone.number)
+                sent = drone.send(command, ttl_s=self._left_s(entry))
+            async for outcome in sent:
+                self._hear(entry, drone, command, outcome)
+            return await sent
+        return None
+
+    async def _wait_for_plan(self, entry: Entry, drone: Drone) -> None:
+        """Wait until the drone has what was uploaded for it; raises Declined where it has not, and then in the end.
+
+        That time is no part of the command's: its client is alive, waits, and is told so every second.
+        """
+        if self._uploads.is_pending(drone.number):
+            what = name_of(entry.request.mav_cmd)
+            send_text(entry.client.peer, drone.number, Severity.NOTICE, f"{what} waits until the drone has the plan")
+            entry.is_kept = True
+            await self._uploads.settled(drone.number)
+            entry.is_kept, entry.asked_ms = False, self._now_ms()
+            if entry.is_revoked or not entry.waits:
+                raise Declined(f"{what} given up: another command came", CANCELLED)
+            await self._control.heard(entry.client)
+        self._uploads.check(entry.client, drone.number)
+
+    def _revoke(self, drone: int) -> None:
+        """What waits for the plan is not wanted any more."""
+        for entry in self._entries:
+            entry.is_revoked = entry.is_revoked or (entry.is_kept and entry.drone == drone)
+
+    async def _change_control(self, entry: Entry, drone: Drone) -> None:
+        """MAV_CMD_REQUEST_OPERATOR_CONTROL: 1 takes control, whoever has it, 0 gives it up."""
+        with self._declining(entry):
+            await self._control.heard(entry.client)
+            async with self._turns.setdefault(drone.number, asyncio.Lock()):
+                if entry.request.whole(1) == 0:
+                    self._control.give_up(entry.client, drone)
+                else:
+                    await self._control.take_over(entry.client, drone, self._left_s(entry))
+            self._end(entry, ACCEPTED)
+
+    @contextlib.contextmanager
+    def _declining(self, entry: Entry) -> Iterator[None]:
+        """What keeps a command from being sent is its definite no; where the station ends nobody knows."""
+        try:
+            yield
+        except Declined as declined:
+            self._decline(entry, declined)
+        except FogUnreachable as error:
+            self._decline(entry, Declined(str(error), NOT_NOW))
+        except (ConfigurationError, PayloadError) as error:
+            self._decline(entry, Declined(str(error)))
+        except (StationEnded, BrokerRefused):
+            self._end(entry, None)
+
+    def _hear(self, entry: Entry, drone: Drone, command: Command, outcome: Outcome) -> None:
+        entry.is_answered = True
+        if outcome.word is Word.IN_PROGRESS:
+            entry.percent = PERCENT_UNKNOWN if outcome.percent is None else outcome.percent
+        elif outcome.word is Word.ACCEPTED:
+            self._end(entry, ACCEPTED)
+        elif outcome.is_last:
+            self._end(entry, RESULTS[outcome.word])
+            if not (isinstance(command, Stream) and outcome.completed):
+                severity = SEVERITIES.get(outcome.word, Severity.WARNING)
+                text = str(replace(outcome, superseded_by=None)).removeprefix(f"drone {drone.number}: ")
+                send_text(entry.client.peer, drone.number, severity, text)
+
+    def _keep(self, entry: Entry, command: Takeoff) -> None:
+        """QGroundControl arms once a takeoff is accepted; until then nothing is sent."""
+        self._kept[entry.drone] = KeptTakeoff(entry.client, command, self._now_ms() + KEPT_MS)
+        text = f"takeoff to {command.altitude_m:g} m waits {KEPT_MS // 1000} s for arm"
+        send_text(entry.client.peer, entry.drone, Severity.NOTICE, text)
+        self._end(entry, ACCEPTED)
+
+    def _left_s(self, entry: Entry) -> float:
+        """Seconds within which a command must still start: waiting for control counts; raises Declined at the end."""
+        left_s = self._ttl_s - (self._now_ms() - entry.asked_ms) / 1000
+        if left_s <= 0:
+            raise Declined(f"{name_of(entry.request.mav_cmd)}: no control in time, not sent", NOT_NOW)
+        return left_s
+
+    def _decline(self, entry: Entry, declined: Declined) -> None:
+        self._end(entry, declined.result)
+        send_text(entry.client.peer, entry.drone, Severity.WARNING, str(declined))
+
+    def _end(self, entry: Entry, result: int | None) -> None:
+        """Acknowledge a command for good, once; without a result it is not acknowledged any more."""
+        if not entry.waits:
+            return
+        entry.waits, entry.result = False, result
+        entry.ended_ms = self._now_ms()
+        if result is not None:
+            entry.acknowledge(result)

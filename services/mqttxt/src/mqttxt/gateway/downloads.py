@@ -1,0 +1,123 @@
+"""Plans from drones to clients: out of the gateway's copy, which is read from the drone where there is none."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..errors import MqttxtError
+from ..protocol.plans import PlanList
+from ..protocol.states import Armed, Severity
+from ..station.views import Drone
+from .clients import Client
+from .control import ClientControl
+from .plan_copies import PlanCopies
+from .plan_items import Items, client_list, item_message
+from .telemetry import View
+from .texts import send_text
+from .translation import Declined
+from .uploads import Uploads
+
+READ_S = 120.0
+KEPT_MS = 60_000
+"""How long a client may leave a list that it has begun to read: longer than any asks for an item again."""
+
+
+@dataclass
+class _Reading:
+    """A list as one client reads it, whatever becomes of the drone's meanwhile."""
+
+    items: Items
+    asked_ms: int
+
+
+@dataclass(frozen=True)
+class _Asker:
+    client: Client
+    kind: PlanList
+
+
+class Downloads:
+    """The downloads of all clients; reading from a drone is a task of `group`."""
+
+    def __init__(
+        self,
+        control: ClientControl,
+        copies: PlanCopies,
+        uploads: Uploads,
+        view: Callable[[Drone], View],
+        now_ms: Callable[[], int],
+        group: asyncio.TaskGroup,
+    ) -> None:
+        self._control = control
+        self._copies = copies
+        self._uploads = uploads
+        self._view = view
+        self._now_ms = now_ms
+        self._group = group
+        self._readings: dict[tuple[Client, int, PlanList], _Reading] = {}
+        self._askers: dict[int, set[_Asker]] = {}
+
+    def on_list(self, client: Client, drone: Drone, kind: PlanList) -> None:
+        """MISSION_REQUEST_LIST: the count, at once where the list is known; a client that asks again waits on."""
+        asker, waiting = _Asker(client, kind), self._askers.get(drone.number)
+        if waiting is not None:
+            waiting.add(asker)
+        elif self._copies.get(drone.number, kind) is None or self._uploads.is_pending(drone.number):
+            self._askers[drone.number] = {asker}
+            self._group.create_task(self._read(drone))
+        else:
+            self._answer(asker, drone)
+
+    def on_request(self, client: Client, drone: Drone, kind: PlanList, seq: int, as_int: bool) -> None:
+        """MISSION_REQUEST_INT or MISSION_REQUEST: the item, of the list whose count the client had."""
+        reading = self._readings.get((client, drone.number, kind))
+        if reading is None or seq >= len(reading.items):
+            _acknowledge(client, drone, kind, mavlink.MAV_MISSION_INVALID_SEQUENCE)
+            return
+        reading.asked_ms = self._now_ms()
+        target = (client.system, client.component)
+        client.peer.send(drone.number, item_message(reading.items[seq], target, seq, kind, as_int))
+
+    def tick(self, now_ms: int) -> None:
+        """Lists that nobody reads on."""
+        self._readings = {key: one for key, one in self._readings.items() if now_ms - one.asked_ms <= KEPT_MS}
+
+    async def _read(self, drone: Drone) -> None:
+        """The lists that are waited for, behind what is being uploaded; those that are not known from the drone."""
+        error: Declined | MqttxtError | None = None
+        try:
+            await self._uploads.settled(drone.number)
+            if any(self._copies.get(drone.number, asker.kind) is None for asker in self._askers[drone.number]):
+                async with self._control.reading(drone, self._view(drone).get(Armed)):
+                    plan = await drone.download(timeout_s=READ_S)
+                self._copies.put(drone.number, plan.content.lists)
+        except (Declined, MqttxtError) as found:
+            error = found
+        for asker in self._askers.pop(drone.number):
+            if error is None:
+                self._answer(asker, drone)
+            else:
+                is_no = isinstance(error, Declined)
+                _acknowledge(
+                    asker.client, drone, asker.kind, mavlink.MAV_MISSION_DENIED if is_no else mavlink.MAV_MISSION_ERROR
+                )
+                send_text(asker.client.peer, drone.number, Severity.WARNING, f"{asker.kind.label} not read: {error}")
+
+    def _answer(self, asker: _Asker, drone: Drone) -> None:
+        """The count of a list that is known; its client knows now what the drone has."""
+        client, kind = asker.client, asker.kind
+        items = client_list(self._copies.get(drone.number, kind) or (), kind, self._view(drone))
+        self._readings[client, drone.number, kind] = _Reading(items, self._now_ms())
+        self._uploads.forgive(client, drone.number, kind)
+        who = (client.system, client.component)
+        client.peer.send(drone.number, mavlink.MAVLink_mission_count_message(*who, len(items), kind))
+
+
+def _acknowledge(client: Client, drone: Drone, kind: int, result: int) -> None:
+    who: tuple[Any, ...] = (client.system, client.component)
+    client.peer.send(drone.number, mavlink.MAVLink_mission_ack_message(*who, result, kind))

@@ -1,0 +1,176 @@
+"""Where MAVLink clients are: UDP ports that they listen on, and TCP connections that they make."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..core.address import is_host, whole_number
+from ..drone.mavlink.frame_parser import MAGIC, Malformed, StreamFrames, in_datagram
+from ..drone.mavlink.plans import AUTOPILOT_COMPONENT
+from ..errors import ConfigurationError
+
+logger = logging.getLogger("mqttxt.gateway")
+
+MOST_CONNECTIONS = 32
+MOST_UNSENT = 256 * 1024
+"""Bytes that wait for a client that does not read; then its connection is closed."""
+_READ_BYTES = 65_536
+
+
+@dataclass(frozen=True)
+class ClientAddress:
+    """`udp:HOST:PORT`, where a client listens, or `tcp:HOST:PORT`, where the gateway does."""
+
+    kind: str
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, text: str, kind: str, option: str, insecure: bool) -> ClientAddress:
+        """Raises ConfigurationError for no address of this kind, and for another machine's unless `insecure`."""
+        found, _, rest = text.partition(":")
+        host, _, number = rest.rpartition(":")
+        port = whole_number(number, 65_535)
+        if found != kind or not is_host(host) or port is None:
+            raise ConfigurationError(f"{option} {text!r}: expected {kind}:HOST:PORT")
+        if not insecure and not _is_loopback(host):
+            raise ConfigurationError(
+                f"{option} {text!r}: expected this machine, as {kind}:127.0.0.1:{port}, or --insecure-mavlink: nothing "
+                "protects MAVLink, and whoever is there commands the drones"
+            )
+        return cls(kind, host, port)
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.host}:{self.port}"
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class Peer:
+    """One socket with a client, or several, behind it."""
+
+    def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
+        self.name = name
+        self._write = write
+        self._encoders: dict[int, Any] = {}
+
+    def send(self, drone: int, message: Any) -> None:
+        """Send a message in the name of a drone's autopilot."""
+        encoder = self._encoders.get(drone)
+        if encoder is None:
+            encoder = mavlink.MAVLink(None, srcSystem=drone, srcComponent=AUTOPILOT_COMPONENT)
+            self._encoders[drone] = encoder
+        packet = message.pack(encoder)
+        encoder.seq = (encoder.seq + 1) % 256
+        self._write(packet)
+
+
+OnMessage = Callable[[Peer, Any], None]
+
+
+class Endpoints:
+    """The sockets of one gateway; `peers` are those that vehicles are shown to."""
+
+    def __init__(self, on_message: OnMessage, on_gone: Callable[[Peer], None]) -> None:
+        self.peers: list[Peer] = []
+        self._on_message = on_message
+        self._on_gone = on_gone
+        self._transports: list[asyncio.DatagramTransport] = []
+        self._servers: list[asyncio.Server] = []
+        self._serving: set[asyncio.Task[None]] = set()
+
+    async def open(self, to: list[ClientAddress], listen: list[ClientAddress]) -> None:
+        """Raises ConfigurationError where an address cannot be used."""
+        for address in to:
+            await self._open_udp(address)
+        for address in listen:
+            try:
+                self._servers.append(await asyncio.start_server(self._serve, address.host, address.port))
+            except OSError as error:
+                raise ConfigurationError(f"--listen {address}: cannot listen: {error.strerror or error}") from error
+            logger.info("listening on %s", address)
+
+    async def close(self) -> None:
+        for transport in self._transports:
+            transport.close()
+        for server in self._servers:
+            server.close()
+        for task in self._serving:
+            task.cancel()
+        await asyncio.gather(*self._serving, return_exceptions=True)
+
+    async def _open_udp(self, address: ClientAddress) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            transport, protocol = await loop.create_datagram_endpoint(
+                lambda: _Datagrams(self._on_message), remote_addr=(address.host, address.port)
+            )
+        except OSError as error:
+            raise ConfigurationError(f"--to {address}: {error.strerror or error}") from error
+        protocol.peer = Peer(str(address), transport.sendto)
+        self._transports.append(transport)
+        self.peers.append(protocol.peer)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._serving.add(task)
+        host, port = writer.get_extra_info("peername")[:2]
+        peer = Peer(f"tcp:{host}:{port}", lambda packet: _write(writer, packet))
+        try:
+            if len(self._serving) > MOST_CONNECTIONS:
+                logger.warning("%s: refused; %d clients are connected", peer.name, MOST_CONNECTIONS)
+                return
+            logger.info("%s: connected", peer.name)
+            self.peers.append(peer)
+            frames, clock, is_first = StreamFrames(), asyncio.get_running_loop(), True
+            while data := await reader.read(_READ_BYTES):
+                if is_first and data[0] not in MAGIC:  # a page of any site makes its browser send here what it likes
+                    logger.warning("%s: refused; it begins with something else than a MAVLink frame", peer.name)
+                    return
+                is_first = False
+                for found in frames.feed(data, clock.time()):
+                    if not isinstance(found, Malformed):
+                        self._on_message(peer, found)
+        except (ConnectionError, asyncio.CancelledError):
+            pass  # the client has gone, or the gateway goes
+        finally:
+            writer.transport.abort()
+            self._serving.discard(task)
+            if peer in self.peers:
+                self.peers.remove(peer)
+                self._on_gone(peer)
+                logger.info("%s: gone", peer.name)
+
+
+def _write(writer: asyncio.StreamWriter, packet: bytes) -> None:
+    if writer.transport.get_write_buffer_size() > MOST_UNSENT:
+        writer.transport.abort()
+    elif not writer.transport.is_closing():
+        writer.write(packet)
+
+
+class _Datagrams(asyncio.DatagramProtocol):
+    """A socket that is connected to one address: it hears nobody else. While nobody listens there, packets are lost."""
+
+    peer: Peer
+
+    def __init__(self, on_message: OnMessage) -> None:
+        self._on_message = on_message
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        for found in in_datagram(data):
+            if not isinstance(found, Malformed):
+                self._on_message(self.peer, found)

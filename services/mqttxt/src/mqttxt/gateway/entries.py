@@ -1,0 +1,114 @@
+"""A client's command as it is acknowledged, and when it is the same one again."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Final
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..protocol.commands import Takeoff
+from ..protocol.messages import Word
+from ..protocol.states import Severity
+from .answers import ACCEPTED
+from .clients import Client
+from .translation import DENIED, NOT_NOW, UNSUPPORTED, Request
+
+IN_PROGRESS, FAILED = int(mavlink.MAV_RESULT_IN_PROGRESS), int(mavlink.MAV_RESULT_FAILED)
+CANCELLED = 6
+"""MAV_RESULT_CANCELLED, which pymavlink's common dialect does not have."""
+PERCENT_UNKNOWN = 255
+FIRST_PROGRESS_MS, PROGRESS_MS = 400, 1000
+"""MAVSDK sends again after 500 ms without an answer, and gives up after 3 s without a newer one, as QGroundControl."""
+MODE_PROGRESS_MS = 1700
+"""The first IN_PROGRESS of a mode: to MAVSDK's mission plugin it is an error (BUSY), and silence one after 2 s."""
+REPEAT_MS, NUMBERED_REPEAT_MS = 1000, 10_000
+"""How long after its end a command that comes again is a repetition; the latter where its `confirmation` says so."""
+
+RESULTS: Final[dict[Word, int | None]] = {
+    Word.COMPLETED: ACCEPTED,
+    Word.DENIED: DENIED,
+    Word.UNSUPPORTED: UNSUPPORTED,
+    Word.FAILED: FAILED,
+    Word.EXPIRED: NOT_NOW,
+    Word.UNREACHABLE: NOT_NOW,
+    Word.OVERTAKEN: CANCELLED,
+    Word.SUPERSEDED: CANCELLED,
+    Word.UNCONFIRMED: None,  # nobody knows: any result would say more, and the client's own time-out says so
+}
+SEVERITIES: Final = {
+    Word.COMPLETED: Severity.INFO,
+    Word.SUPERSEDED: Severity.NOTICE,
+    Word.UNCONFIRMED: Severity.CRITICAL,
+}
+
+
+def first_progress_ms(request: Request) -> int:
+    """When a command is in progress first, after it came."""
+    return MODE_PROGRESS_MS if request.mav_cmd == mavlink.MAV_CMD_DO_SET_MODE else FIRST_PROGRESS_MS
+
+
+@dataclass
+class Entry:
+    """A command of a client; `result` is None until it is acknowledged for good. It `waits` for an acknowledgement.
+
+    `is_kept`: it is not sent before the drone has its client's plan. `is_revoked`: nor after that.
+    """
+
+    client: Client
+    drone: int
+    request: Request
+    asked_ms: int
+    next_progress_ms: int
+    percent: int = PERCENT_UNKNOWN
+    result: int | None = None
+    waits: bool = True
+    is_answered: bool = False
+    is_kept: bool = False
+    is_revoked: bool = False
+    ended_ms: int = 0
+
+    def repeat(self, now_ms: int) -> None:
+        """Acknowledge it once more; of a mode that is in progress, nothing before the first time."""
+        is_mode = self.request.mav_cmd == mavlink.MAV_CMD_DO_SET_MODE
+        if self.waits and (not is_mode or now_ms >= self.asked_ms + MODE_PROGRESS_MS):
+            self.acknowledge(IN_PROGRESS, self.percent)
+        elif not self.waits and self.result is not None:
+            self.acknowledge(self.result)
+
+    def is_repeated(self, client: Client, request: Request, confirmation: int, now_ms: int) -> bool:
+        """Whether a command is this one once more."""
+        if (client, request) != (self.client, self.request):
+            return False
+        return self.waits or now_ms - self.ended_ms <= (NUMBERED_REPEAT_MS if confirmation else REPEAT_MS)
+
+    def acknowledge(self, result: int, percent: int = 0) -> None:
+        """COMMAND_ACK."""
+        acknowledge(self.client, self.drone, self.request, result, percent)
+
+
+@dataclass(frozen=True)
+class KeptTakeoff:
+    """A takeoff that came before its arming."""
+
+    client: Client
+    command: Takeoff
+    until_ms: int
+
+
+@dataclass
+class Arming:
+    """The newest arm of a drone, until and after its end. `completed_ms`: when it was completed, None if it was not."""
+
+    client: Client
+    is_over: asyncio.Event
+    completed_ms: int | None = None
+
+
+def acknowledge(client: Client, drone: int, request: Request, result: int, percent: int = 0) -> None:
+    """COMMAND_ACK to whoever asked, and to nobody else; a message of its own has none."""
+    if request.is_message:
+        return
+    who = (client.system, client.component)
+    client.peer.send(drone, mavlink.MAVLink_command_ack_message(request.mav_cmd, result, percent, 0, *who))

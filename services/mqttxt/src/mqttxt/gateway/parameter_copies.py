@@ -1,0 +1,148 @@
+"""What the gateway knows of each drone's parameters, and how clients are shown it (docs/gateway.md)."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from functools import cached_property
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..drone.mavlink.autopilot import Autopilot
+from ..drone.mavlink.parameter_protocol import HASH_CHECK, carried
+from ..errors import PayloadError
+from ..protocol.parameters import Parameter, ParameterSet, ParameterType
+from ..station.parameters import Parameters
+
+TAKEOFF_ALTITUDE: Final = "MIS_TAKEOFF_ALT"
+"""Metres above home of a takeoff that names none. It is the gateway's, not the autopilot's."""
+TAKEOFF_M, LOWEST_M, HIGHEST_M = 10.0, 0.5, 10_000.0
+FRESH_MS = 60_000
+"""How long a set counts as the drone's after it was read."""
+UNKNOWN = 2**16 - 1
+"""PARAM_VALUE's number of parameters where that is not known, and a place outside of the list."""
+
+
+class Shown:
+    """Parameters in the order in which clients have them, with their places; all messages are PARAM_VALUE."""
+
+    def __init__(self, parameters: ParameterSet, autopilot: Autopilot) -> None:
+        self.autopilot = autopilot
+        told = [(one, carried(one, autopilot.bytewise)) for one in parameters]
+        self._told = [(one, value) for one, value in told if value is not None]
+        self._places = {one.name: place for place, (one, _) in enumerate(self._told)}
+        self._parameters = parameters
+
+    def __len__(self) -> int:
+        return len(self._told)
+
+    def at(self, place: int) -> Any:
+        """The parameter at a place from 0 on."""
+        one, value = self._told[place]
+        return value_message(one, value, len(self), place)
+
+    def named(self, name: str) -> Any | None:
+        """The parameter of a name; None where there is none."""
+        place = self._places.get(name)
+        return None if place is None else self.at(place)
+
+    @cached_property
+    def hash(self) -> Any | None:
+        """PX4's own hash of what is shown; None for an autopilot without one, and where no float carries it."""
+        number = self.autopilot.hash_check(self._parameters)
+        if number is None:
+            return None
+        one = Parameter(HASH_CHECK, ParameterType.UINT32, number)
+        value = carried(one, bytewise=True)
+        return None if value is None else value_message(one, value, len(self), UNKNOWN)
+
+
+class ParameterCopies:
+    """The sets of all drones by their numbers, and the parameter that is the gateway's own."""
+
+    def __init__(self) -> None:
+        self._sets: dict[int, Parameters] = {}
+        self._read_ms: dict[int, int] = {}
+        self._takeoff_m: dict[int, float] = {}
+        self._shown: dict[int, Shown] = {}
+        self._changes: Counter[int] = Counter()
+
+    def changes(self, drone: int) -> int:
+        """A number that is another one once a drone's set may be."""
+        return self._changes[drone]
+
+    def last(self, drone: int) -> Parameters | None:
+        """The set as it was read last, however old that is."""
+        return self._sets.get(drone)
+
+    def is_fresh(self, drone: int, now_ms: int) -> bool:
+        """Whether the set counts as the drone's."""
+        return now_ms - self._read_ms.get(drone, -FRESH_MS - 1) <= FRESH_MS
+
+    def put(self, drone: int, parameters: Parameters, now_ms: int) -> None:
+        """The drone has these."""
+        self._sets[drone], self._read_ms[drone] = parameters, now_ms
+        self._shown.pop(drone, None)
+
+    def fold(self, drone: int, wanted: Parameter) -> None:
+        """The drone has read back a value that was set, in the type that the parameter has there."""
+        self._changes[drone] += 1
+        known = self._sets.get(drone)
+        before = known.content.parameters.get(wanted.name) if known is not None else None
+        if known is None or before is None:
+            return
+        try:
+            now = Parameter(wanted.name, before.type, wanted.value)
+        except PayloadError:  # what was read before was another firmware's
+            self.forget(drone)
+            return
+        self._sets[drone] = Parameters(known.content.with_one(now))
+        self._shown.pop(drone, None)
+
+    def forget(self, drone: int) -> None:
+        """The drone may have others; what was read stays, so that only what has changed need be carried."""
+        self._changes[drone] += 1
+        self._read_ms.pop(drone, None)
+
+    def takeoff_m(self, drone: int) -> float:
+        """How high a takeoff goes that names no altitude, in metres above home."""
+        return self._takeoff_m.get(drone, TAKEOFF_M)
+
+    def set_takeoff(self, drone: int, altitude_m: float) -> bool:
+        """Whether that can be."""
+        is_good = LOWEST_M <= altitude_m <= HIGHEST_M
+        if is_good:
+            self._takeoff_m[drone] = altitude_m
+            self._shown.pop(drone, None)
+        return is_good
+
+    def shown(self, drone: int, autopilot: Autopilot) -> Shown:
+        """What was read last, with the gateway's own."""
+        shown = self._shown.get(drone)
+        if shown is None or shown.autopilot is not autopilot:
+            known = self._sets.get(drone)
+            content = known.content if known is not None else ParameterSet()
+            shown = self._shown[drone] = Shown(ParameterSet.of([*content, self.own(drone)]), autopilot)
+        return shown
+
+    def own(self, drone: int) -> Parameter:
+        """The gateway's own parameter."""
+        return Parameter(TAKEOFF_ALTITUDE, ParameterType.REAL32, self.takeoff_m(drone))
+
+    def own_alone(self, drone: int, autopilot: Autopilot) -> Shown:
+        """A list of that one, where no other is known."""
+        return Shown(ParameterSet.of([self.own(drone)]), autopilot)
+
+    def message(self, drone: int, autopilot: Autopilot, one: Parameter) -> Any:
+        """PARAM_VALUE of a parameter that holds now, in its place; before a set was read no place is known."""
+        known = self.shown(drone, autopilot).named(one.name) if drone in self._sets else None
+        if known is not None:
+            return known
+        value = carried(one, autopilot.bytewise)
+        return value_message(one, math.nan if value is None else value, UNKNOWN, 0)  # MAVSDK hears none without a place
+
+
+def value_message(one: Parameter, value: float, count: int, place: int) -> Any:
+    """PARAM_VALUE."""
+    return mavlink.MAVLink_param_value_message(one.name.encode(), value, int(one.type), count, place)

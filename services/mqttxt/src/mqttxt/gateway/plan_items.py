@@ -1,0 +1,174 @@
+"""A plan's items as MAVLink clients send and read them, and what is wrong with them (docs/gateway.md)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..drone.mavlink.mission_protocol import item_of, message_of
+from ..protocol.plans import MOST_ITEMS, PlanItem, PlanList
+from ..protocol.states import Home
+from .telemetry import View
+
+Items = tuple[PlanItem, ...]
+_GLOBAL, _NO_PLACE = int(mavlink.MAV_FRAME_GLOBAL), int(mavlink.MAV_FRAME_MISSION)
+_INT_FRAMES: Final = {
+    _GLOBAL: int(mavlink.MAV_FRAME_GLOBAL_INT),
+    int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT): int(mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT),
+    int(mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT): int(mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT),
+}
+"""Frames of MISSION_ITEM_INT, by which MAVSDK knows a height above home; the plan has the others."""
+_PLAIN_FRAMES: Final = {one: other for other, one in _INT_FRAMES.items()}
+_CORNERS: Final = (
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+)
+_CIRCLES: Final = (mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)
+_COMMANDS: Final[dict[PlanList, frozenset[int]]] = {
+    PlanList.MISSION: frozenset(mavlink.enums["MAV_CMD"]),
+    PlanList.FENCE: frozenset((*_CORNERS, *_CIRCLES, mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT)),
+    PlanList.RALLY: frozenset((mavlink.MAV_CMD_NAV_RALLY_POINT,)),
+}
+_LEAST_CORNERS = 3
+_DEGREES = 1e7
+
+
+class WrongItem(Exception):
+    """A list that is not taken: its `result` for MISSION_ACK, and what people are told."""
+
+    def __init__(self, result: int, text: str) -> None:
+        super().__init__(text)
+        self.result = result
+
+
+def home_items(kind: PlanList, view: View) -> int:
+    """How many items a client's list has in front of the plan's own: with ArduPilot home is item 0 of a mission."""
+    return view.home_items if kind is PlanList.MISSION else 0
+
+
+def check_count(count: int, kind: PlanList) -> None:
+    """Raises WrongItem for more items than a list has room for."""
+    if count > MOST_ITEMS:
+        raise WrongItem(mavlink.MAV_MISSION_NO_SPACE, f"{kind.label}: expected at most {MOST_ITEMS} items, got {count}")
+
+
+def item_from(message: Any, kind: PlanList, number: int) -> PlanItem:
+    """The plan's item in a MISSION_ITEM_INT or MISSION_ITEM, which is item `number`; raises WrongItem."""
+    frame = _PLAIN_FRAMES.get(message.frame, message.frame)
+    is_placed = frame in _INT_FRAMES
+    if not is_placed and (frame != _NO_PLACE or kind is not PlanList.MISSION):
+        expected = "a global frame" if kind is not PlanList.MISSION else "a global frame or MAV_FRAME_MISSION"
+        raise _wrong(mavlink.MAV_MISSION_UNSUPPORTED_FRAME, kind, number, "frame", expected, message.frame)
+    if message.command not in _COMMANDS[kind]:
+        expected = "a MAV_CMD of common.xml" if kind is PlanList.MISSION else f"a MAV_CMD of a {kind.label} list"
+        raise _wrong(mavlink.MAV_MISSION_UNSUPPORTED, kind, number, "command", expected, message.command)
+    for place, param in enumerate((message.param1, message.param2, message.param3, message.param4), start=1):
+        if math.isinf(param):
+            result = mavlink.MAV_MISSION_INVALID_PARAM1 + place - 1
+            raise _wrong(result, kind, number, f"param{place}", "a number or NaN", param)
+    if math.isinf(message.z) or (is_placed and math.isnan(message.z)):
+        raise _wrong(mavlink.MAV_MISSION_INVALID_PARAM7, kind, number, "altitude", "metres", message.z)
+    _check_place(message, kind, number, is_placed)
+    if message.get_type() == "MISSION_ITEM":
+        scale = _DEGREES if is_placed else 1
+        message.x, message.y = round(message.x * scale), round(message.y * scale)
+    return replace(item_of(message), frame=frame)
+
+
+def _check_place(message: Any, kind: PlanList, number: int, is_placed: bool) -> None:
+    is_int = message.get_type() == "MISSION_ITEM_INT"
+    sides = (
+        (message.x, 90.0, "latitude", mavlink.MAV_MISSION_INVALID_PARAM5_X),
+        (message.y, 180.0, "longitude", mavlink.MAV_MISSION_INVALID_PARAM6_Y),
+    )
+    for value, most, what, result in sides:
+        if is_placed:
+            degrees = value / _DEGREES if is_int else value
+            if not abs(degrees) <= most:
+                raise _wrong(result, kind, number, what, f"-{most:g} to {most:g} degrees", degrees)
+        elif not abs(value) < 2**31 + is_int:
+            raise _wrong(result, kind, number, f"param{5 + (what == 'longitude')}", "a whole number of 32 bits", value)
+
+
+def plan_list(items: Items, kind: PlanList, before: int) -> Items:
+    """The plan's list of a client's items, behind `before` others; raises WrongItem for what does not fit together."""
+    if kind is PlanList.FENCE:
+        _check_polygons(items)
+    out, last = [], before + len(items) - 1
+    for number, item in enumerate(items, start=1):
+        if item.command == mavlink.MAV_CMD_DO_JUMP:
+            target = item.params[0]
+            if target is None or target != int(target) or not before <= target <= last:
+                expected = f"an item from {before} to {last}"
+                raise _wrong(mavlink.MAV_MISSION_INVALID_PARAM1, kind, number, "DO_JUMP", expected, target)
+        out.append(_jumping(item, 1 - before))
+    return tuple(out)
+
+
+def _check_polygons(items: Items) -> None:
+    """A fence has its polygons corner by corner, each with their number; a circle has a radius."""
+    at = 0
+    while at < len(items):
+        item, first = items[at], items[at].params[0] or 0.0
+        if item.command in _CIRCLES and not first > 0:
+            raise _wrong(mavlink.MAV_MISSION_INVALID_PARAM1, PlanList.FENCE, at + 1, "radius", "metres above 0", first)
+        if item.command not in _CORNERS:
+            at += 1
+            continue
+        if first < _LEAST_CORNERS or first != int(first):
+            raise _wrong(
+                mavlink.MAV_MISSION_INVALID_PARAM1, PlanList.FENCE, at + 1, "corners", "3 or more in param1", first
+            )
+        corners = items[at : at + int(first)]
+        strays = (
+            number
+            for number, corner in enumerate(corners, start=at + 1)
+            if (corner.command, corner.params[0]) != (item.command, first)
+        )
+        stray = next(strays, at + len(corners) + 1 if len(corners) < first else None)
+        if stray is not None:
+            expected = f"one of {first:g} corners that follow each other"
+            got = "the end" if stray > len(items) else "another item"
+            raise _wrong(mavlink.MAV_MISSION_INVALID, PlanList.FENCE, stray, "polygon", expected, got)
+        at += len(corners)
+
+
+def client_list(items: Items, kind: PlanList, view: View) -> Items:
+    """A plan's list as the drone's clients have it."""
+    before = home_items(kind, view)
+    if not before or not items:
+        return tuple(_jumping(item, -1) for item in items)
+    home = view.get(Home)
+    place = (0, 0, 0.0)
+    if home is not None:
+        place = (round(home.latitude_deg * _DEGREES), round(home.longitude_deg * _DEGREES), home.altitude_amsl_m)
+    first = PlanItem(_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT, (0.0, 0.0, 0.0, 0.0), *place, True)
+    return (first, *items)
+
+
+def item_message(item: PlanItem, target: tuple[int, int], seq: int, kind: PlanList, as_int: bool) -> Any:
+    """MISSION_ITEM_INT, or the MISSION_ITEM that old clients ask for."""
+    message = message_of(replace(item, frame=_INT_FRAMES.get(item.frame, item.frame)), target, seq, kind)
+    if as_int:
+        return message
+    scale = _DEGREES if item.frame in _INT_FRAMES else 1
+    return mavlink.MAVLink_mission_item_message(
+        *(*target, seq, item.frame, item.command, message.current, message.autocontinue),
+        *(message.param1, message.param2, message.param3, message.param4),
+        *(item.x / scale, item.y / scale, message.z, kind),
+    )
+
+
+def _jumping(item: PlanItem, by: int) -> PlanItem:
+    """DO_JUMP to an item that is `by` further on; any other item as it is."""
+    if item.command != mavlink.MAV_CMD_DO_JUMP or item.params[0] is None:
+        return item
+    return replace(item, params=(item.params[0] + by, *item.params[1:]))
+
+
+def _wrong(result: int, kind: PlanList, number: int, field: str, expected: str, got: object) -> WrongItem:
+    shown = f"{got:g}" if isinstance(got, float) else got
+    return WrongItem(result, f"{kind.label} item {number}: {field}: expected {expected}, got {shown}")

@@ -1,0 +1,293 @@
+"""The gateway as a whole: drones are shown to every client, and each client's messages come to their drone."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..drone.mavlink.plans import AUTOPILOT_COMPONENT
+from ..errors import MqttxtError
+from ..protocol.mavlink_states import kinds
+from ..protocol.states import (
+    Airframe,
+    Armed,
+    AutopilotText,
+    FlightMode,
+    LandedState,
+    MavlinkState,
+    Mission,
+    Severity,
+    VelocityNed,
+)
+from ..protocol.topics import MAVLINK_STATE
+from ..station.ground_station import GroundStation
+from ..station.outcomes import ControlChanged, Reachability, StateUpdate
+from ..station.views import Drone, Fog
+from .answers import Answers
+from .clients import Client, Clients
+from .control import ClientControl
+from .desk import Desk
+from .downloads import Downloads
+from .endpoints import ClientAddress, Endpoints, Peer
+from .entries import acknowledge
+from .missions import MESSAGES, Missions
+from .parameter_copies import ParameterCopies
+from .parameters import MESSAGES as PARAMETER_MESSAGES
+from .parameters import ClientParameters
+from .plan_copies import PlanCopies
+from .settings import Settings
+from .telemetry import LOCAL, Turns, View
+from .texts import send_text
+from .translation import Request
+from .uploads import Uploads
+
+logger = logging.getLogger("mqttxt.gateway")
+
+TICK_S = 0.05
+REVIEW_MS = 1000
+SILENT_MS = 10_000
+"""After this long without a `velocity`, which comes every 3 s at least, the drone's HEARTBEAT stops (R3.11)."""
+TEXT_AGE_MS = 10_000
+"""An older text was said to somebody else."""
+CONFLICT_MS = 10_000
+"""How long a drone stays hidden from a socket after a client there has used its id."""
+_COMMANDS = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MISSION_SET_CURRENT")
+_AT_ONCE = {
+    Armed.name: "HEARTBEAT",
+    FlightMode.name: "HEARTBEAT",
+    Airframe.name: "HEARTBEAT",
+    LandedState.name: "EXTENDED_SYS_STATE",
+    Mission.name: "MISSION_CURRENT",
+}
+
+
+class Gateway:
+    """Drones of some fogs as MAVLink vehicles.
+
+    Parameters:
+        station: one that has `control=False`, and is entered.
+        ttl_s: seconds within which a command must start.
+        take_over: a client that commands takes control from other clients and stations.
+    """
+
+    def __init__(self, station: GroundStation, ttl_s: float, take_over: bool) -> None:
+        self._station = station
+        self._ttl_s = ttl_s
+        self._fogs: list[Fog] = []
+        self._turns = Turns()
+        self._answers = Answers(self._turns)
+        self._clients = Clients()
+        self._control = ClientControl(station, self._clients, self._now_ms, take_over)
+        self._endpoints = Endpoints(self._on_message, self._clients.on_gone)
+        self._shown: set[int] = set()
+        self._unknown: set[int] = set()
+        self._conflicts: dict[tuple[Peer, int], int] = {}
+        self._start_s = asyncio.get_running_loop().time()
+        self._copies = PlanCopies()
+        self._parameter_copies = ParameterCopies()
+        self._reached: dict[int, int] = {}
+        self._desk: Desk | None = None
+        self._missions: Missions | None = None
+        self._parameters: ClientParameters | None = None
+
+    async def run(self, fogs: list[Fog], to: list[ClientAddress], listen: list[ClientAddress]) -> None:
+        """Serve until cancelled, or until the station has ended; raises ConfigurationError for a bad address."""
+        self._fogs = fogs
+        try:
+            await self._endpoints.open(to, listen)
+            async with asyncio.TaskGroup() as group:
+                uploads = Uploads(self._control, self._copies, self._view, self._now_ms, group, self._ttl_s)
+                downloads = Downloads(self._control, self._copies, uploads, self._view, self._now_ms, group)
+                self._missions = Missions(uploads, downloads)
+                settings = Settings(self._control, self._parameter_copies, self._now_ms, group, self._ttl_s)
+                self._parameters = ClientParameters(
+                    self._control, self._parameter_copies, settings, self._view, self._now_ms, group
+                )
+                self._desk = Desk(self._control, uploads, self._view, self._now_ms, group, self._ttl_s)
+                ticking = group.create_task(self._tick())
+                await self._listen()
+                ticking.cancel()
+                uploads.close()
+        except* MqttxtError as errors:
+            raise errors.exceptions[0] from None
+        finally:
+            await self._endpoints.close()
+
+    def _now_ms(self) -> int:
+        return round((asyncio.get_running_loop().time() - self._start_s) * 1000)
+
+    def _view(self, drone: Drone) -> View:
+        return View(drone.number, drone.states, self._now_ms(), self._copies.mission(drone.number))
+
+    def _drones(self) -> dict[int, Drone]:
+        """Every drone by its number; of one that two fogs know, the fog that reaches it."""
+        found: dict[int, Drone] = {}
+        for drone in (drone for fog in self._fogs for drone in fog.drones):
+            if drone.number not in found or drone.is_reachable:
+                found[drone.number] = drone
+        return found
+
+    async def _listen(self) -> None:
+        """What has to be passed on as it comes."""
+        async for event in self._station.events():
+            if isinstance(event, StateUpdate):
+                self._on_state(event)
+            elif isinstance(event, Reachability) and not event.reachable:
+                self._forget(event.drone)
+            elif isinstance(event, ControlChanged) and not event.mine and event.holder is not None:
+                self._forget(event.drone)
+                drone = self._drones().get(event.drone)
+                if self._desk is not None:
+                    self._desk.on_taken(event.drone)
+                if drone is not None:
+                    self._control.on_taken(drone, event.holder)
+
+    def _forget(self, drone: int) -> None:
+        """What the drone has may be other than the copies."""
+        self._copies.forget(drone)
+        self._parameter_copies.forget(drone)
+
+    def _on_state(self, update: StateUpdate) -> None:
+        state = update.state
+        self._copies.on_state(update.drone, state)
+        if isinstance(state, Mission):
+            self._on_progress(update.drone, state.reached)
+        if state.name in _AT_ONCE:
+            self._turns.hasten(update.drone, _AT_ONCE[state.name])
+        elif isinstance(state, AutopilotText) and update.age_ms is not None and update.age_ms <= TEXT_AGE_MS:
+            for peer in self._audience(update.drone):
+                send_text(peer, update.drone, state.severity, state.text)
+        elif isinstance(state, MavlinkState) and state.name.removeprefix(MAVLINK_STATE) not in LOCAL:
+            self._send(update.drone, [_as_message(state)])
+
+    def _on_progress(self, drone: int, reached: int) -> None:
+        """Say that an item was reached, once."""
+        before, self._reached[drone] = self._reached.get(drone), reached
+        known = self._drones().get(drone)
+        if known is not None and reached > 0 and before is not None and before != reached:
+            self._send(drone, [mavlink.MAVLink_mission_item_reached_message(self._view(known).seq(reached))])
+
+    async def _tick(self) -> None:
+        """Messages that are due, commands that wait, and control."""
+        assert self._desk is not None
+        assert self._missions is not None
+        assert self._parameters is not None
+        next_review_ms = 0
+        while True:
+            now_ms, drones = self._now_ms(), self._drones()
+            for drone in drones.values():
+                self._show(drone)
+            self._desk.tick(now_ms)
+            self._missions.tick(now_ms)
+            self._parameters.tick(now_ms)
+            if now_ms >= next_review_ms:
+                next_review_ms = now_ms + REVIEW_MS
+                self._clients.forget(now_ms)
+                self._conflicts = {who: at for who, at in self._conflicts.items() if now_ms - at <= CONFLICT_MS}
+                for drone in drones.values():
+                    self._control.review(drone, self._view(drone).get(Armed))
+            await asyncio.sleep(TICK_S)
+
+    def _show(self, drone: Drone) -> None:
+        due = self._turns.due(drone.number, self._now_ms())
+        if not due:
+            return
+        view = self._view(drone)
+        is_known = LOCAL["HEARTBEAT"].make(view) is not None
+        is_shown = is_known and is_heard(drone)
+        if is_shown != (drone.number in self._shown):
+            logger.info("drone %d: %s", drone.number, "is there" if is_shown else "is silent; its HEARTBEAT stops")
+            (self._shown.add if is_shown else self._shown.discard)(drone.number)
+        if drone.is_reachable and view.get(Armed) is not None and not is_known and drone.number not in self._unknown:
+            self._unknown.add(drone.number)
+            logger.warning("drone %d does not say what it is: start its UAV client with --all-states", drone.number)
+        if is_shown:
+            made = (LOCAL[name].make(view) for name in due)
+            self._send(drone.number, [message for message in made if message is not None])
+
+    def _audience(self, drone: int) -> list[Peer]:
+        return [peer for peer in self._endpoints.peers if (peer, drone) not in self._conflicts]
+
+    def _send(self, drone: int, messages: Iterable[Any]) -> None:
+        audience = self._audience(drone)
+        for message in messages:
+            for peer in audience:
+                peer.send(drone, message)
+
+    def _on_message(self, peer: Peer, message: Any) -> None:
+        """A client's message; those to nobody here, and those of a client with a drone's id, are not heard."""
+        client = Client(peer, message.get_srcSystem(), message.get_srcComponent())
+        drones, kind = self._drones(), message.get_type()
+        if client.system in drones:
+            self._refuse(client)
+            return
+        if kind == "HEARTBEAT":
+            self._clients.on_heartbeat(client, self._now_ms())
+            return
+        drone = drones.get(getattr(message, "target_system", getattr(message, "target", 0)))
+        component = getattr(message, "target_component", AUTOPILOT_COMPONENT)
+        if drone is None or component not in (0, AUTOPILOT_COMPONENT):
+            return
+        if self._desk is None or self._missions is None or self._parameters is None:
+            return
+        if kind in _COMMANDS:
+            self._on_command(client, drone, message)
+            return
+        if kind in MESSAGES:
+            self._missions.on_message(client, drone, message)
+            return
+        if kind in PARAMETER_MESSAGES:
+            self._parameters.on_message(client, drone, message)
+            return
+        messages, text = self._answers.on_message(message, client, self._view(drone))
+        for answer in messages:
+            peer.send(drone.number, answer)
+        if text is not None:
+            send_text(peer, drone.number, Severity.WARNING, text)
+
+    def _on_command(self, client: Client, drone: Drone, message: Any) -> None:
+        assert self._desk is not None
+        request = Request.of(message)
+        answer = self._answers.on_command(request, self._view(drone))
+        if answer is None:
+            confirmation = getattr(message, "confirmation", 0)
+            self._desk.on_request(client, drone, request, confirmation, self._parameter_copies.takeoff_m(drone.number))
+            return
+        result, wanted = answer
+        acknowledge(client, drone.number, request, result)
+        if wanted is not None:
+            client.peer.send(drone.number, wanted)
+
+    def _refuse(self, client: Client) -> None:
+        """A drone with the id of a client: neither could be told from the other."""
+        key = (client.peer, client.system)
+        if key not in self._conflicts:
+            logger.warning(
+                "drone %d is not shown at %s: a client there has its system id", client.system, client.peer.name
+            )
+        self._conflicts[key] = self._now_ms()
+
+
+def is_heard(drone: Drone) -> bool:
+    """Whether a drone's fog reaches it, and, where it says so every few seconds, it did lately."""
+    velocity = drone.state(VelocityNed)
+    age_ms = None if velocity is None else velocity.age_ms
+    return drone.is_reachable and (age_ms is None or age_ms <= SILENT_MS)
+
+
+def _as_message(state: MavlinkState) -> Any:
+    """The MAVLink message that a drone has sent as a state."""
+    return kinds()[state.name.removeprefix(MAVLINK_STATE)](
+        **{name: _field(value) for name, value in state.values.items()}
+    )
+
+
+def _field(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_field(item) for item in value]
+    return math.nan if value is None else value.encode() if isinstance(value, str) else value

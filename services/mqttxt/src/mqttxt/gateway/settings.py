@@ -1,0 +1,171 @@
+"""PARAM_SET of clients: answered by the value that the drone has read back, and by nothing else (docs/gateway.md)."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..drone.mavlink.autopilot import Autopilot
+from ..drone.mavlink.parameter_protocol import parameter_of
+from ..errors import BrokerRefused, ConfigurationError, FogUnreachable, PayloadError, StationEnded
+from ..protocol.messages import Word
+from ..protocol.parameters import Parameter
+from ..protocol.states import Severity
+from ..station.outcomes import Outcome
+from ..station.views import Drone
+from .clients import Client
+from .control import ClientControl
+from .entries import REPEAT_MS
+from .parameter_copies import HIGHEST_M, LOWEST_M, TAKEOFF_ALTITUDE, ParameterCopies
+from .texts import send_text
+from .translation import NOT_NOW, Declined
+
+MOST_OPEN = 64
+"""Settings that are under way at a time; what comes beyond them is lost, and clients send it again."""
+NOT_THERE, WRONG_VALUE, NOT_ALLOWED = (
+    int(mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST),
+    int(mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE),
+    int(mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED),
+)
+_ERRORS: Final = {
+    "unknown_parameter": NOT_THERE,
+    "wrong_value": WRONG_VALUE,
+    "out_of_range": WRONG_VALUE,
+    "not_carried": WRONG_VALUE,
+}
+"""PARAM_ERROR by the reason of a `denied`; any other is NOT_ALLOWED."""
+
+
+@dataclass
+class Setting:
+    """A PARAM_SET of a client; `answer` and `ended_ms` are there once it is over."""
+
+    client: Client
+    drone: int
+    wanted: Parameter
+    asked_ms: int
+    answer: Any | None = None
+    ended_ms: int | None = None
+
+    def is_repeated(self, now_ms: int) -> bool:
+        """Whether the same is this one once more: clients repeat it until it is answered."""
+        return self.ended_ms is None or now_ms - self.ended_ms <= REPEAT_MS
+
+
+class Settings:
+    """The settings of all clients, each followed by a task of `group`; parameters as in `Desk`."""
+
+    def __init__(
+        self,
+        control: ClientControl,
+        copies: ParameterCopies,
+        now_ms: Callable[[], int],
+        group: asyncio.TaskGroup,
+        ttl_s: float,
+    ) -> None:
+        self._control = control
+        self._copies = copies
+        self._now_ms = now_ms
+        self._group = group
+        self._ttl_s = ttl_s
+        self._newest: dict[tuple[Client, int, str], Setting] = {}
+        self._open = 0
+        self._turns: dict[int, asyncio.Lock] = {}
+
+    def on_set(self, client: Client, drone: Drone, autopilot: Autopilot, message: Any) -> None:
+        """PARAM_SET."""
+        name, wanted = str(message.param_id), parameter_of(message, autopilot.bytewise)
+        if wanted is None or wanted.value is None:
+            self._refuse(client, drone.number, name, WRONG_VALUE, "expected a number that its type has")
+        elif name == TAKEOFF_ALTITUDE:
+            self._set_own(client, drone.number, autopilot, wanted.value)
+        else:
+            self._set(Setting(client, drone.number, wanted, self._now_ms()), drone, autopilot)
+
+    def tick(self, now_ms: int) -> None:
+        """What is over for long."""
+        self._newest = {key: one for key, one in self._newest.items() if one.is_repeated(now_ms)}
+
+    def _set_own(self, client: Client, drone: int, autopilot: Autopilot, value: float) -> None:
+        if self._copies.set_takeoff(drone, value):
+            client.peer.send(drone, self._copies.message(drone, autopilot, self._copies.own(drone)))
+        else:
+            expected = f"expected {LOWEST_M:g} to {HIGHEST_M:g} metres above home"
+            self._refuse(client, drone, TAKEOFF_ALTITUDE, WRONG_VALUE, expected)
+
+    def _set(self, setting: Setting, drone: Drone, autopilot: Autopilot) -> None:
+        key = (setting.client, setting.drone, setting.wanted.name)
+        newest = self._newest.get(key)
+        if newest is not None and newest.wanted == setting.wanted and newest.is_repeated(setting.asked_ms):
+            if newest.answer is not None:
+                newest.client.peer.send(newest.drone, newest.answer)
+        elif self._open < MOST_OPEN:
+            self._open += 1
+            self._newest[key] = setting
+            self._group.create_task(self._carry_out(setting, drone, autopilot))
+
+    async def _carry_out(self, setting: Setting, drone: Drone, autopilot: Autopilot) -> None:
+        try:
+            self._hear(setting, await self._last_word(setting, drone), autopilot)
+        except Declined as declined:
+            self._end(setting, None if declined.result == NOT_NOW else NOT_ALLOWED, str(declined))
+        except ConfigurationError as error:
+            self._end(setting, NOT_ALLOWED, str(error))
+        except PayloadError as error:
+            self._end(setting, WRONG_VALUE, str(error))
+        except FogUnreachable as error:
+            self._end(setting, None, str(error))
+        except (StationEnded, BrokerRefused):
+            pass  # nobody knows; the client's own time-out says so
+        finally:
+            self._open -= 1
+            setting.ended_ms = self._now_ms()
+
+    async def _last_word(self, setting: Setting, drone: Drone) -> Outcome:
+        """Once this station controls the drone for the client; raises Declined, and what `Drone.send` raises."""
+        await self._control.heard(setting.client)
+        async with self._turns.setdefault(drone.number, asyncio.Lock()):
+            self._control.check(setting.client, drone)
+            await self._control.take(setting.client, drone, self._left_s(setting))
+            assert setting.wanted.value is not None
+            sent = drone.set_parameter(setting.wanted.name, setting.wanted.value, ttl_s=self._left_s(setting))
+        return await sent
+
+    def _left_s(self, setting: Setting) -> float:
+        left_s = self._ttl_s - (self._now_ms() - setting.asked_ms) / 1000
+        if left_s <= 0:
+            raise Declined("no control in time, not sent", NOT_NOW)
+        return left_s
+
+    def _hear(self, setting: Setting, last: Outcome, autopilot: Autopilot) -> None:
+        if last.completed:
+            self._copies.fold(setting.drone, setting.wanted)
+            setting.answer = self._copies.message(setting.drone, autopilot, setting.wanted)
+            setting.client.peer.send(setting.drone, setting.answer)
+            return
+        reason = (last.reason or "").partition(",")[0]
+        error = _ERRORS.get(reason, NOT_ALLOWED) if last.word is Word.DENIED else None
+        if last.word in (Word.UNCONFIRMED, Word.FAILED):
+            self._copies.forget(setting.drone)
+        self._end(setting, error, str(last).partition(f"{last.command} ")[2])
+
+    def _end(self, setting: Setting, error: int | None, why: str) -> None:
+        """A definite no has PARAM_ERROR; of what is not known, or may be tried again, there is only a text."""
+        setting.answer = self._refuse(setting.client, setting.drone, setting.wanted.name, error, why)
+
+    def _refuse(self, client: Client, drone: int, name: str, error: int | None, why: str) -> Any | None:
+        send_text(client.peer, drone, Severity.WARNING, f"{name} not set: {why}")
+        if error is None:
+            return None
+        answer = error_message(client, name, -1, error)
+        client.peer.send(drone, answer)
+        return answer
+
+
+def error_message(client: Client, name: str, place: int, error: int) -> Any:
+    """PARAM_ERROR."""
+    return mavlink.MAVLink_param_error_message(client.system, client.component, name.encode(), place, error)

@@ -1,0 +1,285 @@
+"""MAVLink messages out of what the station knows of a drone, at a ground station's rates; nothing crosses a link."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar, cast
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..drone.mavlink.vehicle import UNKNOWN_U8, UNKNOWN_U16
+from ..protocol.states import (
+    Airframe,
+    Armed,
+    Battery,
+    FlightMode,
+    Gps,
+    GpsFix,
+    Groundspeed,
+    Heading,
+    Health,
+    Home,
+    Landed,
+    LandedState,
+    Location,
+    Mission,
+    Power,
+    State,
+    VelocityNed,
+    VitalState,
+)
+from ..station.views import KnownState
+from .modes import ARDUPILOT, base_mode, custom_mode
+
+NAN = math.nan
+_INT16_UNKNOWN = 2**15 - 1
+CAPABILITIES = (
+    mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
+_SENSORS = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | mavlink.MAV_SYS_STATUS_SENSOR_GPS
+)
+"""Every autopilot with a position has these; `health` names those that fail.
+
+MAVProxy takes a geofence that is not healthy for a breach, present or not.
+"""
+_BATTERY_CELLS, _BATTERY_CELLS_EXT = 10, 4
+
+AState = TypeVar("AState", bound=VitalState)
+
+
+@dataclass(frozen=True)
+class View:
+    """What is known of a drone now; `now_ms` is of the gateway's clock.
+
+    `named`: the mission that clients have uploaded or read last, by its hash; None before they have.
+    """
+
+    number: int
+    states: Mapping[str, KnownState[State]]
+    now_ms: int
+    named: bytes | None = None
+
+    def get(self, kind: type[AState]) -> AState | None:
+        """The newest state of a kind."""
+        known = self.states.get(kind.name)
+        return None if known is None else cast("AState", known.state)
+
+    @property
+    def home_items(self) -> int:
+        """How many items clients have in front of a mission's own: with ArduPilot home is item 0."""
+        airframe = self.get(Airframe)
+        return int(airframe is not None and airframe.autopilot == ARDUPILOT)
+
+    def seq(self, item: int) -> int:
+        """An item of the plan, which counts from 1, as clients count it; 0, which is none, is their first."""
+        return max(0, item - 1 + self.home_items)
+
+    def item(self, seq: int) -> int:
+        """An item as clients count it, as one of the plan; ArduPilot's home is the first."""
+        return max(1, seq + 1 - self.home_items)
+
+    def measured_ms(self, kind: type[VitalState]) -> int:
+        """When the newest state of a kind was measured, at the earliest: what MAVLink calls time since boot."""
+        known = self.states.get(kind.name)
+        age_ms = known.age_ms if known is not None else None
+        return max(0, self.now_ms - (age_ms or 0))
+
+
+@dataclass(frozen=True)
+class Made:
+    """How a message is made, None while what it needs is not known, and how often it is sent by itself."""
+
+    make: Callable[[View], Any | None]
+    rate_hz: float
+
+
+def _heartbeat(view: View) -> Any | None:
+    airframe, armed, mode = view.get(Airframe), view.get(Armed), view.get(FlightMode)
+    if airframe is None or armed is None or mode is None:
+        return None
+    return mavlink.MAVLink_heartbeat_message(
+        airframe.kind,
+        airframe.autopilot,
+        base_mode(airframe.autopilot, mode.mode, armed.armed),
+        custom_mode(airframe.autopilot, mode.mode) or 0,
+        mavlink.MAV_STATE_ACTIVE if armed.armed else mavlink.MAV_STATE_STANDBY,
+        3,
+    )
+
+
+def _sys_status(view: View) -> Any:
+    health = view.get(Health)
+    present = healthy = 0
+    if health is not None:
+        prearm = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        present = _SENSORS | prearm | health.unhealthy_sensors
+        sound = (_SENSORS | mavlink.MAV_SYS_STATUS_GEOFENCE) & ~health.unhealthy_sensors
+        healthy = sound | (prearm if health.armable else 0)
+    voltage_mv, current_ca = _power(view)
+    return mavlink.MAVLink_sys_status_message(
+        present, present, healthy, 0, voltage_mv, current_ca, _remaining(view), 0, 0, 0, 0, 0, 0
+    )
+
+
+def _battery_status(view: View) -> Any | None:
+    voltage_mv, current_ca = _power(view)
+    if voltage_mv == UNKNOWN_U16 and _remaining(view) < 0:
+        return None
+    cells = [voltage_mv, *[UNKNOWN_U16] * (_BATTERY_CELLS - 1)]
+    return mavlink.MAVLink_battery_status_message(
+        0, 0, 0, _INT16_UNKNOWN, cells, current_ca, -1, -1, _remaining(view), 0, 0, [0] * _BATTERY_CELLS_EXT
+    )
+
+
+def _position(view: View) -> Any | None:
+    """MAVLink has no word for a velocity that is not known: without one there is no message."""
+    location, velocity, heading = view.get(Location), view.get(VelocityNed), view.get(Heading)
+    if location is None or velocity is None:
+        return None
+    speeds = (velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)
+    return mavlink.MAVLink_global_position_int_message(
+        view.measured_ms(Location),
+        *_degrees(location),
+        round(location.altitude_amsl_m * 1000),
+        round(location.altitude_m * 1000),
+        *(round(speed * 100) for speed in speeds),
+        UNKNOWN_U16 if heading is None else round(heading.heading_deg * 100),
+    )
+
+
+def _vfr_hud(view: View) -> Any | None:
+    location, velocity = view.get(Location), view.get(VelocityNed)
+    heading, speed = view.get(Heading), view.get(Groundspeed)
+    if location is None or heading is None or speed is None:
+        return None
+    return mavlink.MAVLink_vfr_hud_message(
+        NAN,
+        speed.groundspeed_m_s,
+        round(heading.heading_deg) % 360,
+        UNKNOWN_U16,
+        location.altitude_amsl_m,
+        NAN if velocity is None else -velocity.down_m_s,
+    )
+
+
+def _extended(view: View) -> Any:
+    landed = view.get(LandedState)
+    state = Landed.UNDEFINED if landed is None else landed.landed
+    return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
+
+
+def _home(view: View) -> Any | None:
+    home = view.get(Home)
+    if home is None:
+        return None
+    here = (*_degrees(home), round(home.altitude_amsl_m * 1000))
+    return mavlink.MAVLink_home_position_message(*here, NAN, NAN, NAN, [NAN] * 4, NAN, NAN, NAN)
+
+
+def _gps(view: View) -> Any | None:
+    gps, location = view.get(Gps), view.get(Location)
+    if gps is None or (location is None and gps.fix > GpsFix.NO_FIX):
+        return None
+    place = (0, 0, 0) if location is None else (*_degrees(location), round(location.altitude_amsl_m * 1000))
+    hdop = UNKNOWN_U16 if gps.hdop is None else round(gps.hdop * 100)
+    satellites = UNKNOWN_U8 if gps.satellites is None else gps.satellites
+    unknown = (UNKNOWN_U16, UNKNOWN_U16, UNKNOWN_U16)
+    return mavlink.MAVLink_gps_raw_int_message(
+        view.measured_ms(Gps) * 1000, gps.fix, *place, hdop, *unknown, satellites
+    )
+
+
+def _mission_current(view: View) -> Any | None:
+    mission = view.get(Mission)
+    if mission is None:
+        return None
+    return mavlink.MAVLink_mission_current_message(view.seq(mission.current), mission.total or UNKNOWN_U16)
+
+
+def _version(view: View) -> Any | None:
+    airframe = view.get(Airframe)
+    if airframe is None:
+        return None
+    none = [0] * 8
+    encoding = (
+        mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+        if airframe.autopilot == ARDUPILOT
+        else mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    )
+    return mavlink.MAVLink_autopilot_version_message(
+        CAPABILITIES | encoding, airframe.version or 0, 0, 0, 0, none, none, none, 0, 0, 0
+    )
+
+
+def _degrees(place: Location | Home) -> tuple[int, int]:
+    return round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)
+
+
+def _power(view: View) -> tuple[int, int]:
+    """Voltage in millivolts and current in centiamperes, each MAVLink's unknown where it is not known."""
+    power = view.get(Power)
+    if power is None:
+        return UNKNOWN_U16, -1
+    return round(power.voltage_v * 1000), -1 if power.current_a is None else round(power.current_a * 100)
+
+
+def _remaining(view: View) -> int:
+    battery = view.get(Battery)
+    return -1 if battery is None else battery.remaining_pct
+
+
+LOCAL: Final[dict[str, Made]] = {
+    "HEARTBEAT": Made(_heartbeat, 1),
+    "SYS_STATUS": Made(_sys_status, 1),
+    "EXTENDED_SYS_STATE": Made(_extended, 1),
+    "GLOBAL_POSITION_INT": Made(_position, 4),
+    "VFR_HUD": Made(_vfr_hud, 4),
+    "GPS_RAW_INT": Made(_gps, 1),
+    "BATTERY_STATUS": Made(_battery_status, 0.5),
+    "HOME_POSITION": Made(_home, 0.5),
+    "MISSION_CURRENT": Made(_mission_current, 1),
+    "AUTOPILOT_VERSION": Made(_version, 0),
+}
+"""The messages that are made here. The rates are those of PX4's normal set of streams, or what states change at."""
+FASTEST_HZ = 10.0
+
+
+class Turns:
+    """When each message of each drone is sent next."""
+
+    def __init__(self) -> None:
+        self._next_ms: dict[tuple[int, str], float] = {}
+        self._rates_hz: dict[tuple[int, str], float] = {}
+
+    def ask(self, drone: int, name: str, rate_hz: float) -> None:
+        """A client wants a message more often; what others were promised stays, and states change no faster."""
+        known_hz = self._rates_hz.get((drone, name), LOCAL[name].rate_hz)
+        self._rates_hz[drone, name] = max(known_hz, min(rate_hz, FASTEST_HZ))
+
+    def due(self, drone: int, now_ms: int) -> list[str]:
+        """The messages whose turn it is."""
+        out = []
+        for name, made in LOCAL.items():
+            rate_hz = self._rates_hz.get((drone, name), made.rate_hz)
+            next_ms = self._next_ms.get((drone, name), 0.0)
+            if rate_hz and now_ms >= next_ms:
+                interval_ms = 1000 / rate_hz
+                is_late = now_ms >= next_ms + interval_ms
+                self._next_ms[drone, name] = (now_ms if is_late else next_ms) + interval_ms
+                out.append(name)
+        return out
+
+    def hasten(self, drone: int, name: str) -> None:
+        """A message is due at once: what it says has changed."""
+        self._next_ms.pop((drone, name), None)

@@ -1,0 +1,311 @@
+"""Plans from clients to drones: taken item by item, carried as one, acknowledged in time (docs/gateway.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from ..drone.mavlink.mission_protocol import result_name
+from ..errors import BrokerRefused, ConfigurationError, FogUnreachable, PayloadError, StationEnded, TransferFailed
+from ..protocol.messages import Word
+from ..protocol.plans import PlanList, PlanObject
+from ..protocol.states import Severity
+from ..station.outcomes import Outcome
+from ..station.plan import Plan
+from ..station.views import Drone
+from .clients import Client
+from .control import ClientControl
+from .plan_copies import PlanCopies
+from .plan_items import WrongItem, check_count, home_items, item_from, plan_list
+from .telemetry import View
+from .texts import send_text
+from .translation import DENIED, Declined
+
+ACK_MS = 1000
+"""How long the last item waits for the drone's word. QGroundControl gives up after 1.5 s, MAVSDK after 2.5 s."""
+ASK_AGAIN_MS = 500
+BROKEN_OFF_MS = 5000
+"""How long an upload waits for its next item: longer than a client goes on sending after a request."""
+CARRIED_S = 300.0
+_RESULTS: Final = {result_name(result): result for result in mavlink.enums["MAV_MISSION_RESULT"]}
+
+
+@dataclass(eq=False)
+class Upload:
+    """One list from one client. `before`: how many items its list has in front of the plan's own."""
+
+    client: Client
+    drone: Drone
+    kind: PlanList
+    count: int
+    before: int
+    heard_ms: int
+    asked_ms: int = 0
+    received: int = 0
+    items: list[Any] = field(default_factory=list)
+    task: asyncio.Task[None] | None = None
+    whole: asyncio.Event = field(default_factory=asyncio.Event)
+    ack_ms: int = 0
+    is_acked: bool = False
+    is_over: bool = False
+    is_asking: bool = False
+
+    @property
+    def is_received(self) -> bool:
+        return self.whole.is_set()
+
+    def acknowledge(self, result: int) -> None:
+        """MISSION_ACK, once."""
+        if not self.is_acked:
+            self.is_acked = True
+            who = (self.client.system, self.client.component)
+            self.client.peer.send(self.drone.number, mavlink.MAVLink_mission_ack_message(*who, result, self.kind))
+
+    def ask(self, now_ms: int) -> None:
+        """The next item."""
+        self.is_asking, self.asked_ms = True, now_ms
+        who = (self.client.system, self.client.component)
+        request = mavlink.MAVLink_mission_request_int_message(*who, self.received, self.kind)
+        self.client.peer.send(self.drone.number, request)
+
+    def say(self, severity: Severity, text: str) -> None:
+        send_text(self.client.peer, self.drone.number, severity, text)
+
+
+class Uploads:
+    """The uploads of all clients; each that is under way has a task of `group`. Times are of the gateway's clock."""
+
+    def __init__(
+        self,
+        control: ClientControl,
+        copies: PlanCopies,
+        view: Callable[[Drone], View],
+        now_ms: Callable[[], int],
+        group: asyncio.TaskGroup,
+        ttl_s: float,
+    ) -> None:
+        self._control = control
+        self._copies = copies
+        self._view = view
+        self._now_ms = now_ms
+        self._group = group
+        self._ttl_s = ttl_s
+        self._open: list[Upload] = []
+        self._failures: dict[tuple[int, PlanList], tuple[Client, str]] = {}
+        self._turns: dict[int, asyncio.Lock] = {}
+
+    def begin(self, client: Client, drone: Drone, kind: PlanList, count: int) -> None:
+        """MISSION_COUNT, or MISSION_CLEAR_ALL, which is a list without items."""
+        known = self._receiving(drone.number, kind)
+        if known is not None:
+            if known.client == client and (known.count, known.received) == (count, 0):
+                known.heard_ms = self._now_ms()
+                if known.is_asking:
+                    known.ask(known.heard_ms)
+                return
+            if known.client == client:
+                self._drop(known)
+        elif not count and self._is_clearing(client, drone, kind):
+            return
+        before = home_items(kind, self._view(drone))
+        upload = Upload(client, drone, kind, count, before, self._now_ms())
+        try:
+            self._control.check(client, drone)
+            check_count(count - before, kind)
+        except (Declined, WrongItem) as error:
+            upload.acknowledge(_result_of(error))
+            upload.say(Severity.WARNING, str(error))
+            return
+        if known is not None and known.client != client:
+            self._end(known, mavlink.MAV_MISSION_OPERATION_CANCELLED, f"{kind.label} upload: {client} took control")
+        self._open.append(upload)
+        upload.task = self._group.create_task(self._carry(upload))
+
+    def on_item(self, client: Client, drone: Drone, kind: PlanList, message: Any) -> None:
+        """MISSION_ITEM_INT or MISSION_ITEM; only the one that was asked for counts."""
+        upload = self._receiving(drone.number, kind)
+        if upload is None or upload.client != client or not upload.is_asking or message.seq != upload.received:
+            return
+        upload.heard_ms = self._now_ms()
+        try:
+            if message.seq >= upload.before:
+                upload.items.append(item_from(message, kind, message.seq + 1 - upload.before))
+            upload.received += 1
+            if upload.received < upload.count:
+                upload.ask(upload.heard_ms)
+            else:
+                self._receive(upload)
+        except WrongItem as wrong:
+            self._end(upload, wrong.result, str(wrong))
+
+    def on_cancel(self, client: Client, drone: Drone, kind: PlanList) -> None:
+        """A client gives up its upload; one that it has sent all of goes on."""
+        upload = self._receiving(drone.number, kind)
+        if upload is not None and upload.client == client:
+            self._end(upload, mavlink.MAV_MISSION_OPERATION_CANCELLED, _broken_off(upload))
+
+    def tick(self, now_ms: int) -> None:
+        """Acknowledgements that are due, items that did not come, and clients that lost control."""
+        for upload in list(self._open):
+            if upload.is_received:
+                if not self._control.has(upload.client, upload.drone):
+                    text = f"{upload.kind.label} upload: control is lost; the drone may have the new list"
+                    self._fail(upload, mavlink.MAV_MISSION_OPERATION_CANCELLED, text)
+                elif now_ms >= upload.ack_ms:
+                    upload.acknowledge(mavlink.MAV_MISSION_ACCEPTED)
+            elif now_ms - upload.heard_ms >= BROKEN_OFF_MS:
+                self._end(upload, mavlink.MAV_MISSION_OPERATION_CANCELLED, _broken_off(upload))
+            elif upload.is_asking and now_ms - upload.asked_ms >= ASK_AGAIN_MS:
+                upload.ask(now_ms)
+
+    def close(self) -> None:
+        """Nothing is taken any more."""
+        for upload in list(self._open):
+            self._drop(upload)
+
+    def is_pending(self, drone: int) -> bool:
+        """Whether a plan was received for a drone, and what became of it is not known yet."""
+        return bool(self._pending(drone))
+
+    async def settled(self, drone: int) -> None:
+        """Return when what was received for a drone is verified, or has failed."""
+        while pending := self._pending(drone):
+            await asyncio.wait([upload.task for upload in pending if upload.task is not None])
+
+    def check(self, client: Client, drone: int) -> None:
+        """Raises Declined where a client's plan was acknowledged, and the drone did not take it."""
+        for kind in PlanList:
+            failed, text = self._failures.get((drone, kind), (None, ""))
+            if failed == client:
+                raise Declined(f"{text}: upload it again, clear it, or read what the drone has")
+
+    def forgive(self, client: Client, drone: int, kind: PlanList) -> None:
+        """A client learns which list the drone has, or uploads it again."""
+        if self._failures.get((drone, kind), (None, ""))[0] == client:
+            del self._failures[drone, kind]
+
+    def _receiving(self, drone: int, kind: PlanList) -> Upload | None:
+        found = (one for one in self._open if (one.drone.number, one.kind) == (drone, kind) and not one.is_received)
+        return next(found, None)
+
+    def _is_clearing(self, client: Client, drone: Drone, kind: PlanList) -> bool:
+        """Whether the same was asked a moment ago: clients repeat it until it is acknowledged."""
+        key = (client, drone.number, kind, 0)
+        return any(
+            (one.client, one.drone.number, one.kind, one.count) == key and not one.is_acked for one in self._open
+        )
+
+    def _pending(self, drone: int) -> list[Upload]:
+        return [one for one in self._open if one.drone.number == drone and one.is_received]
+
+    def _newer(self, upload: Upload) -> dict[PlanList, tuple[Any, ...]]:
+        """The lists that the client of an upload has sent for its drone since then: it means these."""
+        pending = [one for one in self._pending(upload.drone.number) if one.client == upload.client]
+        behind = pending[pending.index(upload) + 1 :] if upload in pending else []
+        return {one.kind: tuple(one.items) for one in behind}
+
+    async def _carry(self, upload: Upload) -> None:
+        """One list from its count to its end."""
+        with self._failing(upload):
+            await self._control.heard(upload.client)
+            self._control.check(upload.client, upload.drone)
+            if upload.count:
+                upload.ask(self._now_ms())
+            else:
+                self._receive(upload)
+            await self._control.take(upload.client, upload.drone, self._ttl_s)
+            await upload.whole.wait()
+            async with self._turns.setdefault(upload.drone.number, asyncio.Lock()):
+                if not upload.is_over:
+                    await self._send(upload)
+
+    def _receive(self, upload: Upload) -> None:
+        """All items are there; raises WrongItem where they do not fit together."""
+        items = plan_list(tuple(upload.items), upload.kind, upload.before)
+        upload.items, upload.ack_ms = list(items), self._now_ms() + ACK_MS
+        upload.whole.set()
+        self.forgive(upload.client, upload.drone.number, upload.kind)
+        self._copies.name(upload.drone.number, {upload.kind: items})
+
+    async def _send(self, upload: Upload) -> None:
+        """A list to its drone, with what else its client has uploaded for that by now."""
+        together = [one for one in self._pending(upload.drone.number) if one.client == upload.client]
+        lists = {one.kind: tuple(one.items) for one in together}
+        outcome = await upload.drone.upload(Plan(PlanObject.of(lists)), timeout_s=CARRIED_S)
+        if outcome.completed:
+            self._copies.put(upload.drone.number, lists)
+        for one in together:
+            if outcome.completed:
+                self._copies.name(one.drone.number, self._newer(one))
+                late = f"{one.kind.label} upload completed: {len(one.items)} items" if one.is_acked else None
+                self._end(one, mavlink.MAV_MISSION_ACCEPTED, late, Severity.INFO)
+            else:
+                self._fail(one, _result(outcome), f"{one.kind.label} upload {_told(outcome)}")
+
+    @contextlib.contextmanager
+    def _failing(self, upload: Upload) -> Iterator[None]:
+        """What keeps a list from being uploaded; where the station ends nobody knows."""
+        try:
+            yield
+        except Declined as declined:
+            self._fail(upload, _result_of(declined), str(declined))
+        except PayloadError as error:
+            self._fail(upload, mavlink.MAV_MISSION_NO_SPACE, f"{upload.kind.label} upload: {error}")
+        except ConfigurationError as error:
+            self._fail(upload, mavlink.MAV_MISSION_DENIED, f"{upload.kind.label} upload: {error}")
+        except (FogUnreachable, TransferFailed) as error:
+            self._fail(upload, mavlink.MAV_MISSION_ERROR, f"{upload.kind.label} upload: {error}")
+        except (StationEnded, BrokerRefused):
+            self._drop(upload)
+
+    def _fail(self, upload: Upload, result: int, text: str) -> None:
+        """A list that the drone does not have; who was told that it is accepted must not fly by it."""
+        if upload.is_over:
+            return
+        newer = self._newer(upload)
+        if upload.is_received:
+            self._copies.disown(upload.drone.number)
+            self._copies.name(upload.drone.number, newer)
+        if upload.is_acked and upload.kind not in newer:
+            self._failures[upload.drone.number, upload.kind] = (upload.client, text)
+        self._end(upload, result, text)
+
+    def _end(self, upload: Upload, result: int, text: str | None, severity: Severity = Severity.WARNING) -> None:
+        upload.acknowledge(result)
+        if text is not None:
+            upload.say(severity, text)
+        self._drop(upload)
+
+    def _drop(self, upload: Upload) -> None:
+        upload.is_over = True
+        if upload in self._open:
+            self._open.remove(upload)
+        if upload.task is not None and upload.task is not asyncio.current_task():
+            upload.task.cancel()
+
+
+def _result_of(error: Declined | WrongItem) -> int:
+    if isinstance(error, WrongItem):
+        return error.result
+    return int(mavlink.MAV_MISSION_DENIED if error.result == DENIED else mavlink.MAV_MISSION_ERROR)
+
+
+def _result(outcome: Outcome) -> int:
+    """The drone's word as a result: what its autopilot has said of an item, where that is the reason."""
+    said = _RESULTS.get((outcome.reason or "").rpartition(": ")[2])
+    if said is not None:
+        return int(said)
+    return int(mavlink.MAV_MISSION_DENIED if outcome.word is Word.DENIED else mavlink.MAV_MISSION_ERROR)
+
+
+def _told(outcome: Outcome) -> str:
+    return str(outcome).partition(f"{outcome.command} ")[2]
+
+
+def _broken_off(upload: Upload) -> str:
+    return f"{upload.kind.label} upload broke off at item {upload.received + 1} of {upload.count}: the old one stays"

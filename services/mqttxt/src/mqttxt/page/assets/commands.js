@@ -1,0 +1,210 @@
+// Commands: to whom, their parameters, what was sent and every word about it.
+
+import { byId, el, hasNumber, numberIn, seconds, setText } from "./dom.js";
+import { metresBetween } from "./map.js";
+
+const TITLES = { arm: "Arm", takeoff: "Take off", goto: "Go to", hold: "Hold", land: "Land", return: "Return", pause: "Pause mission" };
+const TWO_NUMBERS = /^[\s(]*([-+]?\d+\.\d+)[,;\s]\s*([-+]?\d+\.\d+)[\s)]*$/;
+const ONE_ALONE = "; Go to takes one drone";
+const KEYS = { h: "hold", l: "land", r: "return" };
+
+export class Commands {
+  constructor(page) {
+    this.page = page;
+    this.target = "selected";
+    this.forms = new Map();
+    this.orders = new Map();
+    byId("take-over").addEventListener("click", () => page.ask("take_over", { to: this.selected() }));
+    document.addEventListener("keydown", (event) => this.onKey(event));
+    setInterval(() => this.tick(), 250);
+  }
+
+  build({ commands, ttl_s, longest_ttl_s }) {
+    this.catalogue = commands;
+    byId("ttl").value = ttl_s;
+    byId("ttl").dataset.high = longest_ttl_s;
+    this.forms.clear();
+    byId("commands").replaceChildren(...Object.entries(commands).map(([name, command]) => this.form(name, command)));
+    this.page.forgetFound();
+    this.showTargets();
+    this.showPlace();
+  }
+
+  form(name, command) {
+    const inputs = command.parameters.map((parameter) => {
+      const id = `${name}-${parameter.name}`;
+      const input = el("input", {
+        ...{ id, type: "text", name: parameter.name, autocomplete: "off", value: parameter.default },
+        ...{ "data-low": parameter.low, "data-high": parameter.high },
+        inputmode: parameter.low < 0 ? "text" : "decimal", // a phone's keys for decimals have no minus
+      });
+      const unit = `${parameter.unit}, ${parameter.low} to ${parameter.high}`;
+      return el("p", { class: "field" }, el("label", { for: id }, parameter.label), input, el("span", {}, unit));
+    });
+    const button = el("button", { type: "submit", id: `send-${name}` }, TITLES[name]);
+    const distance = command.best ? [el("p", { id: `${name}-distance`, class: "hint" })] : [];
+    const form = el("form", { class: inputs.length ? "with-fields" : null, novalidate: true }, ...inputs, button, ...distance);
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.send(name);
+    });
+    form.addEventListener("input", (event) => {
+      event.target.setCustomValidity("");
+      this.showPlace();
+    });
+    form.addEventListener("change", () => this.page.findPlace());
+    form.addEventListener("paste", (event) => this.onPaste(event));
+    this.forms.set(name, { form, button });
+    return form;
+  }
+
+  showTargets() {
+    const choices = [["selected", "the selected drones"]];
+    for (const fog of this.page.fogs) choices.push([`fog-${fog.fog}`, `all of fog ${fog.fog}`]);
+    if (this.page.fogs.length > 1) choices.push(["all", "all drones"]);
+    choices.push(["best", "whoever arrives first (Go to)"]);
+    const radios = choices.map(([value, text]) => {
+      const radio = el("input", { type: "radio", name: "target", value, id: `to-${value}` });
+      radio.checked = value === this.target;
+      radio.addEventListener("change", () => {
+        this.target = value;
+        this.showWho();
+      });
+      return el("label", { for: `to-${value}` }, radio, ` ${text}`);
+    });
+    byId("targets").replaceChildren(el("legend", {}, "To"), ...radios);
+    this.showWho();
+  }
+
+  selected() {
+    return { drones: [...this.page.selected].map((key) => key.split("/").map(Number)) };
+  }
+
+  to() {
+    const fogs = this.page.fogs.map((fog) => fog.fog);
+    if (this.target === "selected") return this.selected();
+    if (this.target === "best") return { best: fogs };
+    return { fogs: this.target === "all" ? fogs : [Number(this.target.slice(4))] };
+  }
+
+  showWho() {
+    const to = this.to();
+    const count = to.drones?.length ?? 0;
+    const numbers = (to.drones ?? []).map(([, drone]) => drone).sort((one, other) => one - other);
+    const fogs = (to.fogs ?? to.best ?? []).join(", ");
+    const drones = count === 0 ? "Nobody: select a drone" : `Drone ${numbers.join(", ")}${count > 1 ? ONE_ALONE : ""}`;
+    const others = to.best ? `Whoever arrives first of fog ${fogs}: Go to alone` : `All drones of fog ${fogs}${ONE_ALONE}`;
+    setText(byId("who"), to.drones ? drones : others);
+    this.showDistance();
+    byId("take-over").disabled = this.page.selected.size === 0;
+    for (const [name, { button }] of this.forms) {
+      const { each, best } = this.catalogue[name];
+      button.disabled = to.best ? !best : to.drones ? count === 0 || (each && count > 1) : each;
+    }
+  }
+
+  send(name) {
+    const { form, button } = this.forms.get(name);
+    if (button.disabled) {
+      this.page.say(`${TITLES[name]} was not sent: select whom it is for.`);
+      return;
+    }
+    const inputs = [...form.querySelectorAll("input")];
+    if (![...inputs, byId("ttl")].every(hasNumber)) return;
+    const parameters = Object.fromEntries(inputs.map((input) => [input.name, numberIn(input)]));
+    this.page.ask("command", { command: name, parameters, to: this.to(), ttl_s: numberIn(byId("ttl")) });
+  }
+
+  onKey(event) {
+    const isTyping = event.target.matches?.('input:not([type="checkbox"], [type="radio"])');
+    const hasModifier = event.ctrlKey || event.altKey || event.metaKey;
+    const name = KEYS[event.key.toLowerCase()];
+    if (isTyping || hasModifier || event.repeat || name === undefined) return;
+    if (byId("keys").checked && this.forms.has(name)) this.send(name);
+  }
+
+  choosePlace(place) {
+    for (const [field, value] of Object.entries(place)) byId(`goto-${field}`).value = value.toFixed(7);
+    const height = byId("goto-altitude_m");
+    const chosen = [...this.page.selected].map((key) => this.page.drones.get(key)?.states.location?.altitude_m);
+    if (height.value === "" && chosen.length === 1 && chosen[0] > 1) height.value = Math.round(chosen[0]);
+    this.page.forgetFound();
+    this.showPlace();
+  }
+
+  showPlace() {
+    const [latitude_deg, longitude_deg] = ["latitude_deg", "longitude_deg"].map(
+      (field) => numberIn(byId(`goto-${field}`)),
+    );
+    this.page.showPlace(Number.isNaN(latitude_deg + longitude_deg) ? null : { latitude_deg, longitude_deg });
+    this.showDistance();
+  }
+
+  // How far the place is from the drone: two numbers that changed places are found by it.
+  showDistance() {
+    const [key] = this.page.selected.size === 1 && this.target === "selected" ? this.page.selected : [];
+    const drone = this.page.drones.get(key);
+    const from = drone?.states.location;
+    const metres = from === undefined || this.page.place === null ? null : metresBetween(from, this.page.place);
+    const shown = metres < 10000 ? `${Math.round(metres)} m` : `${Math.round(metres / 1000)} km`;
+    setText(byId("goto-distance"), metres === null ? "" : `${shown} from drone ${drone.drone}`);
+  }
+
+  // A place as maps give it, both numbers in one: it fills in both fields.
+  onPaste(event) {
+    const pasted = TWO_NUMBERS.exec(event.clipboardData.getData("text"));
+    if (pasted === null || !event.target.name.endsWith("_deg")) return;
+    event.preventDefault();
+    [byId("goto-latitude_deg").value, byId("goto-longitude_deg").value] = pasted.slice(1);
+    this.showPlace();
+    this.page.findPlace();
+  }
+
+  update(order) {
+    let shown = this.orders.get(order.number);
+    if (shown === undefined) {
+      shown = { left: el("p", { class: "left" }), words: el("ol"), line: null };
+      shown.line = el("li", { "data-order": order.number }, el("h3", {}, order.text), shown.left, shown.words);
+      byId("orders").prepend(shown.line);
+      this.orders.set(order.number, shown);
+    }
+    shown.order = { ...order, at: performance.now() };
+    for (const word of order.words.slice(shown.words.children.length)) {
+      const text = el("strong", { class: `word ${word.word.replaceAll(" ", "-")}` }, word.text);
+      shown.words.append(el("li", { "data-word": word.word }, text, " ", word.plain));
+    }
+    shown.line.classList.toggle("open", order.open);
+    this.showLeft(shown);
+  }
+
+  showLeft({ order, left }) {
+    const since = performance.now() - order.at;
+    const [start, end] = [order.start_left_ms - since, order.end_left_ms - since];
+    const hasBegun = order.words.some((word) => ["accepted", "in_progress"].includes(word.word));
+    let text = "";
+    if (order.open && !hasBegun && start > 0) text = `${seconds(start)} s left to start`;
+    else if (order.open && end > 0) text = `${seconds(end)} s left to end`;
+    else if (order.open) text = "waiting for the last word";
+    setText(left, text);
+  }
+
+  tick() {
+    for (const shown of this.orders.values()) if (shown.order.open) this.showLeft(shown);
+  }
+
+  goals() {
+    return [...this.orders.values()].map(({ order }) => order).filter((order) => order.open && order.goal !== null)
+      .map((order) => order.goal);
+  }
+
+  // The way of the newest upload that went through.
+  path() {
+    const uploads = [...this.orders.values()].map(({ order }) => order).filter((order) => order.path !== null);
+    return uploads.findLast((order) => order.words.some((word) => word.word === "completed"))?.path ?? [];
+  }
+
+  clear() {
+    this.orders.clear();
+    byId("orders").replaceChildren();
+  }
+}

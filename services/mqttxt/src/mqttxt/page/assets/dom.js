@@ -1,0 +1,46 @@
+// Elements without markup: texts of others are only ever text.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+export const byId = (id) => document.getElementById(id);
+
+function fill(node, attributes, children) {
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value !== false && value !== null) node.setAttribute(name, value === true ? "" : value);
+  }
+  node.append(...children);
+  return node;
+}
+
+export const el = (tag, attributes = {}, ...children) => fill(document.createElement(tag), attributes, children);
+
+export const shape = (tag, attributes = {}, ...children) =>
+  fill(document.createElementNS(SVG, tag), attributes, children);
+
+export function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+// A number as it is shown: what rounds to nothing has no sign.
+export const fixed = (value, digits) => (Math.round(value * 10 ** digits) === 0 ? 0 : value).toFixed(digits);
+
+// The number in a field, NaN where it is none. A browser's own field for numbers drops a comma: 1,5 becomes 15.
+export const numberIn = (input) => (/^[-+]?(\d+\.?\d*|\.\d+)$/.test(input.value.trim()) ? Number(input.value) : NaN);
+
+// Whether a field has a number within its limits; the browser says what was expected where it has not.
+export function hasNumber(input) {
+  const [low, high] = [Number(input.dataset.low), Number(input.dataset.high)];
+  const value = numberIn(input);
+  const expected = `Expected a number from ${low} to ${high}, with a point before decimals, as 12.5`;
+  input.setCustomValidity(value >= low && value <= high ? "" : expected);
+  return input.reportValidity();
+}
+
+export const keyOf = (drone) => `${drone.fog}/${drone.drone}`;
+
+// A state's age now: as it was when it was sent, and the time since.
+export function ageMs(drone, state) {
+  return state.age_ms === null ? null : state.age_ms + performance.now() - drone.at;
+}
+
+export const seconds = (ms) => (ms < 9950 ? (ms / 1000).toFixed(1) : Math.round(ms / 1000).toString());

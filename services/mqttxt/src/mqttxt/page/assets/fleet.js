@@ -1,0 +1,96 @@
+// The fleet's table: a row per drone, each value with its age.
+
+import { ageMs, byId, el, fixed, keyOf, seconds, setText } from "./dom.js";
+
+const state = (name, show) => (drone) => {
+  const known = drone.states[name];
+  return known === undefined ? null : { text: show(known), known };
+};
+const words = (text) => text.replaceAll("_", " ");
+const plain = (show) => (drone, page) => ({ text: show(drone, page), known: null });
+
+function holder(drone, page) {
+  if (drone.mine) return "this station";
+  if (drone.holder === page.station) return `another ${drone.holder}`;
+  return drone.holder === null ? "nobody" : drone.holder;
+}
+
+const COLUMNS = [
+  ["Reachable", plain((drone) => (drone.reachable ? "yes" : "no"))],
+  ["Control", plain(holder)],
+  ["Armed", state("armed", (known) => (known.armed ? "armed" : "no"))],
+  ["Mode", state("flight_mode", (known) => words(known.mode))],
+  ["Landed", state("landed_state", (known) => words(known.landed))],
+  ["Height", state("location", (known) => `${fixed(known.altitude_m, 1)} m`)],
+  ["Speed", state("groundspeed", (known) => `${fixed(known.groundspeed_m_s, 1)} m/s`)],
+  ["Battery", state("battery", (known) => `${known.remaining_pct} %`)],
+];
+
+export class Fleet {
+  constructor(page) {
+    this.page = page;
+    this.rows = new Map();
+    for (const name of ["Select", "Drone", "Fog", ...COLUMNS.map(([heading]) => heading)]) {
+      byId("fleet-head").append(el("th", { scope: "col" }, name));
+    }
+    byId("select-all").addEventListener("click", () => page.select([...page.drones.keys()]));
+    byId("select-none").addEventListener("click", () => page.select([]));
+    setInterval(() => this.tick(), 1000);
+  }
+
+  update(drone) {
+    const key = keyOf(drone);
+    let row = this.rows.get(key);
+    if (row === undefined) {
+      row = this.add(key, drone);
+      this.rows.set(key, row);
+    }
+    this.show(row, drone);
+  }
+
+  add(key, drone) {
+    const box = el("input", { type: "checkbox", "aria-label": `Select drone ${drone.drone} of fog ${drone.fog}` });
+    box.addEventListener("change", () => this.page.toggle(key));
+    const cells = COLUMNS.map(([heading]) => ({ heading, value: el("span"), age: el("small") }));
+    const line = el(
+      "tr",
+      { "data-drone": key },
+      el("td", {}, box),
+      el("th", { scope: "row" }, `${drone.drone}`),
+      el("td", { "data-heading": "Fog" }, `${drone.fog}`),
+      ...cells.map((cell) => el("td", { "data-heading": cell.heading }, cell.value, " ", cell.age)),
+    );
+    line.addEventListener("click", (event) => {
+      if (event.target !== box) this.page.toggle(key);
+    });
+    const next = [...this.rows.values()].find(
+      (other) => other.fog > drone.fog || (other.fog === drone.fog && other.drone > drone.drone),
+    );
+    byId("fleet-rows").insertBefore(line, next === undefined ? null : next.line);
+    return { line, box, cells, fog: drone.fog, drone: drone.drone };
+  }
+
+  show(row, drone) {
+    COLUMNS.forEach(([, of], index) => {
+      const { value, age } = row.cells[index];
+      const found = of(drone, this.page);
+      const old = found === null || found.known === null ? null : ageMs(drone, found.known);
+      setText(value, found === null ? "–" : found.text);
+      setText(age, old === null ? "" : seconds(old));
+      const isState = found !== null && found.known !== null;
+      value.classList.toggle("stale", isState && (!drone.reachable || (old !== null && old > this.page.staleMs)));
+    });
+    row.line.classList.toggle("unreachable", !drone.reachable);
+  }
+
+  mark(selected) {
+    for (const [key, row] of this.rows) {
+      row.box.checked = selected.has(key);
+      row.line.classList.toggle("selected", selected.has(key));
+    }
+  }
+
+  tick() {
+    for (const [key, row] of this.rows) this.show(row, this.page.drones.get(key));
+  }
+}

@@ -1,0 +1,43 @@
+// The log: the newest entries that contain what is searched for; the server exports all that it has.
+
+import { byId, el } from "./dom.js";
+
+const KEPT = 1000;
+const SHOWN = 200;
+
+const two = (number) => `${number}`.padStart(2, "0");
+
+// In the time of whoever looks at the page; the export has UTC.
+function localTime(iso) {
+  const time = new Date(iso);
+  const parts = [time.getHours(), time.getMinutes(), time.getSeconds()].map(two).join(":");
+  return `${parts}.${`${time.getMilliseconds()}`.padStart(3, "0")}`;
+}
+
+export class Log {
+  constructor() {
+    this.entries = [];
+    byId("search").addEventListener("input", () => this.show());
+  }
+
+  add(entries) {
+    this.entries.push(...entries);
+    this.entries.splice(0, Math.max(0, this.entries.length - KEPT));
+    this.show();
+  }
+
+  clear() {
+    this.entries = [];
+    this.show();
+  }
+
+  show() {
+    const search = byId("search").value;
+    const wanted = search.toLowerCase();
+    byId("export").href = search ? `log.jsonl?search=${encodeURIComponent(search)}` : "log.jsonl";
+    const found = this.entries.filter((entry) => entry.text.toLowerCase().includes(wanted)).slice(-SHOWN).reverse();
+    byId("log").replaceChildren(
+      ...found.map((entry) => el("li", {}, el("time", { datetime: entry.time }, localTime(entry.time)), " ", entry.text)),
+    );
+  }
+}

@@ -1,0 +1,177 @@
+// The page: one socket to its server, and the parts that show what comes over it.
+
+import { Commands } from "./commands.js";
+import { byId, keyOf, setText } from "./dom.js";
+import { Fleet } from "./fleet.js";
+import { Links } from "./links.js";
+import { Log } from "./log.js";
+import { FleetMap } from "./map.js";
+import { Plans } from "./plans.js";
+import { showRankings } from "./rankings.js";
+import { Sensors } from "./sensors.js";
+
+const AGAIN_MS = 1000;
+
+class Page {
+  constructor() {
+    this.drones = new Map();
+    this.selected = new Set();
+    this.lost = new Map();
+    this.fogs = [];
+    this.station = null;
+    this.staleMs = Infinity;
+    this.place = null;
+    this.found = null; // a place that was typed: the map goes as far
+    this.asked = 0;
+    this.fleet = new Fleet(this);
+    this.map = new FleetMap(this);
+    this.commands = new Commands(this);
+    this.log = new Log();
+    this.plans = new Plans(this);
+    this.sensors = new Sensors();
+    this.links = new Links(this);
+    this.connect();
+  }
+
+  connect() {
+    this.socket = new WebSocket(`ws://${location.host}/live`);
+    this.socket.addEventListener("message", (event) => this.hear(JSON.parse(event.data)));
+    this.socket.addEventListener("open", () => this.showConnection("this browser is connected to the page's program", true));
+    this.socket.addEventListener("close", () => {
+      this.showConnection("The page's program does not answer. What is shown is old. Trying again …", false);
+      setTimeout(() => this.connect(), AGAIN_MS);
+    });
+  }
+
+  showConnection(text, isConnected) {
+    setText(byId("connection"), text);
+    document.body.classList.toggle("disconnected", !isConnected);
+  }
+
+  hear(update) {
+    if (update.hello) this.begin(update.hello);
+    if (update.fogs) this.showFogs(update.fogs);
+    if (update.drones) this.hearDrones(update.drones);
+    for (const order of update.orders ?? []) this.commands.update(order);
+    for (const answer of update.answers ?? []) this.say(answer.error ?? "");
+    if (update.orders) this.map.draw();
+    if (update.links) this.links.update(update.links);
+    if (update.rankings) showRankings(update.rankings);
+    for (const chart of update.sensors ?? []) this.sensors.update(chart);
+    if (update.drones) this.plans.show();
+    if (update.drones && this.canCommand) this.commands.showDistance();
+    if (update.log) this.log.add(update.log);
+  }
+
+  begin(hello) {
+    this.station = hello.station;
+    this.staleMs = hello.stale_ms;
+    this.canCommand = !hello.watch_only;
+    setText(byId("station"), hello.watch_only ? `${hello.station}, which only watches` : hello.station);
+    document.body.classList.toggle("watch-only", hello.watch_only);
+    this.lost.clear();
+    this.showLost();
+    this.links.begin(hello.links);
+    this.log.clear();
+    this.sensors.clear();
+    this.commands.clear();
+    if (this.canCommand) this.commands.build(hello);
+  }
+
+  showFogs(fogs) {
+    this.fogs = fogs;
+    setText(byId("fogs"), fogs.map((fog) => `Fog ${fog.fog}: ${fog.live ? "heard" : "NOT HEARD"}`).join(", "));
+    document.body.classList.toggle("one-fog", fogs.length === 1);
+    byId("fogs").classList.toggle("bad", fogs.some((fog) => !fog.live));
+    if (this.canCommand) this.commands.showTargets();
+  }
+
+  hearDrones(drones) {
+    let hasChanged = false;
+    for (const drone of drones) {
+      const key = keyOf(drone);
+      const wasMine = this.drones.get(key)?.mine;
+      drone.at = performance.now();
+      this.drones.set(key, drone);
+      this.fleet.update(drone);
+      this.map.update(drone);
+      const hadIt = this.lost.get(key);
+      if (drone.mine) this.lost.delete(key);
+      else if (wasMine || hadIt !== undefined) this.lost.set(key, drone.holder ?? "nobody");
+      hasChanged = hasChanged || this.lost.get(key) !== hadIt;
+    }
+    if (hasChanged) this.showLost();
+  }
+
+  // Which drones another station has taken, until they are back.
+  showLost() {
+    const numbers = new Map();
+    for (const [key, holder] of this.lost) {
+      numbers.set(holder, [...(numbers.get(holder) ?? []), this.drones.get(key).drone]);
+    }
+    const texts = [...numbers].map(([holder, of]) => `Control of drone ${of.join(", ")} is lost: ${holder} has it.`);
+    this.lostText = texts.join(" ");
+    this.showNotice();
+  }
+
+  select(keys) {
+    this.selected = new Set(keys);
+    this.fleet.mark(this.selected);
+    if (this.canCommand) this.commands.showWho();
+    this.plans.show();
+    this.map.draw();
+  }
+
+  toggle(key) {
+    const keys = new Set(this.selected);
+    if (!keys.delete(key)) keys.add(key);
+    this.select(keys);
+  }
+
+  choosePlace(place) {
+    if (this.canCommand) this.commands.choosePlace(place);
+  }
+
+  showPlace(place) {
+    this.place = place;
+    this.map.draw();
+  }
+
+  findPlace() {
+    this.found = this.place;
+    this.map.draw();
+  }
+
+  forgetFound() {
+    this.found = null;
+  }
+
+  goals() {
+    return this.commands.goals();
+  }
+
+  path() {
+    return this.commands.path();
+  }
+
+  ask(what, more) {
+    if (this.socket.readyState !== WebSocket.OPEN) {
+      this.say("Not sent: the page's program does not answer.");
+      return;
+    }
+    this.asked += 1;
+    this.socket.send(JSON.stringify({ number: this.asked, do: what, ...more }));
+  }
+
+  // The answer to what was asked last; that control is lost stays beside it.
+  say(text) {
+    this.said = text;
+    this.showNotice();
+  }
+
+  showNotice() {
+    setText(byId("notice"), [this.lostText, this.said].filter(Boolean).join(" "));
+  }
+}
+
+new Page();

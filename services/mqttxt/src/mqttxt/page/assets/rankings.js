@@ -1,0 +1,41 @@
+// Rankings: the fogs' order of their drones (QoDS), and the newest choices (PSMI) with every figure and reason.
+
+import { byId, el } from "./dom.js";
+
+const figure = (value, unit, digits = 0) => (value === null ? "–" : `${value.toFixed(digits)} ${unit}`);
+
+const QODS = [
+  ["Drone", (one) => `${one.drone}`],
+  ["Battery", (one) => figure(one.remaining_pct, "%")],
+  ["Largest speed", (one) => figure(one.max_groundspeed_m_s, "m/s", 1)],
+  ["Age when ranked", (one) => figure(one.age_s, "s", 1)],
+];
+const PSMI = [
+  ["Drone", (one) => `${one.drone}`],
+  ["Arrives in", (one) => figure(one.arrival_s, "s", 1)],
+  ["Distance", (one) => figure(one.distance_m, "m")],
+  ["Largest speed", (one) => figure(one.max_groundspeed_m_s, "m/s", 1)],
+  ["Battery", (one) => figure(one.remaining_pct, "%")],
+  ["Range", (one) => figure(one.range_m, "m")],
+  ["Age when chosen", (one) => figure(one.age_s, "s", 1)],
+  ["Left out because", (one) => one.reason ?? ""],
+];
+
+function table(title, columns, rows) {
+  return el(
+    "table",
+    {},
+    el("caption", {}, title),
+    el("thead", {}, el("tr", {}, ...columns.map(([heading]) => el("th", { scope: "col" }, heading)))),
+    el("tbody", {}, ...rows.map((row) => el("tr", {}, ...columns.map(([, show]) => el("td", {}, show(row)))))),
+  );
+}
+
+export function showRankings({ fogs, lists }) {
+  const choices = lists.map((list) => {
+    const sent = list.chosen === null ? "nobody" : `drone ${list.chosen}`;
+    return table(`Choice of fog ${list.fog}: ${sent} (PSMI)`, PSMI, [...list.listed, ...list.left_out]);
+  });
+  const orders = fogs.map((fog) => table(`Fog ${fog.fog}, best first (QoDS)`, QODS, fog.ranking));
+  byId("rankings").replaceChildren(...orders, ...choices.reverse());
+}

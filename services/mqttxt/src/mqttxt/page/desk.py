@@ -1,0 +1,239 @@
+"""The commands that the page has sent, with every word about them; a page that only watches has no desk."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..core.printable import printable
+from ..errors import MqttxtError
+from ..protocol.codec import layout_of
+from ..protocol.commands import Command, Goto, Resume, StartMission, UploadPlan
+from ..protocol.messages import CommandId
+from ..station.ground_station import GroundStation
+from ..station.heard import SentCommand
+from ..station.outcomes import Event, Outcome, PsmiList
+from ..station.plan import Plan
+from ..station.views import UPLOAD_TTL_S
+from .event_log import EventLog
+from .offers import TTL_S, DroneKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
+from .words import in_plain_english
+
+KEPT = 200
+"""Commands that the page still shows."""
+_UNITS = {"altitude_m": " m", "latitude_deg": "°", "longitude_deg": "°"}
+
+
+@dataclass
+class Order:
+    """One request that was carried out: a command to somebody, with the words about it as they came."""
+
+    number: int
+    text: str
+    ttl_s: float
+    limit_s: float
+    sent_s: float
+    """In seconds of the event loop's clock."""
+    goal: tuple[float, float] | None = None
+    """Where it goes to, in degrees north and east."""
+    path: list[tuple[float, float]] | None = None
+    """Of an upload: the places of its mission, in degrees north and east."""
+    words: list[dict[str, Any]] = field(default_factory=list)
+    waiting: int = 0
+    """How many of its parts have not had their last word."""
+
+    def as_plain(self, now_s: float) -> dict[str, Any]:
+        """What the browser is sent; times are durations, because its clock is another."""
+        return {
+            "number": self.number,
+            "text": self.text,
+            "start_left_ms": round((self.sent_s + self.ttl_s - now_s) * 1000),
+            "end_left_ms": round((self.sent_s + self.ttl_s + self.limit_s - now_s) * 1000),
+            "goal": self.goal,
+            "path": self.path,
+            "words": self.words,
+            "open": self.waiting > 0,
+        }
+
+
+class Desk:
+    """Sends what pages ask for.
+
+    Parameters:
+        station: one that wants control, and is entered.
+        log: what was sent is entered there.
+        group: where the tasks run that follow the commands.
+        changed: is called with an order whenever it has changed.
+    """
+
+    def __init__(
+        self, station: GroundStation, log: EventLog, group: asyncio.TaskGroup, changed: Callable[[Order], None]
+    ) -> None:
+        self._station = station
+        self._log = log
+        self._group = group
+        self._changed = changed
+        self._of_id: dict[CommandId, Order] = {}
+        self._plans: dict[DroneKey, Plan] = {}
+        self._last = 0
+        self.orders: deque[Order] = deque(maxlen=KEPT)
+
+    def carry_out(self, request: Request) -> Order:
+        """Do what was asked, and return what shows how it goes; what cannot be sent is a word of it."""
+        if isinstance(request, TakeOverRequest):
+            order = self._new(f"take control of {_drones(request.drones)}", 0.0, 0.0)
+            for fog, drone in request.drones:
+                self._start(order, self._take_over(order, fog, drone))
+            return order
+        if isinstance(request, UploadRequest):
+            name, plan = printable(request.name), request.plan
+            order = self._new(
+                f"upload {name} ({plan}) to {_drones((request.drone,))}", UPLOAD_TTL_S, UploadPlan.limit_s
+            )
+            order.path = _path(plan)
+            self._start(order, self._upload(order, request.drone, plan))
+            return order
+        if isinstance(request, MissionRequest):
+            return self._fly(request)
+        command, target = request.command, request.target
+        order = self._new(f"{_text(command)} to {_who(target)}", request.ttl_s, command.limit_s)
+        order.goal = _goal(command)
+        for sender in self._senders(command, target, request.ttl_s):
+            self._send(order, sender)
+        return order
+
+    def on_event(self, event: Event) -> None:
+        """The truth that follows an `unconfirmed` comes when nobody waits for the command any more."""
+        if isinstance(event, Outcome) and event.settled and event.id in self._of_id:
+            self._add(self._of_id[event.id], event)
+
+    def _senders(self, command: Command, target: Target, ttl_s: float) -> list[Callable[[], SentCommand[Any, Any]]]:
+        station = self._station
+        if target.best:
+            return [lambda: station.best(command, target.fogs, ttl_s=ttl_s)]
+        if target.fogs:
+            return [lambda fog=fog: station.fog(fog).broadcast(command, ttl_s=ttl_s) for fog in target.fogs]  # type: ignore[misc]
+        return [
+            lambda fog=fog, drone=drone: station.fog(fog).drone(drone).send(command, ttl_s=ttl_s)  # type: ignore[misc]
+            for fog, drone in target.drones
+        ]
+
+    def _fly(self, request: MissionRequest) -> Order:
+        plan = self._plans.get(request.drone)
+        what = "resume" if request.resume else "start"
+        order = self._new(f"{what} mission of {_drones((request.drone,))}", TTL_S, StartMission.limit_s)
+        if plan is None:
+            self._say(order, "not sent", "upload its plan first: a start names the mission that is to be flown")
+            return order
+        command = Resume(plan.mission_hash) if request.resume else StartMission(plan.mission_hash)
+        (sender,) = self._senders(command, Target(drones=(request.drone,)), TTL_S)
+        self._send(order, sender)
+        return order
+
+    def _new(self, text: str, ttl_s: float, limit_s: float) -> Order:
+        if len(self.orders) == KEPT:
+            oldest = self.orders[0]
+            self._of_id = {id: order for id, order in self._of_id.items() if order is not oldest}
+        self._last += 1
+        order = Order(self._last, text, ttl_s, limit_s, asyncio.get_running_loop().time())
+        self.orders.append(order)
+        self._log.add("Sent", text)
+        self._changed(order)
+        return order
+
+    def _send(self, order: Order, sender: Callable[[], SentCommand[Any, Any]]) -> None:
+        """Send at once, and follow; every part is sent before the first word of any is waited for."""
+        try:
+            sent = sender()
+        except MqttxtError as error:
+            self._say(order, "not sent", printable(str(error)))
+            return
+        self._start(order, self._follow(order, sent))
+
+    def _start(self, order: Order, following: Coroutine[Any, Any, None]) -> None:
+        order.waiting += 1
+        self._changed(order)
+        self._group.create_task(following)
+
+    async def _follow(self, order: Order, sent: SentCommand[Any, Any]) -> None:
+        try:
+            async for said in sent:
+                if isinstance(said, PsmiList):
+                    self._say(order, "choice", printable(str(said).replace("\n", ";")))
+                else:
+                    self._of_id[said.id] = order
+                    self._add(order, said)
+        except MqttxtError as error:
+            self._say(order, "not known", printable(str(error)))
+        finally:
+            order.waiting -= 1
+            self._changed(order)
+
+    async def _take_over(self, order: Order, fog: int, drone: int) -> None:
+        try:
+            await self._station.fog(fog).drone(drone).take_over()
+            self._say(order, "completed", f"drone {drone}: This station controls it.")
+        except MqttxtError as error:
+            self._say(order, "failed", f"drone {drone}: {printable(str(error))}")
+        finally:
+            order.waiting -= 1
+            self._changed(order)
+
+    async def _upload(self, order: Order, key: DroneKey, plan: Plan) -> None:
+        self._plans.pop(key, None)
+        try:
+            outcome = await self._station.fog(key[0]).drone(key[1]).upload(plan)
+            if outcome.completed:
+                self._plans[key] = plan
+            self._of_id[outcome.id] = order
+            self._add(order, outcome)
+        except MqttxtError as error:
+            self._say(order, "failed", printable(str(error)))
+        finally:
+            order.waiting -= 1
+            self._changed(order)
+
+    def _add(self, order: Order, outcome: Outcome) -> None:
+        order.words.append({"word": outcome.word.label, "text": str(outcome), "plain": in_plain_english(outcome)})
+        self._changed(order)
+
+    def _say(self, order: Order, word: str, text: str) -> None:
+        """Something about an order that is no word of a drone's."""
+        order.words.append({"word": word, "text": f"{word}: {text}", "plain": ""})
+        self._log.add("Answer", f"{order.text}: {word}: {text}")
+        self._changed(order)
+
+
+def _text(command: Command) -> str:
+    """A command with its parameters, as `takeoff altitude 10 m`."""
+    parts = [
+        f"{field.name.rpartition('_')[0]} {getattr(command, field.name):g}{_UNITS[field.name]}"
+        if field.name == "altitude_m"
+        else f"{field.name.rpartition('_')[0]} {getattr(command, field.name):.7f}{_UNITS[field.name]}"
+        for field in layout_of(type(command)).fields
+    ]
+    return " ".join([command.name, *parts])
+
+
+def _who(target: Target) -> str:
+    if target.drones:
+        return _drones(target.drones)
+    fogs = f"fog {', '.join(map(str, target.fogs))}"
+    return f"whoever arrives first of {fogs}" if target.best else f"all drones of {fogs}"
+
+
+def _drones(drones: tuple[DroneKey, ...]) -> str:
+    return f"drone {', '.join(str(drone) for _, drone in drones)}"
+
+
+def _goal(command: Command) -> tuple[float, float] | None:
+    return (command.latitude_deg, command.longitude_deg) if isinstance(command, Goto) else None
+
+
+def _path(plan: Plan) -> list[tuple[float, float]]:
+    """The places of a plan's mission; items without one have none."""
+    items = plan.content.mission or ()
+    return [(item.x / 1e7, item.y / 1e7) for item in items if (item.x, item.y) != (0, 0)]

@@ -1,0 +1,65 @@
+"""What came of sensors and rankings lately, for charts and tables."""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..station.outcomes import Event, PsmiList, SensorReading
+from .event_log import as_plain
+
+MOST_POINTS = 300
+MOST_CHARTS = 500
+MOST_LISTS = 5
+
+ChartKey = tuple[int, int, str]
+"""A drone's number, a sensor's, and what it measures."""
+
+
+@dataclass
+class Chart:
+    """The newest readings of one kind of one sensor; `total` is how many have come."""
+
+    unit: str
+    points: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MOST_POINTS))
+    total: int = 0
+
+
+class History:
+    """The newest readings of each sensor, and the newest lists of PSMI."""
+
+    def __init__(self) -> None:
+        self.charts: OrderedDict[ChartKey, Chart] = OrderedDict()
+        self.lists: deque[PsmiList] = deque(maxlen=MOST_LISTS)
+
+    def on_event(self, event: Event) -> None:
+        """Keep what belongs here."""
+        if isinstance(event, SensorReading):
+            self.on_reading(event)
+        elif isinstance(event, PsmiList):
+            self.lists.append(event)
+
+    def on_reading(self, reading: SensorReading) -> None:
+        """Keep a reading; the chart that has waited longest for one gives way to one too many."""
+        key = (reading.drone, reading.sensor, reading.kind)
+        chart = self.charts.setdefault(key, Chart(reading.unit))
+        chart.points.append((reading.time_ms, reading.value))
+        chart.total += 1
+        self.charts.move_to_end(key)
+        if len(self.charts) > MOST_CHARTS:
+            self.charts.popitem(last=False)
+
+    def readings_since(self, sent: dict[ChartKey, int]) -> list[dict[str, Any]]:
+        """The points of each chart that a browser has not been sent; `sent` counts them, and is brought up to date."""
+        found = []
+        for key, chart in self.charts.items():
+            fresh = min(chart.total - sent.get(key, 0), len(chart.points))
+            if fresh > 0:
+                drone, sensor, kind = key
+                points = [chart.points[index] for index in range(-fresh, 0)]
+                found.append(
+                    {"drone": drone, "sensor": sensor, "kind": kind, "unit": chart.unit, "points": as_plain(points)}
+                )
+                sent[key] = chart.total
+        return found

@@ -1,0 +1,243 @@
+"""What browsers are shown, and what they ask for: the page without its web server."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from dataclasses import asdict
+from typing import Any
+
+from ..core.printable import printable
+from ..errors import ConfigurationError, MqttxtError
+from ..station.ground_station import GroundStation
+from ..station.outcomes import ControlChanged, Event, PsmiList, QodsRanking, Reachability, StateUpdate
+from ..station.views import Drone, Fog
+from .desk import Desk, Order
+from .event_log import EventLog, as_plain
+from .fleet import STALE_MS, drone_of, fog_of, standing_of
+from .history import ChartKey, History
+from .links import Links
+from .offers import LONGEST_TTL_S, TTL_S, DroneKey, LinkRequest, catalogue, read_request
+
+REVIEW_S = 0.5
+MOST_ENTRIES = 500
+"""Log entries in one message; a browser that is further behind misses older ones, which the export still has."""
+MOST_ANSWERS = 100
+LOOK_S = 1.0
+"""How often links are looked at."""
+_ONLY_WATCHES = "this page only watches: start it without --watch-only to command"
+_NO_LINKS = "this page has no links to change"
+_NOT_OPEN = "the page is starting or ending: nothing was sent"
+
+
+class Viewer:
+    """One browser: what it has not been sent yet."""
+
+    def __init__(self, live: Live) -> None:
+        self._live = live
+        self.drones: set[DroneKey] = set()
+        self.orders: dict[int, Order] = {}
+        self.answers: deque[dict[str, Any]] = deque(maxlen=MOST_ANSWERS)
+        self.has_fogs = False
+        self.has_rankings = False
+        self.has_links = False
+        self._has_begun = False
+        self._entry = 0
+        self._points: dict[ChartKey, int] = {}
+
+    def take(self) -> dict[str, Any]:
+        """Everything that has changed since the last call, empty where nothing has."""
+        live, update = self._live, dict[str, Any]()
+        if not self._has_begun:
+            self._has_begun = True
+            update["hello"] = live.hello()
+            self.drones = set(live.drones())
+            self.orders = {order.number: order for order in live.orders()}
+        if not self.has_fogs:
+            self.has_fogs = True
+            update["fogs"] = [fog_of(fog) for fog in live.fogs]
+        if not self.has_rankings:
+            self.has_rankings = True
+            update["rankings"] = live.rankings()
+        if not self.has_links:
+            self.has_links = True
+            update["links"] = live.shown_links
+        sensors = live.history.readings_since(self._points)
+        if sensors:
+            update["sensors"] = sensors
+        if self.drones:
+            known = live.drones()
+            update["drones"] = [drone_of(key[0], known[key]) for key in sorted(self.drones) if key in known]
+            self.drones = set()
+        if self.orders:
+            now_s = asyncio.get_running_loop().time()
+            update["orders"] = [order.as_plain(now_s) for _, order in sorted(self.orders.items())]
+            self.orders = {}
+        entries = live.log.after(self._entry, MOST_ENTRIES)
+        if entries:
+            update["log"] = [{name: entry[name] for name in ("number", "time", "text")} for entry in entries]
+            self._entry = entries[-1]["number"]
+        if self.answers:
+            update["answers"] = list(self.answers)
+            self.answers.clear()
+        return update
+
+
+class Live:
+    """The state of one page.
+
+    Parameters:
+        station: an entered station; where pages may command, one that wants control.
+        fogs: what it is connected to.
+        watch_only: no command that a page asks for is carried out.
+        links: shown and changed, too; None: there are none.
+    """
+
+    def __init__(self, station: GroundStation, fogs: list[Fog], watch_only: bool, links: Links | None = None) -> None:
+        self.fogs = fogs
+        self.log = EventLog()
+        self.history = History()
+        self._station = station
+        self._watch_only = watch_only
+        self.shown_links: list[dict[str, Any]] = []
+        self._links = links
+        self._linking = asyncio.Lock()
+        self._group: asyncio.TaskGroup | None = None
+        self._desk: Desk | None = None
+        self._viewers: set[Viewer] = set()
+        self._seen = self._standing()
+        for drone in self.drones().values():
+            for reading in drone.readings:
+                self.history.on_reading(reading)
+
+    async def run(self) -> None:
+        """Listen until the station has ended; raises BrokerRefused where the broker ended it."""
+        try:
+            async with asyncio.TaskGroup() as group:
+                self._group = group
+                if not self._watch_only:
+                    self._desk = Desk(self._station, self.log, group, self._on_order)
+                reviewing = [group.create_task(self._review())]
+                if self._links is not None:
+                    reviewing.append(group.create_task(self._look(self._links)))
+                async for event in self._station.events():
+                    self._on_event(event)
+                for task in reviewing:
+                    task.cancel()
+        except* MqttxtError as errors:
+            raise errors.exceptions[0] from None
+        finally:
+            self._desk = self._group = None
+
+    def enter(self) -> Viewer:
+        """A browser that is shown everything from now on."""
+        viewer = Viewer(self)
+        self._viewers.add(viewer)
+        return viewer
+
+    def leave(self, viewer: Viewer) -> None:
+        """A browser that is gone."""
+        self._viewers.discard(viewer)
+
+    def on_request(self, text: str) -> dict[str, Any]:
+        """Carry out what a page asks for; returns its answer, where it was refused with `error`."""
+        number: int | None = None
+        try:
+            number, request = read_request(text)
+            if isinstance(request, LinkRequest):
+                if self._links is None or self._group is None:
+                    raise ConfigurationError(_NO_LINKS)
+                self._group.create_task(self._change(self._links, request))
+                return {"number": number}
+            if self._desk is None:
+                raise ConfigurationError(_ONLY_WATCHES if self._watch_only else _NOT_OPEN)
+            return {"number": number, "order": self._desk.carry_out(request).number}
+        except ConfigurationError as error:
+            return {"number": number, "error": str(error)}
+
+    def hello(self) -> dict[str, Any]:
+        """What does not change."""
+        return {
+            "station": self._station.name,
+            "watch_only": self._watch_only,
+            "commands": catalogue(),
+            "ttl_s": TTL_S,
+            "longest_ttl_s": LONGEST_TTL_S,
+            "stale_ms": STALE_MS,
+            "links": self._links.title if self._links is not None else None,
+        }
+
+    def drones(self) -> dict[DroneKey, Drone]:
+        """Every drone that a fog knows."""
+        return {(fog.number, drone.number): drone for fog in self.fogs for drone in fog.drones}
+
+    def rankings(self) -> dict[str, Any]:
+        """QoDS's order of each fog, and PSMI's newest lists."""
+        return {
+            "fogs": [{"fog": fog.number, "ranking": as_plain(fog.ranking)} for fog in self.fogs],
+            "lists": as_plain(list(self.history.lists)),
+        }
+
+    def orders(self) -> list[Order]:
+        """The commands that were sent, oldest first."""
+        return list(self._desk.orders) if self._desk is not None else []
+
+    def _on_event(self, event: Event) -> None:
+        self.log.on_event(event)
+        self.history.on_event(event)
+        if self._desk is not None:
+            self._desk.on_event(event)
+        if isinstance(event, StateUpdate | Reachability | ControlChanged):
+            for viewer in self._viewers:
+                viewer.drones.add((event.fog, event.drone))
+        elif isinstance(event, QodsRanking | PsmiList):
+            for viewer in self._viewers:
+                viewer.has_rankings = False
+
+    def _on_order(self, order: Order) -> None:
+        for viewer in self._viewers:
+            viewer.orders[order.number] = order
+
+    async def _look(self, links: Links) -> None:
+        """Look at the links, in a thread: reading what they carried takes its time."""
+        while True:
+            async with self._linking:
+                self.shown_links = [asdict(figures) for figures in await asyncio.to_thread(links.look)]
+            for viewer in self._viewers:
+                viewer.has_links = False
+            await asyncio.sleep(LOOK_S)
+
+    async def _change(self, links: Links, wanted: LinkRequest) -> None:
+        """Change a link; why it was not changed is told to everybody who looks."""
+        figures = [f"{name} {text}" for name, text in wanted.figures.items()] + ["closed" if wanted.closed else "open"]
+        said = f"link {printable(wanted.name)}: {printable('as planned' if wanted.back else ', '.join(figures))}"
+        try:
+            async with self._linking:
+                if wanted.back:
+                    await asyncio.to_thread(links.put_back, wanted.name)
+                else:
+                    await asyncio.to_thread(links.change, wanted.name, wanted.figures, wanted.closed)
+        except ConfigurationError as error:
+            said = printable(str(error))
+            for viewer in self._viewers:
+                viewer.answers.append({"number": None, "error": said})
+        self.log.add("Link", said)
+
+    async def _review(self) -> None:
+        """Look for what changes without an event: a fog that is not heard any more, and with it its drones."""
+        while True:
+            await asyncio.sleep(REVIEW_S)
+            fogs, standings = self._seen
+            now_fogs, now = self._standing()
+            changed = {key for key, standing in now.items() if standings.get(key) != standing}
+            for viewer in self._viewers:
+                viewer.drones |= changed
+                viewer.has_fogs &= now_fogs == fogs
+            for before, fog in zip(fogs, now_fogs, strict=True):
+                if before["live"] != fog["live"]:
+                    self.log.add("Fog", f"fog {fog['fog']}: {'heard again' if fog['live'] else 'not heard any more'}")
+            self._seen = now_fogs, now
+
+    def _standing(self) -> tuple[list[dict[str, Any]], dict[DroneKey, tuple[bool, str | None, bool]]]:
+        drones = self.drones()
+        return [fog_of(fog) for fog in self.fogs], {key: standing_of(drone) for key, drone in drones.items()}

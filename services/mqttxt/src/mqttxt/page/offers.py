@@ -1,0 +1,224 @@
+"""What the page offers to send, with units and limits, and how a request of a page is read.
+
+Disarming and anything forced are not offered.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from typing import Any
+
+from ..core.clock import DEFAULT_TTL_MS
+from ..errors import ConfigurationError
+from ..protocol.codec import layout_of
+from ..protocol.commands import BROADCASTABLE, Arm, Command, Goto, Hold, Land, Pause, Return, Takeoff
+from ..protocol.topics import SELECTABLE
+from ..station.plan import Plan
+
+OFFERED: dict[str, type[Command]] = {cls.name: cls for cls in (Arm, Takeoff, Goto, Hold, Land, Return, Pause)}
+TTL_S = DEFAULT_TTL_MS / 1000
+LONGEST_TTL_S = 60.0
+MOST_DRONES = 250
+MOST_NAME = 100
+LINK_FIGURES = ("rate", "delay", "loss")
+_UNITS = {"_m": "metres above home", "_deg": "degrees"}
+
+DroneKey = tuple[int, int]
+"""A fog's number and a drone's."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """Whom a request is for: single `drones`, every drone of `fogs`, or of these fogs the `best` alone."""
+
+    drones: tuple[DroneKey, ...] = ()
+    fogs: tuple[int, ...] = ()
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class CommandRequest:
+    """`command` to `target`, started within `ttl_s` seconds or not at all."""
+
+    command: Command
+    target: Target
+    ttl_s: float
+
+
+@dataclass(frozen=True)
+class TakeOverRequest:
+    """Take control of `drones`, whoever has it."""
+
+    drones: tuple[DroneKey, ...]
+
+
+@dataclass(frozen=True)
+class UploadRequest:
+    """Replace the plan of one drone by `plan`, of the file `name`."""
+
+    plan: Plan
+    name: str
+    drone: DroneKey
+
+
+@dataclass(frozen=True)
+class MissionRequest:
+    """Fly the mission that this page has uploaded to one drone, from its start, or where it is to `resume`."""
+
+    drone: DroneKey
+    resume: bool
+
+
+@dataclass(frozen=True)
+class LinkRequest:
+    """Change the link `name`, as `Links.change` does, or put it back as it was planned."""
+
+    name: str
+    figures: Mapping[str, str]
+    closed: bool = False
+    back: bool = False
+
+
+Request = CommandRequest | TakeOverRequest | UploadRequest | MissionRequest
+
+
+def catalogue() -> dict[str, Any]:
+    """Every command that is offered: its parameters with unit, limits and default, and whom it may go to."""
+    return {
+        name: {
+            "limit_s": cls.limit_s,
+            "each": not issubclass(cls, BROADCASTABLE),
+            "best": name in SELECTABLE,
+            "parameters": [_parameter(cls, field.name, field.mark) for field in layout_of(cls).fields],
+        }
+        for name, cls in OFFERED.items()
+    }
+
+
+def read_request(text: str) -> tuple[int, Request | LinkRequest]:
+    """A page's request and its number there; raises ConfigurationError that names field, value and expectation."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        raise ConfigurationError("request: expected JSON") from None
+    if not isinstance(found, dict):
+        raise ConfigurationError(f"request: expected an object, got {type(found).__name__}")
+    number = _whole(found.get("number"), "number", 2**53)
+    what = found.get("do")
+    if what == "link":
+        return number, _link(found)
+    target = _target(found.get("to"))
+    if what == "take_over":
+        if not target.drones:
+            raise ConfigurationError("to: expected drones to take control of")
+        return number, TakeOverRequest(target.drones)
+    if what == "upload":
+        return number, _upload(found, _one_drone(target, "upload"))
+    if what in ("start", "resume"):
+        return number, MissionRequest(_one_drone(target, f"{what} mission"), resume=what == "resume")
+    if what != "command":
+        raise ConfigurationError(f"do {_shown(what)}: expected command, take_over, upload, start, resume or link")
+    command = _command(found.get("command"), found.get("parameters", {}))
+    _check_target(command, target)
+    ttl_s = _number(found.get("ttl_s", TTL_S), "ttl_s", 0.1, LONGEST_TTL_S)
+    return number, CommandRequest(command, target, ttl_s)
+
+
+def _parameter(cls: type[Any], name: str, mark: Any) -> dict[str, Any]:
+    default = next(field.default for field in fields(cls) if field.name == name)
+    quantity, _, _ = name.rpartition("_")
+    return {
+        "name": name,
+        "label": quantity.capitalize(),
+        "unit": next(unit for ending, unit in _UNITS.items() if name.endswith(ending)),
+        "low": mark.low,
+        "high": mark.high,
+        "default": None if default is MISSING else default,
+    }
+
+
+def _upload(found: dict[str, Any], drone: DroneKey) -> UploadRequest:
+    name, text = found.get("name"), found.get("text")
+    if not isinstance(name, str) or not 0 < len(name) <= MOST_NAME:
+        raise ConfigurationError(f"name {_shown(name)}: expected 1 to {MOST_NAME} characters")
+    if not isinstance(text, str):
+        raise ConfigurationError(f"text {_shown(text)}: expected the text of a .plan file")
+    return UploadRequest(Plan.parse(text, name), name, drone)
+
+
+def _link(found: dict[str, Any]) -> LinkRequest:
+    name, figures = found.get("link"), found.get("figures", {})
+    closed, back = found.get("closed", False), found.get("back", False)
+    if not isinstance(name, str) or not 0 < len(name) <= MOST_NAME:
+        raise ConfigurationError(f"link {_shown(name)}: expected 1 to {MOST_NAME} characters")
+    is_text = isinstance(figures, dict) and all(isinstance(text, str) for text in figures.values())
+    if not isinstance(figures, dict) or not is_text or not set(figures) <= set(LINK_FIGURES):
+        raise ConfigurationError(f"figures {_shown(figures)}: expected texts of {', '.join(LINK_FIGURES)}")
+    if not isinstance(closed, bool) or not isinstance(back, bool):
+        raise ConfigurationError(f"closed {_shown(closed)}, back {_shown(back)}: expected true or false")
+    return LinkRequest(name, figures, closed, back)
+
+
+def _one_drone(target: Target, what: str) -> DroneKey:
+    if len(target.drones) != 1:
+        raise ConfigurationError(f"{what}: expected one drone, because each needs a way of its own")
+    return target.drones[0]
+
+
+def _command(name: object, parameters: object) -> Command:
+    cls: type[Any] | None = OFFERED.get(name) if isinstance(name, str) else None
+    if cls is None:
+        raise ConfigurationError(f"command {_shown(name)}: expected one of {', '.join(OFFERED)}")
+    marks = {field.name: field.mark for field in layout_of(cls).fields}
+    if not isinstance(parameters, Mapping) or set(parameters) != set(marks):
+        raise ConfigurationError(f"{name} parameters: expected {', '.join(marks) or 'none'}")
+    values = {
+        field: _number(parameters[field], f"{name} {field}", mark.low, mark.high) for field, mark in marks.items()
+    }
+    command: Command = cls(**values)
+    return command
+
+
+def _target(found: object) -> Target:
+    kinds = {"drones", "fogs", "best"}
+    if not isinstance(found, dict) or len(found) != 1 or not set(found) <= kinds:
+        raise ConfigurationError("to: expected one of drones, fogs, best")
+    ((kind, listed),) = found.items()
+    if not isinstance(listed, list) or not 0 < len(listed) <= MOST_DRONES:
+        raise ConfigurationError(f"to {kind}: expected a list of 1 to {MOST_DRONES}")
+    if kind != "drones":
+        fogs = tuple(dict.fromkeys(_whole(fog, "to fog", 2**16) for fog in listed))
+        return Target(fogs=fogs, best=kind == "best")
+    if not all(isinstance(pair, list) and len(pair) == 2 for pair in listed):
+        raise ConfigurationError("to drones: expected pairs of a fog's number and a drone's")
+    pairs = ((_whole(fog, "to fog", 2**16), _whole(drone, "to drone", MOST_DRONES)) for fog, drone in listed)
+    return Target(drones=tuple(dict.fromkeys(pairs)))
+
+
+def _check_target(command: Command, target: Target) -> None:
+    """Each drone has a place of its own; only commands for one drone are left to a choice."""
+    if target.best:
+        if command.name not in SELECTABLE:
+            raise ConfigurationError(f"{command.name}: expected {', '.join(SELECTABLE)} to whoever arrives first")
+    elif not isinstance(command, BROADCASTABLE) and len(target.drones) != 1:
+        raise ConfigurationError(f"{command.name}: expected one drone, because each needs a place of its own")
+
+
+def _number(value: object, what: str, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise ConfigurationError(f"{what} {_shown(value)}: expected a number from {low:g} to {high:g}")
+    return float(value)
+
+
+def _whole(value: object, what: str, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
+        raise ConfigurationError(f"{what} {_shown(value)}: expected a whole number from 1 to {most}")
+    return value
+
+
+def _shown(value: object) -> str:
+    """A value of a request in an error, cut to a length that a line can have."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,53 @@
+"""The page as a whole: its web server beside what it shows, on one event loop."""
+
+from __future__ import annotations
+
+import logging
+
+from ..core.address import BrokerAddress
+from ..errors import ConfigurationError
+from ..station.ground_station import GroundStation
+from ..station.views import Fog
+from .links import Links
+from .live import Live
+from .server import Server
+
+logger = logging.getLogger("mqttxt.page")
+
+
+def check_listen(host: str, port: int) -> tuple[str, int]:
+    """Where to listen; raises ConfigurationError for anything but this machine."""
+    bare = host.removeprefix("[").removesuffix("]")
+    if not BrokerAddress(bare, port).is_loopback:
+        raise ConfigurationError(
+            f"--listen {host}:{port}: expected this machine, as 127.0.0.1:{port}: the page has no login, and whoever "
+            "opens it commands the drones"
+        )
+    return bare, port
+
+
+async def serve(
+    station: GroundStation, fogs: list[Fog], host: str, port: int, watch_only: bool, links: Links | None = None
+) -> None:
+    """Serve the page until cancelled, or until the station has ended.
+
+    Parameters:
+        station: an entered station; `control=False` where `watch_only`.
+        fogs: what it is connected to.
+        host: a loopback address.
+        port: where to listen.
+        watch_only: no page can command.
+        links: shown and changed, too; None: there are none.
+
+    Raises:
+        ConfigurationError: the server cannot listen there.
+        BrokerRefused: the broker has ended the station.
+    """
+    live = Live(station, fogs, watch_only, links)
+    server = Server(live, host, port)
+    await server.start()
+    logger.info("open %s%s", server.url, " (it only watches)" if watch_only else "")
+    try:
+        await live.run()
+    finally:
+        await server.stop()

@@ -1,0 +1,152 @@
+"""The web server of the page: its files, the socket over which it lives, and who is let in."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+from collections.abc import Awaitable, Callable
+from importlib.resources import files
+from typing import Any
+
+from aiohttp import WSMsgType, web
+
+from ..errors import ConfigurationError
+from .live import Live, Viewer
+
+HTTP_PORT = 80
+"""A browser leaves it out of addresses."""
+MOST_REQUEST_BYTES = 2**21
+"""A plan of the most bytes that a drone takes, as QGroundControl writes it."""
+HEARTBEAT_S = 20.0
+SHUTDOWN_S = 1.0
+TICK_S = 0.1
+"""How often a browser is sent what has changed."""
+_MODULES = ("main", "dom", "fleet", "map", "commands", "log", "plans", "rankings", "sensors", "links")
+_FILES = {
+    **{"page.html": "text/html", "page.css": "text/css", "page.svg": "image/svg+xml"},
+    **{f"{name}.js": "text/javascript" for name in _MODULES},
+}
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+"""The browser itself asks nobody but this server, and runs no script that is not one of its files."""
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Server:
+    """Serves one page to any number of browsers on this machine.
+
+    Parameters:
+        live: what is shown and who asks for what.
+        host: a loopback address or `localhost`.
+        port: where to listen.
+    """
+
+    def __init__(self, live: Live, host: str, port: int) -> None:
+        self._live = live
+        self._host = host
+        self._port = port
+        shown = f"[{host}]" if ":" in host else host
+        behind = "" if port == HTTP_PORT else f":{port}"
+        self.url = f"http://{shown}{behind}/"
+        self._hosts = frozenset(f"{name}{behind}" for name in (shown, "localhost", "127.0.0.1"))
+        self._sockets: set[web.WebSocketResponse] = set()
+        assets = files(__package__) / "assets"
+        self._files = {name: (assets / name).read_bytes() for name in _FILES}
+        app = web.Application(middlewares=[self._guard])
+        app.router.add_get("/", self._page)
+        app.router.add_get("/live", self._socket)
+        app.router.add_get("/log.jsonl", self._log)
+        app.router.add_get("/{name}", self._file)
+        app.on_response_prepare.append(_add_headers)
+        app.on_shutdown.append(self._close_sockets)
+        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=SHUTDOWN_S)
+
+    async def start(self) -> None:
+        """Listen; raises ConfigurationError where that cannot be."""
+        await self._runner.setup()
+        try:
+            await web.TCPSite(self._runner, self._host, self._port).start()
+        except OSError as error:
+            where = f"--listen {self._host}:{self._port}"
+            is_taken = error.errno == errno.EADDRINUSE
+            why = "another program uses the port; expected a free one" if is_taken else error.strerror or error
+            raise ConfigurationError(f"{where}: cannot listen: {why}") from error
+
+    async def stop(self) -> None:
+        """Take leave of every browser; raises nothing."""
+        await self._runner.cleanup()
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """A name that somebody made to lead here (DNS rebinding) is not answered."""
+        if request.host not in self._hosts:
+            raise web.HTTPForbidden(text=f"expected the address {self.url}\n")
+        return await handler(request)
+
+    async def _page(self, _request: web.Request) -> web.Response:
+        return self._answer("page.html")
+
+    async def _file(self, request: web.Request) -> web.Response:
+        name = request.match_info["name"]
+        if name not in self._files:
+            raise web.HTTPNotFound(text="there is no such file\n")
+        return self._answer(name)
+
+    def _answer(self, name: str) -> web.Response:
+        return web.Response(body=self._files[name], content_type=_FILES[name], charset="utf-8")
+
+    async def _log(self, request: web.Request) -> web.Response:
+        """Everything that the log holds, or what of it contains `search`."""
+        text = "".join(self._live.log.lines(request.query.get("search", "")))
+        response = web.Response(text=text, content_type="application/jsonl", charset="utf-8")
+        response.headers["Content-Disposition"] = 'attachment; filename="mqttxt-log.jsonl"'
+        return response
+
+    async def _socket(self, request: web.Request) -> web.WebSocketResponse:
+        """The page's socket: another site's script that opens it has another Origin, and is refused."""
+        if request.headers.get("Origin") != f"http://{request.host}":
+            raise web.HTTPForbidden(text=f"expected the Origin of {self.url}\n")
+        socket = web.WebSocketResponse(max_msg_size=MOST_REQUEST_BYTES, heartbeat=HEARTBEAT_S)
+        await socket.prepare(request)
+        self._sockets.add(socket)
+        viewer = self._live.enter()
+        sending = asyncio.create_task(_send(socket, viewer))
+        try:
+            async for message in socket:
+                if message.type is WSMsgType.TEXT:
+                    viewer.answers.append(self._live.on_request(message.data))
+        finally:
+            sending.cancel()
+            self._live.leave(viewer)
+            self._sockets.discard(socket)
+            with contextlib.suppress(asyncio.CancelledError, ConnectionError):
+                await sending
+        return socket
+
+    async def _close_sockets(self, _app: web.Application) -> None:
+        for socket in list(self._sockets):
+            await socket.close(message=b"the page's program has ended")
+
+
+async def _add_headers(_request: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(_HEADERS)
+
+
+async def _send(socket: web.WebSocketResponse, viewer: Viewer) -> None:
+    """What has changed, in one message a tick; a slow browser is sent the newest, and holds up nobody else."""
+    while True:
+        update: dict[str, Any] = viewer.take()
+        if update:
+            await socket.send_json(update)
+        await asyncio.sleep(TICK_S)

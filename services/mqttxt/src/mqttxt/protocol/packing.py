@@ -1,0 +1,31 @@
+"""Objects that are carried in pieces are compressed messages (RFC 1950), of bounded size on both sides."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Any, TypeVar
+
+from ..errors import PayloadError
+from .codec import MAX_PAYLOAD, decode, encode
+
+Message = TypeVar("Message")
+
+
+def pack(message: Any, what: str) -> bytes:
+    """The bytes of an object; raises PayloadError for a field that cannot be carried, and for too long an object."""
+    plain = encode(message)
+    if len(plain) > MAX_PAYLOAD:
+        raise PayloadError(f"{what}: expected at most {MAX_PAYLOAD} bytes before compression, got {len(plain)}")
+    return zlib.compress(plain, level=9)
+
+
+def unpack(cls: type[Message], data: bytes, what: str) -> Message:
+    """The object of type `cls` in `data`; raises PayloadError."""
+    inflater = zlib.decompressobj()
+    try:
+        plain = inflater.decompress(data, MAX_PAYLOAD + 1)
+    except zlib.error as error:
+        raise PayloadError(f"{what}: {error}") from error
+    if not inflater.eof or inflater.unused_data:
+        raise PayloadError(f"{what}: expected one compressed object of at most {MAX_PAYLOAD} bytes")
+    return decode(cls, plain)

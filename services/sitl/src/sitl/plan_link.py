@@ -1,0 +1,153 @@
+"""MAVLink's mission protocol as an autopilot speaks it on one of its links; no I/O."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from .plans import Item, Partner, Plans
+
+ACCEPTED, ERROR = int(mavlink.MAV_MISSION_ACCEPTED), int(mavlink.MAV_MISSION_ERROR)
+UNSUPPORTED, WRONG_FRAME = int(mavlink.MAV_MISSION_UNSUPPORTED), int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
+NO_SPACE, DENIED = int(mavlink.MAV_MISSION_NO_SPACE), int(mavlink.MAV_MISSION_DENIED)
+OUT_OF_SEQUENCE = int(mavlink.MAV_MISSION_INVALID_SEQUENCE)
+CANCELLED = int(mavlink.MAV_MISSION_OPERATION_CANCELLED)
+
+
+@dataclass
+class Upload:
+    """A list that is coming in: `items` are those of `count` that are there, `current` the one to begin with."""
+
+    partner: Partner
+    kind: int
+    count: int
+    heard_s: float
+    asked_s: float = -math.inf
+    items: list[Item] = field(default_factory=list)
+    current: int = 0
+
+    @property
+    def is_whole(self) -> bool:
+        return len(self.items) == self.count
+
+
+class PlanLink(ABC):
+    """One link's part of the protocol.
+
+    An item that does not come is asked for again after `asks_again_s`; an upload that stands still is given up after
+    `gives_up_s`. `most` are the items of each list at the most.
+    """
+
+    asks_again_s: ClassVar[float]
+    gives_up_s: ClassVar[float]
+    most: ClassVar[Mapping[int, int]]
+
+    def __init__(self, plans: Plans, say: Callable[[str], None]) -> None:
+        self._plans = plans
+        self._say = say
+        self._upload: Upload | None = None
+
+    def answer(self, message: Any, now_s: float) -> list[Any]:
+        """The messages that answer one of MESSAGES."""
+        handler = getattr(self, MESSAGES[message.get_type()])
+        answers: list[Any] = handler(message, (message.get_srcSystem(), message.get_srcComponent()), now_s)
+        return answers
+
+    def due(self, now_s: float) -> list[Any]:
+        """Requests that are repeated, and the end of an upload that stands still."""
+        upload = self._upload
+        if upload is None:
+            return []
+        if now_s - upload.heard_s > self.gives_up_s:
+            self._upload = None
+            return self.given_up(upload)
+        return [self._ask(upload, now_s)] if now_s - upload.asked_s > self.asks_again_s else []
+
+    def _begin(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
+        """A list is announced that fits in: its first item is asked for, and of an empty one nothing."""
+        self._upload = upload = Upload(partner, message.mission_type, message.count, now_s)
+        return self._finish(upload) if upload.is_whole else [self._ask(upload, now_s)]
+
+    def _take(self, upload: Upload, message: Any, now_s: float) -> list[Any]:
+        """The item that was asked for: the next one is, or the list is whole."""
+        upload.heard_s = now_s
+        upload.items.append(Item.of(message))
+        if message.current:
+            upload.current = message.seq
+        return self._finish(upload) if upload.is_whole else [self._ask(upload, now_s)]
+
+    def _finish(self, upload: Upload) -> list[Any]:
+        self._upload = None
+        self.keep(upload)
+        return [ack(upload.partner, ACCEPTED, upload.kind)]
+
+    def _refuse(self, upload: Upload, result: int) -> list[Any]:
+        """The upload is over; what was there before stays."""
+        self._upload = None
+        return [ack(upload.partner, result, upload.kind)]
+
+    def _ask(self, upload: Upload, now_s: float) -> Any:
+        upload.asked_s = now_s
+        return self.request(upload.partner, len(upload.items), upload.kind)
+
+    @abstractmethod
+    def request(self, to: Partner, seq: int, kind: int) -> Any:
+        """How an item is asked for."""
+
+    @abstractmethod
+    def keep(self, upload: Upload) -> None:
+        """A whole list takes the place of the one before."""
+
+    @abstractmethod
+    def given_up(self, upload: Upload) -> list[Any]:
+        """What is said of an upload that stood still."""
+
+    @abstractmethod
+    def count(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
+        """MISSION_COUNT: somebody wants to upload a list."""
+
+    @abstractmethod
+    def item(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
+        """MISSION_ITEM_INT."""
+
+    @abstractmethod
+    def request_list(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
+        """MISSION_REQUEST_LIST: somebody wants a list."""
+
+    @abstractmethod
+    def requested(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
+        """MISSION_REQUEST_INT: somebody wants an item."""
+
+    @abstractmethod
+    def acknowledged(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
+        """MISSION_ACK: the end of a download, or of an upload that is cancelled."""
+
+    @abstractmethod
+    def clear(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
+        """MISSION_CLEAR_ALL."""
+
+    @abstractmethod
+    def set_current(self, message: Any, partner: Partner, now_s: float) -> list[Any]:
+        """MISSION_SET_CURRENT."""
+
+
+MESSAGES = {
+    "MISSION_COUNT": PlanLink.count.__name__,
+    "MISSION_ITEM_INT": PlanLink.item.__name__,
+    "MISSION_REQUEST_LIST": PlanLink.request_list.__name__,
+    "MISSION_REQUEST_INT": PlanLink.requested.__name__,
+    "MISSION_ACK": PlanLink.acknowledged.__name__,
+    "MISSION_CLEAR_ALL": PlanLink.clear.__name__,
+    "MISSION_SET_CURRENT": PlanLink.set_current.__name__,
+}
+"""The protocol's messages that an autopilot hears, and who answers each."""
+
+
+def ack(to: Partner, result: int, kind: int) -> Any:
+    """MISSION_ACK."""
+    return mavlink.MAVLink_mission_ack_message(*to, result, kind)

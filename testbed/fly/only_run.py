@@ -1,0 +1,24 @@
+"""One run at a time: a fleet's addresses exist once."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from pathlib import Path
+
+from ..errors import DockerError
+
+LOCK = Path(tempfile.gettempdir()) / "mqttxt-testbed.lock"
+
+
+def only_run() -> None:
+    """Keep other runs out until this process ends: a fleet's addresses exist once. Raises DockerError naming them."""
+    handle = os.open(LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        pid = os.read(handle, 20).decode() or "unknown"
+        raise DockerError(f"another run is going on (process {pid}); only one fleet can fly at a time") from None
+    os.truncate(handle, 0)
+    os.write(handle, str(os.getpid()).encode())

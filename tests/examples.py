@@ -1,0 +1,20 @@
+"""How much a test tries: in `make check` a tenth of the examples, and of several histories the first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+from hypothesis import settings
+
+
+def examples(count: int, **more: Any) -> settings:
+    """So many examples for a property; a tenth of them, five at least, in the profile that `make check` has."""
+    is_quick = settings.get_current_profile_name() == "quick"
+    return settings(max_examples=max(5, count // 10) if is_quick else count, **more)
+
+
+def first_quick(values: Iterable[Any], quick: int = 1) -> list[Any]:
+    """A test's parameters, of which those behind the first `quick` are `long`."""
+    return [pytest.param(one, marks=[pytest.mark.long] if i >= quick else []) for i, one in enumerate(values)]

@@ -1,0 +1,165 @@
+"""`mqttxt demo`: its page and what it prints fly, and whatever ends it, no process and no file is left."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mqttxt.demo.process import CLOUD_PORT, PAGE_PORT
+from tests.rigs.demonstration import READY, Demonstration
+from tests.rigs.installed import installed_demo
+from tests.rigs.live_page import LivePage
+from tests.rigs.processes import ROOT, wait_until
+from tests.tools.programs import chromium
+
+pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(400)]
+
+
+@pytest.fixture
+def demo(tmp_path: Path) -> Iterator[Demonstration]:
+    made = Demonstration(tmp_path)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+@contextlib.contextmanager
+def port_taken(port: int) -> Iterator[None]:
+    """Somebody listens there: the test, unless another one does."""
+    with socket.socket() as sock:
+        with contextlib.suppress(OSError):
+            sock.bind(("127.0.0.1", port))
+            sock.listen()
+        yield
+
+
+def test_what_it_prints_flies_beside_a_taken_port_and_an_impatient_ctrl_c_leaves_nothing(demo: Demonstration) -> None:
+    with port_taken(CLOUD_PORT), port_taken(PAGE_PORT):
+        demo.start()
+        demo.wait_for(READY)
+    assert f":{CLOUD_PORT}" not in demo.said()
+    assert f":{PAGE_PORT}" not in demo.said()
+    lines = [line for line in demo.printed() if not line.startswith(". ")]
+    assert [line.split()[3] for line in lines if " send " in line] == ["arm", "takeoff", "goto", "land"]
+    written = demo.type(lines)
+    assert "MQTT-XT" in written
+    assert written.count("takeoff completed") == written.count("land completed") == 4
+    assert "goto completed" in written
+    demo.signal(signal.SIGINT)
+    demo.wait_for("ending")
+    demo.signal(signal.SIGINT)
+    assert demo.wait() == 0
+    assert demo.nothing_is_left()
+    assert "Traceback" not in demo.said()
+
+
+@pytest.mark.skipif(chromium() is None, reason="no Chromium; `make tools` has it")
+def test_its_page_flies_and_typed_lines_take_over_from_it(demo: Demonstration) -> None:
+    demo.start()
+    demo.wait_for(READY)
+    assert demo.said().index(demo.page()) < demo.said().index("drone 1 is ready")
+    path = chromium()
+    assert path is not None
+    with LivePage(path) as browser:
+        browser.open(demo.page())
+        control = "[...document.querySelectorAll('#fleet-rows tr')].map(row => row.cells[4].innerText).join()"
+        browser.until(f"{control}.match(/this station/g)?.length === 4", "the page controls all four")
+        browser.click("tr[data-drone='1/1'] input")
+        browser.click("#send-arm")
+        browser.until("document.querySelectorAll('#orders li[data-word=completed]').length === 1", "armed")
+        wanted = ("export ", "mqttxt gs send arm", "mqttxt gs send takeoff")
+        assert demo.type([line for line in demo.printed() if line.startswith(wanted)]).count("takeoff completed") == 4
+        browser.until_text("#log", "controlled by gs-")
+        browser.until("document.querySelector('#notice').textContent === ''", "control is back")
+        browser.click("#to-fog-1")
+        browser.click("#send-land")
+        landed = "document.querySelectorAll('#orders > li:first-child li[data-word=completed]').length === 4"
+        browser.until(landed, "all four have landed", 60)
+        assert browser.said == []
+
+
+def test_its_page_is_opened_where_it_is_asked_for(demo: Demonstration, tmp_path: Path) -> None:
+    opened = tmp_path / "opened"
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {opened}.new\nmv {opened}.new {opened}\nexec sleep 600\n')
+    browser.chmod(0o755)
+    demo.start("--open", BROWSER=f"{browser} %s")
+    demo.wait_for("the page: ")
+    wait_until(opened.exists, "a browser is opened")
+    assert opened.read_text() == f"{demo.page()}\n"
+    demo.signal(signal.SIGINT)
+    assert demo.wait() == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["SIGTERM", "a closed terminal"])
+def test_a_signal_while_it_starts_ends_it_clean(demo: Demonstration, number: signal.Signals) -> None:
+    demo.start("--verbose")
+    demo.wait_for("the activator: ")
+    demo.signal(number)
+    assert demo.wait() == 0
+    assert demo.nothing_is_left()
+    assert READY not in demo.said()
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (("activator", "--fog"), "the activator"),
+        (("sitl", "--system 3"), "drone 3's autopilot"),
+        (("uav", "--drone 2"), "drone 2's UAV client"),
+        (("gs", "page"), "the page"),
+    ],
+)
+def test_a_part_that_is_killed_is_named_with_its_last_words(
+    demo: Demonstration, words: tuple[str, str], name: str
+) -> None:
+    demo.start("--verbose")
+    demo.wait_for("drone 1 is ready")
+    os.kill(demo.part(*words), signal.SIGKILL)
+    assert demo.wait() == 1
+    (said,) = [line for line in demo.said().splitlines() if line.startswith("mqttxt: ")]
+    assert said.startswith(f"mqttxt: {name} was ended by SIGKILL; its last words: ")
+    wait_until(demo.nothing_is_left, "nothing is left")
+    assert "Traceback" not in demo.said()
+
+
+def test_a_station_without_what_linux_has_flies(demo: Demonstration) -> None:
+    demo.start()
+    demo.wait_for(READY)
+    (export,) = [line for line in demo.printed() if line.startswith("export ")]
+    as_windows = f"{sys.executable} {ROOT}/tests/rigs/other_system.py mqttxt gs"
+    commands = [f"send {command} --drone 1 --take-over" for command in ("arm", "takeoff 5", "land")]
+    written = demo.type([export, *(f"{as_windows} {command}" for command in (*commands, "watch --fog 1"))])
+    assert "drone 1: land completed" in written
+    assert "on ground" in written
+
+
+def test_the_parts_of_a_demo_that_is_killed_end_by_themselves(demo: Demonstration) -> None:
+    demo.start()
+    demo.wait_for(READY)
+    demo.signal(signal.SIGKILL)
+    wait_until(lambda: not demo.processes(), "no process is left")
+
+
+def test_from_wheels_in_an_empty_virtual_environment_it_flies(tmp_path: Path) -> None:
+    demo = Demonstration(tmp_path, installed_demo(tmp_path / "venv"))
+    try:
+        demo.start()
+        demo.wait_for(READY)
+        wanted = (". ", "export ", "mqttxt gs send arm", "mqttxt gs send takeoff", "mqttxt gs send land")
+        lines = [line for line in demo.printed() if line.startswith(wanted)]
+        assert len(lines) == len(wanted)
+        assert demo.type([*lines, "command -v mqttxt"]).endswith(f"{demo.mqttxt}\n")
+        demo.signal(signal.SIGTERM)
+        assert demo.wait() == 0
+        assert demo.nothing_is_left()
+    finally:
+        demo.close()

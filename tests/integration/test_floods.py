@@ -1,0 +1,88 @@
+"""Members of a fleet that flood, at real brokers with the generated configuration: the others' commands get through."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mqttxt import Hold, Word
+from mqttxt.protocol.codec import MAX_PAYLOAD
+from mqttxt.security import broker as brokers
+from mqttxt.security.authority import Authority
+from mqttxt.security.identity import Identity
+from mqttxt.security.rights import Rights
+from tests.integration.test_secure_fleet import SecureSystem
+from tests.rigs.flooder import KINDS
+from tests.rigs.processes import Process, eventually
+from tests.rigs.secure import WITNESS, Node, SecureBroker
+
+pytestmark = [pytest.mark.integration, pytest.mark.apart]
+
+COMMANDS = 10
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("kind", KINDS)
+async def test_a_station_that_floods_stops_nobody(tmp_path: Path, kind: str) -> None:
+    system = SecureSystem(tmp_path, signed=True)
+    eve = system.acme.issue("gs-eve", Rights(frozenset({1}), observe=True))
+    broker = system.brokers["broker-cloud"]
+    broker.files.write_access(broker.out)
+    options = (str(eve), str(broker.port), kind, str(tmp_path / "eve.ready"))
+    flooder = Process(tmp_path, "eve", "tests.rigs.flooder", *options)
+    try:
+        system.start()
+        async with system.station(signed=True) as station:
+            (fog,) = await station.connect([1])
+            drone = fog.drone(1)
+            await eventually(lambda: drone.is_reachable and drone.is_controlled, "drone 1 is reachable and controlled")
+            flooder.start().wait_ready()
+            said = [await drone.send(Hold(), ttl_s=30, limit_s=30) for _ in range(COMMANDS)]
+            assert flooder.exit_code is None, flooder.log.read_text()[-2000:]
+            assert [one.word for one in said] == [Word.COMPLETED] * COMMANDS
+    finally:
+        flooder.kill()
+        system.close()
+
+
+def test_a_broker_takes_no_longer_payload_than_the_specification_has(tmp_path: Path) -> None:
+    acme = Authority.create(tmp_path / "acme", "acme")
+    for name in ("broker-cloud", "fog1", WITNESS):
+        acme.issue(name)
+    broker = SecureBroker(acme, "broker-cloud")
+    broker.let_witness()
+    try:
+        broker.start()
+        witness, fog = (Node(Identity.load(acme.folder / name), broker) for name in (WITNESS, "fog1"))
+        longest, longer = bytes(MAX_PAYLOAD), bytes(MAX_PAYLOAD + 1)
+        for payload in (longest, longer):  # Mosquitto 2.0.11 hangs up, newer ones refuse
+            fog.publish(["fog1/PSMI"], payload)
+        witness.catch_up()
+        assert witness.heard == {("fog1/PSMI", longest)}
+        for node in (witness, fog):
+            node.close()
+    finally:
+        broker.kill()
+
+
+def test_a_broker_takes_as_many_connections_as_its_configuration_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(brokers, "MOST_CONNECTIONS", 3)
+    acme = Authority.create(tmp_path / "acme", "acme")
+    for name in ("broker-cloud", "fog1"):
+        acme.issue(name)
+    broker = SecureBroker(acme, "broker-cloud")
+    try:
+        broker.start()
+        nodes = [Node(Identity.load(acme.folder / "fog1"), broker) for _ in range(3)]
+        with pytest.raises((ConnectionError, OSError)):
+            Node(Identity.load(acme.folder / "fog1"), broker)
+        nodes[0].publish(["fog1/clock"], b"still there")
+        nodes[0].catch_up()
+        assert ("fog1/clock", b"still there") in nodes[0].heard
+        for node in nodes:
+            node.close()
+    finally:
+        broker.kill()

@@ -1,0 +1,372 @@
+"""The live page in a real Chromium: a first flight by mouse and by keyboard, who may command, brokers that die."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import os
+from collections.abc import Iterator
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+
+from mqttxt import GroundStation
+from tests.rigs.live_page import LivePage
+from tests.rigs.local_broker import LocalBroker
+from tests.rigs.processes import System, wait_until
+from tests.rigs.served_page import Served
+from tests.tools.axe import AXE
+from tests.tools.programs import chromium
+
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.skipif(chromium() is None or not AXE.exists(), reason="no Chromium or axe-core; `make tools` has them"),
+]
+PHONE, DESK = 400, 1600
+ARM, TAKEOFF, LAND = 400, 22, 21
+PICTURES = os.environ.get("PAGE_PICTURES")
+"""Where pictures of the page go, as docs/pictures; none are made without."""
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    made = System(tmp_path_factory.mktemp("page"))
+    made.cloud, made.fog = LocalBroker.like(made.cloud), LocalBroker.like(made.fog)
+    try:
+        yield made.start()
+    finally:
+        made.close()
+
+
+@pytest.fixture(scope="module")
+def page(system: System) -> Iterator[Served]:
+    served = Served(system, "page")
+    yield served
+    served.process.kill()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[LivePage]:
+    path = chromium()
+    assert path is not None
+    with LivePage(path) as started:
+        yield started
+
+
+def cell(drone: int, column: int) -> str:
+    return f"tr[data-drone='1/{drone}'] td:nth-of-type({column})"
+
+
+REACHABLE, CONTROL, ARMED, HEIGHT = 3, 4, 5, 8
+
+
+def last_words(browser: LivePage, word: str) -> int:
+    """How many drones of the newest command have said this word."""
+    return int(browser.value(f"document.querySelectorAll('#orders > li:first-child li[data-word={word}]').length"))
+
+
+def done(browser: LivePage, text: str, drones: int = 1) -> None:
+    """The newest command is this one, and so many drones have completed it."""
+    browser.until_text("#orders > li:first-child h3", text)
+    wait_until(lambda: last_words(browser, "completed") == drones, f"{text}: {browser.text('#orders')}", 60)
+
+
+def is_ready(browser: LivePage, *drones: int) -> None:
+    for drone in drones:
+        browser.until_text(cell(drone, REACHABLE), "yes")
+        browser.until_text(cell(drone, CONTROL), "this station")
+        browser.until_text(cell(drone, ARMED), "no")
+
+
+def take_picture(browser: LivePage, name: str, width: int, dark: bool = False) -> None:
+    if PICTURES is not None:
+        browser.picture(Path(PICTURES) / f"{name}.png", width, dark)
+        browser.resize(DESK, dark=False)
+
+
+def test_first_flight_by_mouse(system: System, page: Served, browser: LivePage) -> None:
+    browser.open(page.url, DESK)
+    is_ready(browser, 1, 2)
+    assert browser.value("document.querySelector('#send-arm').disabled"), "nobody is selected"
+    browser.until("document.querySelectorAll('[data-marker]').length === 2", "both on the map")
+    browser.click("[data-marker='1/1'] path")
+    assert browser.value("document.querySelector(\"tr[data-drone='1/1'] input\").checked"), (
+        "the map selects in the table"
+    )
+    browser.click("tr[data-drone='1/2'] th")
+    browser.until(
+        "document.querySelector(\"[data-marker='1/2']\").matches('.selected')", "the table selects on the map"
+    )
+    browser.until_text("#who", "Drone 1, 2")
+    assert browser.value("document.querySelector('#send-goto').disabled"), "two drones do not go to one place"
+    browser.click("#send-arm")
+    done(browser, "arm to drone 1, 2", drones=2)
+    browser.click("#send-takeoff")
+    done(browser, "takeoff altitude 10 m to drone 1, 2", drones=2)
+    browser.click("tr[data-drone='1/2'] th")
+    browser.until_text("#who", "Drone 1")
+    browser.click("#map", 0.8, 0.2)
+    assert browser.value("document.getElementById('goto-latitude_deg').value") != "", "the map fills in the place"
+    assert int(browser.value("document.getElementById('goto-altitude_m').value")) in (9, 10, 11)
+    browser.click("#send-goto")
+    browser.until("document.querySelectorAll('#map .goals text').length === 1", "the goal on the map")
+    browser.until("document.querySelector('#orders > li:first-child .left').textContent !== ''", "time left")
+    take_picture(browser, "page", DESK)
+    take_picture(browser, "page-dark", DESK, dark=True)
+    done(browser, "goto latitude")
+    browser.click("#to-fog-1")
+    browser.click("#send-land")
+    done(browser, "land to all drones of fog 1", drones=2)
+    browser.until_text(cell(1, ARMED), "no")
+    assert len(system.commanded(2, TAKEOFF)) == 1
+    assert browser.said == []
+
+
+def test_first_flight_by_keyboard_alone(system: System, page: Served, browser: LivePage) -> None:
+    flown = len(system.commanded(2, TAKEOFF))
+    browser.open(page.url, DESK)
+    is_ready(browser, 2)
+    browser.tab_to("tr[data-drone='1/2'] input")
+    browser.press(" ")
+    browser.until_text("#who", "Drone 2")
+    browser.tab_to("#send-arm")
+    browser.press("Enter")
+    done(browser, "arm to drone 2")
+    browser.tab_to("#send-takeoff")
+    browser.press("Enter")
+    done(browser, "takeoff altitude 10 m to drone 2")
+    browser.press("h")
+    done(browser, "hold to drone 2")
+    browser.press("l")
+    done(browser, "land to drone 2")
+    assert len(system.commanded(2, TAKEOFF)) == flown + 1
+    assert len(system.commanded(1, ARM)) <= 1, "the other drone was not commanded"
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [PHONE, DESK])
+def test_the_page_fits_and_keeps_nobody_out(page: Served, browser: LivePage, width: int, dark: bool) -> None:
+    browser.open(page.url, width, dark)
+    browser.click("tr[data-drone='1/1'] input")
+    browser.until_text("#who", "Drone 1")
+    assert browser.value("document.documentElement.scrollWidth") == width
+    assert browser.wider() == []
+    table = "document.querySelector('#fleet .scroll')"
+    assert browser.value(f"{table}.scrollWidth <= {table}.clientWidth"), "every value of a drone is seen"
+    assert browser.violations() == []
+    assert browser.said == []
+
+
+def test_what_ends_a_flight_is_seen_without_scrolling(page: Served, browser: LivePage) -> None:
+    browser.open(page.url, DESK)
+    browser.until("document.querySelector('#send-land')?.getBoundingClientRect().bottom < innerHeight", "Land is seen")
+
+
+@pytest.mark.parametrize("text", ["1,5", "", "12 m", "1e1", "-1", "10001"])
+def test_what_is_no_number_within_its_limits_is_not_sent(page: Served, browser: LivePage, text: str) -> None:
+    browser.open(page.url)
+    is_ready(browser, 1)
+    browser.click("tr[data-drone='1/1'] input")
+    browser.type("#takeoff-altitude_m", text)
+    sent = browser.value("document.querySelectorAll('#orders > li').length")
+    browser.click("#send-takeoff")
+    said = browser.value("document.getElementById('takeoff-altitude_m').validationMessage")
+    assert said == "Expected a number from 0.5 to 10000, with a point before decimals, as 12.5"
+    assert browser.value("document.getElementById('takeoff-altitude_m').value") == text, "a comma does not vanish"
+    assert browser.value("document.querySelectorAll('#orders > li').length") == sent
+
+
+def test_a_place_that_is_pasted_fills_in_both_fields_and_the_map_goes_as_far(page: Served, browser: LivePage) -> None:
+    browser.open(page.url)
+    is_ready(browser, 1)
+    browser.click("tr[data-drone='1/1'] input")
+    browser.value(
+        """(() => { const clipboardData = new DataTransfer();
+          clipboardData.setData('text', '(47.5, 8.5470)');
+          document.getElementById('goto-latitude_deg').dispatchEvent(
+            new ClipboardEvent('paste', { clipboardData, bubbles: true, cancelable: true })); })()"""
+    )
+    places = [browser.value(f"document.getElementById('goto-{name}_deg').value") for name in ("latitude", "longitude")]
+    assert places == ["47.5", "8.5470"]
+    browser.until_text("#goto-distance", " km from drone 1")
+    browser.until_text("#map-scale", " km")
+
+
+def test_times_are_those_of_whoever_looks_at_the_page(page: Served, browser: LivePage) -> None:
+    browser.set_time_zone("Asia/Kathmandu")
+    browser.open(page.url)
+    browser.until("document.querySelectorAll('#log li').length > 0", "the log")
+    utc, shown = browser.value("(t => [t.dateTime, t.textContent])(document.querySelector('#log time'))")
+    there = datetime.fromisoformat(utc).astimezone(timezone(timedelta(hours=5, minutes=45)))
+    browser.set_time_zone("")
+    assert shown == there.isoformat(timespec="milliseconds")[11:23]
+
+
+def test_what_rounds_to_nothing_has_no_sign(page: Served, browser: LivePage) -> None:
+    browser.open(page.url)
+    shown = "import('/dom.js').then(dom => [-0.04, -0.06, 0, 12.34].map(value => dom.fixed(value, 1)))"
+    assert browser.value(shown) == ["0.0", "-0.1", "0.0", "12.3"]
+
+
+async def test_a_page_that_only_watches_cannot_command(system: System, browser: LivePage) -> None:
+    watching = Served(system, "watching", "--watch-only")
+    try:
+        armed = len(system.commanded(1, ARM))
+        arm = {"do": "command", "command": "arm", "parameters": {}, "to": {"drones": [[1, 1]]}}
+        assert "only watches" in (await watching.ask(**arm))["error"]
+        assert "only watches" in (await watching.ask(do="take_over", to={"drones": [[1, 1]]}))["error"]
+        browser.open(watching.url)
+        browser.until_text(cell(1, REACHABLE), "yes")
+        assert not browser.value("document.getElementById('command').checkVisibility()")
+        assert len(system.commanded(1, ARM)) == armed
+        browser.until_text(cell(1, HEIGHT), " m")
+        assert "this station" not in browser.text(cell(1, CONTROL))
+    finally:
+        watching.process.kill()
+
+
+async def test_two_stations_compete_and_both_see_it(system: System, page: Served, browser: LivePage) -> None:
+    browser.open(page.url)
+    is_ready(browser, 1)
+    async with GroundStation(system.cloud.url, name="rival") as rival:
+        (fog,) = await rival.connect([1])
+        await fog.drone(1).take_over()
+        await asyncio.to_thread(browser.until_text, cell(1, CONTROL), "rival")
+        await asyncio.to_thread(browser.until_text, "#notice", "Control of drone 1 is lost: rival has it.")
+        await asyncio.to_thread(browser.click, "tr[data-drone='1/1'] input")
+        await asyncio.to_thread(browser.click, "#send-arm")
+        await asyncio.to_thread(browser.until_text, "#orders", "Another ground station controls the drone")
+        await asyncio.to_thread(browser.click, "#take-over")
+        await asyncio.to_thread(browser.until_text, cell(1, CONTROL), "this station")
+        await rival.wait_until(lambda: not fog.drone(1).is_controlled, 10)
+
+
+def test_two_pages_compete_and_both_see_who_has_control(system: System, page: Served, browser: LivePage) -> None:
+    other = Served(system, "other")
+    path = chromium()
+    assert path is not None
+    try:
+        with LivePage(path) as second:
+            browser.open(page.url)
+            is_ready(browser, 1)
+            second.open(other.url)
+            ours, theirs = browser.text("#station"), second.text("#station")
+            assert ours != theirs
+            second.until_text(cell(1, CONTROL), ours)
+            second.click("tr[data-drone='1/1'] input")
+            second.click("#take-over")
+            second.until_text(cell(1, CONTROL), "this station")
+            browser.until_text(cell(1, CONTROL), theirs)
+            browser.until_text("#notice", f"Control of drone 1 is lost: {theirs} has it.")
+            browser.click("tr[data-drone='1/1'] input")
+            browser.click("#send-arm")
+            browser.until_text("#orders > li:first-child", "Another ground station controls the drone")
+            browser.click("#take-over")
+            browser.until_text(cell(1, CONTROL), "this station")
+            second.until_text(cell(1, CONTROL), ours)
+            second.until_text("#notice", f"Control of drone 1 is lost: {ours} has it.")
+            browser.until("document.getElementById('notice').textContent === ''", "the loss is over")
+            assert (browser.said, second.said) == ([], [])
+    finally:
+        other.process.kill()
+
+
+def test_a_plan_is_uploaded_and_its_progress_shown(system: System, page: Served, browser: LivePage) -> None:
+    path = system.folder / "two.plan"
+    places = [(47.3978, 8.5457), (47.3979, 8.5458)]
+    items = [
+        {"type": "SimpleItem", "command": 16, "frame": 3, "autoContinue": True, "params": [0, 0, 0, None, *place, 10]}
+        for place in places
+    ]
+    mission = {"version": 2, "items": items, "plannedHomePosition": [47.3977, 8.5456, 488]}
+    path.write_text(json.dumps({"fileType": "Plan", "version": 1, "mission": mission}))
+    browser.open(page.url)
+    is_ready(browser, 1, 2)
+    browser.until_text("#rankings", "Fog 1, best first (QoDS)")
+    browser.click("tr[data-drone='1/2'] input")
+    assert browser.value("document.getElementById('plan-upload').disabled"), "no file is chosen"
+    browser.choose("#plan-file", path)
+    browser.until("!document.getElementById('plan-upload').disabled", "the file is chosen")
+    browser.click("#plan-upload")
+    done(browser, "upload two.plan (2 mission items) to drone 2")
+    browser.until_text("#plan-progress", "Drone 2: item")
+    browser.until_text("#plan-progress", "of 2")
+    way = "document.querySelector('#map .path polyline').getAttribute('points').split(' ').length === 2"
+    browser.until(way, "the plan's way on the map")
+
+
+def test_the_log_is_searched_and_exported(page: Served, browser: LivePage) -> None:
+    browser.open(page.url)
+    is_ready(browser, 1)
+    browser.click("tr[data-drone='1/1'] input")
+    browser.click("#send-hold")
+    done(browser, "hold to drone 1")
+    browser.click("#search")
+    browser.value("document.execCommand('insertText', false, 'HOLD')")
+    browser.until("[...document.querySelectorAll('#log li')].every(li => /hold/i.test(li.textContent))", "only those")
+    lines = browser.value("fetch(document.getElementById('export').href).then(answer => answer.text())").splitlines()
+    events = [json.loads(line) for line in lines]
+    assert any(event["kind"] == "Outcome" and event["event"]["word"] == "completed" for event in events)
+    assert all("hold" in line.lower() for line in lines)
+
+
+def answer_of(page: Served, path: str, **headers: str) -> int:
+    connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)
+    try:
+        connection.request("GET", path, headers=headers)
+        return connection.getresponse().status
+    finally:
+        connection.close()
+
+
+def test_another_site_is_not_let_in(page: Served, browser: LivePage) -> None:
+    upgrade = {
+        **{"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"},
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+    }
+    own = page.url.rstrip("/")
+    assert answer_of(page, "/live", **upgrade, Origin=own) == 101
+    assert answer_of(page, "/live", **upgrade, Origin="https://evil.example") == 403
+    assert answer_of(page, "/live", **upgrade, Origin="null") == 403
+    assert answer_of(page, "/live", **upgrade) == 403
+    assert answer_of(page, "/", Host="evil.example") == 403
+    assert answer_of(page, "/log.jsonl", Host=f"evil.example:{page.port}") == 403
+    evil = page.process.log.parent / "evil.html"
+    evil.write_text(f"<script>window.s = new WebSocket('ws://127.0.0.1:{page.port}/live')</script>")
+    browser.show(evil.as_uri())
+    browser.until("window.s.readyState === WebSocket.CLOSED", "another site's socket is closed")
+
+
+def test_the_cloud_broker_dies_in_flight_and_comes_back(system: System, page: Served, browser: LivePage) -> None:
+    browser.open(page.url)
+    is_ready(browser, 1)
+    browser.click("tr[data-drone='1/1'] input")
+    browser.click("#send-arm")
+    done(browser, "arm to drone 1")
+    browser.click("#send-takeoff")
+    done(browser, "takeoff altitude 10 m to drone 1")
+    system.cloud.kill()
+    browser.until_text("#fogs", "NOT HEARD", 90)
+    browser.until("document.querySelectorAll(\"tr[data-drone='1/1'] .stale\").length > 0", "old values look stale")
+    browser.click("#send-land")
+    browser.until_text("#orders > li:first-child", "not sent")
+    system.cloud.start()
+    browser.until_text("#fogs", "Fog 1: heard", 90)
+    browser.until_text(cell(1, CONTROL), "this station", 90)
+    browser.press("l")
+    done(browser, "land to drone 1")
+
+
+def test_the_page_comes_back_with_its_program(system: System, browser: LivePage) -> None:
+    served = Served(system, "again", "--watch-only")
+    try:
+        browser.open(served.url)
+        served.process.kill()
+        browser.until_text("#connection", "does not answer")
+        served.process.start()
+        browser.until_text("#connection", "connected")
+        browser.until_text(cell(1, REACHABLE), "yes")
+    finally:
+        served.process.kill()

@@ -1,0 +1,74 @@
+"""`mqttxt gs params` as people type it, over real brokers and processes, with the stand-in as autopilot."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from mqttxt import Parameters
+from tests.rigs.processes import System
+
+pytestmark = [pytest.mark.integration]
+
+ROOT = Path(__file__).resolve().parents[2]
+Typed = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    system = System(tmp_path_factory.mktemp("params"))
+    try:
+        yield system.start()
+    finally:
+        system.close()
+
+
+@pytest.fixture
+def params(system: System, tmp_path: Path) -> Typed:
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+
+    def typed(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "mqttxt", "gs", "params", *words, "--drone", "1", "--cloud", system.cloud.url]
+        return subprocess.run(
+            command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60, check=False
+        )
+
+    return typed
+
+
+def test_parameters_are_listed_set_saved_compared_and_loaded(params: Typed, tmp_path: Path) -> None:
+    listed = params("list", "MPC_XY_*")
+    assert (listed.returncode, listed.stdout.split()) == (
+        0,
+        ["MPC_XY_CRUISE", "12", "real32", "MPC_XY_VEL_MAX", "12", "real32"],
+    ), listed.stderr
+    file = tmp_path / "drone1.params"
+    saved = params("save", str(file))
+    assert saved.stdout == f"{file}: {len(Parameters.load(file))} parameters\n"
+    done = params("set", "MPC_XY_CRUISE", "6.5")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "set_parameter completed" in done.stdout
+    assert params("get", "MPC_XY_CRUISE", "RTL_CONE_ANG").stdout == "6.5\n45\n"
+    differing = params("diff", str(file))
+    assert (differing.returncode, differing.stdout) == (1, "MPC_XY_CRUISE: 12 and 6.5\n")
+    loaded = params("load", str(file))
+    assert loaded.returncode == 0, loaded.stdout + loaded.stderr
+    assert loaded.stdout.splitlines()[-1] == "1 of 1 parameters were set"
+    assert (params("diff", str(file)).returncode, params("diff", str(file)).stdout) == (0, "")
+
+
+def test_what_cannot_be_is_one_line(params: Typed, tmp_path: Path) -> None:
+    assert params("get", "NOBODY").stderr.splitlines()[-1] == "mqttxt: NOBODY: drone 1 has no such parameter"
+    denied = params("set", "MAV_SYS_ID", "9")
+    assert denied.returncode == 1
+    assert "denied(parameter_not_enabled)" in denied.stdout
+    file = tmp_path / "wrong.params"
+    file.write_text("1\t1\tMPC_XY_CRUISE\t6\t6\n")
+    refused = params("load", str(file))
+    said = f"mqttxt: {file}: MPC_XY_CRUISE: type: expected 9 (real32), got 6 (int32); nothing was set"
+    assert (refused.returncode, refused.stderr.splitlines()[-1]) == (2, said)

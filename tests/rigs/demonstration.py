@@ -1,0 +1,124 @@
+"""`mqttxt demo` as a person runs it: in a terminal, on a machine of which the test sees every process and file."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from uuid import uuid4
+
+from tests.rigs.mosquitto_program import MosquittoProgram
+from tests.rigs.processes import ROOT, wait_until
+
+READY = "Ctrl-C here ends everything"
+START_S = 150.0
+"""More than the demo gives its drones."""
+
+
+class Demonstration:
+    """The demo as a process; `mqttxt` is the command that is typed, by default that of the repository."""
+
+    def __init__(self, folder: Path, mqttxt: Path | None = None) -> None:
+        self.log = folder / "demo.log"
+        self.temporary, tools = folder / "tmp", folder / "bin"
+        for made in (self.temporary, tools):
+            made.mkdir()
+        self._mosquitto = MosquittoProgram(tools, f"mqttxt-demo-{uuid4().hex}")
+        if mqttxt is None:
+            mqttxt = tools / "mqttxt"
+            mqttxt.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mqttxt "$@"\n')
+            mqttxt.chmod(0o755)
+        self.mqttxt = mqttxt
+        home = {"HOME": str(folder), "TMPDIR": str(self.temporary), "PATH": f"{tools}:{os.environ['PATH']}"}
+        self._environment = {key: value for key, value in os.environ.items() if not key.startswith("XDG_")} | home
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self, *arguments: str, **environment: str) -> None:
+        with self.log.open("wb") as log:
+            self._process = subprocess.Popen(
+                [self.mqttxt, "demo", *arguments],
+                cwd=ROOT,
+                env=self._environment | environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+
+    def said(self) -> str:
+        return self.log.read_text(errors="replace")
+
+    def wait_for(self, text: str) -> None:
+        """Wait until it has said `text`; fails where it ends before."""
+        wait_until(lambda: text in self.said() or self.exit_code is not None, f"{text!r}: {self.log}", START_S)
+        assert text in self.said(), self.said()
+
+    @property
+    def exit_code(self) -> int | None:
+        assert self._process is not None
+        return self._process.poll()
+
+    def page(self) -> str:
+        """The page's address, as it is told before the drones are there."""
+        (found,) = re.findall(r"^the page: (\S+)$", self.said(), re.MULTILINE)
+        return str(found)
+
+    def printed(self) -> list[str]:
+        """The lines that it says to type, without their comments."""
+        return [line.split("   #")[0].strip() for line in re.findall(r"^  (\S.*)$", self.said(), re.MULTILINE)]
+
+    def type(self, lines: Sequence[str]) -> str:
+        """Type lines in one terminal; returns what they wrote. Each has to succeed."""
+        done = subprocess.run(
+            ["bash", "-e", "-c", "\n".join(lines)],
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=200,
+            check=False,
+        )
+        assert done.returncode == 0, f"{done.stdout}\n{self.said()}"
+        return done.stdout
+
+    def signal(self, number: signal.Signals) -> None:
+        """To the demo and its process group, as a terminal's Ctrl-C goes."""
+        assert self._process is not None
+        os.killpg(self._process.pid, number)
+
+    def wait(self) -> int:
+        assert self._process is not None
+        return self._process.wait(60)
+
+    def processes(self) -> dict[int, str]:
+        """The command lines of the demo's processes, by id: they have its folder for temporary files."""
+        mark = f"TMPDIR={self.temporary}".encode()
+        found = {}
+        for entry in Path("/proc").glob("[0-9]*"):
+            try:
+                environment, command = (entry / "environ").read_bytes(), (entry / "cmdline").read_bytes()
+            except OSError:  # it has ended, or is another person's
+                continue
+            if mark in environment:
+                found[int(entry.name)] = command.replace(b"\0", b" ").decode()
+        return found
+
+    def part(self, *words: str) -> int:
+        """The id of the process whose command line has these words."""
+        (found,) = [pid for pid, command in self.processes().items() if all(f" {word} " in command for word in words)]
+        return found
+
+    def nothing_is_left(self) -> bool:
+        return not self.processes() and not any(self.temporary.iterdir())
+
+    def close(self) -> None:
+        if self._process is not None:
+            for pid in self.processes():
+                os.kill(pid, signal.SIGKILL)
+            self._process.wait()
+        self._mosquitto.close()

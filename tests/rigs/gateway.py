@@ -1,0 +1,137 @@
+"""The gateway beside two drones, and the clients that people have, as tests use them."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import socket
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from mavsdk.asyncio import Mavsdk
+from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as mavlink
+
+from tests.rigs.processes import PATIENCE_S, Process, System, free_port, wait_until
+
+NAN = math.nan
+
+
+class Ground(System):
+    """Two drones that publish every state, and a gateway: a UDP client listens on `udp`, TCP clients go to `tcp`."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        super().__init__(folder)
+        self.udp, self.tcp = free_port(socket.SOCK_DGRAM), free_port()
+        where = ["--to", f"udp:127.0.0.1:{self.udp}", "--listen", f"tcp:127.0.0.1:{self.tcp}"]
+        station = ["gs", "mavlink", "--fog", "1", "--cloud", self.cloud.url]
+        self.gateway = Process(folder, "gateway", "mqttxt", *station, *where, *options)
+
+    def make_uav(self, drone: int, broker: str, *more: Any, **how: Any) -> Process:
+        return super().make_uav(drone, broker, *(more or (None, None)), "--all-states", **how)
+
+    def start(self) -> Ground:
+        super().start()
+        self.gateway.start()
+        wait_until(lambda: "drone 2: is there" in self.gateway.log.read_text(), "the gateway shows both drones")
+        return self
+
+    def close(self) -> None:
+        self.gateway.kill()
+        super().close()
+
+
+async def eventually(read: Callable[[], Awaitable[Any]], right: Callable[[Any], bool], limit_s: float = 60) -> Any:
+    """What a MAVSDK call gives, once it is right."""
+    value: Any = None
+    async with asyncio.timeout(limit_s):
+        while not right(value := await read()):
+            await asyncio.sleep(0.05)
+    return value
+
+
+class Flight:
+    """One vehicle of MAVSDK's, with the texts that it says."""
+
+    def __init__(self, system: Any) -> None:
+        self.action, self.telemetry = ActionAsync(system), TelemetryAsync(system)
+        self.texts: list[str] = []
+        self._listening = asyncio.create_task(self._listen())
+
+    async def _listen(self) -> None:
+        async for text in self.telemetry.subscribe_status_text():
+            self.texts.append(text.text)
+
+    async def said(self, text: str) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while text not in self.texts:
+                await asyncio.sleep(0.05)
+
+    def close(self) -> None:
+        self._listening.cancel()
+
+
+async def systems(mavsdk: Mavsdk) -> dict[int, Any]:
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            found = {await system.get_system_id(): system for system in await mavsdk.get_systems()}
+            if set(found) == {1, 2}:
+                return found
+            await asyncio.sleep(0.1)
+
+
+class Client:
+    """A pymavlink client on TCP that behaves as QGroundControl does; a heartbeat a second unless told otherwise."""
+
+    def __init__(self, port: int, system: int = 255) -> None:
+        self.link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", source_system=system, source_component=190)
+        self.messages: list[Any] = []
+        self.beats = True
+        self._beat_s = 0.0
+        self._asked = 0
+
+    def pump(self) -> None:
+        if self.beats and time.monotonic() >= self._beat_s:
+            self._beat_s = time.monotonic() + 1
+            self.link.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4)
+        while (message := self.link.recv_match(blocking=False)) is not None:
+            self.messages.append(message)
+
+    def until(
+        self, right: Callable[[Any], bool], what: str, limit_s: float = PATIENCE_S, since: int | None = None
+    ) -> Any:
+        """The first message that is right, from now on or from message number `since` on."""
+        seen = len(self.messages) if since is None else since
+
+        def came() -> bool:
+            self.pump()
+            return any(map(right, self.messages[seen:]))
+
+        wait_until(came, what, limit_s)
+        return next(message for message in self.messages[seen:] if right(message))
+
+    def command(self, number: int, *params: float, drone: int = 1) -> Any:
+        """COMMAND_LONG; its acknowledgement, after those that say that it is in progress."""
+        padded = (*params, *[NAN] * (7 - len(params)))
+        self.pump()
+        self._asked = len(self.messages)
+        self.link.mav.command_long_send(drone, 1, number, 0, *padded)
+        return self.until(lambda message: is_ack(message, number, drone), f"acknowledgement of {number}").result
+
+    def text(self, wanted: str, limit_s: float = PATIENCE_S) -> None:
+        """Wait for a text since the last command: it may come together with the acknowledgement."""
+        self.until(
+            lambda message: message.get_type() == "STATUSTEXT" and wanted in message.text, wanted, limit_s, self._asked
+        )
+
+    def close(self) -> None:
+        self.link.close()
+
+
+def is_ack(message: Any, number: int, drone: int) -> bool:
+    is_ack = message.get_type() == "COMMAND_ACK" and message.command == number and message.get_srcSystem() == drone
+    return is_ack and message.result != mavlink.MAV_RESULT_IN_PROGRESS

@@ -1,0 +1,135 @@
+"""The live page in headless Chromium, by mouse and keyboard as a person has them."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from tests.rigs.browser import Browser
+from tests.rigs.processes import PATIENCE_S, listens, wait_until
+from tests.tools.axe import AXE
+
+_KEYS = {"Tab": 9, "Enter": 13, " ": 32}
+TALLEST = 4000
+
+
+class LivePage(Browser):
+    """A browser with one live page open."""
+
+    def open(self, url: str, width: int = 1600, dark: bool = False) -> None:
+        """Show the page at a width once it is served, and wait until it knows its drones."""
+        served = urlsplit(url)
+        assert served.hostname is not None
+        assert served.port is not None
+        port, host = served.port, served.hostname
+        # Before that the browser shows a page of its own, whose pictures would be taken for the page's.
+        wait_until(lambda: listens(port, host), f"{url} is served")
+        self.own = (url, "file:")
+        self.said.clear()
+        self.resize(width, dark)
+        self.show(url)
+        self.until("document.querySelectorAll('#fleet-rows tr').length > 0", "drones on the page")
+
+    def show(self, url: str) -> None:
+        """Any page, loaded whole."""
+        loaded = self._loaded
+        self._ask("Page.navigate", url=url)
+        while self._loaded == loaded:
+            self._next()
+
+    def resize(self, width: int, dark: bool, height: int = 1000) -> None:
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self._ask("Emulation.setDeviceMetricsOverride", **size)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self._ask("Emulation.setEmulatedMedia", features=[scheme], media="screen")
+
+    def set_time_zone(self, name: str) -> None:
+        """Where whoever looks at the page is, from the next page on; UTC where `name` is empty."""
+        self._ask("Emulation.setTimezoneOverride", timezoneId=name)
+
+    def value(self, expression: str) -> Any:
+        """What an expression of JavaScript is; a promise is waited for."""
+        told = self._ask("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in told, told
+        return told["result"].get("value")
+
+    def until(self, expression: str, what: str, limit_s: float = PATIENCE_S) -> None:
+        wait_until(lambda: self.value(expression), what, limit_s)
+
+    def text(self, selector: str) -> str:
+        return str(self.value(f"document.querySelector({json.dumps(selector)})?.textContent ?? ''"))
+
+    def until_text(self, selector: str, part: str, limit_s: float = PATIENCE_S) -> None:
+        wait_until(lambda: part in self.text(selector), f"{part!r} in {selector}", limit_s)
+
+    def click(self, selector: str, across: float = 0.5, down: float = 0.5) -> None:
+        """With the mouse, in the middle of an element, or at other shares of its width and height."""
+        found = f"document.querySelector({json.dumps(selector)})"
+        self.value(f"{found}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
+        box = self.value(f"{found}.getBoundingClientRect().toJSON()")
+        at = {"x": box["x"] + box["width"] * across, "y": box["y"] + box["height"] * down}
+        for kind in ("mousePressed", "mouseReleased"):
+            self._ask("Input.dispatchMouseEvent", type=kind, **at, button="left", clickCount=1)
+
+    def choose(self, selector: str, path: Path) -> None:
+        """A file, in a field for one."""
+        root = self._ask("DOM.getDocument")["root"]["nodeId"]
+        node = self._ask("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
+        self._ask("DOM.setFileInputFiles", nodeId=node, files=[str(path)])
+
+    def press(self, key: str, shift: bool = False) -> None:
+        """A key, or a letter."""
+        text = "\r" if key == "Enter" else key if len(key) == 1 else ""
+        code = _KEYS.get(key, ord(key.upper()) if len(key) == 1 else 0)
+        how = {"key": key, "windowsVirtualKeyCode": code, "modifiers": 8 if shift else 0}
+        self._ask("Input.dispatchKeyEvent", type="keyDown", **how, **({"text": text} if text else {}))
+        self._ask("Input.dispatchKeyEvent", type="keyUp", **how)
+
+    def type(self, selector: str, text: str) -> None:
+        """A text in place of that of a field."""
+        self.click(selector)
+        self.value("document.activeElement.select()")
+        self._ask("Input.insertText", text=text)
+
+    def tab_to(self, selector: str) -> None:
+        """Go there by the Tab key alone."""
+        for _ in range(200):
+            if self.value(f"document.activeElement.matches({json.dumps(selector)})"):
+                return
+            self.press("Tab")
+        raise AssertionError(f"{selector}: the Tab key does not lead there")
+
+    def violations(self) -> list[str]:
+        """What axe-core finds."""
+        self.value(f"{AXE.read_text()}; 0")
+        found = self.value(
+            "axe.run().then(r => r.violations.map(v => v.id + ': ' + v.nodes.map(n => n.html).join(' ')))"
+        )
+        assert isinstance(found, list)
+        return found
+
+    def wider(self) -> list[str]:
+        """Elements that stand out of the page on the right, without those in a box that scrolls."""
+        found = self.value(
+            """(() => { const wide = document.documentElement.clientWidth;
+              const scrolls = e => { for (let p = e; p; p = p.parentElement)
+                if (p.id === 'map' || ['auto', 'scroll'].includes(getComputedStyle(p).overflowX)) return true;
+                return false; };
+              return [...document.body.querySelectorAll('*')].filter(e => e.getBoundingClientRect().right > wide + 1
+                && !scrolls(e)).map(e => e.outerHTML.slice(0, 80)); })()"""
+        )
+        assert isinstance(found, list)
+        return found
+
+    def picture(self, path: Path, width: int, dark: bool = False) -> None:
+        """The whole page as a PNG."""
+        self.resize(width, dark)
+        height = min(TALLEST, int(self.value("document.documentElement.scrollHeight")))
+        self.resize(width, dark, height)
+        self.value(
+            "window.scrollTo(0, 0); new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )
+        path.write_bytes(base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"]))

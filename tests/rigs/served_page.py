@@ -1,0 +1,35 @@
+"""`mqttxt gs page` as a process, and requests to it without a browser."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import aiohttp
+
+from tests.rigs.processes import Process, System, free_port, wait_until
+
+
+class Served:
+    """`mqttxt gs page` as a process."""
+
+    def __init__(self, system: System, name: str, *more: str) -> None:
+        self.port = free_port()
+        self.url = f"http://127.0.0.1:{self.port}/"
+        options = ["--fog", "1", "--cloud", system.cloud.url, "--listen", f"127.0.0.1:{self.port}"]
+        self.process = Process(system.folder, name, "mqttxt", "gs", "page", *options, *more).start()
+        wait_until(lambda: f"open {self.url}" in self.process.log.read_text(), f"{name} serves", 90)
+
+    async def ask(self, **request: Any) -> dict[str, Any]:
+        """What the server answers to a request without a browser."""
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(f"{self.url}live", origin=self.url.rstrip("/")) as socket,
+        ):
+            await socket.send_str(json.dumps({"number": 1, **request}))
+            async for message in socket:
+                answers = message.json().get("answers")
+                if answers:
+                    answer: dict[str, Any] = answers[0]
+                    return answer
+        raise AssertionError("the page's socket was closed")

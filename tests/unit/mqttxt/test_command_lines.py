@@ -1,0 +1,129 @@
+"""What a person gets wrong at a role's command is one line that says what was expected, with exit code 2."""
+
+from __future__ import annotations
+
+import shlex
+from typing import TYPE_CHECKING, cast
+
+import pytest
+from typer.testing import CliRunner
+
+from mqttxt import Word
+from mqttxt.cli.advice import line_of, not_there
+from mqttxt.cli.main import app
+from tests.simulation.page_fleet import FakeStation, outcome
+
+if TYPE_CHECKING:
+    from mqttxt.station.views import Fog
+
+ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("gs send jump", "command 'jump': expected one of arm, disarm, takeoff, land, goto, hold, return"),
+        ("gs send takeoff high", "takeoff altitude_m 'high': expected a number from 0.5 to 10000"),
+        ("gs send goto 1 -2 -501 --drone 1", "goto altitude_m '-501': expected a number from -500"),
+        ("gs send hold --drnoe 1", "hold: expected no parameters, got --drnoe 1"),
+        ("gs send takeoff nan", "takeoff altitude_m 'nan': expected a number from 0.5 to 10000"),
+        ("gs send goto 91 8 9 --drone 1", "goto latitude_deg '91': expected a number from -90 to 90"),
+        ("gs send goto -91 -8.25 -5 --drone 1", "goto latitude_deg '-91': expected a number from -90 to 90"),
+        ("gs send goto 1 2", "goto: expected LATITUDE_DEG LONGITUDE_DEG ALTITUDE_M, got 1 2"),
+        ("gs send goto 1 2 3", "goto: expected --drone NUMBER, or --best: it is for one drone"),
+        ("gs send offboard 5 velocity 1 0 0", "offboard: expected --drone NUMBER: it is for one drone"),
+        ("gs send arm --cloud mqtt://a..b", "broker 'mqtt://a..b': expected mqtt://HOST[:PORT]"),
+        ("gs send arm --cloud cloud:1883", "broker 'cloud:1883': expected mqtt://HOST[:PORT]"),
+        ("gs send arm --qos 2", "--qos 2: expected 0 or 1"),
+        ("gs send arm --drone 300", "--drone 300: expected a whole number from 1 to 250"),
+        ("gs send arm --cloud mqtt://cloud.example", f"broker mqtt://cloud.example:1883: {ADVICE}"),
+        ("gs send arm --identity /nowhere", "identity /nowhere: no such folder"),
+        ("uav --drone 0 --broker mqtt://x", "--drone 0: expected a whole number from 1 to 250"),
+        ("uav --drone 1 --broker mqtt://127.0.0.1 --autopilot usb", "autopilot 'usb': expected udp:"),
+        ("uav --drone 1 --broker mqtt://127.0.0.1 --autopilot serial:/dev/x:0", "expected a baud rate from 1"),
+        ("uav --drone 1 --broker mqtt://fog.example", f"--broker mqtt://fog.example:1883: {ADVICE}"),
+        ("activator --fog 1 --cloud mqtt://127.0.0.1 --listen x", "--listen 'x': expected HOST:PORT"),
+        ("gs page --fog 1 --listen 127.0.0.1:80000", "expected HOST:PORT, with a port from 1 to 65535"),
+        (
+            "activator --fog 1 --cloud mqtt://127.0.0.1 --listen 127.0.0.1:1 --drones a",
+            "--drones 'a': expected numbers",
+        ),
+        (
+            "activator --fog 1 --cloud mqtt://[::1] --fog-broker mqtt://[::1] --fog-root ''",
+            "fog root '': expected another root than the cloud side's",
+        ),
+        ("activator --fog 1 --cloud mqtt://127.0.0.1", f"--listen mqtt://0.0.0.0:1883: {ADVICE}"),
+        ("conformance uav --broker mqtt://127.0.0.1:1", "--broker mqtt://127.0.0.1:1: no broker answers"),
+        ("conformance uav --broker here", "--broker 'here': expected mqtt://HOST[:PORT]"),
+        ("conformance uav --broker mqtt://x --drone 0", "--drone 0: expected a whole number from 1 to 250"),
+        ("conformance uav --broker mqtt://x --autopilot tcp:x:1", "expected udp:HOST:PORT"),
+        ("conformance uav --broker mqtt://x --format xml", "--format 'xml': expected table or json"),
+        ("conformance uav --broker mqtt://x --signed", "--signed: expected --fleet FOLDER beside it"),
+        ("conformance gs --broker mqtt://x --fleet /", "--broker mqtt://x:1883: not encrypted; expected mqtts://"),
+        ("conformance gs --broker mqtts://x --fleet /nowhere", "--fleet /nowhere: no such folder; expected one"),
+        ("conformance uav --broker mqtts://x --fleet /tmp", "identity /tmp/fog1: no such folder"),
+        (
+            "conformance activator --broker mqtts://x --fog-broker mqtts://x --fleet /",
+            "--fleet /: expected --signed beside it",
+        ),
+        (
+            "conformance uav --broker mqtt://x --run 'uav {port}'",
+            "expected a command line, with {broker}, {drone}",
+        ),
+        (
+            "conformance activator --broker mqtt://x --fog-broker y",
+            "--fog-broker 'y': expected mqtt://HOST[:PORT]",
+        ),
+        ("conformance gs --broker mqtt://x --ttl 61", "--ttl 61: expected more than 0 and at most 60 s"),
+    ],
+)
+def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(typed: str, said: str) -> None:
+    done = CliRunner().invoke(app, shlex.split(typed))
+    assert done.exit_code == 2, done.output
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_drones_command_typed_as_one_of_the_station_is_told_where_it_belongs() -> None:
+    done = CliRunner().invoke(app, ["gs", "takeoff", "10"])
+    assert done.exit_code == 2
+    assert "No such command 'takeoff'; expected `mqttxt gs send takeoff`." in done.stderr
+
+
+def test_no_broker_is_one_line_that_names_the_options() -> None:
+    done = CliRunner().invoke(app, ["gs", "send", "arm", "--cloud", "mqtt://127.0.0.1:1", "--timeout", "0.1"])
+    assert done.exit_code == 1
+    assert done.stderr.splitlines()[-1].endswith("; expected --cloud (or MQTTXT_CLOUD) and --fog of a running fleet")
+
+
+def test_a_word_that_is_as_wished_is_printed_as_it_is() -> None:
+    assert line_of(outcome(Word.COMPLETED)) == "drone 1: takeoff completed"
+
+
+@pytest.mark.parametrize(
+    ("word", "reason", "said"),
+    [
+        (
+            *(Word.DENIED, "not_in_control, gs-page"),
+            "drone 1: takeoff denied(not_in_control, gs-page). Refused. It was not started. "
+            "Another ground station controls the drone. --take-over takes control from it.",
+        ),
+        (
+            *(Word.DENIED, "disarmed"),
+            "drone 1: takeoff denied(disarmed). Refused. It was not started. The drone is disarmed: arm it first.",
+        ),
+        (
+            *(Word.UNREACHABLE, None),
+            "drone 1: takeoff unreachable. It did not reach the drone. It was not started, and will not be.",
+        ),
+    ],
+)
+def test_any_other_word_is_printed_with_what_it_means(word: Word, reason: str | None, said: str) -> None:
+    assert line_of(outcome(word, reason=reason)) == said
+
+
+def test_a_drone_that_a_fog_does_not_have_is_named_beside_those_that_it_has() -> None:
+    fog = cast("Fog", FakeStation().the_fog)
+    numbers = ", ".join(str(drone.number) for drone in fog.drones)
+    assert not_there(fog, fog.drones[0].number) is None
+    assert not_there(fog, 9) == f"fog 1: has no drone 9; its drones: {numbers}"

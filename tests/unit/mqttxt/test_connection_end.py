@@ -1,0 +1,182 @@
+"""How a connection ends: cleanly, refused, taken over, against a broker that takes nothing more."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from typing import Any
+
+import pytest
+
+from mqttxt.core.effects import Publish
+from mqttxt.core.mqtt import connection as connection_module
+from mqttxt.core.mqtt import link as mqtt_module
+from mqttxt.core.mqtt.client import CONNECT_THREAD
+from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
+from mqttxt.errors import BrokerRefused
+from tests.rigs.linked import RECEIVE_MAXIMUM_2, WITH_WILL, Heard, linked, state
+from tests.rigs.mqtt_server import (
+    CONNECT,
+    DISCONNECT,
+    PUBLISH,
+    Server,
+    publish,
+)
+from tests.rigs.processes import eventually
+
+
+def test_a_broker_that_never_shakes_hands_does_not_hold_up_the_end() -> None:
+    def connecting() -> list[threading.Thread]:
+        return [thread for thread in threading.enumerate() if thread.name == CONNECT_THREAD]
+
+    async def begin_and_end(port: int) -> None:
+        link = MqttLink("cloud", BrokerAddress("127.0.0.1", port, tls=True), "client-1", None, Heard())
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: connecting() != [], "a thread that connects")
+        running.cancel()
+        await asyncio.wait({running}, timeout=10)
+
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        asyncio.run(begin_and_end(silent.getsockname()[1]))
+        left = connecting()
+        assert left != []
+    for thread in left:  # reset with the listening socket
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+async def test_a_refusal_that_cannot_be_mended_ends_the_link() -> None:
+    async with Server(code=0x86) as server:
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard())
+        with pytest.raises(BrokerRefused, match="0x86"):
+            async with asyncio.timeout(10):
+                await link.run()
+
+
+async def test_a_client_that_took_over_is_left_in_peace() -> None:
+    async with Server() as server:
+        heard = Heard()
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, heard)
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: heard.connections == 1, "connected")
+        server.sessions[0].send(b"\xe0\x02\x8e\x00")
+        with pytest.raises(BrokerRefused, match="another client took over"):
+            async with asyncio.timeout(10):
+                await running
+        assert len(server.sessions) == 1
+
+
+@pytest.mark.parametrize("turns", range(8))
+@pytest.mark.parametrize("end", ["cancelled", "closed"])
+async def test_an_end_is_not_lost_that_comes_with_the_connack(
+    end: str, turns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many turns of the event loop lie between the broker's answer and the end."""
+    answered = asyncio.Event()
+    on_connect = connection_module.Connection._on_connect
+
+    def notes(self: connection_module.Connection, *args: Any) -> None:
+        on_connect(self, *args)
+        answered.set()
+
+    monkeypatch.setattr(connection_module.Connection, "_on_connect", notes)
+    async with Server() as server:
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard())
+        running = asyncio.create_task(link.run())
+        await answered.wait()
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        if end == "cancelled":
+            running.cancel()
+        else:
+            await link.close()
+        done, _ = await asyncio.wait({running}, timeout=10)
+        running.cancel()
+        assert done, "goes on"
+        assert running.cancelled() == (end == "cancelled")
+        await eventually(lambda: server.sessions[0].ended, "the end")
+        assert [packet.kind for packet in server.sessions[0].packets] == [CONNECT, DISCONNECT]
+
+
+async def test_a_clean_end_waits_for_its_last_words_to_be_acknowledged() -> None:
+    async with Server(acknowledges=False) as server, linked(server) as (link, _):
+        (session,) = server.sessions
+        link.publish(Publish("fog", "drone1/reachable", b"down", 1, retain=True))
+        closing = asyncio.create_task(link.close())
+        await eventually(lambda: len(session.of(PUBLISH)) == 1, "the last word")
+        assert session.of(DISCONNECT) == []
+        session.acknowledge(session.of(PUBLISH)[0].publish()[3])
+        await closing
+        await eventually(lambda: session.ended, "the end")
+        assert [packet.kind for packet in session.packets] == [CONNECT, PUBLISH, DISCONNECT]
+
+
+async def test_a_clean_end_is_told_though_messages_wait_that_nobody_will_read() -> None:
+    """A socket that is closed over unread bytes is reset, and its broker publishes the will."""
+    async with Server() as server, linked(server) as (link, _):
+        (session,) = server.sessions
+        session.send(publish("drone1/commands", b"x" * 100) * 2000)
+        await link.close()
+        await eventually(lambda: session.ended, "the end")
+        assert [packet.kind for packet in session.packets] == [CONNECT, DISCONNECT]
+        assert not session.was_reset
+
+
+async def test_a_last_word_that_the_broker_leaves_no_room_for_is_the_wills() -> None:
+    async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, _):
+        (session,) = server.sessions
+        for number in range(2):
+            link.publish(Publish("fog", f"drone{number}/reachable", b"up", 1, retain=True))
+        link.publish(Publish("fog", "drone1/reachable", b"down", 1, retain=True))
+        await link.close()
+        await eventually(lambda: session.ended, "the end")
+        assert [packet.kind for packet in session.packets] == [CONNECT, PUBLISH, PUBLISH, DISCONNECT]
+        assert session.packets[-1].body == WITH_WILL
+
+
+async def test_who_ends_without_a_clean_stop_leaves_the_last_word_to_the_will() -> None:
+    async with Server() as server:
+        async with linked(server):
+            (session,) = server.sessions
+        await eventually(lambda: session.ended, "the end")
+        assert [(packet.kind, packet.body) for packet in session.packets[1:]] == [(DISCONNECT, WITH_WILL)]
+
+
+async def test_a_broker_that_takes_no_bytes_ends_no_role_with_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mqtt_module, "GOODBYE_S", 0.1)
+    async with Server() as server:
+        heard = Heard()
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, heard)
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: heard.connections == 1, "connected")
+        server.sessions[0].reads.clear()
+        async with asyncio.timeout(20):
+            while "held_up" not in heard.counted:
+                link.publish(state("location", bytes(15_000)))
+                await asyncio.sleep(0)
+        await link.close()
+        await asyncio.wait({running}, timeout=10)
+        assert running.done()
+        assert running.exception() is None
+
+
+async def test_a_broker_that_takes_no_bytes_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection_module, "MOST_HELD", 10)
+    async with Server() as server, linked(server) as (link, heard):
+        (session,) = server.sessions
+        session.reads.clear()
+        link.publish(state("battery"))  # the server's reader is inside its read until this has come
+        await eventually(lambda: len(session.of(PUBLISH)) == 1, "the first message")
+        sent = 0
+        async with asyncio.timeout(20):
+            while "held_up" not in heard.counted:
+                link.publish(state("location", sent.to_bytes(4, "big") + bytes(15_000)))
+                sent += 1
+                await asyncio.sleep(0)
+        session.reads.set()
+        await eventually(lambda: len(session.of(PUBLISH)) == sent, "all that were not dropped")
+        link.publish(state("heading"))
+        await eventually(lambda: session.of(PUBLISH)[-1].publish()[0].endswith("heading"), "the next one")
+        assert heard.counted == ["held_up"]
+        assert heard.losses == 0

@@ -1,0 +1,479 @@
+"""A client's command from its first COMMAND_ACK to its last word; who may command (docs/gateway.md)."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, cast
+
+import pytest
+
+from mqttxt import (
+    Airframe,
+    Arm,
+    Armed,
+    Disarm,
+    Drone,
+    FogUnreachable,
+    Hold,
+    Land,
+    PayloadError,
+    Takeoff,
+    Word,
+)
+from mqttxt.gateway import control
+from mqttxt.gateway.modes import PX4
+from mqttxt.gateway.translation import REQUEST_OPERATOR_CONTROL, Request
+from tests.simulation.desk import Bench
+
+ACCEPTED, NOT_NOW, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
+ARM = Request(400, (1.0, 0.0, None, None, None, None, None))
+TAKEOFF = Request(22, (None,) * 7)
+LAND = Request(21, (None,) * 7)
+HOLD = Request(176, (1.0, 4.0, 3.0, None, None, None, None))
+TAKE = Request(REQUEST_OPERATOR_CONTROL, (1.0, 1.0, 10.0, 255.0, 0.0, 0.0, 0.0))
+GIVE = Request(REQUEST_OPERATOR_CONTROL, (0.0, 0.0, 0.0, 255.0, 0.0, 0.0, 0.0))
+
+
+async def test_a_command_is_in_progress_until_it_is_accepted_and_its_last_word_is_a_text(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    await bench.ask(client, LAND)
+    assert bench.acks() == []
+    bench.pass_time(3000)
+    assert bench.acks() == [(21, IN_PROGRESS)] * 3
+    await bench.say(Word.ACCEPTED)
+    assert bench.acks()[3:] == [(21, ACCEPTED)]
+    bench.pass_time(5000)
+    await bench.say(Word.COMPLETED)
+    assert (bench.acks()[4:], bench.texts()) == ([], ["land completed"])
+    assert bench.drone.commands == [Land()]
+
+
+@pytest.mark.parametrize(
+    ("word", "result"),
+    [
+        (Word.COMPLETED, ACCEPTED),
+        (Word.DENIED, DENIED),
+        (Word.UNSUPPORTED, UNSUPPORTED),
+        (Word.FAILED, FAILED),
+        (Word.EXPIRED, NOT_NOW),
+        (Word.UNREACHABLE, NOT_NOW),
+        (Word.SUPERSEDED, CANCELLED),
+        (Word.OVERTAKEN, CANCELLED),
+    ],
+)
+async def test_a_last_word_without_a_first_is_the_acknowledgement(group: Any, word: Word, result: int) -> None:
+    bench = Bench(group)
+    await bench.ask(bench.client(), LAND)
+    await bench.say(word, reason="why")
+    assert bench.acks() == [(21, result)]
+    assert word.label in bench.texts()[0]
+
+
+async def test_a_mode_is_in_progress_only_when_its_client_would_give_up(group: Any) -> None:
+    """MAVSDK's mission plugin takes IN_PROGRESS for an error; it repeats the command every 500 ms, and ends at 2 s."""
+    bench = Bench(group)
+    client = bench.client()
+    await bench.ask(client, HOLD)
+    for repetition in (1, 2, 3):
+        bench.pass_time(500)
+        await bench.ask(client, HOLD, repetition)
+    assert bench.acks() == []
+    bench.pass_time(250)
+    assert bench.acks() == [(176, IN_PROGRESS)]
+    await bench.ask(client, HOLD, 4)
+    assert bench.acks() == [(176, IN_PROGRESS)] * 2
+    await bench.say(Word.ACCEPTED)
+    assert bench.acks()[2:] == [(176, ACCEPTED)]
+
+
+async def test_of_what_nobody_knows_nothing_is_acknowledged(group: Any) -> None:
+    bench = Bench(group)
+    await bench.ask(bench.client(), LAND)
+    bench.pass_time(500)
+    await bench.say(Word.UNCONFIRMED, reason="no_ack")
+    bench.pass_time(5000)
+    assert bench.acks() == [(21, IN_PROGRESS)]
+    assert bench.texts() == ["land unconfirmed(no_ack)"]
+
+
+async def test_a_command_without_any_word_is_not_in_progress_for_ever(group: Any) -> None:
+    bench = Bench(group)
+    await bench.ask(bench.client(), LAND)
+    bench.pass_time(15_000)
+    assert len(bench.acks()) == 15
+    bench.pass_time(5000)
+    assert bench.acks() == [(21, IN_PROGRESS)] * 15
+    assert "may have been done" in bench.texts()[-1]
+    await bench.say(Word.EXPIRED)
+    assert (bench.acks()[15:], bench.texts()[-1]) == ([], "land expired")
+
+
+async def test_a_command_that_is_under_way_stays_in_progress(group: Any) -> None:
+    bench = Bench(group)
+    await bench.ask(bench.client(), LAND)
+    await bench.say(Word.IN_PROGRESS, percent=5)
+    bench.pass_time(30_000)
+    assert bench.acks() == [(21, IN_PROGRESS)] * 30
+
+
+async def test_progress_has_its_percentage(group: Any) -> None:
+    bench = Bench(group)
+    await bench.ask(bench.client(), LAND)
+    await bench.say(Word.IN_PROGRESS, percent=40)
+    bench.pass_time(500)
+    assert [message.progress for message in bench.heard["qgc"]] == [40]
+
+
+async def test_a_repeated_command_is_the_same_command(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    await bench.ask(client, LAND)
+    await bench.ask(client, LAND, confirmation=1)
+    assert bench.acks() == [(21, IN_PROGRESS)]
+    await bench.say(Word.ACCEPTED)
+    bench.pass_time(900)
+    await bench.ask(client, LAND)
+    bench.pass_time(2000)
+    bench.clients.on_heartbeat(client, bench.now_ms)
+    await bench.ask(client, LAND, confirmation=2)
+    assert bench.acks()[1:] == [(21, ACCEPTED)] * 3
+    assert len(bench.drone.sent) == 1
+    await bench.ask(client, LAND)
+    assert len(bench.drone.sent) == 2, "seconds later it is meant anew"
+
+
+async def test_a_command_after_another_is_a_new_one_at_once(group: Any) -> None:
+    """Hold, goto somewhere else, and hold again within a second."""
+    bench = Bench(group)
+    client = bench.client()
+    for request in (HOLD, LAND, HOLD):
+        await bench.ask(client, request)
+        await bench.say(Word.ACCEPTED)
+    assert bench.drone.commands == [Hold(), Land(), Hold()]
+
+
+async def test_of_two_of_one_number_the_newer_is_acknowledged(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    await bench.ask(client, HOLD)
+    await bench.ask(client, Request(176, (1.0, 4.0, 5.0, None, None, None, None)))
+    await bench.say(Word.SUPERSEDED, 0)
+    assert bench.acks() == []
+    await bench.say(Word.ACCEPTED, 1)
+    assert bench.acks() == [(176, ACCEPTED)]
+
+
+async def test_what_the_station_does_not_send_is_a_no(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    for error, result in (
+        (FogUnreachable("fog 1: no live activator"), NOT_NOW),
+        (PayloadError("takeoff: high"), DENIED),
+    ):
+        bench.drone.error = error
+        await bench.ask(client, Request(22, (*[None] * 6, 500.0 + result)))
+        assert bench.acks()[-1] == (22, result)
+        assert str(error) in bench.texts()[-1]
+
+
+# Takeoff before arming
+
+
+async def test_a_takeoff_waits_for_its_clients_arming(group: Any) -> None:
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, TAKEOFF)
+    assert (bench.acks(), bench.drone.sent) == ([(22, ACCEPTED)], [])
+    await bench.ask(client, ARM)
+    await bench.say(Word.ACCEPTED)
+    assert bench.drone.commands == [Arm()]
+    await bench.say(Word.COMPLETED)
+    assert bench.drone.commands == [Arm(), Takeoff(10.0)]
+    await bench.say(Word.ACCEPTED)
+    await bench.say(Word.COMPLETED)
+    assert bench.acks() == [(22, ACCEPTED), (400, ACCEPTED)]
+    assert bench.texts()[1:] == ["arm completed", "takeoff completed"]
+
+
+async def test_a_takeoff_right_behind_an_arm_waits_for_it_and_flies(group: Any) -> None:
+    """MAVSDK's arm() returns once that is accepted, and takeoff() comes before a heartbeat shows the drone armed."""
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, ARM)
+    await bench.say(Word.ACCEPTED)
+    await bench.ask(client, TAKEOFF)
+    assert bench.drone.commands == [Arm()]
+    bench.pass_time(500)
+    await bench.say(Word.COMPLETED)
+    assert bench.drone.commands == [Arm(), Takeoff(10.0)]
+    await bench.say(Word.ACCEPTED)
+    assert bench.acks() == [(400, ACCEPTED), (22, IN_PROGRESS), (22, ACCEPTED)]
+
+
+async def test_behind_an_arm_that_fails_a_takeoff_is_denied_by_the_drone(group: Any) -> None:
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, ARM)
+    await bench.ask(client, TAKEOFF)
+    await bench.say(Word.DENIED)
+    await bench.say(Word.DENIED, reason="disarmed")
+    assert bench.drone.commands == [Arm(), Takeoff(10.0)]
+    assert bench.acks() == [(400, DENIED), (22, DENIED)]
+
+
+async def test_a_takeoff_behind_an_arm_is_given_up_for_a_newer_command(group: Any) -> None:
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    for request in (ARM, TAKEOFF, LAND):
+        await bench.ask(client, request)
+    await bench.say(Word.COMPLETED, 0)
+    assert bench.drone.commands == [Arm(), Land()]
+    assert bench.acks() == [(400, ACCEPTED), (22, CANCELLED)]
+
+
+async def test_an_arm_that_was_completed_counts_for_more_than_an_older_state(group: Any) -> None:
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    for wait_ms, flies in ((100, True), (3100, False)):
+        bench.drone.sent.clear()
+        bench.pass_time(2000)
+        bench.clients.on_heartbeat(client, bench.now_ms)
+        await bench.ask(client, ARM)
+        await bench.say(Word.COMPLETED)
+        bench.pass_time(wait_ms)
+        bench.clients.on_heartbeat(client, bench.now_ms)
+        await bench.ask(client, TAKEOFF)
+        assert (Takeoff(10.0) in bench.drone.commands) == flies
+
+
+async def test_a_takeoff_that_nobody_arms_for_is_given_up(group: Any) -> None:
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, TAKEOFF)
+    bench.pass_time(10_100)
+    assert "given up" in bench.texts()[-1]
+    bench.clients.on_heartbeat(client, bench.now_ms)
+    await bench.ask(client, ARM)
+    await bench.say(Word.COMPLETED)
+    assert bench.drone.commands == [Arm()]
+
+
+async def test_another_clients_arming_or_another_command_gives_a_kept_takeoff_up(group: Any) -> None:
+    for other, request in (("script", ARM), ("qgc", LAND)):
+        bench = Bench(group, take_over=True)
+        bench.states = (Airframe(PX4, 2), Armed(False))
+        client = bench.client()
+        await bench.ask(client, TAKEOFF)
+        await bench.ask(client if other == "qgc" else bench.client(other, 245), request)
+        await bench.say(Word.COMPLETED)
+        await bench.ask(client, ARM)
+        await bench.say(Word.COMPLETED)
+        assert Takeoff(10.0) not in bench.drone.commands
+
+
+async def test_a_command_during_the_arming_gives_the_takeoff_up(group: Any) -> None:
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, TAKEOFF)
+    await bench.ask(client, ARM)
+    await bench.ask(client, Request(400, (0.0, 0.0, None, None, None, None, None)))
+    await bench.say(Word.COMPLETED, 0)
+    assert bench.drone.commands == [Arm(), Disarm()]
+    assert bench.texts()[-1] == "takeoff given up: another command came"
+
+
+async def test_where_the_arming_fails_there_is_no_takeoff(group: Any) -> None:
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, TAKEOFF)
+    await bench.ask(client, ARM)
+    await bench.say(Word.DENIED, reason="autopilot: no GPS")
+    assert bench.drone.commands == [Arm()]
+    assert bench.texts()[-1] == "takeoff given up: the drone is not armed"
+
+
+# Control
+
+
+async def test_only_who_sends_heartbeats_commands(group: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control, "HEARTBEAT_S", 0.02)
+    bench = Bench(group)
+    client = bench.client()
+    bench.pass_time(3100)
+    await bench.ask(client, LAND)
+    await asyncio.sleep(0.1)
+    await bench.settle()
+    assert (bench.acks(), bench.drone.sent) == ([(21, DENIED)], [])
+    assert "HEARTBEAT" in bench.texts()[0]
+
+
+async def test_a_command_waits_for_its_clients_first_heartbeat(group: Any) -> None:
+    """MAVSDK sends it up to a second after its first command."""
+    bench = Bench(group)
+    client = bench.client()
+    bench.pass_time(3100)
+    for request in (ARM, LAND):
+        await bench.ask(client, request)
+    assert bench.drone.sent == []
+    bench.clients.on_heartbeat(client, bench.now_ms)
+    await bench.settle()
+    assert bench.drone.commands == [Arm(), Land()]
+
+
+async def test_control_is_wanted_while_the_controlling_client_is_alive(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    bench.control.review(cast(Drone, bench.drone), Armed(True))
+    assert not bench.drone.wanted, "who only watches controls nothing"
+    await bench.ask(client, LAND)
+    assert bench.drone.wanted
+    bench.pass_time(3100)
+    bench.control.review(cast(Drone, bench.drone), Armed(True))
+    assert not bench.drone.wanted
+    bench.clients.on_heartbeat(client, bench.now_ms)
+    bench.control.review(cast(Drone, bench.drone), Armed(True))
+    assert bench.drone.wanted
+    bench.clients.on_gone(client.peer)
+    bench.control.review(cast(Drone, bench.drone), Armed(True))
+    assert not bench.drone.wanted
+
+
+async def test_a_client_that_comes_back_after_long_controls_nothing(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    await bench.ask(client, LAND)
+    bench.pass_time(31_000)
+    bench.clients.forget(bench.now_ms)
+    bench.clients.on_heartbeat(client, bench.now_ms)
+    bench.control.review(cast(Drone, bench.drone), Armed(True))
+    assert not bench.drone.wanted
+
+
+async def test_a_second_client_is_refused_until_the_first_is_gone(group: Any) -> None:
+    bench = Bench(group)
+    first, second = bench.client(), bench.client("script", 255)
+    await bench.ask(first, LAND)
+    await bench.ask(second, HOLD)
+    assert bench.acks("script") == [(176, DENIED)]
+    assert "controlled by system 255 at qgc" in bench.texts("script")[0]
+    bench.pass_time(3100)
+    bench.clients.on_heartbeat(second, bench.now_ms)
+    await bench.ask(second, HOLD)
+    assert bench.drone.commands == [Land(), Hold()]
+    assert (21, IN_PROGRESS) not in bench.acks("script"), "answers go to who asked"
+
+
+async def test_control_can_be_taken_and_given_up(group: Any) -> None:
+    bench = Bench(group)
+    first, second = bench.client(), bench.client("script", 245)
+    await bench.ask(first, LAND)
+    await bench.ask(second, TAKE)
+    assert bench.acks("script") == [(REQUEST_OPERATOR_CONTROL, ACCEPTED)]
+    assert "control was taken by system 245" in bench.texts()[-1]
+    await bench.ask(first, HOLD)
+    assert bench.acks()[-1] == (176, DENIED)
+    await bench.ask(second, GIVE)
+    assert not bench.drone.wanted
+    await bench.ask(first, HOLD)
+    assert bench.drone.commands == [Land(), Hold()]
+
+
+async def test_a_drone_of_another_station_is_not_commanded_unless_taken_over(group: Any) -> None:
+    for take_over in (False, True):
+        bench = Bench(group, take_over)
+        bench.drone.holder = "gs-ops"
+        await bench.ask(bench.client(), LAND)
+        await asyncio.sleep(0.01)
+        await bench.settle()
+        assert bench.drone.commands == ([Land()] if take_over else [])
+        assert bench.drone.wanted == take_over
+        if not take_over:
+            assert bench.acks() == [(21, DENIED)]
+            assert "gs-ops" in bench.texts()[0]
+
+
+async def test_control_that_does_not_come_is_a_no(group: Any) -> None:
+    bench = Bench(group)
+    bench.drone.grants = False
+    await bench.ask(bench.client(), LAND)
+    await asyncio.sleep(0.1)
+    await bench.settle()
+    assert bench.acks() == [(21, NOT_NOW)]
+    assert bench.drone.sent == []
+
+
+async def test_a_command_that_waited_for_control_is_not_sent_after_its_time(group: Any) -> None:
+    bench = Bench(group)
+    bench.drone.grants = False
+    client = bench.client()
+    for request in (LAND, HOLD, ARM):
+        await bench.ask(client, request)
+    bench.pass_time(3000)
+    bench.clients.on_heartbeat(client, bench.now_ms)
+    bench.pass_time(2100)
+    bench.drone.is_controlled = True
+    for _ in range(5):
+        await asyncio.sleep(0.02)
+    assert bench.drone.sent == []
+    assert sorted(ack for ack in bench.acks() if ack[1] != IN_PROGRESS) == [
+        (21, NOT_NOW),
+        (176, NOT_NOW),
+        (400, NOT_NOW),
+    ]
+
+
+async def test_a_client_is_told_that_another_station_has_taken_its_drone(group: Any) -> None:
+    bench = Bench(group)
+    await bench.ask(bench.client(), LAND)
+    bench.control.on_taken(cast(Drone, bench.drone), "gs-ops")
+    assert not bench.drone.wanted
+    assert "gs-ops" in bench.texts()[-1]
+
+
+async def taken(bench: Bench) -> None:
+    """Another station takes the drone."""
+    bench.drone.holder, bench.drone.is_controlled = "gs-ops", False
+    bench.desk.on_taken(1)
+    bench.control.on_taken(cast(Drone, bench.drone), "gs-ops")
+    await bench.settle()
+
+
+async def test_a_takeoff_behind_an_arm_does_not_take_the_drone_back_from_another_station(group: Any) -> None:
+    bench = Bench(group, take_over=True)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, TAKEOFF)
+    await bench.ask(client, ARM)
+    await taken(bench)
+    await bench.say(Word.COMPLETED)
+    assert (bench.drone.commands, bench.drone.is_controlled) == ([Arm()], False)
+    assert bench.texts()[-1] == "takeoff given up: another command came"
+
+
+async def test_a_takeoff_that_waits_for_an_arm_is_given_up_where_another_station_takes_the_drone(group: Any) -> None:
+    bench = Bench(group, take_over=True)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, TAKEOFF)
+    await taken(bench)
+    await bench.ask(client, ARM)
+    await bench.say(Word.COMPLETED)
+    assert bench.drone.commands == [Arm()]
+
+
+async def test_with_take_over_a_repetition_takes_nothing_back(group: Any) -> None:
+    bench = Bench(group, take_over=True)
+    first, second = bench.client(), bench.client("script", 245)
+    await bench.ask(first, LAND)
+    await bench.ask(second, HOLD)
+    await bench.ask(first, LAND, confirmation=1)
+    assert bench.drone.commands == [Land(), Hold()]

@@ -1,0 +1,286 @@
+"""The gateway as a whole, at a made-up station: who is shown to whom, whose messages are heard (docs/gateway.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import socket
+from collections.abc import AsyncIterator, Callable
+from dataclasses import replace
+from typing import Any, cast
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from mqttxt import (
+    Airframe,
+    Armed,
+    AutopilotText,
+    Battery,
+    ControlChanged,
+    Event,
+    FlightMode,
+    FlightModeName,
+    Fog,
+    GroundStation,
+    KnownState,
+    Location,
+    MavlinkState,
+    Severity,
+    State,
+    StateUpdate,
+    StationEnded,
+    VelocityNed,
+)
+from mqttxt.gateway.endpoints import ClientAddress
+from mqttxt.gateway.modes import PX4
+from mqttxt.gateway.process import SILENT_MS, Gateway
+from mqttxt.gateway.telemetry import LOCAL
+
+KNOWN = (
+    Airframe(PX4, 2, 0x010F00FF),
+    Armed(False),
+    FlightMode(FlightModeName.HOLD),
+    Location(47.0, 8.0, 498.0, 10.0),
+    VelocityNed(0.0, 0.0, 0.0),
+)
+
+
+class FakeDrone:
+    holder: str | None = None
+    is_controlled = False
+
+    def __init__(self, number: int, *states: State) -> None:
+        self.number = number
+        self.is_reachable = True
+        self.states = {state.name: KnownState(state, 100) for state in states}
+
+    def state(self, kind: type[State]) -> Any:
+        return self.states.get(kind.name)
+
+    def age(self, age_ms: int) -> None:
+        self.states = {name: replace(known, age_ms=age_ms) for name, known in self.states.items()}
+
+    def claim(self) -> None:
+        raise AssertionError("nobody commands here")
+
+    def release(self) -> None:
+        pass
+
+
+class FakeFog:
+    def __init__(self, *drones: FakeDrone) -> None:
+        self.drones = list(drones)
+
+
+class FakeStation:
+    name = "gateway"
+
+    def __init__(self) -> None:
+        self.queue: asyncio.Queue[Event | Exception | None] = asyncio.Queue()
+
+    async def events(self) -> AsyncIterator[Event]:
+        while (event := await self.queue.get()) is not None:
+            if isinstance(event, Exception):
+                raise event
+            yield event
+
+
+class Socket:
+    """A client on TCP, with every message that it has been sent."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, system: int) -> None:
+        self._writer = writer
+        self._encoder = mavlink.MAVLink(None, system, 190)
+        self._decoder = mavlink.MAVLink(None)
+        self.messages: list[Any] = []
+        self._reading = asyncio.create_task(self._read(reader))
+
+    async def _read(self, reader: asyncio.StreamReader) -> None:
+        while data := await reader.read(65_536):
+            self.messages += self._decoder.parse_buffer(data) or []
+
+    def say(self, *messages: Any) -> None:
+        for message in messages:
+            self._writer.write(message.pack(self._encoder))
+
+    def of(self, kind: str, drone: int = 1) -> list[Any]:
+        found = [message for message in self.messages if message.get_type() == kind]
+        return [message for message in found if message.get_srcSystem() == drone]
+
+    async def close(self) -> None:
+        self._reading.cancel()
+        self._writer.transport.abort()
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.station = FakeStation()
+        self.drones = [FakeDrone(1, *KNOWN), FakeDrone(2, *KNOWN)]
+        with socket.socket() as sock:
+            sock.bind(("127.0.0.1", 0))
+            self.port = sock.getsockname()[1]
+        self.gateway = Gateway(cast(GroundStation, self.station), 5.0, take_over=False)
+        fogs = cast("list[Fog]", [FakeFog(*self.drones)])
+        self.running = asyncio.create_task(self.gateway.run(fogs, [], [ClientAddress("tcp", "127.0.0.1", self.port)]))
+        self.clients: list[Socket] = []
+
+    async def client(self, system: int = 255) -> Socket:
+        async with asyncio.timeout(10):
+            while True:
+                with contextlib.suppress(OSError):
+                    reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
+                    break
+                await asyncio.sleep(0.01)
+        made = Socket(reader, writer, system)
+        self.clients.append(made)
+        return made
+
+    def hear(self, state: State, drone: int = 1, age_ms: int | None = 100) -> None:
+        self.station.queue.put_nowait(StateUpdate(1, drone, state, 1, age_ms))
+
+
+def takeoff_altitude_of(drone: int) -> Any:
+    """A question that is answered without asking the drone."""
+    return mavlink.MAVLink_param_request_read_message(drone, 1, b"MIS_TAKEOFF_ALT", -1)
+
+
+async def until(condition: Callable[[], Any]) -> None:
+    async with asyncio.timeout(10):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+async def until_beats(client: Socket, drone: int, more: int) -> None:
+    """Wait for more heartbeats of a drone."""
+    beats = len(client.of("HEARTBEAT", drone))
+    await until(lambda: len(client.of("HEARTBEAT", drone)) >= beats + more)
+
+
+@pytest.fixture
+async def bench() -> AsyncIterator[Bench]:
+    made = Bench()
+    yield made
+    for client in made.clients:
+        await client.close()
+    made.running.cancel()
+    await asyncio.gather(made.running, return_exceptions=True)
+
+
+async def test_every_client_is_shown_every_drone(bench: Bench) -> None:
+    for client in (await bench.client(), await bench.client()):
+        await until(lambda client=client: client.of("HEARTBEAT", 1) and client.of("GLOBAL_POSITION_INT", 2))
+
+
+async def test_a_drone_that_is_silent_or_gone_or_does_not_say_what_it_is_is_not_shown(bench: Bench) -> None:
+    client = await bench.client()
+    first = bench.drones[0]
+
+    async def shown() -> set[int]:
+        """Who is shown while drone 2 beats twice, and what was under way before."""
+        await until_beats(client, 2, 1)
+        seen = len(client.messages)
+        await until_beats(client, 2, 2)
+        return {message.get_srcSystem() for message in client.messages[seen:]}
+
+    first.age(SILENT_MS + 1)
+    assert await shown() == {2}
+    first.age(SILENT_MS)
+    assert await shown() == {1, 2}
+    first.is_reachable = False
+    assert await shown() == {2}
+    first.is_reachable = True
+    airframe = first.states.pop(Airframe.name)
+    assert await shown() == {2}
+    first.states[Airframe.name] = airframe
+    assert await shown() == {1, 2}
+
+
+async def test_a_change_of_arming_is_shown_at_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    client = await bench.client()
+    await until(lambda: client.of("HEARTBEAT"))
+    monkeypatch.setitem(LOCAL, "HEARTBEAT", replace(LOCAL["HEARTBEAT"], rate_hz=0.001))
+    await until_beats(client, 1, 1)  # the last one for a quarter of an hour
+    beats, drone = len(client.of("HEARTBEAT")), bench.drones[0]
+    drone.states["armed"] = KnownState(Armed(True), 0)
+    bench.hear(Armed(True))
+    await until(lambda: len(client.of("HEARTBEAT")) > beats)
+    assert client.of("HEARTBEAT")[-1].base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+
+
+async def test_texts_pass_as_they_come_and_old_ones_do_not(bench: Bench) -> None:
+    client = await bench.client()
+    await until(lambda: client.messages)
+    for said, age_ms in (("old", 10_001), ("of unknown age", None), ("new", 900)):
+        bench.hear(AutopilotText(Severity.CRITICAL, said), age_ms=age_ms)
+    await until(lambda: client.of("STATUSTEXT"))
+    assert [(text.severity, text.text) for text in client.of("STATUSTEXT")] == [(2, "new")]
+
+
+async def test_a_message_of_the_drones_own_passes_but_for_those_that_are_made_here(bench: Bench) -> None:
+    client = await bench.client()
+    await until(lambda: client.messages)
+    attitude = {"time_boot_ms": 7, "roll": 0.5, "pitch": None, "yaw": 0, "rollspeed": 0, "pitchspeed": 0, "yawspeed": 0}
+    controls = {"time_usec": 1, "group_mlx": 0, "controls": (0.5, None, *[0.0] * 6)}
+    bench.hear(MavlinkState("mavlink/HOME_POSITION", {}))
+    bench.hear(MavlinkState("mavlink/ACTUATOR_CONTROL_TARGET", controls))
+    bench.hear(MavlinkState("mavlink/ATTITUDE", attitude))
+    bench.hear(MavlinkState("mavlink/STATUSTEXT", {"severity": 6, "text": "raw", "id": 0, "chunk_seq": 0}))
+    bench.hear(Battery(50))
+    await until(lambda: client.of("STATUSTEXT"))
+    (passed,) = client.of("ATTITUDE")
+    assert (passed.time_boot_ms, passed.roll, passed.pitch != passed.pitch) == (7, 0.5, True)
+    assert client.of("ACTUATOR_CONTROL_TARGET")[0].controls[0] == 0.5
+    assert client.of("HOME_POSITION") == []
+
+
+async def test_a_drone_with_the_id_of_a_client_is_hidden_from_it_alone(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    client, twin = await bench.client(), await bench.client(2)
+    twin.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), takeoff_altitude_of(2))
+    await until(lambda: "drone 2 is not shown at tcp:" in caplog.text)
+    seen = len(twin.messages)
+    await until_beats(client, 2, 2)
+    assert {message.get_srcSystem() for message in twin.messages[seen:]} == {1}
+    assert twin.of("PARAM_VALUE", 2) == []
+    assert caplog.text.count("drone 2 is not shown") == 1
+
+
+@pytest.mark.parametrize(("system", "component", "answers"), [(1, 1, 1), (1, 0, 1), (1, 100, 0), (3, 1, 0), (0, 0, 0)])
+async def test_only_what_is_for_a_drones_autopilot_is_answered(
+    bench: Bench, system: int, component: int, answers: int
+) -> None:
+    client, other = await bench.client(), await bench.client()
+    client.say(
+        mavlink.MAVLink_command_long_message(system, component, 512, 0, 148, 0, 0, 0, 0, 0, 0),
+        takeoff_altitude_of(2),
+    )
+    await until(lambda: client.of("PARAM_VALUE", 2))
+    assert len(client.of("AUTOPILOT_VERSION")) == len(client.of("COMMAND_ACK")) == answers
+    assert [message for message in other.messages if message.get_type() in ("PARAM_VALUE", "COMMAND_ACK")] == []
+
+
+async def test_who_sends_no_heartbeat_is_told_so_and_commands_nothing(bench: Bench) -> None:
+    client = await bench.client()
+    client.say(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    await until(lambda: client.of("STATUSTEXT"))
+    ack = client.of("COMMAND_ACK")[-1]
+    assert (ack.result, ack.target_system, ack.target_component) == (mavlink.MAV_RESULT_DENIED, 255, 190)
+
+
+async def test_what_waits_for_an_arm_ends_where_another_station_takes_the_drone(bench: Bench) -> None:
+    client = await bench.client()
+    heartbeat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    client.say(heartbeat, mavlink.MAVLink_command_long_message(1, 1, 22, 0, *[math.nan] * 7))
+    await until(lambda: [text for text in client.of("STATUSTEXT") if "waits" in text.text])
+    bench.station.queue.put_nowait(ControlChanged(1, 1, "other", False, 1))
+    await until(lambda: [text for text in client.of("STATUSTEXT") if text.text.startswith("takeoff given up")])
+
+
+async def test_a_stations_end_is_the_gateways(bench: Bench) -> None:
+    bench.station.queue.put_nowait(ControlChanged(1, 9, "other", False, 1))
+    bench.station.queue.put_nowait(StationEnded("the broker has refused"))
+    with pytest.raises(StationEnded, match="refused"):
+        await bench.running

@@ -1,0 +1,132 @@
+"""What a station knows as Home Assistant's devices (docs/homeassistant.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Any, cast
+
+import pytest
+from typer.testing import CliRunner
+
+from mqttxt import Battery, FlightMode, FlightModeName, Fog, Location, SensorReading, homeassistant
+from mqttxt.cli.main import app
+from mqttxt.core.address import BrokerAddress
+from mqttxt.core.effects import Publish, Will
+from mqttxt.homeassistant import Entities, HomeAssistant
+from mqttxt.protocol.state_fields import fields_of
+from mqttxt.protocol.states import STATES
+from tests.rigs.processes import eventually
+from tests.unit.mqttxt.test_metrics import FakeDrone, FakeFog, known
+
+FLYING = known(Battery(81), Location(47.4, 8.5, 500.0, 12.0), FlightMode(FlightModeName.HOLD))
+
+
+def shown(*drones: FakeDrone, is_live: bool = True) -> dict[str, Any]:
+    """Every message by its topic, JSON read."""
+    fog = FakeFog(1, list(drones), is_live)
+    found = dict(Entities(cast("list[Fog]", [fog])).messages())
+    return {topic: json.loads(text) if text[0] == "{" else text for topic, text in found.items()}
+
+
+def entity(found: dict[str, Any], component: str, key: str, node: str = "drone2") -> Any:
+    return found[f"homeassistant/{component}/mqttxt_{node}_{key}/config"]
+
+
+def test_each_field_of_a_state_is_an_entity_of_its_drone() -> None:
+    found = shown(FakeDrone(2, states=FLYING))
+    battery = entity(found, "sensor", "battery_remaining_pct")
+    assert (battery["unit_of_measurement"], battery["device_class"]) == ("%", "battery")
+    assert battery["value_template"] == "{{ value_json.battery_remaining_pct }}"
+    assert battery["device"]["identifiers"] == ["mqttxt_drone2"]
+    assert entity(found, "sensor", "location_altitude_m")["unit_of_measurement"] == "m"
+    assert "hold" in entity(found, "sensor", "flight_mode")["options"]
+    values = found[battery["state_topic"]]
+    assert (values["battery_remaining_pct"], values["flight_mode"], values["latitude"]) == (81, "hold", 47.4)
+    assert (values["reachable"], values["controlled_by"]) == (True, "nobody")
+
+
+def test_a_place_is_a_device_on_the_map() -> None:
+    tracker = entity(shown(FakeDrone(2, states=FLYING)), "device_tracker", "location")
+    assert (tracker["source_type"], tracker["json_attributes_topic"]) == ("gps", "mqttxt/drone2/state")
+    assert not [topic for topic in shown(FakeDrone(2)) if "device_tracker" in topic]
+
+
+@pytest.mark.parametrize(("is_reachable", "is_live"), [(True, True), (False, True), (True, False)])
+def test_what_a_drone_said_that_is_gone_is_not_available(is_reachable: bool, is_live: bool) -> None:
+    found = shown(FakeDrone(2, is_reachable=is_reachable, states=FLYING), is_live=is_live)
+    topics = [each["topic"] for each in entity(found, "sensor", "flight_mode")["availability"]]
+    assert topics == ["mqttxt/fogs-1/status", "mqttxt/drone2/available"]
+    assert found["mqttxt/drone2/available"] == ("online" if is_reachable and is_live else "offline")
+    always = entity(found, "binary_sensor", "reachable")["availability"]
+    assert always == [{"topic": "mqttxt/fogs-1/status"}]
+
+
+def test_a_reading_is_an_entity_with_its_unit() -> None:
+    given = [
+        SensorReading(1, 2, 7, 1, 1, kind, value, unit, 0)
+        for kind, value, unit in (("temperature", 21.5, "degC"), ("humidity", 40.0, "%"), ("wind", 3.0, "m/s"))
+    ]
+    found = shown(FakeDrone(2, readings=given))
+    warm, wet, wind = (entity(found, "sensor", f"sensor7_{kind}") for kind in ("temperature", "humidity", "wind"))
+    assert (warm["unit_of_measurement"], warm["device_class"]) == ("°C", "temperature")
+    assert (wet["device_class"], wind["unit_of_measurement"]) == ("humidity", "m/s")
+    assert found["mqttxt/drone2/state"]["sensor7_wind"] == 3.0
+
+
+class Link:
+    """A connection that is up as long as it runs, and remembers what was published."""
+
+    def __init__(self, _name: str, address: BrokerAddress, _client_id: str, will: Any, events: HomeAssistant) -> None:
+        self.address, self.will, self.events = address, will, events
+        self.said: list[tuple[str, str]] = []
+        self.is_closed = False
+        LINKS.append(self)
+
+    async def run(self) -> None:
+        self.events.connected("broker")
+        await asyncio.Event().wait()
+
+    def publish(self, effect: Publish) -> None:
+        assert (effect.qos, effect.retain, self.is_closed) == (1, True, False)
+        self.said.append((effect.topic, effect.payload.decode()))
+
+    async def close(self) -> None:
+        self.is_closed = True
+
+
+LINKS: list[Link] = []
+
+
+async def test_what_has_changed_is_published_and_the_end_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(homeassistant, "MqttLink", Link)
+    monkeypatch.setattr(homeassistant, "INTERVAL_S", 0.01)
+    drone = FakeDrone(2, states=FLYING)
+    entities = Entities(cast("list[Fog]", [FakeFog(1, [drone])]))
+    address = BrokerAddress("127.0.0.1", 1883)
+    running = asyncio.create_task(HomeAssistant(address, entities).run())
+    await eventually(lambda: LINKS and LINKS[-1].said, "it is connected")
+    link = LINKS.pop()
+    assert link.will() == Will("mqttxt/fogs-1/status", b"offline")
+    assert link.said == [("mqttxt/fogs-1/status", "online"), *entities.messages()]
+    link.said.clear()
+    drone.is_reachable = False
+    await eventually(lambda: len(link.said) >= 2, "the change is published")
+    assert [topic for topic, _ in link.said] == ["mqttxt/drone2/state", "mqttxt/drone2/available"]
+    link.events.connected("broker")
+    assert link.said[2:] == [("mqttxt/fogs-1/status", "online"), *entities.messages()]
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    assert link.said[-1] == ("mqttxt/fogs-1/status", "offline")
+    assert link.is_closed
+
+
+def test_names_of_fields_stand_alone() -> None:
+    names = [alone for state in STATES for alone in fields_of(state).values()]
+    assert len(set(names)) == len(names)
+
+
+def test_an_open_broker_elsewhere_has_to_be_asked_for() -> None:
+    done = CliRunner().invoke(app, ["gs", "homeassistant", "--fog", "1", "--broker", "mqtt://ha.example"])
+    assert done.exit_code == 2
+    assert "--broker mqtt://ha.example:1883: not encrypted; expected mqtts://, or --insecure-broker" in done.output

@@ -1,0 +1,174 @@
+"""What a station knows as Prometheus metrics, and the dashboard that shows them (docs/metrics.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import re
+import socket
+import urllib.request
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from mqttxt import (
+    STATES,
+    AutopilotText,
+    Battery,
+    FlightMode,
+    FlightModeName,
+    Fog,
+    Gps,
+    GpsFix,
+    Health,
+    KnownState,
+    Location,
+    MavlinkState,
+    Ranked,
+    SensorReading,
+    Severity,
+    State,
+)
+from mqttxt.errors import ConfigurationError
+from mqttxt.metrics import _WORDS, serve
+from mqttxt.protocol.state_fields import fields_of
+
+DASHBOARD = Path(__file__).resolve().parents[3] / "docs" / "grafana" / "fleet.json"
+
+
+@dataclass
+class FakeDrone:
+    number: int
+    is_reachable: bool = True
+    holder: str | None = None
+    states: dict[str, KnownState[State]] = field(default_factory=dict)
+    readings: list[SensorReading] = field(default_factory=list)
+
+
+@dataclass
+class FakeFog:
+    number: int
+    drones: list[FakeDrone]
+    is_live: bool = True
+    ranking: tuple[Ranked, ...] = ()
+
+
+def known(*states: State, age_ms: int | None = 1500) -> dict[str, KnownState[State]]:
+    return {state.name: KnownState(state, age_ms) for state in states}
+
+
+async def scraped(*fogs: FakeFog) -> dict[tuple[str, tuple[tuple[str, str], ...]], float]:
+    """Every sample by its name and labels, as Prometheus reads them."""
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        port = sock.getsockname()[1]
+    serve(cast("list[Fog]", list(fogs)), "127.0.0.1", port)
+
+    def read() -> str:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=10) as answer:
+            return str(answer.read().decode())
+
+    text = await asyncio.to_thread(read)
+    samples = [sample for family in text_string_to_metric_families(text) for sample in family.samples]
+    return {(sample.name, tuple(sorted(sample.labels.items()))): sample.value for sample in samples}
+
+
+def of(drone: int, **labels: str) -> tuple[tuple[str, str], ...]:
+    return tuple(sorted({"fog": "1", "drone": str(drone), **labels}.items()))
+
+
+async def test_what_is_known_is_measured_and_what_is_not_has_no_sample() -> None:
+    reading = SensorReading(1, 2, 4, 9, 1, "temperature", 21.5, "°C", 1_767_225_600_000)
+    flying = FakeDrone(2, holder="gs-ops", readings=[reading])
+    flying.states = known(
+        Battery(87),
+        Location(47.397742, 8.545594, 498.0, 10.0),
+        FlightMode(FlightModeName.HOLD),
+        Gps(GpsFix.FIX_3D, 12),
+        Health(False, 4),
+        AutopilotText(Severity.INFO, "hello"),
+        MavlinkState("mavlink/ATTITUDE", {"roll": 0.1}),
+    )
+    gone = FakeDrone(3, is_reachable=False, states=known(Battery(10)))
+    ranking = (Ranked(drone=2, remaining_pct=87, max_groundspeed_m_s=12.0, age_s=1.0),)
+    found = await scraped(FakeFog(1, [flying, gone], ranking=ranking))
+    assert found == {
+        ("mqttxt_fog_live", (("fog", "1"),)): 1,
+        ("mqttxt_drone_reachable", of(2)): 1,
+        ("mqttxt_drone_reachable", of(3)): 0,
+        ("mqttxt_drone_controlled", of(2)): 1,
+        ("mqttxt_drone_controlled", of(3)): 0,
+        ("mqttxt_drone_rank", of(2)): 1,
+        ("mqttxt_battery_remaining_pct", of(2)): 87,
+        ("mqttxt_location_latitude_deg", of(2)): 47.397742,
+        ("mqttxt_location_longitude_deg", of(2)): 8.545594,
+        ("mqttxt_location_altitude_amsl_m", of(2)): 498,
+        ("mqttxt_location_altitude_m", of(2)): 10,
+        ("mqttxt_flight_mode", of(2, mode="hold")): 1,
+        ("mqttxt_gps_fix", of(2, fix="fix_3d")): 1,
+        ("mqttxt_gps_satellites", of(2)): 12,
+        ("mqttxt_health_armable", of(2)): 0,
+        ("mqttxt_health_unhealthy_sensors", of(2)): 4,
+        **{
+            ("mqttxt_state_age_seconds", of(2, state=name)): 1.5
+            for name in ("battery", "location", "flight_mode", "gps", "health")
+        },
+        ("mqttxt_sensor_reading", of(2, sensor="4", kind="temperature", unit="°C")): 21.5,
+        ("mqttxt_sensor_reading_time_seconds", of(2, sensor="4", kind="temperature")): 1_767_225_600,
+    }
+
+
+async def test_an_age_that_is_not_known_has_no_sample() -> None:
+    found = await scraped(FakeFog(1, [FakeDrone(2, states=known(Battery(87), age_ms=None))], is_live=False))
+    assert ("mqttxt_battery_remaining_pct", of(2)) in found
+    assert not [name for name, _ in found if name == "mqttxt_state_age_seconds"]
+    assert found["mqttxt_fog_live", (("fog", "1"),)] == 0
+
+
+async def test_a_port_that_is_taken_is_one_line() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigurationError, match=f"^--listen 127.0.0.1:{port}: cannot listen: "):
+            serve([], "127.0.0.1", port)
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        *(("127.0.0.1:9464", 200), ("localhost", 200), ("[::1]:80", 200)),
+        *(("evil.example", 403), ("127.0.0.1.evil.example:9464", 403), ("[", 403), ("", 403)),
+    ],
+)
+async def test_another_name_for_this_address_is_refused(host: str, status: int) -> None:
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        port = sock.getsockname()[1]
+    serve([], "127.0.0.1", port)
+
+    def answered() -> int:
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        connection.request("GET", "/metrics", headers={"Host": host})
+        return connection.getresponse().status
+
+    assert await asyncio.to_thread(answered) == status
+
+
+def test_no_two_states_share_a_metric() -> None:
+    names = [f"mqttxt_{alone}" for state in STATES for alone in fields_of(state).values()]
+    assert len(set(names)) == len(names)
+    assert not set(names) & set(_WORDS)
+
+
+def test_the_dashboard_shows_metrics_that_there_are() -> None:
+    dashboard: dict[str, Any] = json.loads(DASHBOARD.read_text(encoding="utf-8"))
+    asked = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
+    shown = {name for expression in asked for name in re.findall(r"mqttxt_\w+", expression)}
+    assert shown
+    assert shown <= {*_WORDS, *(f"mqttxt_{alone}" for state in STATES for alone in fields_of(state).values())}
+    assert len({panel["id"] for panel in dashboard["panels"]}) == len(dashboard["panels"])

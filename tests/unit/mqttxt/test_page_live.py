@@ -1,0 +1,291 @@
+"""What browsers are shown and what is sent for them, at a made-up station (docs/page.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from typing import Any, cast
+
+import pytest
+
+from mqttxt import (
+    Arm,
+    Battery,
+    BrokerRefused,
+    Candidate,
+    CommandId,
+    ConfigurationError,
+    ControlChanged,
+    Fog,
+    GroundStation,
+    PsmiList,
+    Resume,
+    SensorReading,
+    StartMission,
+    StateUpdate,
+    TransferFailed,
+    Word,
+)
+from mqttxt.page.desk import KEPT
+from mqttxt.page.history import MOST_CHARTS, MOST_POINTS
+from mqttxt.page.live import Live, Viewer
+from tests.rigs.processes import eventually
+from tests.simulation.page_fleet import FakeLinks, FakeStation, outcome
+
+
+class Bench:
+    def __init__(self, watch_only: bool = False, links: FakeLinks | None = None) -> None:
+        self.station = FakeStation()
+        fogs = [self.station.the_fog]
+        self.live = Live(cast("GroundStation", self.station), cast("list[Fog]", fogs), watch_only, links)
+        self.viewer = self.live.enter()
+
+    @contextlib.asynccontextmanager
+    async def running(self) -> AsyncIterator[Bench]:
+        task = asyncio.create_task(self.live.run())
+        await asyncio.sleep(0)
+        yield self
+        await self.station.heard.put(None)
+        for _, sent in self.station.sent:
+            sent.words.put_nowait(outcome(Word.EXPIRED))
+        await task
+
+    def ask(self, command: str = "arm", **more: Any) -> dict[str, Any]:
+        asked = {"number": 1, "do": "command", "command": command, "to": {"drones": [[1, 1]]}}
+        return self.live.on_request(json.dumps(asked | more))
+
+
+def newest(viewer: Viewer) -> dict[str, Any]:
+    order: dict[str, Any] = viewer.take()["orders"][-1]
+    return order
+
+
+async def test_a_browser_is_sent_everything_once_and_then_what_changes() -> None:
+    async with Bench().running() as bench:
+        first = bench.viewer.take()
+        assert first["hello"]["station"] == "page"
+        assert [drone["drone"] for drone in first["drones"]] == [1, 2]
+        assert first["drones"][0]["states"]["battery"] == {"age_ms": 100, "remaining_pct": 90}
+        assert bench.viewer.take() == {}
+        bench.station.the_fog.drone(2).set(Battery(80))
+        await bench.station.heard.put(StateUpdate(1, 2, Battery(80), 1, 10))
+        await eventually(lambda: bench.viewer.drones, "the change is marked")
+        (drone,) = bench.viewer.take()["drones"]
+        assert drone["states"]["battery"]["remaining_pct"] == 80
+
+
+async def test_a_fog_that_falls_silent_is_seen_without_an_event() -> None:
+    async with Bench().running() as bench:
+        bench.viewer.take()
+        bench.station.the_fog.is_live = False
+        bench.station.the_fog.drone(1).is_reachable = False
+        await eventually(lambda: not bench.viewer.has_fogs and bench.viewer.drones, "reviewed")
+        update = bench.viewer.take()
+        assert update["fogs"][0]["live"] is False
+        assert update["log"][-1]["text"] == "fog 1: not heard any more"
+
+
+async def test_an_event_of_a_drone_that_no_fog_lists_harms_nothing() -> None:
+    async with Bench().running() as bench:
+        bench.viewer.take()
+        await bench.station.heard.put(ControlChanged(1, 99, "gs-x", False, 1))
+        await eventually(lambda: (1, 99) in bench.viewer.drones, "marked")
+        assert bench.viewer.take()["drones"] == []
+
+
+async def test_a_command_is_followed_to_its_last_word_and_its_truth() -> None:
+    async with Bench().running() as bench:
+        bench.viewer.take()
+        number = bench.ask()["order"]
+        ((drone, sent),) = bench.station.sent
+        assert (drone, sent.command, sent.ttl_s) == (1, Arm(), 5.0)
+        order = newest(bench.viewer)
+        assert order["open"]
+        assert 4000 < order["start_left_ms"] <= 5000
+        sent.words.put_nowait(outcome(Word.ACCEPTED))
+        sent.words.put_nowait(outcome(Word.UNCONFIRMED))
+        await eventually(lambda: not bench.live.orders()[0].waiting, "the last word")
+        order = newest(bench.viewer)
+        assert not order["open"]
+        assert [word["word"] for word in order["words"]] == ["accepted", "unconfirmed"]
+        await bench.station.heard.put(outcome(Word.COMPLETED, settled=True))
+        await eventually(lambda: number in bench.viewer.orders, "the truth")
+        assert newest(bench.viewer)["words"][-1]["plain"].startswith("The truth, known afterwards.")
+
+
+async def test_a_command_to_several_is_sent_to_all_of_them_at_once() -> None:
+    async with Bench().running() as bench:
+        bench.ask(to={"drones": [[1, 1], [1, 2]]})
+        assert [drone for drone, _ in bench.station.sent] == [1, 2]
+        bench.ask(to={"fogs": [1]})
+        assert bench.station.sent[-1][0] is None
+
+
+async def test_what_cannot_be_sent_says_so_and_nothing_waits() -> None:
+    async with Bench().running() as bench:
+        bench.station.the_fog.is_live = False
+        bench.ask()
+        bench.ask(to={"drones": [[2, 1]]})
+        bench.ask(do="take_over", to={"drones": [[2, 1]]})
+        await eventually(lambda: bench.live.orders()[-1].words, "the takeover's answer")
+        said = [order.words[0]["word"] for order in bench.live.orders()]
+        assert said == ["not sent", "not sent", "failed"]
+        assert not any(order.waiting for order in bench.live.orders())
+
+
+async def test_a_page_that_watches_sends_nothing_whatever_it_is_asked() -> None:
+    async with Bench(watch_only=True).running() as bench:
+        for asked in ({}, {"command": "land"}, {"do": "take_over"}, {"to": {"fogs": [1]}}):
+            assert "only watches" in bench.ask(**asked)["error"]
+        assert bench.station.sent == []
+        assert bench.viewer.take()["hello"]["watch_only"]
+
+
+def plan_text() -> str:
+    places = [(47.1, 8.1), (47.2, 8.2)]
+    items = [
+        {
+            **{"type": "SimpleItem", "command": 16, "frame": 3, "autoContinue": True, "doJumpId": number},
+            "params": [0, 0, 0, None, *place, 20],
+        }
+        for number, place in enumerate(places, start=1)
+    ]
+    mission = {"version": 2, "items": items, "plannedHomePosition": [47, 8, 488]}
+    return json.dumps({"fileType": "Plan", "version": 1, "mission": mission})
+
+
+async def test_a_plan_is_uploaded_shown_and_its_mission_started_by_name() -> None:
+    async with Bench().running() as bench:
+        bench.viewer.take()
+        bench.ask(do="start")
+        assert newest(bench.viewer)["words"][0]["text"].startswith("not sent: upload its plan first")
+        assert "error" not in bench.ask(do="upload", name="two.plan", text=plan_text())
+        await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
+        order = newest(bench.viewer)
+        assert order["text"] == "upload two.plan (2 mission items) to drone 1"
+        assert order["path"] == [(47.1, 8.1), (47.2, 8.2)]
+        assert [word["word"] for word in order["words"]] == ["completed"]
+        (plan,) = bench.station.the_fog.drone(1).uploaded
+        bench.ask(do="start")
+        bench.ask(do="resume")
+        sent = [sent.command for _, sent in bench.station.sent]
+        assert sent == [StartMission(plan.mission_hash), Resume(plan.mission_hash)]
+
+
+async def test_a_plan_that_did_not_arrive_is_not_started() -> None:
+    async with Bench().running() as bench:
+        drone = bench.station.the_fog.drone(1)
+        for word in (TransferFailed("not carried"), outcome(Word.DENIED, reason="not_in_control")):
+            drone.upload_word = word
+            bench.ask(do="upload", name="two.plan", text=plan_text())
+            await eventually(lambda: not bench.live.orders()[-1].waiting, "the upload")
+            bench.ask(do="start")
+        assert bench.station.sent == []
+
+
+async def test_readings_are_sent_once_and_charts_are_bounded() -> None:
+    first = SensorReading(1, 1, 7, 1, 1, "temperature", 20.0, "C", 1000)
+    async with Bench().running() as bench:
+        bench.live.history.on_reading(first)
+        (chart,) = bench.viewer.take()["sensors"]
+        assert chart == {
+            **{"drone": 1, "sensor": 7, "kind": "temperature", "unit": "C"},
+            "points": [[1000, 20.0]],
+        }
+        for number in range(2, MOST_POINTS + 10):
+            bench.live.history.on_reading(replace(first, seq=number, time_ms=number, value=float(number)))
+        (chart,) = bench.viewer.take()["sensors"]
+        assert len(chart["points"]) == MOST_POINTS
+        assert chart["points"][-1] == [MOST_POINTS + 9, MOST_POINTS + 9.0]
+        assert "sensors" not in bench.viewer.take()
+        for sensor in range(MOST_CHARTS + 1):
+            bench.live.history.on_reading(replace(first, sensor=sensor))
+        assert len(bench.live.history.charts) == MOST_CHARTS
+
+
+async def test_readings_from_before_the_page_was_open_are_there() -> None:
+    station = FakeStation()
+    station.the_fog.drone(2).readings.append(SensorReading(1, 2, 7, 1, 1, "humidity", 40.0, "%", 1000))
+    live = Live(cast("GroundStation", station), cast("list[Fog]", [station.the_fog]), watch_only=True)
+    (chart,) = live.enter().take()["sensors"]
+    assert (chart["drone"], chart["kind"]) == (2, "humidity")
+
+
+async def test_rankings_come_with_every_figure_and_reason() -> None:
+    async with Bench().running() as bench:
+        bench.viewer.take()
+        candidates = Candidate(drone=1, distance_m=10.0, arrival_s=2.0), Candidate(drone=2, reason="disarmed")
+        await bench.station.heard.put(PsmiList(1, CommandId(7, 1), candidates[:1], candidates[1:], 1))
+        await eventually(lambda: not bench.viewer.has_rankings, "the list")
+        (psmi,) = bench.viewer.take()["rankings"]["lists"]
+        assert psmi["listed"][0]["arrival_s"] == 2.0
+        assert psmi["left_out"][0]["reason"] == "disarmed"
+        assert psmi["chosen"] == 1
+
+
+async def test_a_page_that_ends_sends_nothing_more() -> None:
+    async with Bench().running() as bench:
+        pass
+    assert "starting or ending: nothing was sent" in bench.ask()["error"]
+    assert bench.station.sent == []
+
+
+async def test_orders_are_bounded_and_so_is_what_is_remembered_of_them() -> None:
+    async with Bench().running() as bench:
+        for seq in range(KEPT + 5):
+            bench.ask()
+            bench.station.sent[-1][1].words.put_nowait(outcome(Word.EXPIRED, seq=seq))
+            await eventually(lambda: not bench.live.orders()[-1].waiting, "its last word")
+        assert len(bench.live.orders()) == KEPT
+        await bench.station.heard.put(outcome(Word.COMPLETED, seq=0, settled=True))
+        await bench.station.heard.put(outcome(Word.COMPLETED, seq=KEPT, settled=True))
+        await eventually(lambda: len(bench.live.orders()[KEPT - 5].words) == 2, "the truth of one that is kept")
+        assert sum(len(order.words) for order in bench.live.orders()) == KEPT + 1
+
+
+async def test_what_ends_the_station_ends_the_page_with_its_one_line() -> None:
+    bench = Bench()
+    await bench.station.heard.put(BrokerRefused("cloud: not authorised"))
+    with pytest.raises(BrokerRefused, match="not authorised"):
+        await bench.live.run()
+
+
+def asked_of_a_link(**more: Any) -> str:
+    return json.dumps({"number": 5, "do": "link", "link": "air:uav1"} | more)
+
+
+async def test_links_are_shown_and_changed_by_a_page_that_only_watches_drones_too() -> None:
+    links = FakeLinks()
+    async with Bench(watch_only=True, links=links).running() as bench:
+        assert bench.viewer.take()["hello"]["links"] == "MQTT-XT"
+        await eventually(lambda: bench.live.shown_links, "the links")
+        up, down = bench.viewer.take()["links"]
+        assert (up["name"], up["packets_per_s"], up["rate_bps"]) == ("air:uav1:up", 12.34, 20_000_000)
+        assert (down["is_closed"], down["is_changed"]) == (True, True)
+        said = bench.live.on_request(asked_of_a_link(figures={"delay": "300ms"}, closed=True))
+        assert said == {"number": 5}
+        bench.live.on_request(asked_of_a_link(back=True))
+        await eventually(lambda: len(links.told) == 2, "both were told")
+        assert links.told == [("air:uav1", {"delay": "300ms"}, True), "air:uav1"]
+        await eventually(lambda: bench.live.shown_links[0]["delay_ms"] == 300.0, "the new delay")
+        await eventually(lambda: "link air:uav1: as planned" in "".join(bench.live.log.lines()), "the log's lines")
+        assert "link air:uav1: delay 300ms, closed" in "".join(bench.live.log.lines())
+
+
+async def test_why_a_link_is_not_changed_is_told_to_everybody() -> None:
+    links = FakeLinks()
+    links.error = ConfigurationError("air:uav1:up: links are not shaped in this run")
+    async with Bench(links=links).running() as bench:
+        other = bench.live.enter()
+        bench.live.on_request(asked_of_a_link(figures={"loss": "3%"}))
+        await eventually(lambda: bench.viewer.answers and other.answers, "both browsers are told")
+        assert other.take()["answers"] == [{"number": None, "error": str(links.error)}]
+
+
+async def test_a_page_without_links_changes_none() -> None:
+    async with Bench().running() as bench:
+        assert bench.viewer.take()["hello"]["links"] is None
+        assert bench.live.on_request(asked_of_a_link())["error"] == "this page has no links to change"

@@ -1,0 +1,171 @@
+"""The page's web server: who is let in, and what the browser may do (docs/page.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any, cast
+
+import aiohttp
+import pytest
+from typer.testing import CliRunner
+
+import mqttxt.page
+from mqttxt import ConfigurationError, Fog, GroundStation
+from mqttxt.cli.main import app
+from mqttxt.page.live import Live
+from mqttxt.page.process import check_listen, serve
+from mqttxt.page.server import _FILES, MOST_REQUEST_BYTES, Server
+from tests.rigs.processes import eventually, free_port
+from tests.simulation.page_fleet import FakeStation
+
+ASSETS = Path(mqttxt.page.__file__).parent / "assets"
+
+
+@contextlib.asynccontextmanager
+async def served(station: FakeStation) -> AsyncIterator[tuple[Server, aiohttp.ClientSession]]:
+    live = Live(cast("GroundStation", station), cast("list[Fog]", [station.the_fog]), watch_only=True)
+    server = Server(live, "127.0.0.1", free_port())
+    await server.start()
+    try:
+        async with aiohttp.ClientSession() as session:
+            yield server, session
+    finally:
+        await server.stop()
+
+
+async def test_every_file_is_served_and_allows_the_browser_nothing_else() -> None:
+    assert {path.name for path in ASSETS.iterdir()} == set(_FILES)
+    async with served(FakeStation()) as (server, session):
+        for name in ("", "log.jsonl", "no-such-file", "..%2fserver.py", *_FILES):
+            async with session.get(server.url + name) as answer:
+                assert answer.status == (404 if name in ("no-such-file", "..%2fserver.py") else 200), name
+                policy = answer.headers["Content-Security-Policy"]
+                assert "default-src 'none'" in policy
+                assert "unsafe" not in policy
+                assert "*" not in policy
+                assert answer.headers["X-Content-Type-Options"] == "nosniff"
+
+
+def test_no_file_makes_markup_of_texts_or_names_another_machine() -> None:
+    for path in ASSETS.iterdir():
+        text = path.read_text().replace("http://www.w3.org/2000/svg", "")
+        assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|https?:|style=", text), (
+            path
+        )
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1", "127.0.0.1.evil.example:{port}", "evil.example:{port}"])
+async def test_another_name_for_this_address_is_refused(host: str) -> None:
+    async with served(FakeStation()) as (server, session):
+        port = server.url.rpartition(":")[2].strip("/")
+        async with session.get(server.url, headers={"Host": host.format(port=port)}) as answer:
+            assert answer.status == 403
+        async with session.get(server.url, headers={"Host": f"localhost:{port}"}) as answer:
+            assert answer.status == 200
+
+
+@pytest.mark.parametrize("origin", [None, "null", "https://evil.example", "http://127.0.0.1", "http://127.0.0.1:1"])
+async def test_another_sites_socket_is_refused(origin: str | None) -> None:
+    async with served(FakeStation()) as (server, session):
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            await session.ws_connect(f"{server.url}live", origin=origin)
+        assert refused.value.status == 403
+
+
+async def test_nothing_but_the_socket_takes_requests() -> None:
+    async with served(FakeStation()) as (server, session):
+        for name in ("", "live", "log.jsonl"):
+            async with session.post(server.url + name, data="x") as answer:
+                assert answer.status == 405
+
+
+async def test_a_request_that_is_too_long_ends_its_socket_alone() -> None:
+    async with served(FakeStation()) as (server, session):
+        origin = server.url.rstrip("/")
+        async with (
+            session.ws_connect(f"{server.url}live", origin=origin) as bad,
+            session.ws_connect(f"{server.url}live", origin=origin) as good,
+        ):
+            assert "hello" in (await bad.receive_json())
+            await bad.send_str(" " * (MOST_REQUEST_BYTES + 1))
+            while (await bad.receive()).type is not aiohttp.WSMsgType.CLOSE:
+                pass
+            await good.send_str("{")
+            answers: list[Any] = []
+            while not answers:
+                answers = (await good.receive_json()).get("answers", [])
+            assert answers == [{"number": None, "error": "request: expected JSON"}]
+
+
+async def test_a_page_that_ends_takes_leave_of_its_browsers() -> None:
+    station = FakeStation()
+    port = free_port()
+    fogs = cast("list[Fog]", [station.the_fog])
+    serving = asyncio.create_task(serve(cast("GroundStation", station), fogs, "127.0.0.1", port, watch_only=False))
+    async with aiohttp.ClientSession() as session:
+        url = f"http://127.0.0.1:{port}"
+
+        async def connected() -> aiohttp.ClientWebSocketResponse:
+            while True:
+                with contextlib.suppress(aiohttp.ClientConnectorError):
+                    return await session.ws_connect(f"{url}/live", origin=url)
+                await asyncio.sleep(0.02)
+
+        socket = await connected()
+        await socket.receive_json()
+        serving.cancel()
+        await eventually(serving.done, "the page has ended")
+        assert (await socket.receive()).type is aiohttp.WSMsgType.CLOSE
+        await socket.close()
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.2", "gs.example", "::"])
+def test_another_machine_is_not_let_in(host: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"expected this machine, as 127\.0\.0\.1:8080: the page has no login"):
+        check_listen(host, 8080)
+
+
+@pytest.mark.parametrize(("host", "bare"), [("127.0.0.1", "127.0.0.1"), ("localhost", "localhost"), ("[::1]", "::1")])
+def test_this_machine_is(host: str, bare: str) -> None:
+    assert check_listen(host, 8080) == (bare, 8080)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--listen", "0.0.0.0:8080"], "--listen 0.0.0.0:8080: expected this machine"),
+        (["--listen", "8080"], "--listen '8080': expected HOST:PORT"),
+        (["--qos", "2"], "--qos 2: expected 0 or 1"),
+        (["--cloud", "http://x"], "broker 'http://x': expected mqtt://"),
+    ],
+)
+def test_a_wrong_option_is_one_line(arguments: list[str], says: str) -> None:
+    done = CliRunner().invoke(app, ["gs", "page", "--fog", "1", *arguments])
+    assert done.exit_code == 2
+    assert says in done.output
+    assert len(done.output.splitlines()) == 1
+
+
+def test_without_aiohttp_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith("mqttxt.page.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    done = CliRunner().invoke(app, ["gs", "page", "--fog", "1"])
+    assert (done.exit_code, done.output) == (2, "mqttxt: page: expected aiohttp: pip install 'mqttxt[page]'\n")
+
+
+async def test_a_port_that_is_taken_is_one_line() -> None:
+    async with served(FakeStation()) as (server, _):
+        port = int(server.url.rpartition(":")[2].strip("/"))
+        station = FakeStation()
+        fogs = cast("list[Fog]", [station.the_fog])
+        with pytest.raises(
+            ConfigurationError,
+            match=f"--listen 127.0.0.1:{port}: cannot listen: another program uses the port; expected a free one",
+        ):
+            await serve(cast("GroundStation", station), fogs, "127.0.0.1", port, watch_only=False)

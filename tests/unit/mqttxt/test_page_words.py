@@ -1,0 +1,104 @@
+"""Words and events in plain English, and the page's log (docs/page.md)."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mqttxt import (
+    Armed,
+    AutopilotText,
+    Battery,
+    ControlChanged,
+    Event,
+    QodsRanking,
+    Ranked,
+    Reachability,
+    SensorReading,
+    Severity,
+    State,
+    StateUpdate,
+    Word,
+)
+from mqttxt.page.event_log import EventLog
+from mqttxt.page.words import WORDS, in_plain_english
+from tests.simulation.page_fleet import outcome
+
+
+def update(state: State, drone: int = 1) -> StateUpdate:
+    return StateUpdate(1, drone, state, 1, 10)
+
+
+def test_every_word_is_explained() -> None:
+    assert set(WORDS) == set(Word)
+
+
+@pytest.mark.parametrize(
+    ("said", "says"),
+    [
+        (outcome(Word.DENIED, reason="not_in_control, gs-x"), "Refused. It was not started. Another ground station"),
+        (outcome(Word.DENIED, reason="not_in_control"), "Refused. It was not started. This station does not control"),
+        (outcome(Word.FAILED, reason="autopilot: Arming denied\x1b"), "refused and gave"),
+        (outcome(Word.FAILED, reason="low battery\x1b[2J"), "Reason: low battery\\x1b[2J"),
+        (outcome(Word.COMPLETED, observed=False), "nothing shows the effect"),
+        (outcome(Word.UNCONFIRMED), "Nobody knows: it may have happened, and may still happen."),
+        (outcome(Word.COMPLETED, settled=True), "The truth, known afterwards. Done"),
+    ],
+)
+def test_an_outcome_in_plain_english(said: object, says: str) -> None:
+    assert says in in_plain_english(said)  # type: ignore[arg-type]
+
+
+def entries(*events: Event) -> list[str]:
+    log = EventLog()
+    for event in events:
+        log.on_event(event)
+    return [json.loads(line)["text"] for line in log.lines()]
+
+
+def test_a_state_is_entered_when_it_is_of_note_and_changes() -> None:
+    armed, text = Armed(True), AutopilotText(Severity.WARNING, "Low\nbattery")
+    found = entries(*map(update, (armed, armed, Battery(50), Armed(False), text, text)))
+    said = "drone 1: autopilot, warning: Low\\nbattery"
+    assert found == ["drone 1: armed", "drone 1: disarmed", said, said]
+
+
+def test_a_ranking_is_entered_when_its_order_changes() -> None:
+    def ranking(*drones: int, age_s: float = 0) -> QodsRanking:
+        ranked = (Ranked(drone=d, remaining_pct=50, max_groundspeed_m_s=5.0, age_s=age_s) for d in drones)
+        return QodsRanking(1, tuple(ranked))
+
+    found = entries(ranking(1, 2), ranking(1, 2, age_s=3), ranking(2, 1))
+    assert found == ["fog 1: QoDS ranking [1, 2]", "fog 1: QoDS ranking [2, 1]"]
+
+
+def test_who_is_there_and_who_controls() -> None:
+    assert entries(
+        Reachability(1, 2, False),
+        ControlChanged(1, 2, "gs-x", False, 3),
+        ControlChanged(1, 2, "page", True, 4),
+        ControlChanged(1, 2, None, False, 5),
+    ) == [
+        "drone 2: not reachable",
+        "drone 2: controlled by gs-x",
+        "drone 2: controlled by this station",
+        "drone 2: controlled by nobody",
+    ]
+
+
+def test_the_log_is_bounded_searched_and_has_every_field() -> None:
+    log = EventLog(kept=3)
+    for number in range(1, 6):
+        log.add("Sent", f"Arm to drone {number}")
+    reading = SensorReading(1, 2, 3, 4, 5, "kelvin", 280.5, "K", 6)
+    log.on_event(reading)
+    assert [entry["number"] for entry in log.after(0, 10)] == [4, 5, 6]
+    assert [entry["number"] for entry in log.after(4, 1)] == [6]
+    assert log.after(6, 10) == []
+    (line,) = log.lines("ARM TO DRONE 5")
+    assert json.loads(line)["kind"] == "Sent"
+    (line,) = log.lines("KELVIN")
+    found = json.loads(line)
+    assert found["event"]["kind"] == "kelvin"
+    assert found["event"]["value"] == 280.5

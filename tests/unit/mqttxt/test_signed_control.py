@@ -1,0 +1,309 @@
+"""Signed control (docs/protocol.md, section 12): registrations, takeovers, leases and grants."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from mqttxt.activator.role import Activator
+from mqttxt.core.effects import Inbound, Publish, Stop
+from mqttxt.core.session_owners import MOST_OF_ONE
+from mqttxt.core.settings import Settings
+from mqttxt.drone.grants import MOST_GRANTS, Grants
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.commands import Arm, Offboard, Velocity
+from mqttxt.protocol.messages import (
+    Control,
+    DroneLease,
+    FogPresence,
+    Grant,
+    Presence,
+    Registration,
+    Word,
+)
+from mqttxt.security.cose import Envelope
+from mqttxt.security.rights import Rights
+from mqttxt.security.seal import Seal
+from mqttxt.station.role import StationRole
+from tests.simulation.signed import (
+    OTHER_SESSION,
+    delivered,
+    kinds,
+    last_sent,
+    meet,
+    said,
+    signed_command,
+    signed_world,
+    to_drone,
+)
+from tests.simulation.signing import seal
+from tests.simulation.world import (
+    FOG_SESSION,
+    GS_SESSION,
+    UAV_SESSION,
+    World,
+    heartbeat,
+    landed,
+    position,
+)
+
+
+@pytest.fixture
+def world() -> World:
+    return signed_world()
+
+
+# Registrations, control, leases, grants.
+
+
+def registration(world: World, by: Seal, **changed: Any) -> list[Any]:
+    fields: dict[str, Any] = {
+        "name": by.certificate.node.label,
+        "session": OTHER_SESSION,
+        "nonce": 1,
+        "lease_s": 30,
+        "control": Control.WANT,
+        "until_ms": world.now_ms + 20_000,
+        "activator_session": FOG_SESSION,
+        "counter": 5,
+    }
+    payload = by.sign("fog1/init_connect", encode(Registration(**{**fields, **changed})), with_certificate=True)
+    return list(world.activator.on_message("cloud", Inbound("fog1/init_connect", payload.encode(), 1), world.now_ms))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"name": "g"},
+        {"session": GS_SESSION},
+        {"activator_session": OTHER_SESSION},
+        {"activator_session": None},
+        {"counter": None},
+        {"until_ms": None},
+        {"until_ms": 1},
+    ],
+)
+def test_a_registration_names_its_signer_this_session_an_end_and_a_counter(
+    world: World, changed: dict[str, Any]
+) -> None:
+    out = registration(world, seal("gs-h"), **changed)
+    assert kinds(out)[0] in ("foreign_session", "old_registration")
+    assert len(world.activator.leases) == 1
+
+
+def test_an_old_registration_is_not_heard_and_ends_nothing_either(world: World) -> None:
+    station = seal("gs-h")
+    assert kinds(registration(world, station, counter=5)) == []
+    assert kinds(registration(world, station, counter=5)) == ["old_registration"]
+    assert kinds(registration(world, station, counter=4, lease_s=0)) == ["old_registration"]
+    assert len(world.activator.leases) == 2
+    assert kinds(registration(world, station, counter=6, lease_s=0)) == []
+    assert len(world.activator.leases) == 1
+    assert kinds(registration(world, station, counter=5)) == ["old_registration"]
+    assert len(world.activator.leases) == 1
+
+
+def test_an_old_birth_of_an_activator_that_a_broker_repeats_frees_no_control(world: World) -> None:
+    """The station then has no beacon of the session, and asks for one: that is no end of its lease."""
+    birth = last_sent(world, "fog1/reachable")
+    old = seal("fog1").sign(birth.topic, encode(FogPresence(session=OTHER_SESSION, up=True))).encode()
+    for payload in (old, birth.payload):
+        world.run("gs", world.gs.on_message("cloud", Inbound(birth.topic, payload, 1), world.now_ms))
+        assert world.activator.leases.controls(GS_SESSION, 1)
+    world.pass_time(100)
+    assert world.gs.fogs[1].registered
+    world.run("gs", world.gs.goodbye(world.now_ms))
+    assert not world.activator.leases
+
+
+def test_a_beacon_confirms_one_registration(world: World) -> None:
+    beacon = last_sent(world, "fog1/clock")
+    world.gs.on_disconnected("cloud", world.now_ms)
+    fog = world.gs.fogs[1]
+    fog.up = True
+    world.gs.on_message("cloud", Inbound("fog1/clock", beacon.payload), world.now_ms)
+    assert not fog.registered
+
+
+def test_one_station_leaves_room_for_others(world: World) -> None:
+    for session in range(1000, 1000 + MOST_OF_ONE):
+        assert kinds(registration(world, seal("gs-h"), session=session)) == []
+    assert kinds(registration(world, seal("gs-h"), session=2000)) == ["too_many_stations"]
+    assert len(world.activator.leases) == 1 + MOST_OF_ONE
+    assert kinds(registration(world, seal("gs-new"))) == []
+    assert kinds(registration(world, seal("gs-h"), session=1000, counter=6)) == []
+
+
+@pytest.mark.parametrize("is_record_first", [True, False])
+def test_nobody_takes_the_session_that_controls_a_drone_while_its_activator_starts(
+    world: World, is_record_first: bool
+) -> None:
+    birth = seal("gs-h").sign("gs/h/reachable", encode(Presence(session=GS_SESSION, up=True)), with_certificate=True)
+    record = last_sent(world, "fog1/drone1/reachable")
+    retained = [(record.topic, record.payload), ("gs/h/reachable", birth.encode())]
+    started = Activator(1, 0x99, Settings(), drones=(1,), seal=seal("fog1"))
+    for topic, payload in retained if is_record_first else reversed(retained):
+        started.on_message("cloud", Inbound(topic, payload, 1, True), 0)
+    assert started.owners.claim(GS_SESSION, "gs-g")
+    assert not started.owners.claim(GS_SESSION, "gs-h")
+
+
+def test_control_follows_rights(world: World) -> None:
+    two = seal("gs-two", Rights(command=frozenset({2})))
+    registration(world, two, drones=(1, 2))
+    assert not world.activator.leases.controls(OTHER_SESSION, 1)
+    registration(world, two, control=Control.TAKE, counter=6, epoch=100)
+    assert world.activator.leases.controls(GS_SESSION, 1)
+    lease = world.activator.leases._leases["two", OTHER_SESSION]
+    assert lease.drones == frozenset({2})
+
+
+def test_a_takeover_takes_a_right_and_a_registration(world: World) -> None:
+    polite = seal("gs-polite", Rights(command=None))
+    registration(world, polite)
+    registration(world, polite, control=Control.TAKE, counter=6, epoch=100)
+    assert world.activator.leases.controls(GS_SESSION, 1)
+    taker = seal("gs-h")
+    registration(world, taker, session=0x88, control=Control.TAKE, epoch=100)
+    assert world.activator.leases.controls(GS_SESSION, 1)
+    registration(world, taker, session=0x88, control=Control.TAKE, counter=6, epoch=100)
+    assert world.activator.leases.controls(0x88, 1)
+
+
+def test_a_takeover_is_told_to_everybody(world: World) -> None:
+    taker = World(signed=True)
+    taker.gs = StationRole("h", OTHER_SESSION, Settings(), seal=seal("gs-h"))
+    world.subscribed = [entry for entry in world.subscribed if entry[0] != "gs"]
+    world.gs = taker.gs
+    world.gs.add_fogs([1])
+    world.run("gs", world.gs.on_connected("cloud", world.now_ms))
+    world.pass_time(1000)
+    world.run("gs", world.gs.take_over(1, None, world.now_ms))
+    world.pass_time(1000)
+    assert world.gs.fogs[1].controls(1)
+    world.send(Arm())
+    assert len(world.wrote) == 1
+
+
+def test_a_will_frees_no_control(world: World) -> None:
+    will = world.gs.will()
+    out = world.activator.on_message("cloud", Inbound(will.topic, will.payload, 1), world.now_ms)
+    assert list(out) == []
+    assert world.activator.leases.controls(GS_SESSION, 1)
+
+
+def lease(by: str, **changed: Any) -> Envelope:
+    fields = {"activator_session": FOG_SESSION, "drone_session": UAV_SESSION, "nonce": 1, "bound": True, "counter": 999}
+    fields |= changed
+    return seal(by).sign("drone1/init_connect", encode(DroneLease(**fields)), with_certificate=True)
+
+
+def test_a_drone_takes_leases_of_its_own_fog_alone(world: World) -> None:
+    for by in ("fog2", "gs-g", "drone1"):
+        out = world.uav.on_message("fog", Inbound("drone1/init_connect", lease(by, bound=False).encode(), 1), 2000)
+        assert kinds(list(out))[0] in ("unknown_signer", "certificate", "forged"), by
+    out = world.uav.on_message("fog", Inbound("drone1/init_connect", lease("fog1", bound=False).encode(), 1), 2000)
+    assert [type(effect) for effect in out] == [Stop]
+
+
+def test_no_activator_makes_control_last_longer_than_its_station_has_granted(world: World) -> None:
+    wide = lease("fog1", holder_session=GS_SESSION, deadline_ms=2**40, offboard_until_ms=2**40)
+    world.uav.on_message("fog", Inbound("drone1/init_connect", wide.encode(), 1), world.now_ms)
+    until_ms = world.uav.desk.executor.lease_until_ms
+    assert until_ms is not None
+    assert world.now_ms < until_ms <= world.now_ms + 30_000
+    assert world.uav.desk.executor.offboard_until_ms == 0
+    nobodys = lease("fog1", counter=1000, holder_session=OTHER_SESSION, deadline_ms=2**40, offboard_until_ms=2**40)
+    world.uav.on_message("fog", Inbound("drone1/init_connect", nobodys.encode(), 1), world.now_ms)
+    assert not world.uav.is_controlled(world.now_ms)
+
+
+def leases_of(world: World) -> list[Publish]:
+    return [publish for _, publish in world.sent if publish.topic == "drone1/init_connect"]
+
+
+def control(world: World) -> tuple[int | None, int, bool]:
+    executor = world.uav.desk.executor
+    return executor.holder_session, world.uav.desk.epoch, world.uav.is_controlled(world.now_ms)
+
+
+def deliver(world: World, publish: Publish) -> None:
+    world.run("uav", world.uav.on_message("fog", Inbound(*delivered(publish)), world.now_ms))
+
+
+def test_a_station_that_does_not_control_the_drone_is_denied_by_the_drone_itself(world: World) -> None:
+    """Its fog's broker brings the command straight to the drone, past the activator."""
+    meet(world, seal("gs-h"), OTHER_SESSION)
+    out = to_drone(world, signed_command(seal("gs-h"), gs_session=OTHER_SESSION))
+    assert said(out) == [(Word.DENIED, "not_in_control")]
+    world.drop = {"init_connect"}
+    world.pass_time(31_000)
+    late = signed_command(seq=20, deadline_ms=world.now_ms + 3000)
+    assert said(to_drone(world, late)) == [(Word.DENIED, "not_in_control")]  # its lease has lapsed
+
+
+def test_a_lease_that_a_broker_repeats_or_held_back_changes_nothing(world: World) -> None:
+    """Not after a newer one, and not of an earlier session of the activator: neither holder nor epoch goes back."""
+    old = leases_of(world)
+    world.drop = {"init_connect"}
+    world.run("activator", world.activator.drones.ask_all(world.now_ms))
+    held_back = leases_of(world)[-1]
+    world.drop = set()
+    world.restart_activator(0x99)
+    world.pass_time(3000)
+    world.run("gs", world.gs.take_over(1, None, world.now_ms))
+    world.pass_time(100)
+    of_new_session = leases_of(world)
+    for counter in (5, 6):
+        taking = {"control": Control.TAKE, "activator_session": 0x99, "counter": counter, "epoch": 9}
+        world.run("activator", registration(world, seal("gs-h"), **taking))
+    now = control(world)
+    assert now[:2] == (OTHER_SESSION, world.activator.leases.epoch(1))
+    for publish in (*old, held_back, *of_new_session):
+        deliver(world, publish)
+        assert control(world) == now
+
+
+def test_an_offboard_command_lives_by_its_stations_grants(world: World) -> None:
+    world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
+    world.send(Offboard(60.0, velocity=Velocity(1.0, 0.0, 0.0)))
+    world.pass_time(3000)
+    offboard_ms = world.uav.desk.executor.offboard_until_ms
+    assert offboard_ms is not None
+    assert world.now_ms < offboard_ms <= world.now_ms + 3000
+    world.drop, dropped_ms = {"control"}, world.now_ms
+    allowed: list[int] = []
+    while world.now_ms < dropped_ms + 6000:
+        world.pass_time(100)
+        allowed.append(world.uav.desk.executor.offboard_until_ms or 0)
+    assert dropped_ms < max(allowed) <= dropped_ms + 3000
+
+
+def test_a_grant_is_its_own_stations_and_never_goes_back(world: World) -> None:
+    def grant(by: Seal, **changed: Any) -> list[Any]:
+        fields = {"gs_session": GS_SESSION, "drone_session": UAV_SESSION, "until_ms": 10**6, **changed}
+        payload = by.sign("drone1/control", encode(Grant(**fields))).encode()
+        return list(world.uav.on_message("fog", Inbound("drone1/control", payload, 1), world.now_ms))
+
+    meet(world, seal("gs-h"), OTHER_SESSION)
+    assert kinds(grant(seal("gs-h"))) == ["foreign_session"]
+    before_ms = world.uav.desk.executor.lease_until_ms
+    grant(seal("gs-g"), until_ms=1)
+    grant(seal("gs-g"), drone_session=5)
+    assert world.uav.desk.executor.lease_until_ms == before_ms
+    out = world.activator.on_message(
+        "cloud",
+        Inbound("fog1/drone1/control", seal("gs-h").sign("drone1/control", b"\x80").encode(), 1),
+        world.now_ms,
+    )
+    assert kinds(list(out))
+
+
+def test_grants_are_bounded() -> None:
+    grants = Grants()
+    for session in range(1, MOST_GRANTS + 2):
+        grants.take(Grant(gs_session=session, drone_session=1, until_ms=9, offboard_until_ms=5))
+    assert grants.bound(1, 100, 100) == (None, None)
+    assert grants.bound(2, 100, None) == (9, None)
+    assert grants.bound(None, 100, 100) == (None, None)

@@ -1,0 +1,226 @@
+"""Signed stations (docs/protocol.md, section 12): sessions, rights, certificates, and whose words count."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+
+from mqttxt.core.effects import Inbound, Publish
+from mqttxt.core.session_owners import MOST_OF_ONE, SessionOwners
+from mqttxt.core.settings import Settings
+from mqttxt.drone.effects import Journal
+from mqttxt.errors import ConfigurationError, PayloadError
+from mqttxt.protocol.codec import encode
+from mqttxt.protocol.commands import Arm, Hold
+from mqttxt.protocol.messages import (
+    CommandId,
+    Registration,
+    Word,
+)
+from mqttxt.security.cose import Envelope
+from mqttxt.security.identity import Identity
+from mqttxt.security.rights import Rights
+from mqttxt.security.seal import MOST_CERTIFICATES, Seal
+from mqttxt.station.outcomes import Outcome
+from mqttxt.station.role import StationRole
+from tests.simulation.signed import (
+    OTHER_SESSION,
+    hear,
+    kinds,
+    meet,
+    outcomes,
+    said,
+    signed_command,
+    signed_world,
+    to_drone,
+    word,
+)
+from tests.simulation.signing import ALL, authority, folder, seal
+from tests.simulation.world import (
+    FOG_SESSION,
+    GS_SESSION,
+    World,
+    heartbeat,
+    landed,
+    position,
+)
+
+
+@pytest.fixture
+def world() -> World:
+    return signed_world()
+
+
+def test_nobody_uses_another_stations_session(world: World) -> None:
+    meet(world, seal("gs-h"), GS_SESSION)
+    assert [log.kind for log in world.logs] == ["foreign_session"]
+    out = to_drone(world, signed_command(seal("gs-h"), seq=2**32 - 1))
+    assert (said(out), kinds(out)) == ([], ["foreign_session"])
+    assert said(to_drone(world, signed_command(seq=10))) == []
+    assert any(isinstance(e, Journal) for e in to_drone(world, signed_command(seq=11)))
+
+
+def test_a_session_that_no_birth_has_named_is_not_heard(world: World) -> None:
+    assert kinds(to_drone(world, signed_command(gs_session=OTHER_SESSION))) == ["foreign_session"]
+
+
+def test_a_station_forgets_its_own_oldest_sessions_alone() -> None:
+    owners = SessionOwners()
+    assert owners.claim(1, "gs-a")
+    for session in range(100, 100 + MOST_OF_ONE + 1):
+        assert owners.claim(session, "gs-b")
+    assert owners.is_of(1, "gs-a")
+    assert not owners.is_of(100, "gs-b")
+    assert not owners.claim(1, "gs-b")
+
+
+def test_a_station_that_runs_on_is_not_forgotten_for_those_that_came_and_went() -> None:
+    owners = SessionOwners()
+    for session in range(100, 100 + 2 * MOST_OF_ONE):
+        assert owners.claim(1, "gs-a")
+        assert owners.claim(session, "gs-a")
+    assert owners.is_of(1, "gs-a")
+
+
+def test_the_drone_looks_at_rights_itself_and_names_the_one_that_is_missing(world: World) -> None:
+    watcher = seal("gs-watcher", Rights(command=frozenset({2}), observe=True))
+    meet(world, watcher, OTHER_SESSION)
+    out = to_drone(world, signed_command(watcher, gs_session=OTHER_SESSION))
+    assert said(out) == [(Word.DENIED, "not_allowed, mqttxt:may/command/1")]
+    assert world.uav.desk.ledger.get(CommandId(OTHER_SESSION, 9)) is not None
+
+
+def test_a_station_without_the_right_says_so_before_it_sends() -> None:
+    world = World(signed=True)
+    world.gs = StationRole("w", GS_SESSION, Settings(), seal=seal("gs-w", Rights(command=frozenset({2}))))
+    world.start().pass_time(1000)
+    with pytest.raises(ConfigurationError, match="mqttxt:may/command/1"):
+        world.send(Arm())
+    assert not world.activator.leases.controls(GS_SESSION, 1)
+
+
+def take_list(node: Seal, fleet: str) -> None:
+    """The node has its fleet's newest revocation list."""
+    assert node.identity.fleet.take(authority(fleet).fleet.revoked)
+
+
+def revoked(name: str) -> Seal:
+    """A fleet of its own, whose station was revoked after everybody had met it."""
+    return seal(name, fleet="revoking")
+
+
+def test_who_is_revoked_is_not_heard_from_the_moment_on_that_the_list_is_here() -> None:
+    station, drone = revoked("gs-r"), revoked("drone1")
+    sent = station.sign("drone1/commands", b"x", with_certificate=True)
+    assert drone.open_of_station("drone1/commands", sent).signer == "gs-r"
+    authority("revoking").revoke("gs-r")
+    take_list(drone, "revoking")
+    with pytest.raises(PayloadError, match="revoked"):
+        drone.open_of_station("drone1/commands", sent.bare())
+
+
+def test_of_one_name_the_newest_certificates_are_kept() -> None:
+    receiver, fleet = seal("drone1", fleet="renewing"), authority("renewing")
+    folder("gs-n", ALL, "renewing")
+    old = Seal(Identity.load(fleet.folder / "gs-n"))
+    assert receiver.open_of_station("t", old.sign("t", b"x", with_certificate=True))
+    for _ in range(MOST_CERTIFICATES):
+        fleet.renew("gs-n")
+        new = Seal(Identity.load(fleet.folder / "gs-n"))
+        assert receiver.open_of_station("t", new.sign("t", b"x", with_certificate=True)).signer == "gs-n"
+    with pytest.raises(PayloadError, match="expected one of a known certificate"):
+        receiver.open_of_station("t", old.sign("t", b"x"))
+
+
+def test_a_certificate_that_ends_in_flight_still_holds_lands_and_returns() -> None:
+    fleet, now_s = authority("ending"), time.time()
+    for name, rights, days in (
+        ("gs-g", ALL, 1.0),
+        ("gs-new", ALL, 1.0),
+        ("drone1", Rights(), 90.0),
+        ("fog1", Rights(), 90.0),
+    ):
+        fleet.issue(name, rights, days)
+    seals = {
+        name: Seal(Identity.load(fleet.folder / name, system=lambda: now_s))
+        for name in ("gs-g", "gs-new", "drone1", "fog1")
+    }
+    world = World(signed=True, seal=seals.get).start()
+    world.pass_time(1000)
+    now_s += 2 * 86_400
+    world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
+    world.send(Arm())
+    assert outcomes(world) == [(Word.DENIED, "certificate_expired", "fog1")]
+    assert said(to_drone(world, signed_command(seals["gs-g"]))) == [(Word.DENIED, "certificate_expired")]
+    world.pass_time(40_000)
+    world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
+    world.send(Hold())
+    assert len(world.wrote) == 1
+    late = seals["gs-new"].sign("drone1/commands", b"x", with_certificate=True).encode()
+    assert kinds(to_drone(world, late)) == ["certificate"]
+    fields = {"name": "new", "session": 5, "nonce": 1, "lease_s": 30, "activator_session": FOG_SESSION, "counter": 1}
+    new = seals["gs-new"].sign("fog1/init_connect", encode(Registration(**fields)), with_certificate=True)
+    out = world.activator.on_message("cloud", Inbound("fog1/init_connect", new.encode(), 1), world.now_ms)
+    assert kinds(list(out)) == ["certificate"]
+
+
+def test_an_activator_says_by_itself_only_what_was_not_done(world: World) -> None:
+    world.drop = {"commands"}
+    world.send(Arm())
+    for lie in (Word.ACCEPTED, Word.COMPLETED, Word.FAILED, Word.SUPERSEDED, Word.OVERTAKEN):
+        assert kinds(hear(world, word("fog1", lie, "fog1/drone1/commands_result/arm"))) == ["forged"]
+    hear(world, word("fog1", Word.UNREACHABLE, "fog1/drone1/commands_result/arm"))
+    assert outcomes(world) == [(Word.UNREACHABLE, None, "fog1")]
+
+
+def test_a_drones_word_against_its_activators_is_told(world: World) -> None:
+    world.drop = {"commands"}
+    world.send(Arm())
+    hear(world, word("fog1", Word.UNREACHABLE, "fog1/drone1/commands_result/arm"))
+    assert kinds(hear(world, word("drone1", Word.ACCEPTED, "drone1/commands_result/arm"))) == ["contradicted"]
+    assert kinds(hear(world, word("drone1", Word.COMPLETED, "drone1/commands_result/arm"))) == ["contradicted"]
+    assert hear(world, word("drone1", Word.COMPLETED, "drone1/commands_result/arm")) == []
+    settled = [o for o in world.heard if isinstance(o, Outcome) and o.settled]
+    assert [(o.word, o.signer) for o in settled] == [(Word.COMPLETED, "drone1")]
+
+
+@pytest.mark.parametrize(
+    ("by", "topic"),
+    [
+        ("drone2", "drone1/commands_result/arm"),
+        ("drone1", "drone2/commands_result/arm"),
+        ("drone1", "drone1/commands_result/land"),
+        ("fog2", "fog1/drone1/commands_result/arm"),
+        ("fog1", "drone1/commands_result/arm"),
+        ("gs-h", "drone1/commands_result/arm"),
+    ],
+)
+def test_nobody_elses_word_counts(world: World, by: str, topic: str) -> None:
+    world.drop = {"commands"}
+    world.send(Arm())
+    assert kinds(hear(world, word(by, Word.DENIED, topic)))[0] in ("forged", "unknown_signer")
+    assert outcomes(world) == []
+    payload = word(by, Word.DENIED, topic)
+    out = world.activator.on_message("fog", Inbound("drone1/commands_result/arm", payload, 1), world.now_ms)
+    assert kinds(list(out))[0] in ("forged", "unknown_signer")
+
+
+def test_a_broker_that_says_that_nobody_subscribes_is_not_believed(world: World) -> None:
+    world.drop = {"commands"}
+    sent = world.gs.commands.send(world.gs.fog(1), 1, Arm(), world.now_ms)
+    world.drop = set()
+    (publish,) = sent[1]
+    assert isinstance(publish, Publish)
+    out = world.activator.on_message("cloud", Inbound(publish.topic, publish.payload, 1), world.now_ms)
+    (forwarded,) = [e for e in out if isinstance(e, Publish) and e.topic == "drone1/commands"]
+    assert list(world.activator.on_published("fog", forwarded.ref, 0x10, world.now_ms)) == []
+
+
+@pytest.mark.parametrize("route", [None, [1], [1, 2], ["x", True], [-1, False], [2**16, False], 7])
+def test_what_a_relay_says_beside_a_word_is_read_strictly(world: World, route: Any) -> None:
+    world.drop = {"commands"}
+    world.send(Arm())
+    payload = Envelope.parse(word("drone1", Word.DENIED, "drone1/commands_result/arm")).routed(route).encode()
+    assert kinds(hear(world, payload)) == ["malformed"]
