@@ -1,10 +1,11 @@
-"""Tests that fly or measure times, on a machine that is late: flown again, and inconclusive where it stays late.
+"""Tests on a machine that is late: run again, and those that fly or measure times inconclusive where it stays late.
 
 A process beside the tests sleeps in short steps and writes down when it woke up late: that is the machine's doing, not
-the code's. Where a test with one of MARKS fails by what lateness may cause, and the machine was late while it ran, or
-what it flew is Void, the test is run anew with all its fixtures, once the machine is quieter and beside nothing but
-tests that give way (conftest.py), TURNS times at most. After that it is neither passed nor failed but inconclusive: the
-last lines name it with its failure, and the very last one counts it. Any other failure is one at once.
+the code's. Where a test fails by what lateness may cause, and the machine was late while it ran, or what it flew is
+Void, the test is run anew with all its fixtures, beside nothing but tests that give way (workers.py), TURNS times at
+most. One with one of MARKS waits until the machine is quieter, and after its last turn it is neither passed nor failed
+but inconclusive: the last lines name it with its failure, and the very last one counts it. Any other test that fails in
+every turn has failed. A failure that lateness cannot cause is one at once.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import pytest
 from _pytest.runner import runtestprotocol
 
 MARKS = ("alone", "e2e", "integration")
+"""Of tests that fly or measure times."""
 TURNS = 3
 LATE_MS = 25
 """A process that sleeps and is not run for so long after: a machine with a core to spare is late by one or two."""
@@ -101,8 +103,7 @@ def pytest_runtest_makereport(
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> object:
-    if not any(item.get_closest_marker(name) for name in MARKS):
-        return None
+    is_timed = any(item.get_closest_marker(name) for name in MARKS)
     watch, began_s = _watching(), time.monotonic()
     turn = item.stash.get(_TURN, 1)
     errors = item.stash[_ERRORS] = []
@@ -117,11 +118,12 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         if over.excinfo is None:
             item.stash[_TURN] = turn + 1
             item.ihook.pytest_timeout_cancel_timer(item=item)  # the next turn has its own
-            watch.wait_for_quiet()
+            if is_timed:
+                watch.wait_for_quiet()
             item.ihook.pytest_runtest_protocol(item=item, nextitem=nextitem)
             return True
         reports.append(item.ihook.pytest_runtest_makereport(item=item, call=over))
-    elif cause is not None:
+    elif cause is not None and is_timed:
         _judged.extend((error.value, cause) for error in errors)
         for report in reports:
             if report.failed:
