@@ -93,9 +93,10 @@ async def upload(drone: Drone, plan: Plan) -> None:
     assert (last.word, last.reason) == (Word.COMPLETED, None)
 
 
-def reached(drone: Drone) -> int:
+def reached(drone: Drone, plan: Plan) -> int:
+    """The item of this plan that the drone has reached last: it may say so of the mission before for a moment yet."""
     known = drone.state(Mission)
-    return known.state.reached if known is not None else 0
+    return known.state.reached if known is not None and known.state.mission == plan.mission_hash else 0
 
 
 async def follow_upload(drone: Drone, plan: Plan, words: list[Outcome]) -> None:
@@ -130,7 +131,7 @@ async def test_a_mission_is_flown_paused_resumed_and_returns(flight: Flight, dro
             heard.append(outcome)
 
     started = asyncio.create_task(follow())
-    await eventually(lambda: reached(drone) >= 5, "it is on its way", 90)
+    await eventually(lambda: reached(drone, TWENTY) >= 5, "it is on its way", 90)
     last = await drone.upload(DOWN)
     assert (last.word, last.reason) == (Word.DENIED, "mission_running")
     assert (await drone.pause()).completed
@@ -148,7 +149,7 @@ async def test_a_takeoff_elsewhere_is_reached_at_its_place(flight: Flight, drone
     await upload(drone, AWAY)
     await fly(drone, Arm())
     heard, flown = await start(drone, StartMission(AWAY.mission_hash))
-    await eventually(lambda: reached(drone) >= 1, "the takeoff's item is reached", 60)
+    await eventually(lambda: reached(drone, AWAY) >= 1, "the takeoff's item is reached", 60)
     known = drone.location
     assert known is not None
     assert (known.state.longitude_deg - HOME[1]) * 1e7 / METRE_1E7 / 1.4775 > AWAY_M - 10

@@ -175,3 +175,31 @@ def test_px4_says_that_it_would_arm_in_the_health_bits_alone(healthy: bool) -> N
     vehicle.update(heartbeat(), 0)
     (told,) = vehicle.update(from_autopilot(health(0b1, 0b1, 0b1 | (PREARM if healthy else 0))), 0)
     assert told == Health(healthy, 0)
+
+
+def test_a_lost_fix_is_not_armable_before_the_autopilot_knows_of_it() -> None:
+    vehicle = Vehicle(1)
+    vehicle.update(heartbeat(), 0)
+    verdict, receiving, blind = (
+        from_autopilot(message) for message in (health(0b1, 0b1, PREARM), gps(3, 12, 85), gps(1, 0, 9999))
+    )
+    vehicle.update(verdict, 0)
+    assert Health(False, 1) not in vehicle.update(blind, 0)  # it never had a fix
+    vehicle.update(receiving, 1000)
+    assert vehicle.update(blind, 2000)[1:] == [Health(False, 1)]
+    assert vehicle.update(blind, 11_000)[1:] == []
+    assert vehicle.update(verdict, 12_000) == [Health(False, 1)]
+    assert vehicle.update(verdict, 12_001) == [Health(True, 1)]  # it knows, and would arm: indoors, by other sensors
+    vehicle.update(receiving, 13_000)
+    vehicle.update(blind, 14_000)
+    assert vehicle.update(verdict, 15_000) == [Health(False, 1)]
+    vehicle.update(receiving, 16_000)
+    assert vehicle.update(verdict, 16_000) == [Health(True, 1)]
+
+
+def test_a_fix_that_is_lost_before_any_verdict_says_nothing_of_arming() -> None:
+    vehicle = Vehicle(1)
+    vehicle.update(heartbeat(), 0)
+    vehicle.update(from_autopilot(gps(3, 12, 85)), 0)
+    assert vehicle.update(from_autopilot(gps(1, 0, 9999)), 0) == [Gps(GpsFix.NO_FIX, 0, 99.99)]
+    assert vehicle.update(from_autopilot(health(0b1, 0b1, PREARM)), 1000) == [Health(False, 1)]

@@ -18,6 +18,7 @@ from ...protocol.states import (
     GpsFix,
     Groundspeed,
     Heading,
+    Health,
     Home,
     Landed,
     LandedState,
@@ -33,6 +34,7 @@ from .autopilot import Autopilot
 from .autopilots import kind_of
 from .boots import Boots
 from .home import HomeOfArming
+from .lost_fix import LostFix
 from .mission_progress import MissionProgress
 from .plans import AUTOPILOT_COMPONENT, CannotExecute
 
@@ -84,6 +86,7 @@ class Vehicle:
         self._arrivals: dict[str, Arrivals] = {}
         self._text = (-1, "")
         self._home = HomeOfArming()
+        self._lost_fix = LostFix()
 
     @property
     def autopilot(self) -> Autopilot:
@@ -159,11 +162,12 @@ class Vehicle:
             self.heartbeat_ms = now_ms
         elif kind == "STATUSTEXT" and message.severity <= mavlink.MAV_SEVERITY_WARNING:
             self._text = (self.number, _printable(message.text))
-        read, home = self._read(kind, message), copy(self._home)
+        read, home, lost_fix = self._read(kind, message), copy(self._home), copy(self._lost_fix)
         told = home.correct(read, self.seen(Armed) == Armed(True))
+        told = lost_fix.correct(told, self.seen(Health), now_ms)
         for state in (*read, *told):
             check_range(state)
-        self._home = home
+        self._home, self._lost_fix = home, lost_fix
         if kind == "GLOBAL_POSITION_INT":
             self._note_motion(message, now_ms)
         for state in told:

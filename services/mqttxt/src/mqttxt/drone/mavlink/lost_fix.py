@@ -1,0 +1,39 @@
+"""An autopilot's verdict on arming, where its receiver has just lost its position (docs/protocol.md, R3.13)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from ...protocol.states import Gps, GpsFix, Health, State
+
+VERDICT_MS = 10_000
+"""By then SYS_STATUS knows of a lost fix: PX4 1.15 and main need 3.6 to 5.3 s."""
+
+
+class LostFix:
+    """Knows when a receiver that had a 3D fix lost it; one that never had a fix is the autopilot's own affair."""
+
+    def __init__(self) -> None:
+        self._had = False
+        self._lost_ms: int | None = None
+
+    def correct(self, told: Iterable[State], known: Health | None, now_ms: int) -> list[State]:
+        """A message's states, without a verdict that the loss has outdated; `known` is the verdict of before."""
+        return [corrected for state in told for corrected in self._correct(state, known, now_ms)]
+
+    def _correct(self, state: State, known: Health | None, now_ms: int) -> list[State]:
+        if isinstance(state, Health):
+            is_outdated = self._lost_ms is not None and now_ms - self._lost_ms <= VERDICT_MS
+            return [replace(state, armable=False) if is_outdated else state]
+        if not isinstance(state, Gps):
+            return [state]
+        has = state.fix >= GpsFix.FIX_3D
+        lost, self._had = self._had and not has, has
+        if has:
+            self._lost_ms = None
+        elif lost:
+            self._lost_ms = now_ms
+            if known is not None:
+                return [state, replace(known, armable=False)]
+        return [state]
