@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import socket
 import tty
 from collections.abc import AsyncIterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from mqttxt.drone.mavlink import transports
+from mqttxt.drone.mavlink import link, transports
 from mqttxt.drone.mavlink.frame_parser import Malformed
 from mqttxt.drone.mavlink.link import AutopilotLink
 from mqttxt.drone.mavlink.repeated_acks import Repeats
@@ -187,3 +189,34 @@ async def test_heartbeats_of_one_number_are_all_heard(bench: LinkBench) -> None:
     for _ in range(3):
         autopilot.send(beat(7))
     await eventually(lambda: len(bench.heard) == 3, "three heartbeats")
+
+
+async def test_a_line_that_is_not_there_is_told_once_and_once_more_when_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(link, "REOPEN_S", 0.01)
+    tries = []
+
+    async def counted(*arguments: Any) -> transports.Transport:
+        tries.append(arguments)
+        return await transports.open_transport(*arguments)
+
+    monkeypatch.setattr(link, "open_transport", counted)
+    line = tmp_path / "line"
+    made = AutopilotLink(AutopilotAddress("serial", str(line), 57_600), 1, lambda _: None, lambda _: None)
+    running = asyncio.create_task(made.run())
+    await eventually(lambda: len(tries) >= 3, "it tries again")
+    master, slave = os.openpty()
+    try:
+        line.symlink_to(os.ttyname(slave))
+        await eventually(lambda: made._transport is not None, "it is open")
+        missing, there = [record.message for record in caplog.records if "autopilot serial" in record.message]
+        assert missing.endswith("; trying until it opens")
+        assert "No such file or directory" in missing
+        assert there == f"autopilot serial:{line}:57600: the link is open"
+    finally:
+        running.cancel()
+        await asyncio.wait({running})
+        os.close(master)
+        os.close(slave)

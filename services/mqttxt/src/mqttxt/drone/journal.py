@@ -174,7 +174,8 @@ class JournalFile:
         if not self._is_failing:
             self._is_failing = True
             what = error.strerror or error
-            logger.error("journal %s: %s; commands are denied until it can be written", self._path, what)
+            denied = "commands" if self.front is None else "commands other than hold, land and return"
+            logger.error("journal %s: %s; %s are denied until it can be written", self._path, what, denied)
         self._close_file()
 
     def _make_smaller(self) -> None:

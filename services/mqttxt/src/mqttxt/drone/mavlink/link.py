@@ -59,6 +59,7 @@ class AutopilotLink:
 
     async def run(self) -> None:
         """Keep the link open until cancelled; raises ConfigurationError when the address cannot be listened on."""
+        told = ""
         while True:
             try:
                 self._transport = await open_transport(self.address, self._system_id, self._judge)
@@ -67,9 +68,15 @@ class AutopilotLink:
                     raise ConfigurationError(
                         f"autopilot {self.address}: cannot listen: {error.strerror or error}"
                     ) from error
-                logger.info("autopilot %s: %s; trying again", self.address, error.strerror or error)
+                why = error.strerror or str(error)
+                if why != told:
+                    logger.info("autopilot %s: %s; trying until it opens", self.address, why)
+                told = why
                 await asyncio.sleep(REOPEN_S)
                 continue
+            if told:
+                logger.info("autopilot %s: the link is open", self.address)
+            told = ""
             try:
                 await self._read(self._transport)
             finally:
