@@ -124,6 +124,8 @@ def test_ardupilots_modes_and_takeoff_mean_what_ardupilot_means(message: Any, co
         (ENTER, None, StartMission(NAMED, 1)),
         (ENTER, Mission(3, 2, 6, OTHER), StartMission(NAMED, 1)),
         (ENTER, Mission(3, 2, 6, NAMED), Resume(NAMED)),
+        (ENTER, Mission(3, 0, 6, None), Resume(NAMED)),  # the UAV client has restarted
+        (ENTER, Mission(1, 0, 6, None), StartMission(NAMED, 1)),
         (long(193, 1), Mission(3, 2, 6, NAMED), Resume(NAMED)),
         (ENTER, Mission(6, 6, 6, NAMED), StartMission(NAMED, 1)),
         (ENTER, Mission(4, 6, 6, NAMED), StartMission(NAMED, 4)),

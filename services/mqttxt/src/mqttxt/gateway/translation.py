@@ -196,8 +196,14 @@ def _mission(view: View) -> bytes:
 
 
 def _go_on(view: View) -> Command:
-    """Fly the mission on from its current item, as its mode does; one that is new or over from its first."""
+    """Fly the mission on from its current item, as its mode does; one that is new or over from its first.
+
+    A UAV client that has restarted does not know whose the current item is until it reads the mission for `resume`,
+    which is denied where it is another one.
+    """
     named, mission = _mission(view), view.get(Mission)
+    if mission is not None and mission.mission is None and mission.current > 1:
+        return Resume(named)
     if mission is None or mission.mission != named:
         return StartMission(named)
     if 0 < mission.total <= mission.reached:
