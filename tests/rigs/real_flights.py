@@ -7,6 +7,7 @@ import socket
 import struct
 import subprocess
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -231,9 +232,20 @@ class Flight:
         async with GroundStation(self.cloud.url) as station:
             (fog,) = await station.connect([1])
             drone = fog.drone(SYSTEM)
+            await self._have_an_autopilot_that_would_arm()
             await armable(drone)
             self.pilot.highest_m = self.pilot.position_m[2]
             yield drone
             if self.pilot.armed:
                 self.pilot.set_mode(self.pilot.landing)
                 await eventually(lambda: not self.pilot.armed, "landed", 120)
+
+    async def _have_an_autopilot_that_would_arm(self) -> None:
+        """PX4 may find its GNSS bad for good after a flight ("GPS Vertical Pos Drift too high"): it is started anew."""
+        until = time.monotonic() + BOOT_S / 2
+        while not self.pilot.would_arm:
+            if time.monotonic() > until:
+                self.autopilot.kill()
+                await asyncio.to_thread(self.start_autopilot)
+                return
+            await asyncio.sleep(0.1)
