@@ -42,6 +42,8 @@ from tests.simulation.carrying import reading
 from tests.simulation.signing import seal
 from tests.simulation.world import FOG_SESSION, GS_SESSION, UAV_SESSION, World, ack, command_payload, heartbeat, ready
 
+pytestmark = pytest.mark.long
+
 LAST = 2**32 - 1
 EVE = 0xE7E
 

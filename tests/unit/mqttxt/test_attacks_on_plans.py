@@ -17,6 +17,8 @@ from sitl.personalities import PERSONALITIES
 from tests.simulation.flight import Flight
 from tests.unit.mqttxt.test_flight_plans import ROUND_TRIP, SQUARE, UP, mission_hash, stage, upload
 
+pytestmark = pytest.mark.long
+
 STAYS = replace(ROUND_TRIP, mission=(UP, *SQUARE))
 SHORT = PlanObject(mission=(UP, SQUARE[0]))
 

@@ -20,6 +20,8 @@ from mqttxt.station.outcomes import Outcome
 from tests.examples import first_quick
 from tests.simulation.world import World, ack, heartbeat
 
+pytestmark = pytest.mark.long
+
 ARM = 400
 ENDS = {CLOUD: ("activator", "gs"), FOG: ("activator", "uav")}
 FATES = ("never arrives", "acknowledged only", "handed on only")

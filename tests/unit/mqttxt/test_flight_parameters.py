@@ -27,6 +27,8 @@ from tests.simulation.flight import Flight
 from tests.simulation.signing import seal
 from tests.simulation.world import UAV_SESSION
 
+pytestmark = pytest.mark.long
+
 FLOAT = {"px4": "MPC_XY_CRUISE", "ardupilot": "WPNAV_SPEED"}
 WHOLE = {"px4": "RTL_CONE_ANG", "ardupilot": "RTL_LOIT_TIME"}
 KIND = {"px4": mavlink.MAV_AUTOPILOT_PX4, "ardupilot": mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA}

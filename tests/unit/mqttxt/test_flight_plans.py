@@ -25,6 +25,8 @@ from mqttxt.station.transfers import Fetching, Staging
 from sitl.personalities import PERSONALITIES
 from tests.simulation.flight import Flight
 
+pytestmark = pytest.mark.long
+
 RELATIVE, ABOVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, 12.0
 HOME = (473_977_420, 85_455_940)
 

@@ -96,6 +96,7 @@ def test_a_client_is_started_on_a_full_disk_and_records_once_there_is_room(disk:
     assert ids(JournalFile(path).unfinished) == ([1, 3] if was_there else [3])
 
 
+@pytest.mark.long
 def test_a_session_makes_its_journal_smaller_while_it_runs(tmp_path: Path) -> None:
     path = tmp_path / "journal"
     journal = JournalFile(path)

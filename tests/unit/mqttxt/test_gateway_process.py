@@ -38,6 +38,8 @@ from mqttxt.gateway.modes import PX4
 from mqttxt.gateway.process import SILENT_MS, Gateway
 from mqttxt.gateway.telemetry import LOCAL
 
+pytestmark = pytest.mark.long
+
 KNOWN = (
     Airframe(PX4, 2, 0x010F00FF),
     Armed(False),

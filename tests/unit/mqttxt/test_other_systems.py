@@ -18,6 +18,8 @@ from mqttxt.security.identity import KEY_FILE
 from testbed.bootstrap import steps
 from tests.rigs.processes import ROOT, wait_until
 
+pytestmark = pytest.mark.long
+
 AS_WINDOWS = (sys.executable, str(ROOT / "tests" / "rigs" / "other_system.py"))
 NOWHERE = ("--cloud", "mqtt://127.0.0.1:1", "--timeout", "0.2")
 EVERY_MODULE = """

@@ -11,6 +11,8 @@ from mqttxt.protocol.messages import Word
 from sitl.personalities import PERSONALITIES
 from tests.simulation.flight import Flight
 
+pytestmark = pytest.mark.long
+
 HOME = (47.397742, 8.545594)
 NORTH_100_M = Goto(HOME[0] + 0.0009, HOME[1], 12.0)
 

@@ -10,6 +10,8 @@ import pytest
 
 import mqttxt
 
+pytestmark = pytest.mark.long
+
 HEAVY = (
     *("asyncio", "ssl", "paho", "pymavlink", "rich", "cryptography", "numpy"),
     *("mqttxt_conformance", "mqttxt.station.process"),

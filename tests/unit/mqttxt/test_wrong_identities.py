@@ -21,6 +21,8 @@ from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
 
+pytestmark = pytest.mark.long
+
 OPS = Rights(None, take_over=True)
 ROLES = {
     "fog1": "activator --fog 1 --listen 127.0.0.1:1 --cloud {url} --identity {identity}",

@@ -18,6 +18,8 @@ from sitl.likeness.manners import MANNERS
 from sitl.likeness.recording import Case, Recording, load
 from sitl.likeness.subjects import ArduCopter
 
+pytestmark = pytest.mark.long
+
 RECORDED = {
     like: load(RECORDINGS / f"{name}.json") for like, name in (("px4", "px4-main"), ("ardupilot", "arducopter"))
 }

@@ -22,6 +22,8 @@ from tests.handmade.mavlink_attempts import (
     sender,
 )
 
+pytestmark = pytest.mark.long
+
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 SEEN = 2 * HOP + HOP // 2
 """From leaving the one end to the capture of the last link at the other."""

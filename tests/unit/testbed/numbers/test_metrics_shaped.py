@@ -19,6 +19,8 @@ from testbed.numbers.metrics import measure_series
 from tests.handmade.attempts import SECOND, T0, arm_command, frame, make_attempt, publish, write_pcap
 from tests.handmade.mavlink_attempts import HOP, MS, Chain, long_command, make_mavlink_attempt, packed, sender
 
+pytestmark = pytest.mark.long
+
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 BATTERY = common.MAVLink_battery_status_message(0, 1, 1, 300, [4000] * 10, 100, 1, 1, 90)
 
