@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..core.address import BrokerAddress
+from ..core.settings import CONNECT_S
 from ..errors import ConfigurationError
 from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
 from ..protocol.topics import MAX_DRONE, SELECTABLE, check_number, check_prefix
@@ -60,7 +61,7 @@ def share_list(
     cloud: Cloud,
     identity: Annotated[Path, IDENTITY],
     prefix: Prefix = "",
-    timeout: Timeout = 10.0,
+    timeout: Timeout = CONNECT_S,
 ) -> None:
     """Publish the identity's revocation list at the cloud broker, from where all nodes have it."""
     set_up_logging(verbose=False)

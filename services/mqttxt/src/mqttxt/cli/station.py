@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from ..core.settings import Settings
+from ..core.settings import CONNECT_S, Settings
 from .common import INSECURE_HELP, SIGNED_HELP, SIGNED_READINGS_HELP, SIGNED_STATES_HELP
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class StationOptions:
     ] = False
     insecure: Annotated[bool, typer.Option("--insecure", help=INSECURE_HELP, envvar="MQTTXT_INSECURE")] = False
     prefix: Prefix = ""
-    timeout: Timeout = 10.0
+    timeout: Timeout = CONNECT_S
 
     def station(self, settings: Settings | None = None, control: bool = True) -> GroundStation:
         """The ground station, not entered yet; raises ConfigurationError."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 from ..core.address import BrokerAddress
 from ..core.clock import SessionClock
-from ..core.settings import Settings
+from ..core.settings import CONNECT_S, Settings
 from ..core.transport import Transport
 from ..errors import ConfigurationError, FogUnreachable
 from ..protocol.commands import Command
@@ -27,8 +27,6 @@ from .views import TAKEOVER_S, TTL_S, Fog
 
 if TYPE_CHECKING:
     from ..security.identity import Identity
-
-CONNECT_S = 10.0
 
 
 class GroundStation:
