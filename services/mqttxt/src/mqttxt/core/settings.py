@@ -8,7 +8,7 @@ from ..protocol.values import Encoding
 from .clock import BEACON_INTERVAL_MS
 
 CONNECT_S = 30.0
-"""How long a station waits for an activator: TCP, CONNECT, SUBSCRIBE and registration each take a round trip, or two."""
+"""How long a station waits for an activator: connecting, subscribing and registering take a round trip or two each."""
 GRACE_MS = 5_000
 """How long after deadline and limit a command may stay without its last word before it is unconfirmed."""
 REBIRTH_MS = 1_000
