@@ -14,7 +14,7 @@ import pytest
 from mission import mqttxt_fleet
 from mission.events import EventLog
 from mission.fleet import MissionError, Point, Result
-from mission.mqttxt_fleet import NEEDED_STATES, MqttxtFleet
+from mission.mqttxt_fleet import NEEDED_STATES, TTL_S, MqttxtFleet
 from mqttxt import (
     BrokerRefused,
     Command,
@@ -54,7 +54,8 @@ class Drone:
         self._fog = fog
         self._number = number
 
-    def send(self, command: Command) -> SentCommand[Outcome, Outcome]:
+    def send(self, command: Command, *, ttl_s: float) -> SentCommand[Outcome, Outcome]:
+        assert ttl_s == TTL_S
         return said(self._fog.answer(command, (self._number,)), last_word)
 
 
@@ -69,7 +70,8 @@ class Fog:
     def drone(self, number: int) -> Drone:
         return Drone(self, number)
 
-    def broadcast(self, command: Command) -> SentCommand[Outcomes, Outcome]:
+    def broadcast(self, command: Command, *, ttl_s: float | None = None) -> SentCommand[Outcomes, Outcome]:
+        assert isinstance(command, Stream) or ttl_s == TTL_S
         self._asked.append((self.number, command))
         return said(self.answer(command, FOGS[self.number]), Outcomes.of)
 

@@ -40,6 +40,9 @@ from mqttxt.protocol.plans import PlanItem, PlanObject
 from .events import EventLog
 from .fleet import MissionError, Point, Reading, Result, Status, Survey
 
+TTL_S = 30.0
+"""Within which a command must start: no step of a mission is urgent, and over a satellite's link that loses packets it
+may take ten seconds and more."""
 FIVE_STATES = ("battery", "location", "groundspeed", "flight_mode", "heading")
 FIVE_STATES_HZ = 1.0
 NEEDED_STATES = frozenset({"armed", "flight_mode", "landed_state", "location"})
@@ -216,13 +219,13 @@ class MqttxtFleet:
         return [Result(drone, outcome.word.label, outcome.reason)]
 
     async def _follow(
-        self, fog: Fog, drone: int | None, command: Command, send: Callable[[Command], AsyncIterable[Outcome]]
+        self, fog: Fog, drone: int | None, command: Command, send: Callable[..., AsyncIterable[Outcome]]
     ) -> list[Result]:
         """A call and its words; `drone` None for all of the fog."""
         call = self._log.next_call()
         self._log.write("command", call=call, command=command.name, fog=fog.number, drone=drone)
         results = []
-        async for outcome in send(command):
+        async for outcome in send(command, ttl_s=TTL_S):
             self._note(call, outcome)
             if outcome.is_last and outcome.drone in self._wanted[fog.number]:
                 results.append(Result(outcome.drone, outcome.word.label, outcome.reason))
