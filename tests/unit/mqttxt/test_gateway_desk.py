@@ -30,6 +30,7 @@ ARM = Request(400, (1.0, 0.0, None, None, None, None, None))
 TAKEOFF = Request(22, (None,) * 7)
 LAND = Request(21, (None,) * 7)
 HOLD = Request(176, (1.0, 4.0, 3.0, None, None, None, None))
+RETURN = Request(176, (1.0, 4.0, 5.0, None, None, None, None))
 TAKE = Request(REQUEST_OPERATOR_CONTROL, (1.0, 1.0, 10.0, 255.0, 0.0, 0.0, 0.0))
 GIVE = Request(REQUEST_OPERATOR_CONTROL, (0.0, 0.0, 0.0, 255.0, 0.0, 0.0, 0.0))
 
@@ -70,21 +71,29 @@ async def test_a_last_word_without_a_first_is_the_acknowledgement(group: Any, wo
     assert word.label in bench.texts()[0]
 
 
-async def test_a_mode_is_in_progress_only_when_its_client_would_give_up(group: Any) -> None:
-    """MAVSDK's mission plugin takes IN_PROGRESS for an error; it repeats the command every 500 ms, and ends at 2 s."""
+async def test_a_hold_by_mode_is_acknowledged_once_and_never_in_progress(group: Any) -> None:
+    """MAVSDK's pause_mission() returns with the first word, IN_PROGRESS too, and the second one ends its process."""
     bench = Bench(group)
     client = bench.client()
     await bench.ask(client, HOLD)
-    for repetition in (1, 2, 3):
+    for repetition in range(1, 8):
         bench.pass_time(500)
         await bench.ask(client, HOLD, repetition)
     assert bench.acks() == []
-    bench.pass_time(250)
-    assert bench.acks() == [(176, IN_PROGRESS)]
-    await bench.ask(client, HOLD, 4)
-    assert bench.acks() == [(176, IN_PROGRESS)] * 2
     await bench.say(Word.ACCEPTED)
-    assert bench.acks()[2:] == [(176, ACCEPTED)]
+    assert bench.acks() == [(176, ACCEPTED)]
+    assert bench.drone.commands == [Hold()]
+
+
+async def test_a_return_by_mode_is_in_progress_as_other_commands_are(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    await bench.ask(client, RETURN)
+    bench.pass_time(500)
+    assert bench.acks() == [(176, IN_PROGRESS)]
+    await bench.ask(client, RETURN, 1)
+    await bench.say(Word.ACCEPTED)
+    assert bench.acks() == [(176, IN_PROGRESS), (176, IN_PROGRESS), (176, ACCEPTED)]
 
 
 async def test_of_what_nobody_knows_nothing_is_acknowledged(group: Any) -> None:

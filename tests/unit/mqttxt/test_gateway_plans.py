@@ -20,6 +20,7 @@ ACCEPTED, ERROR, NO_SPACE, INVALID_PARAM5, DENIED, CANCELLED = 0, 1, 4, 10, 14, 
 ARM = Request(400, (1.0, 0.0, None, None, None, None, None))
 START = Request(300, (0.0,) * 7)
 HOLD = Request(176, (1.0, 4.0, 3.0, None, None, None, None))
+ENTER = Request(176, (1.0, 4.0, 4.0, None, None, None, None))
 OLD = (PlanItem(3, 16, (0.0, 0.0, 0.0, 0.0), 1, 2, 3.0, True),)
 
 
@@ -123,6 +124,26 @@ async def test_arm_and_start_wait_for_the_drone_to_verify_the_plan(group: Any, r
     assert bench.drone.commands == [Arm() if request_ is ARM else StartMission(mission, 1)]
     await bench.say(Word.ACCEPTED)
     assert bench.acks()[20:] == [(request_.mav_cmd, 0)]
+
+
+async def test_a_missions_mode_that_waits_for_the_plan_is_declined_before_its_client_gives_up(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    await upload(bench, client)
+    bench.pass_time(1100)
+    await bench.ask(client, ENTER)
+    bench.pass_time(1600)
+    assert bench.acks() == []
+    bench.pass_time(200)
+    assert bench.acks() == [(176, 1)]
+    assert bench.texts()[-1].endswith("the drone does not have the plan yet, not sent: send it again")
+    said = bench.texts()
+    bench.clients.on_heartbeat(client, bench.now_ms)
+    await bench.carry(Word.COMPLETED)
+    assert (bench.drone.commands, bench.acks()) == ([], [(176, 1)])
+    assert [text for text in bench.texts() if text not in said] == ["mission upload completed: 3 items"]
+    await bench.ask(client, ENTER)
+    assert bench.drone.commands == [StartMission(list_hash(map(of_plan, range(3))), 1)]
 
 
 @pytest.mark.parametrize("request_", [ARM, START])

@@ -18,7 +18,8 @@ from .clients import Client
 from .control import ClientControl
 from .entries import (
     CANCELLED,
-    IN_PROGRESS,
+    FIRST_PROGRESS_MS,
+    MODE_PATIENCE_MS,
     PERCENT_UNKNOWN,
     PROGRESS_MS,
     RESULTS,
@@ -26,7 +27,7 @@ from .entries import (
     Arming,
     Entry,
     KeptTakeoff,
-    first_progress_ms,
+    is_quiet,
 )
 from .telemetry import View
 from .texts import send_text
@@ -79,9 +80,9 @@ class Desk:
         newest = self._newest.get(drone.number)
         for known in (*open_ones, *([newest] if newest is not None else [])):
             if known.is_repeated(client, request, confirmation, view.now_ms):
-                known.repeat(view.now_ms)
+                known.repeat()
                 return
-        entry = Entry(client, drone.number, request, view.now_ms, view.now_ms + first_progress_ms(request))
+        entry = Entry(client, drone.number, request, view.now_ms, view.now_ms + FIRST_PROGRESS_MS)
         self._forget(entry, view.now_ms)
         self._newest[drone.number] = entry
         self._entries.append(entry)
@@ -89,7 +90,9 @@ class Desk:
             if request.mav_cmd == REQUEST_OPERATOR_CONTROL:
                 self._group.create_task(self._change_control(entry, drone))
                 return
-            self._group.create_task(self._carry_out(entry, drone, command_of(request, view, takeoff_m)))
+            command = command_of(request, view, takeoff_m)
+            entry.is_quiet = is_quiet(request, command)
+            self._group.create_task(self._carry_out(entry, drone, command))
         except Declined as declined:
             self._decline(entry, declined)
 
@@ -101,16 +104,21 @@ class Desk:
             self._drop_kept(drone)
 
     def tick(self, now_ms: int) -> None:
-        """IN_PROGRESS for what waits, and takeoffs that nobody armed for."""
+        """IN_PROGRESS for what waits, modes that have waited too long, and takeoffs that nobody armed for."""
         for entry in self._entries:
             is_silent = entry.waits and not entry.is_answered and not entry.is_kept
             if is_silent and now_ms > entry.asked_ms + self._ttl_s * 1000 + UNANSWERED_MS:
                 self._end(entry, None)
                 text = f"{name_of(entry.request.mav_cmd)}: no answer, it may have been done"
                 send_text(entry.client.peer, entry.drone, Severity.CRITICAL, text)
+            elif entry.waits and entry.is_quiet and entry.is_kept and now_ms >= entry.asked_ms + MODE_PATIENCE_MS:
+                text = (
+                    f"{name_of(entry.request.mav_cmd)}: the drone does not have the plan yet, not sent: send it again"
+                )
+                self._decline(entry, Declined(text, NOT_NOW))
             elif entry.waits and now_ms >= entry.next_progress_ms:
                 entry.next_progress_ms = now_ms + PROGRESS_MS
-                entry.acknowledge(IN_PROGRESS, entry.percent)
+                entry.progress()
         for number in [number for number, kept in self._kept.items() if now_ms > kept.until_ms]:
             self._drop_kept(number)
 
@@ -288,6 +296,10 @@ class Desk:
         return left_s
 
     def _decline(self, entry: Entry, declined: Declined) -> None:
+        """A definite no; there is only one."""
+        if entry.is_declined:
+            return
+        entry.is_declined = True
         self._end(entry, declined.result)
         send_text(entry.client.peer, entry.drone, Severity.WARNING, str(declined))
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..protocol.commands import Takeoff
+from ..protocol.commands import Command, Hold, Resume, StartMission, Takeoff
 from ..protocol.messages import Word
 from ..protocol.states import Severity
 from .answers import ACCEPTED
@@ -21,8 +21,8 @@ CANCELLED = 6
 PERCENT_UNKNOWN = 255
 FIRST_PROGRESS_MS, PROGRESS_MS = 400, 1000
 """MAVSDK sends again after 500 ms without an answer, and gives up after 3 s without a newer one, as QGroundControl."""
-MODE_PROGRESS_MS = 1700
-"""The first IN_PROGRESS of a mode: to MAVSDK's mission plugin it is an error (BUSY), and silence one after 2 s."""
+MODE_PATIENCE_MS = 1700
+"""How long a mode may wait for a plan: MAVSDK takes silence for an error after 2 s."""
 REPEAT_MS, NUMBERED_REPEAT_MS = 1000, 10_000
 """How long after its end a command that comes again is a repetition; the latter where its `confirmation` says so."""
 
@@ -44,16 +44,21 @@ SEVERITIES: Final = {
 }
 
 
-def first_progress_ms(request: Request) -> int:
-    """When a command is in progress first, after it came."""
-    return MODE_PROGRESS_MS if request.mav_cmd == mavlink.MAV_CMD_DO_SET_MODE else FIRST_PROGRESS_MS
+def is_quiet(request: Request, command: Command) -> bool:
+    """Whether a command is never in progress: MAVSDK's library does not survive that of these modes.
+
+    The first word of `start_mission()` and `pause_mission()` is their result, IN_PROGRESS too, and the next one is
+    written to where the call has already returned from. An `arm()` that enters HOLD first has failed by it, and arms.
+    """
+    return request.mav_cmd == mavlink.MAV_CMD_DO_SET_MODE and isinstance(command, Hold | StartMission | Resume)
 
 
 @dataclass
 class Entry:
     """A command of a client; `result` is None until it is acknowledged for good. It `waits` for an acknowledgement.
 
-    `is_kept`: it is not sent before the drone has its client's plan. `is_revoked`: nor after that.
+    `is_quiet`: it is never in progress. `is_declined`: it was told a definite no. `is_kept`: it is not sent before the
+    drone has its client's plan. `is_revoked`: nor after that.
     """
 
     client: Client
@@ -61,21 +66,27 @@ class Entry:
     request: Request
     asked_ms: int
     next_progress_ms: int
+    is_quiet: bool = False
     percent: int = PERCENT_UNKNOWN
     result: int | None = None
     waits: bool = True
     is_answered: bool = False
     is_kept: bool = False
+    is_declined: bool = False
     is_revoked: bool = False
     ended_ms: int = 0
 
-    def repeat(self, now_ms: int) -> None:
-        """Acknowledge it once more; of a mode that is in progress, nothing before the first time."""
-        is_mode = self.request.mav_cmd == mavlink.MAV_CMD_DO_SET_MODE
-        if self.waits and (not is_mode or now_ms >= self.asked_ms + MODE_PROGRESS_MS):
-            self.acknowledge(IN_PROGRESS, self.percent)
-        elif not self.waits and self.result is not None:
+    def repeat(self) -> None:
+        """Acknowledge it once more."""
+        if self.waits:
+            self.progress()
+        elif self.result is not None:
             self.acknowledge(self.result)
+
+    def progress(self) -> None:
+        """IN_PROGRESS, where that may be said of it."""
+        if not self.is_quiet:
+            self.acknowledge(IN_PROGRESS, self.percent)
 
     def is_repeated(self, client: Client, request: Request, confirmation: int, now_ms: int) -> bool:
         """Whether a command is this one once more."""
