@@ -142,6 +142,8 @@ async def test_a_missions_mode_that_waits_for_the_plan_is_declined_before_its_cl
     await bench.carry(Word.COMPLETED)
     assert (bench.drone.commands, bench.acks()) == ([], [(176, 1)])
     assert [text for text in bench.texts() if text not in said] == ["mission upload completed: 3 items"]
+    bench.pass_time(1100)
+    bench.clients.on_heartbeat(client, bench.now_ms)
     await bench.ask(client, ENTER)
     assert bench.drone.commands == [StartMission(list_hash(map(of_plan, range(3))), 1)]
 
