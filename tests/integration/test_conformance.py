@@ -49,6 +49,7 @@ SIGNED_UAV_VARIANTS = {
     "uav-takes-anybodys-lease": {"takes-leases-of-its-fog-alone"},
     "uav-outlives-its-grant": {"control-ends-with-the-grant"},
     "uav-signs-no-words": {"signs-what-it-says"},
+    "uav-forgets-the-question": {"names-what-it-answers"},
 }
 ACTIVATOR_VARIANTS = {
     "activator-keeps-the-gate-open": {"holds-states-back", "closes-the-gate", "passes-readings-on"},

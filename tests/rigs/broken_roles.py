@@ -26,6 +26,7 @@ from mqttxt.core.clock import stamp
 from mqttxt.core.effects import Publish
 from mqttxt.core.ledger import Admission, Ledger
 from mqttxt.core.session_owners import SessionOwners
+from mqttxt.drone import bulk
 from mqttxt.drone.commands import CommandDesk
 from mqttxt.drone.executor import Executor
 from mqttxt.drone.grants import Grants
@@ -182,6 +183,11 @@ def uav_signs_no_words() -> None:
         return payload
 
     wrap(Channel, "payload", make)
+
+
+def uav_forgets_the_question() -> None:
+    original = bulk._answered
+    bulk._answered = lambda ask, answer: original(replace(ask, nonce=0), answer)
 
 
 def activator_keeps_the_gate_open() -> None:
@@ -415,6 +421,7 @@ VARIANTS: dict[str, Patch] = {
     "uav-takes-anybodys-lease": uav_takes_anybodys_lease,
     "uav-outlives-its-grant": uav_outlives_its_grant,
     "uav-signs-no-words": uav_signs_no_words,
+    "uav-forgets-the-question": uav_forgets_the_question,
     "activator-keeps-the-gate-open": activator_keeps_the_gate_open,
     "activator-forwards-the-deadline": activator_forwards_the_deadline,
     "activator-says-two-last-words": activator_says_two_last_words,

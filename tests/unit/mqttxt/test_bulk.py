@@ -45,7 +45,7 @@ SOME = os.urandom(5000)
 
 def put(data: bytes, offset: int, hash: bytes | None = None) -> BulkAsk:
     piece = data[offset : offset + PIECE_BYTES]
-    return BulkAsk(gs_session=1, kind=PLAN, ask=Put(hash or hash_of(data), len(data), offset, piece))
+    return BulkAsk(gs_session=1, kind=PLAN, nonce=3, ask=Put(hash or hash_of(data), len(data), offset, piece))
 
 
 def pieces(data: bytes) -> list[BulkAsk]:
@@ -80,9 +80,12 @@ def test_an_answer_says_which_ranges_are_there() -> None:
     ("asks", "reason"),
     [
         ([replace(put(SOME, 0), kind="nonsense")], "unknown_kind"),
-        ([BulkAsk(gs_session=1, kind=PLAN, ask=Put(bytes(16), 70_000, 0, b"x"))], "too_long, 65536"),
-        ([BulkAsk(gs_session=1, kind=PLAN, ask=Put(bytes(16), 10, 8, b"xyz"))], "inconsistent"),
-        ([put(SOME, 0), BulkAsk(gs_session=1, kind=PLAN, ask=Put(hash_of(SOME), 4999, 512, b"x"))], "inconsistent"),
+        ([BulkAsk(gs_session=1, kind=PLAN, nonce=3, ask=Put(bytes(16), 70_000, 0, b"x"))], "too_long, 65536"),
+        ([BulkAsk(gs_session=1, kind=PLAN, nonce=3, ask=Put(bytes(16), 10, 8, b"xyz"))], "inconsistent"),
+        (
+            [put(SOME, 0), BulkAsk(gs_session=1, kind=PLAN, nonce=3, ask=Put(hash_of(SOME), 4999, 512, b"x"))],
+            "inconsistent",
+        ),
         ([put(b"short", 0, bytes(16))], "wrong_hash"),
     ],
 )
@@ -114,11 +117,11 @@ def test_what_was_touched_longest_ago_makes_room_and_ages() -> None:
 def test_the_newest_object_is_given_once_it_is_made() -> None:
     made: list[bytes | str | None] = [None, None, SOME, "no_autopilot"]
     store = BulkStore({PLAN: lambda now_ms, known: made.pop(0)})
-    ask = BulkAsk(gs_session=7, kind=PLAN, ask=Get(0, 0))
+    ask = BulkAsk(gs_session=7, kind=PLAN, nonce=8, ask=Get(0, 0))
     assert store.on_ask(ask, 0) == []
     assert store.tick(0) == []
     ((said),) = store.tick(0)
-    assert (said.gs_session, said.answer) == (7, Have(hash_of(SOME), 5000, (Range(0, 5000),)))
+    assert (said.gs_session, said.nonce, said.answer) == (7, 8, Have(hash_of(SOME), 5000, (Range(0, 5000),)))
     given = store.on_ask(replace(ask, ask=Get(4500, 1024, hash_of(SOME))), 0)
     assert [one.answer for one in given] == [Piece(hash_of(SOME), 5000, 4500, SOME[4500:])]
     assert answer(store, replace(ask, ask=Get(0, 10, bytes(16)))) == Refused("unknown_hash", bytes(16))
@@ -253,13 +256,16 @@ def test_a_flood_ends_at_the_activator() -> None:
     assert len(asks_sent(world, "activator")) == MOST_UNANSWERED
 
 
-def test_an_answer_to_another_station_is_not_taken_for_ones_own() -> None:
+def test_an_answer_to_another_station_or_to_an_earlier_question_is_not_taken() -> None:
     world = World().start()
     world.drop.add("bulk")
     staging = stage(world, SOME[:100])
     whole = Have(staging.hash, 100, (Range(0, 100),))
-    theirs = BulkAnswer(gs_session=0x99, kind=PLAN, answer=whole)
+    theirs = BulkAnswer(gs_session=0x99, kind=PLAN, nonce=staging.nonce, answer=whole)
     world.run("gs", world.gs.on_message("cloud", Inbound("fog1/drone1/bulk_answer", encode(theirs)), 0))
+    assert not staging.is_over
+    before = replace(theirs, gs_session=world.gs.session, nonce=staging.nonce ^ 1)
+    world.run("gs", world.gs.on_message("cloud", Inbound("fog1/drone1/bulk_answer", encode(before)), 0))
     assert not staging.is_over
     mine = replace(theirs, gs_session=world.gs.session)
     world.run("gs", world.gs.on_message("cloud", Inbound("fog1/drone1/bulk_answer", encode(mine)), 0))

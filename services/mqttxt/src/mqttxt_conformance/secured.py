@@ -28,10 +28,11 @@ class SecuredUav:
         self.name = f"drone{drone}"
         self._topics = topics
         self._lease = topics.init_connect(drone)
-        self._signed_by_station = (topics.commands(drone), topics.control(drone))
+        self._signed_by_station = (topics.commands(drone), topics.control(drone), topics.bulk(drone))
         self.counter = 0
         self._clock = topics.clock(drone), f"fog{fog}/drone{drone}/clock"
-        self._own = topics.reachable(drone), f"{topics.root}drone{drone}/commands_result/"
+        words = f"{topics.root}drone{drone}/commands_result/"
+        self._own = topics.reachable(drone), words, topics.bulk_answer(drone)
         self.speech = Speech(self.activator.identity, self._signer, topics.root)
 
     def _signer(self, topic: str) -> str | tuple[str, str] | None:

@@ -25,6 +25,7 @@ WORDS = (
     "unreachable",
     "unconfirmed",
 )
+ANSWERS = ("", "have", "piece", "refused", "unchanged")
 FIRST_WORDS = ("accepted", "in_progress")
 CONTROLS = ("none", "want", "take")
 COMMANDS = (
@@ -193,8 +194,17 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "hold_until_ms": _MS,
     },
     "qods": {"version": _VERSION, "session": _SESSION, "stamp": _STAMP, "ranking": _container},
+    "bulk-answer": {
+        "version": _VERSION,
+        "gs_session": _SESSION,
+        "kind": _name,
+        "nonce": _U32,
+        "answer": _coded(*ANSWERS),
+    },
 }
-"""Each message's fields in the order of the CBOR array; a command's own follow behind `command`."""
+"""Each message's fields in the order of the CBOR array."""
+OPEN_ENDED = {"command": "command", "bulk-answer": "answer"}
+"""Messages whose last field here says which fields of its own follow behind it."""
 
 _REQUIRED = {
     "presence": 3,
@@ -210,6 +220,7 @@ _REQUIRED = {
     "grant": 4,
     "psmi": 7,
     "qods": 4,
+    "bulk-answer": 5,
 }
 _NULLABLE = {("result", "relay_stamp"), ("command", "deadline_ms")}
 
@@ -247,8 +258,8 @@ _STATE_OPTIONAL = {"gps": 2, "power": 1, "airframe": 1, "mission": 1, "fence": 1
 def read(kind: str, payload: bytes) -> dict[str, Any]:
     """A message's fields by name, codes as their labels; raises Broken where the specification is not followed."""
     table = MESSAGES[kind]
-    found = _fields(kind, table, payload, _REQUIRED[kind], open_ended=kind == "command")
-    for name, labels in (("word", WORDS), ("control", CONTROLS), ("command", COMMANDS)):
+    found = _fields(kind, table, payload, _REQUIRED[kind], open_ended=kind in OPEN_ENDED)
+    for name, labels in (("word", WORDS), ("control", CONTROLS), ("command", COMMANDS), ("answer", ANSWERS)):
         if type(found.get(name)) is int and name in table:
             found[name] = labels[found[name]]
     return found

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from functools import partial
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from mqttxt.protocol.bulk import BulkAsk, Get
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm
 from mqttxt.protocol.messages import CommandMessage, DroneLease
 
+from . import shapes
 from .autopilot import GCS
 from .registry import expect, rule
 from .secured import SecuredUav
@@ -19,6 +22,7 @@ from .uav_kit import PATIENCE_S, QUIET_S, UavKit
 _HOLDER = 78
 _UNHEARD = ("unsigned", "another key's signature", "a payload that was changed", "signed for another drone")
 _FAR_MS = 50_000
+_NONCES = (7, 2**32 - 1)
 
 
 async def _unheard(kit: UavKit, message: CommandMessage, payload: bytes, what: str) -> None:
@@ -156,6 +160,24 @@ async def control_ends_with_the_grant(kit: UavKit) -> str:
     expect(beats, "no heartbeat of a ground station inside a grant of 2.5 s")
     expect(not late, f"{len(late)} heartbeats of a ground station after the grant's end, under a lease of 30 s")
     return f"{len(beats)} heartbeats inside a grant of 2.5 s under a lease of 30 s; none in the 1.7 s after it"
+
+
+@rule("uav", "R12.22", "R16.6")
+async def names_what_it_answers(kit: UavKit) -> str:
+    """What it answers about an object has, signed, the nonce of the question."""
+    await kit.calm()
+    session, answers = kit.command().gs_session, kit.topics.bulk_answer(kit.drone)
+    kit.lead(session)
+    for nonce in _NONCES:
+        mark = len(kit.tap.heard)
+        ask = BulkAsk(gs_session=session, kind="conformance", nonce=nonce, ask=Get(0, 0))
+        kit.tap.publish(kit.topics.bulk(kit.drone), encode(ask), qos=0)
+        came = await kit.tap.until(partial(kit.tap.since, mark, answers), PATIENCE_S)
+        expect(came, f"a question for an object of a kind that nobody has: no answer within {PATIENCE_S:g} s")
+        found = shapes.read("bulk-answer", came[0].payload)
+        is_own = (found["gs_session"], found["nonce"]) == (session, nonce)
+        expect(is_own, f"the question's nonce was {nonce}, of session {session}: came {shapes.shown(came[0].payload)}")
+    return f"nonces {', '.join(map(str, _NONCES))}, each in the answer to its question"
 
 
 @rule("uav", "R12.6")

@@ -72,7 +72,8 @@ class StateRelay:
         ranking = self.qods.due(self._drones.links.values(), self._settings.state_limit_ms, now_ms)
         if ranking is not None:
             message = QodsMessage(session=self._session, stamp=stamp(now_ms), ranking=ranking)
-            out.append(self._channel.publish(self._cloud.qods, message, qos=0))
+            payload = encode(message, self._settings.encoding)
+            out.append(self._channel.dated(self._cloud.qods, payload, self._session, now_ms))
         return out
 
     def _take(self, link: DroneLink | None, state: StampedState, now_ms: int) -> list[Effect]:

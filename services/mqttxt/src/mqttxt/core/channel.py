@@ -83,8 +83,14 @@ class Channel:
 
     def state(self, topic: str, payload: bytes, session: int, now_ms: int) -> Publish:
         """Publish a state or a bundle at QoS 0, in the name of this node's session; signed where states are."""
-        if self.seal is not None and self.seal.signs_states:
-            said_as = _state_as(self.signed_topic(topic), session, now_ms // SPAN_MS)
+        if self.signs_states:
+            return self.dated(topic, payload, session, now_ms)
+        return Publish(self.link, topic, payload, qos=0)
+
+    def dated(self, topic: str, payload: bytes, session: int, now_ms: int) -> Publish:
+        """Publish what has a stamp at QoS 0; where messages are signed, for this node's session and time alone."""
+        if self.seal is not None:
+            said_as = _dated_as(self.signed_topic(topic), session, now_ms // SPAN_MS)
             payload = self.seal.sign(said_as, payload).encode()
         return Publish(self.link, topic, payload, qos=0)
 
@@ -93,18 +99,22 @@ class Channel:
 
         Where states are signed, raises PayloadError for anybody else's, of another session, or of long ago.
         """
-        if self.seal is None or not self.seal.signs_states:
+        return self.opened_dated(message, signer, clock, now_ms) if self.signs_states else message.payload
+
+    def opened_dated(self, message: Inbound, signer: str, clock: RemoteClock | None, now_ms: int) -> bytes:
+        """The payload of what `dated` has made; where messages are signed, refuses as `opened_state` does."""
+        if self.seal is None:
             return message.payload
         least_ms = clock.deadline_ms(now_ms, 0) if clock is not None else None
         if clock is None or least_ms is None:
-            raise PayloadError(f"state of {signer}: expected a beacon before", "unknown_session")
+            raise PayloadError(f"{message.topic} of {signer}: expected a beacon before", "unknown_session")
         most_ms = max(least_ms, clock.latest_now_ms(now_ms) or 0)
         first, last = max(0, least_ms - LATE_MS) // SPAN_MS, most_ms // SPAN_MS
         topic = self.signed_topic(message.topic)
         refusal: PayloadError | None = None
         for span in range(last, max(first, last - MOST_SPANS) - 1, -1):
             try:
-                return self.seal.open(_state_as(topic, clock.session, span), message.payload, signer).payload
+                return self.seal.open(_dated_as(topic, clock.session, span), message.payload, signer).payload
             except PayloadError as error:
                 refusal = refusal or error
         assert refusal is not None
@@ -126,6 +136,6 @@ class Channel:
         return topic.removeprefix(self._root)
 
 
-def _state_as(topic: str, session: int, span: int) -> str:
-    """A state's topic as its signature names it: stamps alone would let an old state pass as a new one."""
+def _dated_as(topic: str, session: int, span: int) -> str:
+    """The topic of a state or a ranking as its signature names it: by stamps alone an old one would pass as new."""
     return f"{topic}@{session}.{span}"

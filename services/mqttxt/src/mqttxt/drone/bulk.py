@@ -63,8 +63,8 @@ class BulkStore:
     _staged: dict[bytes, _Staged] = field(default_factory=dict)
     _given: dict[str, tuple[bytes, bytes]] = field(default_factory=dict)
     """The newest object of each kind that was asked for, behind its hash."""
-    _awaiting: dict[str, tuple[int, bytes | None]] = field(default_factory=dict)
-    """Kinds that a session waits for, and what it has already."""
+    _awaiting: dict[str, tuple[BulkAsk, Get]] = field(default_factory=dict)
+    """The newest question for each kind that is being made."""
 
     def on_ask(self, message: BulkAsk, now_ms: int) -> list[BulkAnswer]:
         """The answers to a station's message; none while what it asks for is being made."""
@@ -72,17 +72,17 @@ class BulkStore:
             answers: list[Answer] = [self._put(message.kind, message.ask, now_ms)]
         else:
             answers = self._get(message, message.ask, now_ms)
-        return [BulkAnswer(gs_session=message.gs_session, kind=message.kind, answer=answer) for answer in answers]
+        return [_answered(message, answer) for answer in answers]
 
     def tick(self, now_ms: int) -> list[BulkAnswer]:
         """Objects that have become ready, for who waits for them."""
         self._staged = {hash: one for hash, one in self._staged.items() if now_ms - one.touched_ms <= KEPT_MS}
         out: list[BulkAnswer] = []
-        for kind, (gs_session, known) in list(self._awaiting.items()):
-            answer = self._newest(kind, known, now_ms)
+        for kind, (message, get) in list(self._awaiting.items()):
+            answer = self._newest(kind, get.known, now_ms)
             if answer is not None:
                 del self._awaiting[kind]
-                out.append(BulkAnswer(gs_session=gs_session, kind=kind, answer=answer))
+                out.append(_answered(message, answer))
         return out
 
     def staged(self, hash: bytes) -> bytes | None:
@@ -121,7 +121,7 @@ class BulkStore:
         if get.hash is None:
             answer = self._newest(message.kind, get.known, now_ms)
             if answer is None:
-                self._awaiting[message.kind] = (message.gs_session, get.known)
+                self._awaiting[message.kind] = (message, get)
             return [] if answer is None else [answer]
         hash, data = self._given.get(message.kind, (b"", b""))
         if hash != get.hash:
@@ -145,6 +145,11 @@ class BulkStore:
         hash = hash_of(data)
         self._given[kind] = (hash, data)
         return Have(hash, len(data), (Range(0, len(data)),))
+
+
+def _answered(ask: BulkAsk, answer: Answer) -> BulkAnswer:
+    """An answer with what names its question (R12.22)."""
+    return BulkAnswer(gs_session=ask.gs_session, kind=ask.kind, nonce=ask.nonce, answer=answer)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ from .runs import Output, Said
 
 OfPlan = UploadPlan | ClearPlan | SetCurrentItem
 MISSION_RUNNING = "mission_running"
+SURE_MS = 1000
+"""How long a plan that was read counts: who asked and waits takes it at once, who asks later has it read anew."""
 
 
 @dataclass(eq=False)
@@ -58,8 +60,8 @@ class PlanKeeper:
         self._lists = PlanLists(vehicle)
         self._staged = staged
         self._jobs: list[_Job] = []
-        self._fetched: bytes | str | None = None
-        """The whole plan as it was read last, or why it could not be, until somebody took it."""
+        self._fetched: tuple[bytes | str, int] | None = None
+        """The whole plan as it was read last, or why it could not be, and when, until somebody took it."""
         self._restarts = vehicle.boots.restarts
 
     def start(
@@ -107,9 +109,11 @@ class PlanKeeper:
         if not self._vehicle.is_alive(now_ms):
             return "no_autopilot"
         found, self._fetched = self._fetched, None
-        if found is None and not any(job.id is None for job in self._jobs):
+        if found is not None and now_ms - found[1] <= SURE_MS:
+            return found[0]
+        if not any(job.id is None for job in self._jobs):
             self._jobs.append(_Job(Exchange(self._lists.fetch_all()), None, restarts=self._vehicle.boots.restarts))
-        return found
+        return None
 
     def on_message(self, message: object, now_ms: int) -> list[Output]:
         """A message of the autopilot, after `vehicle` has taken it in."""
@@ -130,9 +134,9 @@ class PlanKeeper:
         lost = "autopilot_restarted" if job.restarts != self._vehicle.boots.restarts else None
         lost = lost or ("autopilot_lost" if self._vehicle.is_lost(now_ms) else None)
         if lost is not None:
-            return out + self._end(job, Word.UNCONFIRMED if job.is_begun else Word.DENIED, lost)
+            return out + self._end(job, now_ms, Word.UNCONFIRMED if job.is_begun else Word.DENIED, lost)
         if job.ends_ms and now_ms >= job.ends_ms:
-            return out + self._end(job, Word.FAILED, "partial, timeout" if job.is_begun else "timeout")
+            return out + self._end(job, now_ms, Word.FAILED, "partial, timeout" if job.is_begun else "timeout")
         return out + self._write(job, job.exchange.tick(now_ms), now_ms)
 
     def owns(self, command_id: CommandId) -> bool:
@@ -152,7 +156,7 @@ class PlanKeeper:
     def on_refused(self, command_id: CommandId, late: bool, now_ms: int) -> list[Output]:
         """It was not written: past the deadline (`late`), or the autopilot's link took nothing."""
         job = next(job for job in self._jobs if job.id == command_id)
-        return self._end(job, Word.EXPIRED) if late and not job.is_begun else []
+        return self._end(job, now_ms, Word.EXPIRED) if late and not job.is_begun else []
 
     def _steps(self, command: OfPlan) -> Steps[None]:
         """The steps of a command; raises CannotExecute and PayloadError where it cannot be begun."""
@@ -181,7 +185,7 @@ class PlanKeeper:
         out: list[Output] = []
         for step in steps:
             if step.changes and job.changes_lists and not job.is_begun and self._is_flying_mission():
-                return [*out, *self._end(job, Word.DENIED, MISSION_RUNNING)]
+                return [*out, *self._end(job, now_ms, Word.DENIED, MISSION_RUNNING)]
             is_bound = step.changes and job.id is not None and not (job.changes_lists and job.is_begun)
             out.append(Transmit(step.message, job.deadline_ms, job.id) if is_bound else Transmit(step.message))
         return out + (self._over(job, now_ms) if job.exchange.is_over else [])
@@ -191,18 +195,18 @@ class PlanKeeper:
         error = job.exchange.error
         if job.id is None:
             self._jobs.remove(job)
-            self._fetched = str(error) if error is not None else _packed(job.exchange.result)
+            self._fetched = str(error) if error is not None else _packed(job.exchange.result), now_ms
             return []
         if job.is_preparation:
             return []
         if error is None:
-            return self._end(job, Word.COMPLETED)
+            return self._end(job, now_ms, Word.COMPLETED)
         if job.is_begun and not job.changes_lists:
-            return self._end(job, Word.UNCONFIRMED, "no_ack")
+            return self._end(job, now_ms, Word.UNCONFIRMED, "no_ack")
         is_no = isinstance(error, OtherPlan)
-        return self._end(job, Word.DENIED if is_no else Word.FAILED, str(error))
+        return self._end(job, now_ms, Word.DENIED if is_no else Word.FAILED, str(error))
 
-    def _end(self, job: _Job, word: Word, reason: str | None = None) -> list[Output]:
+    def _end(self, job: _Job, now_ms: int, word: Word, reason: str | None = None) -> list[Output]:
         """Say a job's last word; a preparation's is its run's to say."""
         job.exchange.stop()
         if job.is_preparation:
@@ -210,7 +214,7 @@ class PlanKeeper:
             return []
         self._jobs.remove(job)
         if job.id is None:
-            self._fetched = reason
+            self._fetched = reason or word.label, now_ms
             return []
         return [Said(job.id, word, reason, late_ms=job.late_ms)]
 

@@ -95,21 +95,29 @@ ANSWER = Variant(
 
 @dataclass(frozen=True, kw_only=True)
 class BulkAsk:
-    """What a station says of an object of a kind (`kind`), on `fogX/droneY/bulk` and `droneY/bulk`."""
+    """What a station says of an object of a kind (`kind`), on `fogX/droneY/bulk` and `droneY/bulk`.
+
+    `nonce` is the same in all that a station says of one transfer.
+    """
 
     version: Version = VERSION
     gs_session: Session
     kind: ObjectKind
+    nonce: U32
     ask: Annotated[Put | Get, ASK]
 
 
 @dataclass(frozen=True, kw_only=True)
 class BulkAnswer:
-    """What the drone answers the station of a session, on `droneY/bulk_answer` and `fogX/droneY/bulk_answer`."""
+    """What the drone answers the station of a session, on `droneY/bulk_answer` and `fogX/droneY/bulk_answer`.
+
+    `nonce` is that of what it answers.
+    """
 
     version: Version = VERSION
     gs_session: Session
     kind: ObjectKind
+    nonce: U32
     answer: Annotated[Have | Piece | Refused | Unchanged, ANSWER]
 
 

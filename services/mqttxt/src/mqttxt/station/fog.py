@@ -93,6 +93,8 @@ class FogView:
         self._next_registration_ms = 0
         self._registered_ms = 0
         self._questioned_ms: int | None = None
+        self._ranked: tuple[int, int] | None = None
+        """The stamp of the newest ranking of the activator's session, and when it came."""
 
     @property
     def epoch(self) -> int:
@@ -123,6 +125,7 @@ class FogView:
             self.session = presence.session
             self.clock = RemoteClock(presence.session)
             self.registered = False
+            self._ranked = None
             self._nonces.clear()
         self.up = True
         self.broker = presence.broker
@@ -171,11 +174,14 @@ class FogView:
             events.append(ControlChanged(self.number, number, record.holder, mine, record.epoch or 0))
         return events
 
-    def on_qods(self, message: QodsMessage) -> list[Event]:
-        """`fogX/QoDS`."""
+    def on_qods(self, message: QodsMessage, now_ms: int) -> list[Event]:
+        """`fogX/QoDS`: the ranking, unless it is older than what is known."""
         if message.session != self.session:
             return []
-        self.ranking = message.ranking
+        known = self._ranked
+        if known is not None and not stamp_supersedes(message.stamp, known[0], now_ms - known[1]):
+            return []
+        self.ranking, self._ranked = message.ranking, (message.stamp, now_ms)
         return [QodsRanking(self.number, message.ranking)]
 
     def on_state(self, number: int, message: StampedState, now_ms: int) -> list[Event]:

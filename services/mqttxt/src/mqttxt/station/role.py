@@ -220,11 +220,12 @@ class StationRole:
         if topic.kind == "states":
             pairs = states_of(decode(FogBundle, self._channel.opened_state(message, fog.name, fog.clock, now_ms)))
             return [event for drone, state in pairs for event in fog.on_state(drone, state, now_ms)]
+        if topic.kind == "QoDS":
+            ranking = decode(QodsMessage, self._channel.opened_dated(message, fog.name, fog.clock, now_ms))
+            return [*fog.on_qods(ranking, now_ms)]
         payload = self._channel.opened(message, fog.name)
         if topic.kind == "commands_result":
             return self.commands.on_fog_result(fog, decode(FogResultMessage, payload), now_ms)
-        if topic.kind == "QoDS":
-            return [*fog.on_qods(decode(QodsMessage, payload))]
         if topic.kind == "PSMI":
             return self.commands.on_psmi(fog, decode(PsmiMessage, payload), now_ms)
         if topic.kind == "clock":

@@ -6,6 +6,7 @@ not: the drone's answers say what that is.
 
 from __future__ import annotations
 
+import secrets
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
@@ -78,10 +79,14 @@ class _Flight:
 
 
 class Transfer(ABC):
-    """One object on its way to or from one drone. `error` is why it ended, where that is no proper end."""
+    """One object on its way to or from one drone. `error` is why it ended, where that is no proper end.
+
+    `nonce` is in all that is asked for it, and in the answers: what the drone has answered before is none (R12.22).
+    """
 
     def __init__(self, fog: FogView, drone: int, kind: str) -> None:
         self.fog, self.drone, self.kind = fog, drone, kind
+        self.nonce = secrets.randbelow(2**32)
         self.is_over = False
         self.error: str | None = None
         self._flight = _Flight()
@@ -226,7 +231,7 @@ class Transfers:
         if message.gs_session != self._session:
             return []
         transfer = next((one for one in self._queue if (one.fog.number, one.drone) == (fog.number, drone)), None)
-        if transfer is None or transfer.kind != message.kind:
+        if transfer is None or (transfer.kind, transfer.nonce) != (message.kind, message.nonce):
             return []
         transfer.take(message.answer, now_ms)
         refused = message.answer if isinstance(message.answer, Refused) else None
@@ -248,7 +253,7 @@ class Transfers:
 
     def _publish(self, transfer: Transfer, ask: Put | Get) -> Publish:
         """Signed, where messages are, as the drone is to have it."""
-        message = BulkAsk(gs_session=self._session, kind=transfer.kind, ask=ask)
+        message = BulkAsk(gs_session=self._session, kind=transfer.kind, nonce=transfer.nonce, ask=ask)
         payload = encode(message, self._channel.settings.encoding)
         if self._channel.seal is not None:
             payload = self._channel.seal.sign(FogSide().bulk(transfer.drone), payload).encode()
