@@ -73,9 +73,9 @@ class Simulation:
         self.weather = Weather(self.rng)
         self._rain()
         self.brokers = {name: self.make_broker() for name in (CLOUD, FOG)}
-        self.drones = [DroneNode(self, number) for number in DRONES]
+        self.drones = [self.make_drone(number) for number in DRONES]
         self.activator = self.make_activator()
-        self.station = StationNode(self, "station")
+        self.station = self.make_station()
         self.nodes: list[Node] = [*self.drones, self.activator, self.station]
 
     def make_judge(self) -> Judge:
@@ -83,6 +83,12 @@ class Simulation:
 
     def make_broker(self) -> Broker:
         return Broker(self.events)
+
+    def make_drone(self, number: int) -> DroneNode:
+        return DroneNode(self, number)
+
+    def make_station(self) -> StationNode:
+        return StationNode(self, "station")
 
     def make_activator(self) -> ActivatorNode:
         return ActivatorNode(self, "activator")

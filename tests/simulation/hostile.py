@@ -29,6 +29,7 @@ from mqttxt.security.addressed import Addressed
 from mqttxt.security.cose import Envelope
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal
+from mqttxt.station.outcomes import Outcome
 from tests.simulation.adversary import Dangers, Simulation
 from tests.simulation.nodes import MS, ActivatorNode, S
 from tests.simulation.signing import seal
@@ -36,6 +37,8 @@ from tests.simulation.true_time import Broker, Connection, Events
 from tests.simulation.verdicts import Judge
 
 KEPT = 400
+HOLDS_BACK = 0.03
+"""The chance that a broker begins to hold a topic's commands back, for each of them."""
 THIEF = "activator"
 DRONES = (1, 2)
 
@@ -49,7 +52,10 @@ def signed_payload(payload: bytes) -> bytes:
 
 
 class SignedJudge(Judge):
-    """Judges by what is signed. A hostile network may have anything refused early: that is not judged."""
+    """Judges by what is signed. A hostile network may have anything refused early: that is not judged.
+
+    Another kind of violation: `false`, a command that is `completed` in the station's eyes, and was not executed.
+    """
 
     def hears_beacon(self, clock: Any, message: Inbound, sent_us: int, now_ms: int) -> None: ...
 
@@ -57,6 +63,11 @@ class SignedJudge(Judge):
 
     def _hop_ms(self, clock: Any, end_us: int) -> float:
         return float("inf")
+
+    def says(self, outcome: Outcome) -> None:
+        super().says(outcome)
+        if outcome.word is Word.COMPLETED and outcome.drone not in self.sent[outcome.id].writes:
+            self._blame("false", f"{outcome.id} completed by drone {outcome.drone}, which has not executed it")
 
     def aim(self, publish: Publish, rng: Random, chance: float) -> int | None:
         if not publish.topic.endswith("commands") or rng.random() >= chance:
@@ -88,22 +99,23 @@ class Forger:
         else:
             self.seen[self.rng.randrange(KEPT)] = publish
 
-    def forged(self, link: str) -> Publish | None:
-        """Something to deliver that nobody said so."""
+    def forged(self, passing: Publish) -> Publish | None:
+        """Something to deliver that nobody said so, beside a message that passes.
+
+        Of a command that passes, most often: nothing newer overtakes it, so only what is wrong with it keeps it out.
+        """
+        link = passing.link
         among = [publish for publish in self.seen if publish.link == link]
         if not among:
             return None
-        ways = (
-            self._replayed,
-            self._moved,
-            self._flipped,
-            self._rerouted,
-            self._swapped,
-            self._altered,
-            self._made_up,
-        )
-        commands = [publish for publish in among if publish.topic.endswith("/commands")]
-        among = commands if commands and self.rng.random() < 0.5 else among
+        if passing.topic.endswith("/commands") and self.rng.random() < 0.7:
+            among = [passing]
+            ways = [self._replayed, self._moved, self._rerouted, self._altered, self._altered, self._worded]
+        else:
+            commands = [publish for publish in among if publish.topic.endswith("/commands")]
+            among = commands if commands and self.rng.random() < 0.5 else among
+            ways = [self._replayed, self._moved, self._flipped, self._rerouted, self._swapped, self._altered]
+            ways += [self._made_up]
         way = self.rng.choice(ways)
         publish = way(self.rng.choice(among))
         if publish is not None:
@@ -129,10 +141,18 @@ class Forger:
         """Another deadline, stamp or session outside of the signatures."""
         try:
             envelope = Envelope.parse(publish.payload)
-            later = self.rng.choice([None, 0, 2**53 - 1, self.rng.randrange(2**40), [1, True], [None, False]])
-            return replace(publish, payload=envelope.routed(later).encode())
         except PayloadError:
             return self._readdressed(publish)
+        if publish.topic.endswith("/commands"):
+            return replace(publish, payload=self.later(envelope).encode())
+        beside = self.rng.choice([None, 0, 2**53 - 1, self.rng.randrange(2**40), [1, True], [None, False]])
+        return replace(publish, payload=envelope.routed(beside).encode())
+
+    def later(self, envelope: Envelope) -> Envelope:
+        """A command with another deadline beside what is signed: a later one, most often, that may be one."""
+        signed_ms = decode(CommandMessage, envelope.payload).deadline_ms or 0
+        plausible = [signed_ms + more_ms for more_ms in (500, 5000, 20_000)]
+        return envelope.routed(self.rng.choice([None, 2**53 - 1, *plausible, *plausible]))
 
     def _readdressed(self, publish: Publish) -> Publish | None:
         try:
@@ -178,10 +198,33 @@ class Forger:
             if type(plain[place]) is int:
                 plain[place] += self.rng.choice([1, 1000, 20_000])
         payload = cbor2.dumps(plain, canonical=True)
+        if topic.endswith("/commands") and self.rng.random() < 0.7:  # all but the signature may be right
+            command = decode(CommandMessage, envelope.payload)
+            payload = encode(replace(command, seq=command.seq + self.rng.choice([1, 2]), command=Arm()))
         by = self.rng.choice([None, None, self._neighbour, self._insider, self._stranger])
         if by is None:
             return replace(envelope, payload=payload)
         return by.sign(topic, payload, with_certificate=self.rng.random() < 0.7).routed(envelope.route)
+
+    def _worded(self, publish: Publish) -> Publish | None:
+        """That a command is completed, in the words of a drone that has not said so."""
+        if not publish.topic.endswith("/commands"):
+            return None
+        drone = self.rng.choice(DRONES)
+        command = decode(CommandMessage, signed_payload(publish.payload))
+        word = ResultMessage(
+            gs_session=command.gs_session,
+            seq=command.seq,
+            session=command.executor_session or 1,
+            stamp=1,
+            word=Word.COMPLETED,
+        )
+        own = f"drone{drone}/commands_result/{command.command.name}"
+        topic = own if publish.link == FOG else f"fog1/{own}"
+        by = self.rng.choice([None, self._neighbour, self._insider, self._stranger])
+        route = None if publish.link == FOG else [1, False]
+        payload = encode(word) if by is None else by.sign(own, encode(word), True).routed(route).encode()
+        return replace(publish, topic=topic, payload=payload)
 
     def _made_up(self, publish: Publish) -> Publish:
         """Commands of an insider in the newest session that it has seen, beacons that are ahead, leases for good."""
@@ -255,10 +298,14 @@ class HostileBroker(Broker):
         super().__init__(events)
         self._forger = forger
         self._rate = rate
+        self._held_until_us: dict[str, int] = {}
 
     def route(self, connection: Connection, publish: Publish, read_us: int) -> None:
         rng = self._forger.rng
         self._forger.hear(publish)
+        if self._rate and publish.topic.endswith("/commands") and self._holds_back(publish):
+            connection.tell(connection.client.published, publish.ref, 0)
+            return
         before = self.retained.get(publish.topic)
         super().route(connection, publish, read_us)
         if before is not None and rng.random() < 0.05:
@@ -267,10 +314,23 @@ class HostileBroker(Broker):
         if publish.qos > 0 and publish.ref is not None and rng.random() < 0.1:
             connection.tell(connection.client.published, publish.ref, 0x10)
             self._forger.attempts[publish.link, "said 0x10"] += 1
-        if rng.random() < self._rate:
-            forged = self._forger.forged(publish.link)
+        if rng.random() < self._rate * (3 if publish.topic.endswith("/commands") else 1):
+            forged = self._forger.forged(publish)
             if forged is not None:
                 self._events.after(rng.choice((0, 50 * MS, 2 * S, 30 * S)), self._deliver, forged)
+
+    def _holds_back(self, publish: Publish) -> bool:
+        """Whether this one comes later, as all commands of its topic for some seconds: nothing newer overtakes them."""
+        rng, now_us, until_us = self._forger.rng, self._events.now_us, self._held_until_us.get(publish.topic, 0)
+        if now_us >= until_us:
+            if rng.random() >= HOLDS_BACK:
+                return False
+            until_us = self._held_until_us[publish.topic] = now_us + rng.randint(1 * S, 4 * S)
+        if publish.link == FOG and rng.random() < 0.5:
+            publish = replace(publish, payload=self._forger.later(Envelope.parse(publish.payload)).encode())
+        self._events.at(until_us, self._deliver, publish)
+        self._forger.attempts[publish.link, "held back"] += 1
+        return True
 
     def _deliver(self, publish: Publish) -> None:
         """To whoever would get it, past RETAIN as it was and without a word to who said it."""
@@ -294,7 +354,7 @@ class Thief(ActivatorNode):
     def _instead(self, sim: HostileSimulation, publish: Publish) -> list[Publish]:
         rng = sim.rng
         if publish.link == FOG and publish.topic.endswith("/commands"):
-            later = Envelope.parse(publish.payload).routed(rng.choice([None, 2**53 - 1]))
+            later = sim.forger.later(Envelope.parse(publish.payload))
             again = replace(publish, payload=later.encode(), ref=None)
             other = "drone2/commands" if publish.topic.startswith("drone1") else "drone1/commands"
             return [again, publish, replace(again, topic=other), again][: rng.randint(0, 4)]

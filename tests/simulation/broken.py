@@ -1,0 +1,210 @@
+"""Roles with one rule of the signed mode taken away: what an adversary's test is worth, it shows by these.
+
+`python -m tests.simulation.broken VARIANT uav OPTIONS…` starts one as a process; `none` takes nothing away.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from mqttxt.core.clock import MAX_TTL_MS
+from mqttxt.core.ledger import Admission
+from mqttxt.drone.role import UavClient
+from mqttxt.errors import PayloadError
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.messages import CommandMessage, ResultMessage
+from mqttxt.security.seal import Signed, is_station
+from mqttxt.station.role import StationRole
+from tests.simulation.adversary import Dangers
+from tests.simulation.drone_node import DroneNode
+from tests.simulation.hostile import DRONES, HostileSimulation, SignedJudge, signed_payload
+from tests.simulation.nodes import StationNode
+
+
+class Found(Exception):
+    """The judge has found a violation of a kind."""
+
+
+class _Finder(SignedJudge):
+    def _blame(self, kind: str, sentence: str) -> None:
+        raise Found(f"{kind}: {sentence}")
+
+
+class _BrokenDrone(DroneNode):
+    def make_role(self) -> UavClient:
+        role = super().make_role()
+        assert isinstance(self.sim, BrokenSimulation)
+        BROKEN.get(self.sim.variant, _sound)(role)
+        return role
+
+
+class _BrokenStation(StationNode):
+    def make_role(self) -> StationRole:
+        role = super().make_role()
+        assert isinstance(self.sim, BrokenSimulation)
+        BROKEN_STATIONS.get(self.sim.variant, _sound)(role)
+        return role
+
+
+class BrokenSimulation(HostileSimulation):
+    """A hostile history of a broken role; it ends with Found at the first violation."""
+
+    def __init__(self, seed: int, dangers: Dangers, rate: float, variant: str, thief: bool = False) -> None:
+        self.variant = variant
+        super().__init__(seed, dangers, rate, thief)
+
+    def make_judge(self) -> SignedJudge:
+        return _Finder(self.events)
+
+    def make_drone(self, number: int) -> DroneNode:
+        return _BrokenDrone(self, number)
+
+    def make_station(self) -> StationNode:
+        return _BrokenStation(self, "station")
+
+
+def verifies_nothing(role: UavClient) -> None:
+    """It looks for the certificate of an expected signer, not at the signature."""
+    seal = _seal(role)
+
+    def make(genuine: Any) -> Any:
+        def verified(envelope: Any, topic: Any, expected: Any) -> Signed:
+            try:
+                return genuine(envelope, topic, expected)  # type: ignore[no-any-return]
+            except PayloadError:
+                known = [each for among in seal._known.values() for each in among if expected(each)]
+                if not known:
+                    raise
+                return Signed(known[0], envelope)
+
+        return verified
+
+    _wrap(seal, "verified", make)
+
+
+def executes_again(role: UavClient) -> None:
+    """It knows no id any more once that has its last word."""
+
+    def make(genuine: Any) -> Any:
+        def examine(command_id: Any, *more: Any) -> Admission:
+            entry = role.desk.ledger.get(command_id)
+            if entry is not None and entry.record.last is not None:
+                return Admission.NEW
+            return genuine(command_id, *more)  # type: ignore[no-any-return]
+
+        return examine
+
+    _wrap(role.desk.ledger, "examine", make)
+
+
+def believes_the_topic(role: UavClient) -> None:
+    """What comes on its topic is for it, whichever drone it was signed for, in whichever session."""
+    seal, own = _seal(role), role.session
+
+    def make_open(genuine: Any) -> Any:
+        def open_of_station(topic: str, envelope: Any) -> Signed:
+            drones = (f"drone{number}/{topic.partition('/')[2]}" for number in DRONES)
+            refusal: PayloadError | None = None
+            for signed_as in drones:
+                try:
+                    return seal.verified(envelope, lambda _, signed_as=signed_as: signed_as, is_station)
+                except PayloadError as error:
+                    refusal = error
+            assert refusal is not None
+            raise refusal
+
+        return open_of_station
+
+    def make_on_contents(genuine: Any) -> Any:
+        def on_contents(message: Any, payload: bytes, *more: Any) -> Any:
+            command = replace(decode(CommandMessage, payload), executor_session=own)
+            return genuine(message, encode(command), *more)
+
+        return on_contents
+
+    _wrap(seal, "open_of_station", make_open)
+    _wrap(role.desk, "_on_contents", make_on_contents)
+
+
+def believes_the_route(role: UavClient) -> None:
+    """It is told beside what was signed when a command is due, and goes by that."""
+
+    def make(genuine: Any) -> Any:
+        def tightened(command: Any, route: Any) -> Any:
+            return command if type(route) is not int else replace(command, deadline_ms=route)
+
+        return tightened
+
+    _wrap(role.desk, "_tightened", make)
+
+
+def has_no_deadlines(role: UavClient) -> None:
+    """Whatever comes is due a minute from now, at its start and at each write."""
+
+    def make(genuine: Any) -> Any:
+        def on_command(command: Any, retained: bool, now_ms: int, *more: Any) -> Any:
+            return genuine(replace(command, deadline_ms=now_ms + MAX_TTL_MS), retained, now_ms, *more)
+
+        return on_command
+
+    _wrap(role.desk, "_on_command", make)
+
+
+def believes_any_word(role: StationRole) -> None:
+    """A ground station that takes every word for its drone's."""
+
+    def make(genuine: Any) -> Any:
+        def believed(fog: Any, topic: Any, message: Any) -> tuple[ResultMessage, str]:
+            return decode(ResultMessage, signed_payload(message.payload)), f"drone{topic.drone}"
+
+        return believed
+
+    _wrap(role, "_result", make)
+
+
+BROKEN: dict[str, Callable[[UavClient], None]] = {
+    each.__name__: each
+    for each in (verifies_nothing, executes_again, believes_the_topic, believes_the_route, has_no_deadlines)
+}
+
+
+BROKEN_STATIONS: dict[str, Callable[[StationRole], None]] = {believes_any_word.__name__: believes_any_word}
+
+
+def _sound(role: object) -> None: ...
+
+
+def _seal(role: UavClient) -> Any:
+    seal = role._channel.seal
+    assert seal is not None
+    return seal
+
+
+def _wrap(one: Any, name: str, make: Callable[[Any], Any]) -> None:
+    """Put `make(original)` in the place of a method of this one object, or class."""
+    setattr(one, name, make(getattr(one, name)))
+
+
+def break_all(breaks: Callable[[UavClient], None]) -> None:
+    """Every UAV client that this process makes from now on."""
+
+    def make(genuine: Any) -> Any:
+        def broken(role: UavClient, *arguments: Any, **options: Any) -> None:
+            genuine(role, *arguments, **options)
+            breaks(role)
+
+        return broken
+
+    _wrap(UavClient, "__init__", make)
+
+
+if __name__ == "__main__":
+    from mqttxt.cli import main
+
+    variant = sys.argv.pop(1)
+    if variant != "none":
+        break_all(BROKEN[variant])
+    main()
