@@ -167,11 +167,14 @@ class Server:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
+    def make_session(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> Session:
+        return Session(reader, writer, self._acknowledges, self._granted)
+
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
         self._tasks.append(task)
-        session = Session(reader, writer, self._acknowledges, self._granted)
+        session = self.make_session(reader, writer)
         await session.read()
         session.send(b"\x20" + _length(len(self._connack)) + self._connack)
         self.sessions.append(session)

@@ -71,6 +71,13 @@ async def eventually(condition: Callable[[], object], what: str, limit_s: float 
         await asyncio.sleep(0.02)
 
 
+def commanded(events: Path, mav_cmd: int) -> list[dict[str, Any]]:
+    """What a stand-in's log of events has of a MAV_CMD, with the time of each."""
+    lines = events.read_text().splitlines() if events.exists() else []
+    found = [json.loads(line) for line in lines if line.endswith("}")]
+    return [event for event in found if event["event"] == "command" and event["command"] == mav_cmd]
+
+
 def ask_autopilot(control: Path, request: dict[str, Any]) -> dict[str, Any]:
     """What a stand-in answers on its side channel."""
     with socket.socket(socket.AF_UNIX) as sock:
@@ -346,10 +353,7 @@ class System:
 
     def commanded(self, drone: int, mav_cmd: int) -> list[dict[str, Any]]:
         """What an autopilot received of a MAV_CMD, with the time of each."""
-        path = self.folder / f"sitl{drone}.jsonl"
-        lines = path.read_text().splitlines() if path.exists() else []
-        events = [json.loads(line) for line in lines if line.endswith("}")]
-        return [event for event in events if event["event"] == "command" and event["command"] == mav_cmd]
+        return commanded(self.folder / f"sitl{drone}.jsonl", mav_cmd)
 
     def control(self, drone: int, request: dict[str, Any]) -> dict[str, Any]:
         """The autopilot's side channel."""
