@@ -78,6 +78,7 @@ def test_nothing_that_an_adversary_says_is_executed(thief: bool, seed: int) -> N
     assert tried.executed > 1  # while honest commands go on being flown
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("variant", [*BROKEN, *BROKEN_STATIONS])
 def test_a_role_that_is_broken_is_found(variant: str) -> None:
     """Mostly by the first history; a test of an adversary shows nothing that would not find such a role."""
