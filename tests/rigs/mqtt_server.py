@@ -55,6 +55,24 @@ def publish(topic: str, payload: bytes, qos: int = 0, mid: int = 0) -> bytes:
     return bytes([0x30 | qos << 1]) + _length(len(body)) + body
 
 
+async def read_packet(reader: asyncio.StreamReader) -> Packet:
+    """The next packet; IncompleteReadError at the end."""
+    (first,) = await reader.readexactly(1)
+    length = shift = 0
+    while True:
+        (digit,) = await reader.readexactly(1)
+        length |= (digit & 127) << shift
+        shift += 7
+        if digit < 128:
+            break
+    return Packet(first >> 4, first & 15, await reader.readexactly(length))
+
+
+def encoded(packet: Packet) -> bytes:
+    """A packet's bytes."""
+    return bytes([packet.kind << 4 | packet.flags]) + _length(len(packet.body)) + packet.body
+
+
 def _length(length: int) -> bytes:
     out = bytearray()
     while True:
@@ -98,15 +116,7 @@ class Session:
 
     async def read(self) -> Packet:
         """The next packet; IncompleteReadError at the end."""
-        (first,) = await self._reader.readexactly(1)
-        length = shift = 0
-        while True:
-            (digit,) = await self._reader.readexactly(1)
-            length |= (digit & 127) << shift
-            shift += 7
-            if digit < 128:
-                break
-        packet = Packet(first >> 4, first & 15, await self._reader.readexactly(length))
+        packet = await read_packet(self._reader)
         self.packets.append(packet)
         return packet
 

@@ -45,6 +45,8 @@ class Dangers:
     commands_per_s: float = 10
     selects: float = 0.05
     looks_before_the_write: bool = True
+    shows_retained: bool = True
+    """Whether the cloud broker shows newcomers what it retains."""
 
 
 CALM = Dangers(
@@ -73,6 +75,7 @@ class Simulation:
         self.weather = Weather(self.rng)
         self._rain()
         self.brokers = {name: self.make_broker() for name in (CLOUD, FOG)}
+        self.brokers[CLOUD].shows_retained = self.dangers.shows_retained
         self.drones = [self.make_drone(number) for number in DRONES]
         self.activator = self.make_activator()
         self.station = self.make_station()

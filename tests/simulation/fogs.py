@@ -10,7 +10,16 @@ from mqttxt.core.effects import Audit, Effect, Inbound, Publish, Subscribe
 from mqttxt.core.settings import Settings
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Command
-from mqttxt.protocol.messages import BeaconMessage, Control, DroneLease, Presence, Registration, ResultMessage, Word
+from mqttxt.protocol.messages import (
+    BeaconMessage,
+    Control,
+    DroneLease,
+    DroneRecord,
+    Presence,
+    Registration,
+    ResultMessage,
+    Word,
+)
 from mqttxt.protocol.rankings import SelectMessage, SelectMode
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery, State
@@ -45,7 +54,19 @@ class ActivatorBench:
         self.beacons = [e for s in self.subscribes for e in self.role.on_subscribed(s, self.now_ms)]
         self.birth: list[Any] = []
         if born:
-            self.birth = self.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=self.now_ms))
+            self.birth = self.be_shown()
+
+    def be_shown(self, *records: tuple[int, DroneRecord]) -> list[Any]:
+        """The broker has shown by wildcard what it retains, and shows `records` to who names their drones in full."""
+        own = BeaconMessage(session=FOG_SESSION, now_ms=self.now_ms)
+        out = self.cloud("clock", own)
+        named = [effect for effect in out if isinstance(effect, Subscribe)]
+        for subscribe in named:
+            for drone, record in records:
+                assert f"fog1/drone{drone}/reachable" in subscribe.filters
+                self.cloud(f"drone{drone}/reachable", record, retain=True)
+            out += self.role.on_subscribed(subscribe, self.now_ms)
+        return out + self.cloud("clock", own) if named else out
 
     def cloud(self, rest: str, message: Any, retain: bool = False) -> list[Any]:
         payload = message if isinstance(message, bytes) else encode(message)

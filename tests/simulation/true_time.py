@@ -158,6 +158,7 @@ class Broker:
         self._events = events
         self.connections: list[Connection] = []
         self.retained: dict[str, tuple[Publish, int]] = {}
+        self.shows_retained = True
         self.alive = True
         self.stalled_until_us = 0
 
@@ -191,7 +192,7 @@ class Broker:
             return
         connection.filters += [(wanted, subscribe.live_only) for wanted in subscribe.filters]
         connection.tell(connection.client.subscribed, subscribe)
-        if not subscribe.live_only:
+        if self.shows_retained and not subscribe.live_only:
             for topic, (publish, read_us) in list(self.retained.items()):
                 if any(matches(wanted, topic) for wanted in subscribe.filters):
                     message = Inbound(topic, publish.payload, publish.qos, True)

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.activator.role import Activator
-from mqttxt.core.effects import Audit, Inbound, Log, Publish, Stop, Subscribe
+from mqttxt.core.effects import Audit, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
 from mqttxt.core.settings import Settings
 from mqttxt.drone.commands import Unfinished
 from mqttxt.drone.effects import Journal, Transmit
@@ -145,6 +145,8 @@ class World:
     retained: dict[tuple[str, str], Publish] = field(default_factory=dict)
     kind: int = mavlink.MAV_AUTOPILOT_PX4
     """Of the autopilot, in the heartbeats of a UAV client's start."""
+    shows: str = "all"
+    """Of what the cloud broker retains it shows newcomers `all`, what they name in full (`named`), or `nothing`."""
     drop: set[str] = field(default_factory=set)
     """Kinds of topics (their last or next to last level) that are lost on the way."""
 
@@ -220,6 +222,8 @@ class World:
                 self.route(name, output)
             elif isinstance(output, Subscribe):
                 self._subscribe(name, output)
+            elif isinstance(output, Unsubscribe):
+                self._unsubscribe(name, output)
             elif isinstance(output, Transmit):
                 self._write(output)
             elif isinstance(output, Journal):
@@ -244,7 +248,8 @@ class World:
         levels = publish.topic.split("/")
         if self.drop & set(levels[-2:]):
             return
-        receivers = [s for s in self.subscribed if s[1] == publish.link and matches(s[2], publish.topic)]
+        found = [s for s in self.subscribed if s[1] == publish.link and matches(s[2], publish.topic)]
+        receivers = list({entry[0]: entry for entry in found}.values())
         for receiver, _, _, live_only in receivers:
             self._deliver(receiver, publish, publish.retain and live_only)
         if publish.ref is not None and publish.qos > 0:
@@ -252,13 +257,24 @@ class World:
             role = getattr(self, name)
             self.run(name, role.on_published(publish.link, publish.ref, code, self.now_ms))
 
+    def _unsubscribe(self, name: str, effect: Unsubscribe) -> None:
+        gone = {(name, effect.link, topic) for topic in effect.filters}
+        self.subscribed = [entry for entry in self.subscribed if entry[:3] not in gone]
+
     def _subscribe(self, name: str, effect: Subscribe) -> None:
         self.subscribed += [(name, effect.link, topic, effect.live_only) for topic in effect.filters]
-        self.run(name, getattr(self, name).on_subscribed(effect, self.now_ms))
+        outputs = list(getattr(self, name).on_subscribed(effect, self.now_ms))
         if not effect.live_only:
             for link, topic in list(self.retained):
-                if link == effect.link and any(matches(wanted, topic) for wanted in effect.filters):
+                if link == effect.link and any(self._shows(link, wanted, topic) for wanted in effect.filters):
                     self._deliver(name, self.retained[link, topic], True)
+        self.run(name, outputs)
+
+    def _shows(self, link: str, wanted: str, topic: str) -> bool:
+        """Whether the broker shows who subscribes to a filter what it retains on a topic."""
+        if link == FOG or self.shows == "all":
+            return matches(wanted, topic)
+        return self.shows == "named" and wanted == topic
 
     def _deliver(self, name: str, publish: Publish, retained: bool) -> None:
         message = Inbound(publish.topic, publish.payload, publish.qos, retained)

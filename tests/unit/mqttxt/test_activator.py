@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mqttxt.activator.stations import MOST_STATIONS
-from mqttxt.core.effects import Inbound, Log, Publish, Stop, Unsubscribe
+from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import BeaconMessage, Control, DroneLease, DroneRecord, FogPresence, Presence, Word
 from mqttxt.protocol.state_payload import decode_state
@@ -21,8 +21,8 @@ def test_commands_are_subscribed_live_only_and_birth_waits_for_what_is_retained(
     assert [s.live_only for s in bench.subscribes] == [True, False, False]
     assert not bench.role.born
     assert len(of(bench.beacons, "fog1/clock")) == 1
-    birth = bench.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=BORN_MS))
-    assert Unsubscribe("cloud", ("fog1/clock",)) in birth
+    birth = bench.be_shown()
+    assert Unsubscribe("cloud", ("fog1/clock", "fog1/drone1/reachable")) in birth
     (presence,) = of(birth, "fog1/reachable")
     assert presence.retain
     told = decode(FogPresence, presence.payload)
@@ -45,8 +45,11 @@ def test_a_rival_that_does_not_answer_is_replaced() -> None:
     bench = ActivatorBench(born=False)
     bench.cloud("reachable", FogPresence(session=99, up=True), retain=True)
     bench.cloud("clock", BeaconMessage(session=FOG_SESSION, now_ms=BORN_MS))
-    assert of(bench.until(BORN_MS + 2900), "fog1/reachable") == []
-    assert len(of(bench.until(BORN_MS + 3000), "fog1/reachable")) == 1
+    assert bench.until(BORN_MS + 2900) == []
+    (named,) = bench.until(BORN_MS + 3000)
+    assert isinstance(named, Subscribe)
+    bench.role.on_subscribed(named, bench.now_ms)
+    assert len(of(bench.be_shown(), "fog1/reachable")) == 1
 
 
 def test_before_its_birth_an_activator_answers_nobody() -> None:

@@ -108,8 +108,9 @@ def result_of_the_drone(attacker: Attacker) -> None:
 
 def activator_impersonated(attacker: Attacker) -> None:
     """Cloud: another activator is born, and counts its own drones."""
-    attacker.say(CLOUD, "fog1/reachable", FogPresence(session=EVE, up=True), retain=True)
-    attacker.say(CLOUD, "fog1/clock", BeaconMessage(session=EVE, now_ms=1))
+    for _ in range(2):  # who was put right by the activator just now is asked to wait for the next time
+        attacker.say(CLOUD, "fog1/reachable", FogPresence(session=EVE, up=True), retain=True)
+        attacker.say(CLOUD, "fog1/clock", BeaconMessage(session=EVE, now_ms=1))
     attacker.world.pass_time(200)
     _note(attacker, not attacker.world.gs.fogs[1].registered or attacker.world.gs.fogs[1].session == EVE)
 

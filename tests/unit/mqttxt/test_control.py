@@ -88,6 +88,17 @@ def test_a_new_activator_session_keeps_the_drone_for_its_station() -> None:
     assert words(bench.command(Arm(), gs_session=17, epoch=3)) == []
 
 
+def test_it_does_so_where_the_broker_shows_records_by_their_full_names_alone() -> None:
+    bench = ActivatorBench(born=False)
+    before = DroneRecord(activator_session=99, up=True, drone_session=5, holder="alpha", holder_session=17, epoch=3)
+    bench.be_shown((1, before))
+    bench.appear()
+    bench.register(name="beta", session=9)
+    assert words(bench.command(Arm(), gs_session=9, epoch=3)) == [(Word.DENIED, "not_in_control")]
+    bench.register(session=17)
+    assert words(bench.command(Arm(), gs_session=17, epoch=3)) == []
+
+
 def own_beacon(bench: ActivatorBench) -> Any:
     (publish,) = bench.beacons
     return publish.payload

@@ -229,3 +229,13 @@ def test_what_a_stepped_clock_does(who: str, step_ms: int, late: bool) -> None:
         if was_late:
             break
     assert was_late is late
+
+
+@pytest.mark.parametrize("seed", first_quick(range(3)))
+@pytest.mark.parametrize("dangers", [Dangers(), SELECTING], ids=["commands", "choices"])
+def test_a_cloud_broker_that_shows_nothing_of_what_it_retains_makes_nothing_late_or_double(
+    seed: int, dangers: Dangers
+) -> None:
+    judge = history(seed, replace(dangers, shows_retained=False))
+    assert judge.violations == {}
+    assert judge.counts()["executed"] > 0

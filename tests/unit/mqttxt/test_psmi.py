@@ -331,10 +331,26 @@ def test_a_new_broadcast_concerns_nobody_who_is_only_remembered() -> None:
 
 
 def test_a_choice_of_an_earlier_session_that_nobody_has_is_expired() -> None:
-    bench = flock(2, 1)
+    bench = restarted()
+    bench.appear(7, UAV_SESSION + 7)
     bench.select(TARGET, executor_session=77)
     bench.word(1, Word.EXPIRED)
-    assert denial(bench.word(2, Word.EXPIRED)) == "expired"
+    assert denial(bench.word(7, Word.EXPIRED)) == "expired"
+
+
+def test_a_choice_of_an_earlier_session_is_not_denied_where_the_broker_shows_no_records() -> None:
+    """That session may have chosen a drone of which nothing is known here: no other one may be sent."""
+    bench = flock(2, 1)
+    effects = [*bench.select(TARGET, executor_session=77), *bench.word(1, Word.EXPIRED), *bench.word(2, Word.EXPIRED)]
+    assert of(effects, "fog1/commands_result/goto") == []
+
+
+def test_records_that_only_full_names_show_do_not_say_who_else_was_there() -> None:
+    bench = ActivatorBench(drones=(1,), born=False)
+    bench.be_shown((1, DroneRecord(activator_session=77, up=True, drone_session=5)))
+    bench.appear(1, UAV_SESSION + 1)
+    bench.select(TARGET, executor_session=77)
+    assert of(bench.word(1, Word.EXPIRED), "fog1/commands_result/goto") == []
 
 
 def test_a_command_that_is_not_the_topics_is_denied() -> None:

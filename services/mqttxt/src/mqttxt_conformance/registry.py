@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
@@ -27,15 +27,27 @@ class Verdict(Enum):
     NOT_TESTED = "not tested"
 
 
+class Need(Enum):
+    """What a rule of a broker is to the protocol: a broker passes that has all that is needed."""
+
+    NEEDED = "needed"
+    USEFUL = "useful"
+    UNUSED = "not used"
+
+
 @dataclass(frozen=True)
 class Rule:
-    """One thing to check: `numbers` are those of docs/protocol.md, `statement` says it in one line."""
+    """One thing to check: `numbers` are those of docs/protocol.md, `statement` says it in one line.
+
+    `needs` says of a broker's rule how much it is needed on each side (`cloud`, `fog`, `drone`).
+    """
 
     role: str
     name: str
     numbers: tuple[str, ...]
     statement: str
     check: Check
+    needs: Mapping[str, Need] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -47,17 +59,17 @@ class Finding:
     evidence: str
 
 
-RULES: dict[str, list[Rule]] = {"uav": [], "activator": [], "signed activator": [], "gs": []}
+RULES: dict[str, list[Rule]] = {"uav": [], "activator": [], "signed activator": [], "gs": [], "broker": []}
 """Every rule of each role, in the order in which they are checked."""
 
 
-def rule(role: str, *numbers: str) -> Callable[[Check], Check]:
+def rule(role: str, *numbers: str, needs: Mapping[str, Need] | None = None) -> Callable[[Check], Check]:
     """Enter a check; its name and the first line of its docstring are the rule's."""
 
     def enter(check: Check) -> Check:
         statement = (check.__doc__ or "").strip().splitlines()[0]
         name = check.__name__.replace("_", "-")
-        RULES[role].append(Rule(role, name, numbers, statement, check))
+        RULES[role].append(Rule(role, name, numbers, statement, check, needs or {}))
         return check
 
     return enter

@@ -10,14 +10,17 @@ from rich.table import Table
 
 from mqttxt.core.printable import printable
 
-from .registry import Finding, Verdict
+from .registry import Finding, Need, Verdict
 
 _STYLES = {Verdict.PASS: "green", Verdict.FAIL: "bold red", Verdict.NOT_TESTED: "yellow"}
 
 
-def as_json(role: str, findings: list[Finding]) -> str:
-    """`{"role", "passed", "failed", "not_tested", "findings": [{"rule", "numbers", "statement", …}]}`."""
-    rows = [
+def as_json(role: str, findings: list[Finding], side: str | None = None, name: str | None = None) -> str:
+    """`{"role", "pass", "fail", "not_tested", "findings": [{"rule", "numbers", "statement", …}]}`.
+
+    Of a broker also its `name` and the `side` that it was checked for, and with each finding its `need`.
+    """
+    rows: list[dict[str, object]] = [
         {
             "rule": finding.rule.name,
             "numbers": list(finding.rule.numbers),
@@ -28,21 +31,36 @@ def as_json(role: str, findings: list[Finding]) -> str:
         for finding in findings
     ]
     counts = {verdict.value.replace(" ", "_"): count(findings, verdict) for verdict in Verdict}
-    return json.dumps({"role": role, **counts, "findings": rows}, indent=2)
+    of_broker: dict[str, object] = {}
+    if side is not None:
+        of_broker = {"name": name, "side": side}
+        for row, finding in zip(rows, findings, strict=True):
+            row["need"] = finding.rule.needs[side].value
+    return json.dumps({"role": role, **of_broker, **counts, "findings": rows}, indent=2)
 
 
-def print_table(role: str, findings: list[Finding], console: Console) -> None:
-    """One row a rule, and how many of each verdict."""
+def print_table(role: str, findings: list[Finding], console: Console, side: str | None = None) -> None:
+    """One row a rule, and how many of each verdict; of a broker, what is needed on a side."""
     shown = Table(title=f"Conformance of a {role}", title_justify="left", show_lines=True)
-    shown.add_column("rule", no_wrap=True)
-    shown.add_column("verdict", no_wrap=True)
+    for heading in ("rule", "verdict", *(("need",) if side is not None else ())):
+        shown.add_column(heading, no_wrap=True)
     shown.add_column("evidence")
     for finding in findings:
         style = _STYLES[finding.verdict]
         name = f"{finding.rule.name}\n[dim]{', '.join(finding.rule.numbers)}[/]"
-        shown.add_row(name, f"[{style}]{finding.verdict.value}[/]", _escaped(finding))
+        need = (finding.rule.needs[side].value,) if side is not None else ()
+        shown.add_row(name, f"[{style}]{finding.verdict.value}[/]", *need, _escaped(finding))
     console.print(shown)
     console.print(", ".join(f"{count(findings, verdict)} {verdict.value}" for verdict in Verdict))
+    if side is not None:
+        missing = [finding.rule.name for finding in failures(findings, side)]
+        console.print(f"needed of a {side} broker, and missing: {', '.join(missing) or 'nothing'}")
+
+
+def failures(findings: list[Finding], side: str | None = None) -> list[Finding]:
+    """The findings by which an implementation does not pass: of a broker, those that its side needs."""
+    failed = [finding for finding in findings if finding.verdict is Verdict.FAIL]
+    return [finding for finding in failed if side is None or finding.rule.needs[side] is Need.NEEDED]
 
 
 def count(findings: list[Finding], verdict: Verdict) -> int:

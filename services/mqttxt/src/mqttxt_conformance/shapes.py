@@ -153,6 +153,7 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "epoch": _U32,
         "activator_session": _SESSION,
         "counter": _U32,
+        "anew": _flag,
     },
     "drone-lease": {
         "version": _VERSION,

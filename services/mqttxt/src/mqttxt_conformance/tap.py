@@ -37,6 +37,7 @@ class Heard:
     qos: int
     retain: bool
     expiry_s: int | None
+    properties: Properties | None = None
 
 
 class Tap:
@@ -52,6 +53,9 @@ class Tap:
         client_id: str,
         clock: SessionClock,
         identity: Identity | None = None,
+        *,
+        manual_ack: bool = False,
+        reconnects: bool = True,
     ) -> None:
         self.heard: list[Heard] = []
         self.seal: Callable[[str, bytes], bytes] = lambda topic, payload: payload
@@ -62,27 +66,50 @@ class Tap:
         self._loop = asyncio.get_running_loop()
         self._arrived = asyncio.Event()
         self._connected: asyncio.Future[int] = self._loop.create_future()
+        self.connack = Properties(PacketTypes.CONNACK)  # type: ignore[no-untyped-call]
+        """What the broker said of itself."""
+        self.ended: asyncio.Future[int] = self._loop.create_future()
+        """The reason code with which the broker ended the connection."""
         self._pubacks: dict[int, asyncio.Future[int]] = {}
         self._subacks: dict[int, asyncio.Future[int]] = {}
-        self._client = Client(CallbackAPIVersion.VERSION2, client_id=client_id, protocol=MQTTProtocolVersion.MQTTv5)
+        self._client = Client(
+            CallbackAPIVersion.VERSION2,
+            client_id=client_id,
+            protocol=MQTTProtocolVersion.MQTTv5,
+            manual_ack=manual_ack,
+            reconnect_on_failure=reconnects,
+        )
         self._client.connect_timeout = CONNECT_S
         if address.username is not None:
             self._client.username_pw_set(address.username, address.password)
         if address.tls:
             context = client_context(identity) if identity is not None else ssl.create_default_context()
             self._client.tls_set_context(context)
-        self._client.on_connect = lambda _c, _u, _f, code, _p: self._call(_resolve, self._connected, code.value)
+        self._client.on_connect = lambda _c, _u, _f, code, said: self._call(self._accepted, code.value, said)
+        self._client.on_disconnect = lambda _c, _u, _f, code, _p: self._call(resolve, self.ended, code.value)
         self._client.on_message = self._on_message
         self._client.on_publish = lambda _c, _u, mid, code, _p: self._call(self._acknowledged, mid, code.value)
-        self._client.on_subscribe = lambda _c, _u, mid, codes, _p: self._call(self._subscribed, mid, codes[0].value)
+        self._client.on_subscribe = lambda _c, _u, mid, codes, _p: self._call(
+            self._subscribed, mid, max(one.value for one in codes)
+        )
 
-    async def connect(self, what: str, will: tuple[str, bytes] | None = None) -> None:
+    async def connect(
+        self,
+        what: str,
+        will: tuple[str, bytes] | None = None,
+        *,
+        will_properties: Properties | None = None,
+        keepalive_s: int = 60,
+        clean_start: bool = True,
+        properties: Properties | None = None,
+    ) -> None:
         """Raises ConfigurationError, which names the option `what`, where there is no broker or it refuses."""
         if will is not None:
-            self._client.will_set(*will, qos=1, retain=True)
+            self._client.will_set(*will, qos=1, retain=True, properties=will_properties)
+        where = self._address.host, self._address.port, keepalive_s
         try:
             await self._loop.run_in_executor(
-                None, lambda: self._client.connect(self._address.host, self._address.port, clean_start=True)
+                None, lambda: self._client.connect(*where, clean_start=clean_start, properties=properties)
             )
             self._client.loop_start()
             async with asyncio.timeout(CONNECT_S):
@@ -92,14 +119,17 @@ class Tap:
         if code != 0:
             raise ConfigurationError(f"{what} {self._address}: the broker refused with reason code 0x{code:02x}")
 
-    async def subscribe(self, *filters: str) -> None:
-        """RETAIN comes as it was published; what the broker retains comes too."""
-        options = SubscribeOptions(qos=1, noLocal=True, retainAsPublished=True)
+    async def subscribe(self, *filters: str, options: SubscribeOptions | None = None) -> int:
+        """By itself RETAIN comes as it was published, what the broker retains comes too, and own publishes do not.
+
+        Returns the highest of the SUBACK's reason codes; raises TimeoutError without a SUBACK.
+        """
+        options = options or SubscribeOptions(qos=1, noLocal=True, retainAsPublished=True)
         _, mid = self._client.subscribe([(one, options) for one in filters])
         assert mid is not None
         done = self._subacks.setdefault(mid, self._loop.create_future())
         async with asyncio.timeout(CONNECT_S):
-            await done
+            return await done
 
     def publish(
         self,
@@ -110,15 +140,16 @@ class Tap:
         retain: bool = False,
         expiry_s: int | None = None,
         as_it_is: bool = False,
+        properties: Properties | None = None,
     ) -> asyncio.Future[int]:
         """The future is the PUBACK's reason code, NO_PUBACK where none comes in time; `as_it_is`: not sealed."""
         payload = payload if as_it_is or not payload else self.seal(topic, payload)
-        properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
+        properties = properties or Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
         if expiry_s is not None:
             properties.MessageExpiryInterval = expiry_s
         info = self._client.publish(topic, payload, qos, retain, properties)
         acknowledged = self._pubacks.setdefault(info.mid, self._loop.create_future())
-        self._loop.call_later(PUBACK_S, _resolve, acknowledged, NO_PUBACK)
+        self._loop.call_later(PUBACK_S, resolve, acknowledged, NO_PUBACK)
         return acknowledged
 
     def since(self, mark: int, topic: str | None = None, below: str | None = None) -> list[Heard]:
@@ -154,7 +185,8 @@ class Tap:
     def _on_message(self, _client: Client, _userdata: Any, message: MQTTMessage) -> None:
         expiry_s = getattr(message.properties, "MessageExpiryInterval", None)
         heard = Heard(
-            self._clock.now_ms(), message.topic, bytes(message.payload), message.qos, message.retain, expiry_s
+            *(self._clock.now_ms(), message.topic, bytes(message.payload), message.qos, message.retain, expiry_s),
+            properties=message.properties,
         )
         self._call(self._take, heard)
 
@@ -164,14 +196,19 @@ class Tap:
         self.on_heard(heard)
         self._arrived.set()
 
+    def _accepted(self, code: int, said: Properties | None) -> None:
+        self.connack = said or self.connack
+        resolve(self._connected, code)
+
     def _acknowledged(self, mid: int, code: int) -> None:
-        _resolve(self._pubacks.setdefault(mid, self._loop.create_future()), code)
+        resolve(self._pubacks.setdefault(mid, self._loop.create_future()), code)
 
     def _subscribed(self, mid: int, code: int) -> None:
-        _resolve(self._subacks.setdefault(mid, self._loop.create_future()), code)
+        resolve(self._subacks.setdefault(mid, self._loop.create_future()), code)
 
 
-def _resolve(future: asyncio.Future[int], value: int) -> None:
+def resolve(future: asyncio.Future[int], value: int) -> None:
+    """Set a future's result, the first time."""
     if not future.done():
         future.set_result(value)
 

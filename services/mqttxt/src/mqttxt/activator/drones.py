@@ -103,6 +103,8 @@ class Drones:
         self._leases = leases
         self.links: dict[int, DroneLink] = {number: DroneLink(number) for number in configured}
         self._of_before: set[int] = set()
+        self.were_shown = False
+        """Whether the broker has shown records of an earlier session by wildcard: then it has shown all of them."""
         self._shown_wrong: dict[int, Rebirth] = {}
         self.appeared: list[DroneLink] = []
         self.roster_changed = False
@@ -189,8 +191,8 @@ class Drones:
         return StampedState(known.state, known.stamp, stamp(said_ms), known.origin)
 
     def records(self) -> list[Effect]:
-        """Every drone's record, in this session's words."""
-        return [self._record(link) for link in self.links.values()]
+        """Every drone's record, in this session's words; none before it is the fog's."""
+        return [self._record(link) for link in self.links.values()] if self.tells else []
 
     def record_of(self, number: int) -> Effect:
         """The record of a drone, known or not: an unknown one is not reachable."""
@@ -216,8 +218,9 @@ class Drones:
             link.nonces.clear()
         return self.ask_all(now_ms)
 
-    def restore(self, number: int, record: DroneRecord, now_ms: int) -> None:
-        """What an earlier session of this activator retained of a drone."""
+    def restore(self, number: int, record: DroneRecord, by_name: bool, now_ms: int) -> None:
+        """What an earlier session of this activator retained of a drone; `by_name`: no wildcard has shown it."""
+        self.were_shown = self.were_shown or not by_name
         key: Key | None = None
         if record.holder is not None and record.holder_session is not None:
             key = (record.holder, record.holder_session)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import secrets
 
 from ..core.channel import Channel
-from ..core.effects import Effect, Inbound, Publish, Stop, Unsubscribe, Will
+from ..core.effects import Effect, Inbound, Publish, Stop, Subscribe, Unsubscribe, Will
 from ..core.session_owners import SessionOwners
-from ..core.settings import Rebirth
+from ..core.settings import RESEND_FIRST_MS, Rebirth
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.messages import BeaconMessage, DroneRecord, FogPresence, Registration
@@ -16,7 +16,10 @@ from .births import Births
 from .drones import CLOUD, Drones
 
 CHALLENGE_MS = 3000
-"""How long another live activator of this fog has to answer before this one takes its place."""
+"""How long another live activator of this fog has to answer before this one takes its place.
+
+As long after its first birth this one still asks another, of which the broker had shown nothing.
+"""
 
 
 class Ownership:
@@ -41,7 +44,10 @@ class Ownership:
         self._births = births
         self._owners = owners
         self._broker = broker
-        self._was_born = False
+        self._first_born_ms: int | None = None
+        self._by_name: tuple[str, ...] = ()
+        self._closes_ms: int | None = None
+        """Since when an own beacon closes what the broker shows, None while more is subscribed."""
         self._next_beacon_ms = 0
         self._rival: int | None = None
         self._challenge_until_ms: int | None = None
@@ -51,7 +57,7 @@ class Ownership:
     @property
     def is_doubtful(self) -> bool:
         """Whether the fog may be another activator's: what is asked of the fog is left to that one."""
-        return not self.born and (self._rival is not None or not self._was_born)
+        return not self.born and (self._rival is not None or self._first_born_ms is None)
 
     def will(self) -> Will:
         """The will of the connection to the cloud broker."""
@@ -59,20 +65,22 @@ class Ownership:
 
     def on_cloud_down(self) -> None:
         self.born = self._drones.tells = False
-        self._rival = self._challenge_until_ms = None
+        self._by_name = ()
+        self._rival = self._challenge_until_ms = self._closes_ms = None
 
     def tick(self, now_ms: int) -> list[Effect]:
         """The end of a challenge; presence and beacons that are due."""
         out: list[Effect] = []
         if self._challenge_until_ms is not None and now_ms >= self._challenge_until_ms:
             self._rival = self._challenge_until_ms = None
-            out += self._be_born(now_ms)
+            out += [Unsubscribe(CLOUD, (self._cloud.clock,))] if self.born else self._go_on(now_ms)
         if self._rebirth.is_due(now_ms) and self.born:
             out.append(self._publish_presence(up=True))
         if self.born and self._drones.roster_changed:
             out.append(self._publish_presence(up=True))
-        if self.born and now_ms >= self._next_beacon_ms:
-            out.append(self.beacon(now_ms))
+        is_closing = self._closes_ms is not None and self._challenge_until_ms is None
+        if (self.born or is_closing) and now_ms >= self._next_beacon_ms:
+            out.append(self.beacon(now_ms) if self.born else self._closing_beacon(now_ms))
         return out
 
     def goodbye(self) -> list[Effect]:
@@ -97,7 +105,8 @@ class Ownership:
             return []
         if self.born:
             self._rebirth.arm(now_ms)
-        elif presence.up:
+            return self._doubt(presence.session, now_ms) if presence.up else []
+        if presence.up:
             self._rival = presence.session
         elif presence.session == self._rival:
             self._rival = None
@@ -106,19 +115,26 @@ class Ownership:
     def on_clock(self, message: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/clock` before birth: the own beacon closes what the broker retains, a rival's proves it alive."""
         beacon = decode(BeaconMessage, self._channel.opened(message, self._name))
-        if self.born:
-            return []
         is_answer = self._channel.seal is None or beacon.nonce == self._challenge_nonce
-        if beacon.session == self._rival and is_answer:
+        is_younger = not self.born or beacon.now_ms >= now_ms
+        if beacon.session == self._rival and is_answer and is_younger:
             return [Stop(f"refused: another live activator is fog {self._cloud.fog} already")]
-        if beacon.session != self._session or self._challenge_until_ms is not None:
+        if self.born or beacon.session != self._session or self._challenge_until_ms is not None:
             return []
-        if self._rival is None:
-            return self._be_born(now_ms)
-        self._challenge_until_ms = now_ms + CHALLENGE_MS
-        self._challenge_nonce = secrets.randbelow(2**32)
-        question = Registration(name="activator", session=self._session, nonce=self._challenge_nonce, lease_s=0)
-        return [self._channel.publish(self._cloud.init_connect, question, qos=1)]
+        if self._closes_ms is None or beacon.now_ms < self._closes_ms:
+            return []
+        return self._go_on(now_ms) if self._rival is None else [self._ask(now_ms)]
+
+    def on_subscribed(self, now_ms: int) -> list[Effect]:
+        """The broker has granted what was subscribed last: an own beacon closes what it shows, or a rival is asked."""
+        self._closes_ms = now_ms
+        return [self._ask(now_ms) if self.born else self._closing_beacon(now_ms)]
+
+    def _closing_beacon(self, now_ms: int) -> Publish:
+        """The own beacon that closes what the broker shows; sent again where it is lost."""
+        beacon = self.beacon(now_ms)
+        self._next_beacon_ms = now_ms + RESEND_FIRST_MS
+        return beacon
 
     def on_record(self, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
         """Anything but this session's newest word about a drone is put right; before birth it says who had control."""
@@ -129,12 +145,16 @@ class Ownership:
                 self._drones.on_record(drone, None, now_ms)
             raise
         if not self.born:
-            self._drones.restore(drone, record, now_ms)
+            self._drones.restore(drone, record, bool(self._by_name), now_ms)
             if record.holder is not None and record.holder_session is not None:
                 self._owners.restore(record.holder_session, f"gs-{record.holder}")
         else:
             self._drones.on_record(drone, record, now_ms)
         return []
+
+    def introduction(self) -> list[Effect]:
+        """The birth again, for a station to which the broker has not shown it."""
+        return [self._publish_presence(up=True)] if self.born else []
 
     def on_identity(self, is_renewed: bool, now_ms: int) -> list[Effect]:
         """Birth and beacon name the newest revocation list; what stays at the broker is signed by the newest key."""
@@ -152,10 +172,33 @@ class Ownership:
         )
         return self._channel.publish(self._cloud.clock, message, qos=0)
 
+    def _go_on(self, now_ms: int) -> list[Effect]:
+        """Nobody else is the fog's: be born, once it is known who had control, as far as the broker shows it at all."""
+        if self._first_born_ms is not None or self._drones.were_shown or self._by_name or not self._drones.links:
+            return self._be_born(now_ms)
+        self._by_name = tuple(self._cloud.drone_reachable(number) for number in self._drones.links)
+        self._closes_ms = None
+        return [Subscribe(CLOUD, self._by_name)]
+
+    def _doubt(self, rival: int, now_ms: int) -> list[Effect]:
+        """Another activator says that the fog is its; where this one was just born, it may have been there before."""
+        is_new = self._first_born_ms is not None and now_ms < self._first_born_ms + CHALLENGE_MS
+        if not is_new or self._rival is not None:
+            return []
+        self._rival = rival
+        return [Subscribe(CLOUD, (self._cloud.clock,))]
+
+    def _ask(self, now_ms: int) -> Publish:
+        self._challenge_until_ms = now_ms + CHALLENGE_MS
+        self._challenge_nonce = secrets.randbelow(2**32)
+        question = Registration(name="activator", session=self._session, nonce=self._challenge_nonce, lease_s=0)
+        return self._channel.publish(self._cloud.init_connect, question, qos=1)
+
     def _be_born(self, now_ms: int) -> list[Effect]:
-        self.born = self._was_born = self._drones.tells = True
+        self.born = self._drones.tells = True
+        self._first_born_ms = now_ms if self._first_born_ms is None else self._first_born_ms
         return [
-            Unsubscribe(CLOUD, (self._cloud.clock,)),
+            Unsubscribe(CLOUD, (self._cloud.clock, *self._by_name)),
             self._publish_presence(up=True),
             *self._drones.records(),
             *self._births.of_drones(),

@@ -35,7 +35,10 @@ class SignedRegistrations:
         self._newest: dict[Key, _Newest] = {}
 
     def read(self, topic: str, payload: bytes, leases: Leases, now_ms: int) -> Registration:
-        """A registration, with what its station may want of it; raises PayloadError for one that is not to be heard."""
+        """A registration, with what its station may want of it; raises PayloadError for one that is not to be heard.
+
+        One with `anew` that is for another session is returned as it is: it only asks for this session's birth.
+        """
         own = self._seal.name
         signed = self._seal.verified(Envelope.parse(payload), lambda _: topic, lambda c: is_station(c) or c.name == own)
         message = decode(Registration, signed.payload)
@@ -46,6 +49,8 @@ class SignedRegistrations:
         key = message.name, message.session
         self._newest = {known: newest for known, newest in self._newest.items() if now_ms <= newest.until_ms}
         newest = self._newest.get(key)
+        if message.anew and message.activator_session != self._session:
+            return message
         if message.activator_session != self._session or message.counter is None:
             raise PayloadError(
                 f"registration of {signed.signer}: expected this session and a counter", "old_registration"

@@ -121,14 +121,14 @@ class Activator:
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
         link = subscribe.link
-        self._subacks[link] -= 1
+        self._subacks[link] = max(0, self._subacks[link] - 1)
         if self._subacks[link] != 0:
             return []
         if link == FOG:
             self.relay.fog_connected = True
             return []
         # The broker sends what it retains before this beacon comes back: then it is known who else is there.
-        return [self.ownership.beacon(now_ms)]
+        return self.ownership.on_subscribed(now_ms)
 
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Effect]:
         """A message from one of the two brokers; what does not follow the specification is counted."""

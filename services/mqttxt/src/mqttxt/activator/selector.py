@@ -198,7 +198,7 @@ class Selector:
         """An earlier session of this activator may have sent it to any of the drones: only they can tell."""
         drones = [listed.drone for listed in self._drones.asked()]
         if not drones:
-            return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
+            return self._nobody_has_it(entry, now_ms)
         entry.record.choosing = True
         return [effect for drone in drones for effect in self._relay.forward_to(entry, drone, now_ms)]
 
@@ -208,6 +208,14 @@ class Selector:
         if not all(leg.is_closed for leg in legs):
             return []
         if all(leg.words[-1].word in PASSED_OVER for leg in legs):
+            return self._nobody_has_it(entry, now_ms)
+        entry.record.choosing = False
+        self._relay.ledger.close(entry, now_ms)
+        return []
+
+    def _nobody_has_it(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """No drone that is known here has the command: said only where the broker has shown who else there was."""
+        if self._drones.were_shown:
             return self._relay.refuse(entry, Word.EXPIRED.label, now_ms)
         entry.record.choosing = False
         self._relay.ledger.close(entry, now_ms)

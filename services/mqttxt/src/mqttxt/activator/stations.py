@@ -23,6 +23,8 @@ from .state_relay import StateRelay
 
 MOST_STATIONS = 1000
 """Registrations at a time; who is not answered is not registered."""
+BIRTH, RECORDS = "birth", "records"
+"""What a registration with `anew` is answered with (R6.13)."""
 BIRTHS_PER_S, BIRTHS_AT_ONCE = 10, 100
 """Births and wills of one station, of which 64 sessions may be there."""
 
@@ -57,10 +59,12 @@ class Stations:
         self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
         self._births_budget = Budget(BIRTHS_PER_S, BIRTHS_AT_ONCE)
         self._welcomes: Repetitions[str] = Repetitions()
+        self._shown: Repetitions[str] = Repetitions()
+        self._session = session
         self._signed = SignedRegistrations(session, to_cloud.seal, owners) if to_cloud.seal is not None else None
 
     def on_registration(self, inbound: Inbound, now_ms: int) -> list[Effect]:
-        """`fogX/init_connect`: answered with a beacon; who registers anew hears the drones' last states."""
+        """`fogX/init_connect`: answered with a beacon; who registers anew hears of the drones."""
         if self._signed is None:
             message = decode(Registration, inbound.payload)
         else:
@@ -68,20 +72,34 @@ class Stations:
             message = self._signed.read(topic, inbound.payload, self._leases, now_ms)
         if not self._budget.takes(message.name, now_ms):
             return [Log("flood", f"registration of {message.name}: too many")]
+        if message.anew and message.activator_session != self._session:
+            return self._show(BIRTH, now_ms)
         is_new = (message.name, message.session) not in self._leases
         if is_new and message.lease_s > 0 and len(self._leases) >= MOST_STATIONS:
             return [Log("too_many_stations", f"{message.name}: {MOST_STATIONS} stations are registered already")]
         if self._signed is not None and is_question(message):
             return [self._ownership.beacon(now_ms, message.nonce)]
         out = self._drones.controlled_anew(self._leases.register(message, now_ms), now_ms)
+        if message.anew and message.lease_s > 0:
+            out += self._show(RECORDS, now_ms)
         out.append(self._ownership.beacon(now_ms, message.nonce))
-        if is_new and message.lease_s > 0 and self._welcomes.may_answer(message.name, now_ms):
+        if (is_new or message.anew) and message.lease_s > 0 and self._welcomes.may_answer(message.name, now_ms):
             out += self._welcome(message.name, now_ms)
         return out
 
     def tick(self, now_ms: int) -> list[Effect]:
         """What a station is told that has registered again and again."""
-        return [effect for name in self._welcomes.due(now_ms) for effect in self._welcome(name, now_ms)]
+        out = [effect for what in self._shown.due(now_ms) for effect in self._retained(what)]
+        return out + [effect for name in self._welcomes.due(now_ms) for effect in self._welcome(name, now_ms)]
+
+    def _show(self, what: str, now_ms: int) -> list[Effect]:
+        """What the broker may not show of what it retains; said to all stations, so once a second serves them all."""
+        return self._retained(what) if self._shown.may_answer(what, now_ms) else []
+
+    def _retained(self, what: str) -> list[Effect]:
+        if what == BIRTH:
+            return self._ownership.introduction()
+        return [*(self._births.of_drones() if self._signed is not None else ()), *self._drones.records()]
 
     def _welcome(self, name: str, now_ms: int) -> list[Effect]:
         """What a station that has registered is told of the drones, and they of it."""

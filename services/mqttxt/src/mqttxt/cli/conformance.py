@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from mqttxt_conformance.registry import Finding
     from mqttxt_conformance.sealed import Folder
 
+    from ..security.identity import Identity
+
 conformance_app = typer.Typer(
     help="Check an implementation of a role against the specification's rules.",
     no_args_is_help=True,
@@ -44,6 +46,12 @@ SignedReadings = Annotated[
         "--signed-readings",
         help="The implementation hears only readings that sensors signed; takes --signed, and the fleet's sensor 4.",
     ),
+]
+Nodes = Annotated[
+    list[str], typer.Argument(help="The broker: mqtt://HOST[:PORT]; of a cluster each node's.", metavar="URL...")
+]
+Side = Annotated[
+    str, typer.Option(help="Which broker it is to be: cloud, fog (the activator's) or drone (its own, for sensors).")
 ]
 FogRoot = Annotated[str, typer.Option(help="Root of the fog side's topics, as fog1/local/.")]
 
@@ -156,6 +164,50 @@ def gs(
     run_coroutine(job())
 
 
+@conformance_app.command()
+def broker(
+    urls: Nodes,
+    side: Side = "cloud",
+    prefix: Annotated[str, typer.Option(help="Prefix of the kit's topics at the broker, as acme/.")] = "",
+    identity: Annotated[
+        Path | None, typer.Option(help="Folder of a node's identity, for mqtts:// to a broker of its fleet.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="What the broker is called in the report, as `Mosquitto 2.1`.")
+    ] = None,
+    format_: Format = "table",
+) -> None:
+    """Check a broker, or a cluster: what of MQTT 5 the protocol needs of it, and what it has.
+
+    The kit publishes and subscribes below mqttxt-conformance/, and takes back what it has retained. A rule is needed,
+    useful or not used; the exit code is 1 if one that is needed failed.
+    """
+    from mqttxt_conformance.broker import SIDES, BrokerTarget, check_broker
+
+    async def job() -> int:
+        from ..core.transport import Transport
+
+        if side not in SIDES:
+            raise ConfigurationError(f"--side {side!r}: expected {', '.join(SIDES[:-1])} or {SIDES[-1]}")
+        known = _identity(identity)
+        nodes = tuple(BrokerAddress.parse(url) for url in urls)
+        if known is not None:
+            nodes = tuple(Transport(known).check(node, "broker") for node in nodes)
+        target = BrokerTarget(nodes, check_prefix(prefix), known)
+        return await _report("broker", format_, partial(check_broker, target), side, name or str(nodes[0]))
+
+    run_coroutine(job())
+
+
+def _identity(folder: Path | None) -> Identity | None:
+    """Any node's identity; raises ConfigurationError where it cannot be used."""
+    if folder is None:
+        return None
+    from ..security.identity import Identity
+
+    return Identity.load(folder)
+
+
 def _folder(fleet: Path | None, signed: bool, address: BrokerAddress, signed_readings: bool = False) -> Folder | None:
     """The fleet that the kit is part of; raises ConfigurationError."""
     from mqttxt_conformance.sealed import Folder
@@ -173,12 +225,11 @@ def _folder(fleet: Path | None, signed: bool, address: BrokerAddress, signed_rea
     return Folder(fleet, signed, signed_readings)
 
 
-async def _report(role: str, format_: str, check: Checking) -> int:
-    """Check, print, and say by the exit code whether a rule failed."""
+async def _report(role: str, format_: str, check: Checking, side: str | None = None, name: str | None = None) -> int:
+    """Check, print, and say by the exit code whether a rule failed; of a broker, one that its `side` needs."""
     from rich.console import Console
 
-    from mqttxt_conformance.registry import Verdict
-    from mqttxt_conformance.report import as_json, count, print_table
+    from mqttxt_conformance.report import as_json, failures, print_table
 
     if format_ not in ("table", "json"):
         raise ConfigurationError(f"--format {format_!r}: expected table or json")
@@ -189,8 +240,8 @@ async def _report(role: str, format_: str, check: Checking) -> int:
 
     findings = await check(tell)
     if format_ == "json":
-        typer.echo(as_json(role, findings))
+        typer.echo(as_json(role, findings, side, name))
     else:
         console = Console()
-        print_table(role, findings, console if console.is_terminal else Console(width=140))
-    return 1 if count(findings, Verdict.FAIL) else 0
+        print_table(role, findings, console if console.is_terminal else Console(width=140), side)
+    return 1 if failures(findings, side) else 0

@@ -233,8 +233,9 @@ class Registration:
 
     `control` says what the station wants of the drones in `drones` (of all, where they are absent); `bundles` true
     asks for states as `fogX/states`. `until_ms` is the lease's end in the activator's clock, as a command's
-    deadline is made; a takeover names the `epoch` that the station has seen. Where messages are signed it names the
-    `activator_session` that it is for, and `counter` rises with each.
+    deadline is made; a takeover names the `epoch` that the station has seen. `anew` true: the registration is not
+    confirmed on this connection, and what the fog said before may be missing; then it names the `activator_session`
+    whose birth the station has heard. Where messages are signed that is named always, and `counter` rises with each.
     """
 
     version: Version = VERSION
@@ -249,6 +250,7 @@ class Registration:
     epoch: U32 | None = None
     activator_session: Session | None = None
     counter: U32 | None = None
+    anew: bool | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

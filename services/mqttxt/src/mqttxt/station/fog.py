@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from ..core.channel import Channel
 from ..core.clock import Beacon, RemoteClock, stamp_supersedes
 from ..core.effects import Publish
-from ..core.settings import RESEND_FIRST_MS
+from ..core.settings import RESEND_FIRST_MS, Retry
 from ..protocol.codec import encode
 from ..protocol.messages import BeaconMessage, Control, DroneRecord, FogPresence, Grant, Registration
 from ..protocol.rankings import QodsMessage, Ranked
@@ -22,7 +22,9 @@ OFFBOARD_RENEWAL_MS = 1000
 OFFBOARD_GRANT_MS = 3000
 """How long an offboard command may go on after its station's newest grant."""
 BEACONS_MS = 2000
-"""How long a confirmed registration waits for the beacons of drones that are there."""
+"""How long a confirmed registration waits for the records of drones, and the beacons of those that are there."""
+NOT_SHOWN_MS = 1000
+"""How long a subscribed station waits to be shown the activator's birth before it asks for it."""
 
 
 @dataclass
@@ -95,6 +97,7 @@ class FogView:
         self._questioned_ms: int | None = None
         self._ranked: tuple[int, int] | None = None
         """The stamp of the newest ranking of the activator's session, and when it came."""
+        self._asking: Retry | None = None
 
     @property
     def epoch(self) -> int:
@@ -112,6 +115,12 @@ class FogView:
     def is_live(self, now_ms: int) -> bool:
         """Whether the activator says so, and a beacon of it came within three intervals."""
         return self.up and self.clock is not None and self.clock.is_live(now_ms, self._settings.beacon_interval_ms)
+
+    def on_subscribed(self, now_ms: int) -> list[Publish]:
+        """The broker has granted the fog's topics: register, or ask for the activator's birth if that is not shown."""
+        self.subscribed = True
+        self._asking = Retry(now_ms + NOT_SHOWN_MS)
+        return [self.registration(now_ms)] if self.up else []
 
     def on_presence(self, presence: FogPresence, now_ms: int) -> tuple[list[Publish], list[Event]]:
         """`fogX/reachable`: an activator that is there anew is registered at."""
@@ -208,6 +217,8 @@ class FogView:
             self._next_registration_ms = min(self._next_registration_ms, self._registered_ms + OFFBOARD_RENEWAL_MS)
         if self.up and self.subscribed and now_ms >= self._next_registration_ms:
             out.append(self.registration(now_ms))
+        if self.subscribed and not self.up and self._asking is not None and self._asking.is_due(now_ms):
+            out.append(self.registration(now_ms, lease_s=0))
         if self.channel.seal is not None and self.registered:
             out += [
                 self._grant(drone, drone.clock, now_ms)
@@ -239,7 +250,10 @@ class FogView:
     def registration(
         self, now_ms: int, lease_s: int | None = None, take: bool = False, drones: tuple[int, ...] | None = None
     ) -> Publish:
-        """Register, renew, with `lease_s` 0 end the lease, or `take` control of what others hold."""
+        """Register, renew, with `lease_s` 0 end the lease, or `take` control of what others hold.
+
+        Before a birth of the activator was heard a `lease_s` of 0 asks for it.
+        """
         nonce = secrets.randbelow(2**32)
         self._nonces[nonce] = now_ms
         while len(self._nonces) > 8:
@@ -265,19 +279,27 @@ class FogView:
             drones=drones,
             until_ms=max(0, until_ms) if until_ms is not None else None,
             epoch=self.epoch if take else None,
-            activator_session=self.session if is_signed else None,
+            activator_session=self.session if self.up and (is_signed or not self.registered) else None,
             counter=self._counter if is_signed else None,
+            anew=None if self.registered else True,
         )
         return self.channel.publish(
             self.topics.init_connect, message, qos=1, with_certificate=is_signed and not self.registered
         )
 
     def is_ready(self, now_ms: int) -> bool:
-        """Whether the registration is confirmed and, where messages are signed, drones had time to send beacons."""
+        """Whether the registration is confirmed, and records (and beacons, where they are signed) had time to come."""
         if not self.registered:
             return False
         drones = [drone for drone in self.drones.values() if drone.record is not None and drone.record.up]
-        return all(map(self._can_address, drones)) or now_ms >= self._confirmed_ms + BEACONS_MS
+        is_told = self._has_records() and all(map(self._can_address, drones))
+        return is_told or now_ms >= self._confirmed_ms + BEACONS_MS
+
+    def _has_records(self) -> bool:
+        """Whether the activator's session has said of each of its drones who is reachable, and who controls it."""
+        records = {number: drone.record for number, drone in self.drones.items() if drone.record is not None}
+        said = {number for number, record in records.items() if record.activator_session == self.session}
+        return said.issuperset(self.configured)
 
     def _can_address(self, drone: DroneView) -> bool:
         """Whether a command can be made out to a drone's session: signed ones name it."""

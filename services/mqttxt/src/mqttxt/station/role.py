@@ -114,9 +114,7 @@ class StationRole:
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Output]:
         if subscribe.ref is None:
             return [self._birth(up=True)]
-        fog = self.fogs[int(str(subscribe.ref))]
-        fog.subscribed = True
-        return [fog.registration(now_ms)] if fog.up else []
+        return [*self.fogs[int(str(subscribe.ref))].on_subscribed(now_ms)]
 
     def add_fogs(self, numbers: Iterable[int]) -> list[Output]:
         """Take part in more fogs: subscribe, register, and keep the registrations."""
@@ -236,7 +234,14 @@ class StationRole:
         if topic.kind == "reachable":
             presence = decode(FogPresence, payload)
             effects, events = fog.on_presence(presence, now_ms)
-            return [*effects, *events, *(self._on_list(fog, fog.name, presence.revoked, now_ms) if presence.up else [])]
+            is_live = self._channel.seal is not None and effects and not message.retain
+            own = [self._birth(up=True)] if is_live else []  # an activator that starts may not be shown it
+            return [
+                *own,
+                *effects,
+                *events,
+                *(self._on_list(fog, fog.name, presence.revoked, now_ms) if presence.up else []),
+            ]
         raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
 
     def _on_drone_message(self, fog: FogView, topic: Any, message: Inbound, now_ms: int) -> list[Output]:

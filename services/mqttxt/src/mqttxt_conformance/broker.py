@@ -1,0 +1,25 @@
+"""Checks a broker, or a cluster of several nodes: what of MQTT 5 the protocol needs, and what is there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from . import broker_delivery, broker_retained, broker_sessions
+from .broker_kit import BrokerKit, BrokerTarget
+from .registry import RULES, Finding, check_all
+
+SIDES = ("cloud", "fog", "drone")
+"""Which broker it is to be: what is needed differs."""
+
+
+async def check_broker(target: BrokerTarget, on_finding: Callable[[Finding], None]) -> list[Finding]:
+    """Check a broker; raises ConfigurationError where it does not answer, or lets the kit do nothing."""
+    kit = BrokerKit(target)
+    try:
+        await kit.begin()
+        return await check_all(RULES["broker"], kit, on_finding)
+    finally:
+        await kit.end()
+
+
+__all__ = ["SIDES", "BrokerTarget", "broker_delivery", "broker_retained", "broker_sessions", "check_broker"]
