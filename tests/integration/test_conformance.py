@@ -59,6 +59,7 @@ ACTIVATOR_VARIANTS = {
     "activator-stamps-on-arrival": {"stamps-states-conservatively"},
     "activator-chooses-who-cannot-go": {"leaves-out-who-cannot-go"},
     "activator-believes-every-puback": {"passes-readings-on"},
+    "activator-answers-nothing-anew": {"answers-what-is-not-shown"},
     "activator-obeys-everybody": {"lets-one-station-command", "raises-the-epoch-at-a-takeover"},
 }
 GS_VARIANTS = {
@@ -67,6 +68,7 @@ GS_VARIANTS = {
     "gs-never-renews": {"renews-at-a-third"},
     "gs-gives-more-time": {"never-makes-a-deadline-later"},
     "gs-refreshes-what-it-sends-again": {"sends-the-same-bytes-again"},
+    "gs-is-never-anew": {"marks-what-is-not-confirmed"},
     "gs-leaves-its-lease": {"a-clean-stop-ends-the-lease"},
 }
 SIGNED_GS_VARIANTS = {

@@ -21,6 +21,7 @@ from mqttxt.activator.leases import Leases
 from mqttxt.activator.registrations import SignedRegistrations
 from mqttxt.activator.sensor_relay import SensorRelay
 from mqttxt.activator.signed_commands import SignedCommand
+from mqttxt.activator.stations import Stations
 from mqttxt.core.channel import Channel
 from mqttxt.core.clock import stamp
 from mqttxt.core.effects import Publish
@@ -241,6 +242,10 @@ def activator_stamps_on_arrival() -> None:
     wrap(Drones, "relayed", make)
 
 
+def activator_answers_nothing_anew() -> None:
+    wrap(Stations, "_show", lambda original: lambda self, what, now_ms: [])
+
+
 def activator_obeys_everybody() -> None:
     wrap(Leases, "refusal", lambda original: lambda self, drone, gs_session, epoch: None)
 
@@ -354,6 +359,17 @@ def gs_refreshes_what_it_sends_again() -> None:
     wrap(StationCommands, "_tick_one", make)
 
 
+def gs_is_never_anew() -> None:
+    def make(original: Any) -> Any:
+        def registration(self: Any, *args: Any, **how: Any) -> Any:
+            publish = original(self, *args, **how)
+            return replace(publish, payload=encode(replace(decode(Registration, publish.payload), anew=None)))
+
+        return registration
+
+    wrap(FogView, "registration", make)
+
+
 def gs_leaves_its_lease() -> None:
     wrap(StationRole, "goodbye", lambda original: lambda self, now_ms: original(self, now_ms)[-1:])
 
@@ -427,6 +443,7 @@ VARIANTS: dict[str, Patch] = {
     "activator-says-two-last-words": activator_says_two_last_words,
     "activator-copies-the-expiry": activator_copies_the_expiry,
     "activator-stamps-on-arrival": activator_stamps_on_arrival,
+    "activator-answers-nothing-anew": activator_answers_nothing_anew,
     "activator-obeys-everybody": activator_obeys_everybody,
     "activator-chooses-who-cannot-go": activator_chooses_who_cannot_go,
     "activator-believes-every-puback": activator_believes_every_puback,
@@ -440,6 +457,7 @@ VARIANTS: dict[str, Patch] = {
     "gs-never-renews": gs_never_renews,
     "gs-gives-more-time": gs_gives_more_time,
     "gs-refreshes-what-it-sends-again": gs_refreshes_what_it_sends_again,
+    "gs-is-never-anew": gs_is_never_anew,
     "gs-leaves-its-lease": gs_leaves_its_lease,
     "gs-believes-anybody": gs_believes_anybody,
     "gs-counts-no-registrations": gs_counts_no_registrations,

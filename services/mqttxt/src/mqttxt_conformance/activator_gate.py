@@ -94,6 +94,24 @@ async def answers_a_registration(kit: ActivatorKit) -> str:
     return f"beacon {beacon}"
 
 
+@rule("activator", "R6.13")
+async def answers_what_is_not_shown(kit: ActivatorKit) -> str:
+    """Who registers with `anew` is told each drone's record before the beacon, who names no session the birth."""
+    mark, other = len(kit.cloud.heard), Station(kit.cloud, kit.topics, kit.clock)
+    other.register(lease_s=0, control=Control.NONE, anew=True)
+    birth = kit.topics.reachable
+    expect(await kit.cloud.until(lambda: kit.cloud.since(mark, birth), PATIENCE_S), "no birth for who names no session")
+    mark = len(kit.cloud.heard)
+    nonce = other.register(control=Control.NONE, anew=True, activator_session=kit.session)
+    expect(await kit.echoed(nonce) is not None, f"no beacon with the nonce within {PATIENCE_S:g} s")
+    topics = [heard.topic for heard in kit.cloud.since(mark)]
+    before = topics[: topics.index(kit.topics.clock)]
+    missing = [drone for drone in (1, 2) if kit.topics.drone_reachable(drone) not in before]
+    other.register(lease_s=0, control=Control.NONE)
+    expect(not missing, f"before the beacon came no record of drone {', '.join(map(str, missing))}")
+    return "the birth came for who named no session; the records came before the beacon"
+
+
 @rule("activator", "R6.3")
 async def tells_the_last_known_states(kit: ActivatorKit) -> str:
     """A station that registers receives the last known states."""

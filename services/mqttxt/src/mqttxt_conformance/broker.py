@@ -17,7 +17,11 @@ async def check_broker(target: BrokerTarget, on_finding: Callable[[Finding], Non
     kit = BrokerKit(target)
     try:
         await kit.begin()
-        return await check_all(RULES["broker"], kit, on_finding)
+        found = []
+        for rule in RULES["broker"]:
+            await kit.renew()
+            found += await check_all([rule], kit, on_finding)
+        return found
     finally:
         await kit.end()
 

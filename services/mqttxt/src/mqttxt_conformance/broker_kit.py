@@ -145,6 +145,14 @@ class BrokerKit:
         if code >= _UNSPECIFIED and code != NO_PUBACK:
             raise ConfigurationError(f"{where}: refuses a publish with reason code 0x{code:02x}; {expected}")
 
+    async def renew(self) -> None:
+        """Open anew what the broker has closed, so that one rule that it breaks says nothing of the next."""
+        if self.sender.ended.done():
+            self.sender = await self._connect(0)
+        if self.hearer.ended.done():
+            self.hearer = await self._connect(0)
+            await self.hearer.subscribe(self.topic(_ALL))
+
     async def end(self) -> None:
         """Take back on every node what was retained, and close what is open."""
         for node in range(len(self.target.nodes) if self._retained else 0):

@@ -200,6 +200,8 @@ class GsKit:
         return max(bounds, default=0.0) + length_ms * (1 - RATE)
 
     def _on_registration(self, heard: Heard, fields: dict[str, Any]) -> None:
+        if fields["lease_s"] == 0 and fields.get("anew") and "activator_session" not in fields:
+            return  # R6.13: the birth that it asks for is retained
         if self.secured is not None and fields["lease_s"] == 0 and "until_ms" not in fields:
             self._beacon(fields["nonce"])  # R12.13: who has no beacon asks for one
             return

@@ -10,6 +10,9 @@ from . import shapes
 from .gs_kit import EPOCH, LONGEST_LEASE_S, Command, Enrolment, GsKit
 from .registry import NotTested, expect, rule
 
+CONFIRMED_MS = 5000
+"""Within this the kit's beacon has confirmed a registration."""
+
 
 def _live(kit: GsKit) -> list[Enrolment]:
     """The registrations of the first run, without the one that ends the lease."""
@@ -52,6 +55,23 @@ async def registers_as_specified(kit: GsKit) -> str:
     nonces = [one.fields["nonce"] for one in found]
     expect(len(set(nonces)) == len(nonces), f"nonces {nonces}: one came twice")
     return f"{len(found)} registrations, the first {shapes.shown(found[0].heard.payload)}"
+
+
+@rule("gs", "R6.1", "R6.13")
+async def marks_what_is_not_confirmed(kit: GsKit) -> str:
+    """The first registration has `anew` and names the activator's session; once it is confirmed, renewals have not."""
+    found = _live(kit)
+    first, later = found[0], found[1:]
+    expect(first.fields.get("anew"), "the first registration has no `anew`")
+    named = first.fields.get("activator_session")
+    expect(named == first.session, f"the first registration names session {named}; expected {first.session}")
+    if not later:
+        raise NotTested("no second registration came")
+    renewed = [
+        one for one in later if one.session == first.session and one.heard.at_ms > first.heard.at_ms + CONFIRMED_MS
+    ]
+    expect(not any(one.fields.get("anew") for one in renewed), "a renewal has `anew`")
+    return f"the first of {len(found)} registrations has it, {len(renewed)} renewals have not"
 
 
 @rule("gs", "R9.1")
