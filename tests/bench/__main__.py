@@ -18,6 +18,7 @@ FIGURES = (
     "analysis",
     "emulator",
     "start",
+    "page",
 )
 """Modules of this folder; each has `measure`, which returns lines of text."""
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from mqttxt import GroundStation
-from tests.rigs.live_page import LivePage
+from tests.rigs.live_page import ARMED, CONTROL, HEIGHT, REACHABLE, LivePage, cell, done, is_ready
 from tests.rigs.local_broker import LocalBroker
-from tests.rigs.processes import System, wait_until
+from tests.rigs.processes import System
 from tests.rigs.served_page import Served
 from tests.tools.axe import AXE
 from tests.tools.programs import chromium
@@ -42,7 +42,7 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
 
 @pytest.fixture(scope="module")
 def page(system: System) -> Iterator[Served]:
-    served = Served(system, "page")
+    served = Served(system.folder, system.cloud, "page")
     yield served
     served.process.kill()
 
@@ -55,40 +55,16 @@ def browser() -> Iterator[LivePage]:
         yield started
 
 
-def cell(drone: int, column: int) -> str:
-    return f"tr[data-drone='1/{drone}'] td:nth-of-type({column})"
-
-
-REACHABLE, CONTROL, ARMED, HEIGHT = 3, 4, 5, 8
-
-
-def last_words(browser: LivePage, word: str) -> int:
-    """How many drones of the newest command have said this word."""
-    return int(browser.value(f"document.querySelectorAll('#orders > li:first-child li[data-word={word}]').length"))
-
-
-def done(browser: LivePage, text: str, drones: int = 1) -> None:
-    """The newest command is this one, and so many drones have completed it."""
-    browser.until_text("#orders > li:first-child h3", text)
-    wait_until(lambda: last_words(browser, "completed") == drones, f"{text}: {browser.text('#orders')}", 60)
-
-
-def is_ready(browser: LivePage, *drones: int) -> None:
-    for drone in drones:
-        browser.until_text(cell(drone, REACHABLE), "yes")
-        browser.until_text(cell(drone, CONTROL), "this station")
-        browser.until_text(cell(drone, ARMED), "no")
-
-
 def take_picture(browser: LivePage, name: str, width: int, dark: bool = False) -> None:
     if PICTURES is not None:
         browser.picture(Path(PICTURES) / f"{name}.png", width, dark)
         browser.resize(DESK, dark=False)
 
 
-def test_first_flight_by_mouse(system: System, page: Served, browser: LivePage) -> None:
+def test_first_flight_by_mouse_alone(system: System, page: Served, browser: LivePage) -> None:
     browser.open(page.url, DESK)
     is_ready(browser, 1, 2)
+    browser.watch_inputs()
     assert browser.value("document.querySelector('#send-arm').disabled"), "nobody is selected"
     browser.until("document.querySelectorAll('[data-marker]').length === 2", "both on the map")
     browser.click("[data-marker='1/1'] path")
@@ -121,6 +97,7 @@ def test_first_flight_by_mouse(system: System, page: Served, browser: LivePage) 
     done(browser, "land to all drones of fog 1", drones=2)
     browser.until_text(cell(1, ARMED), "no")
     assert len(system.commanded(2, TAKEOFF)) == 1
+    assert browser.inputs()[1] == 0, "no key was pressed"
     assert browser.said == []
 
 
@@ -128,21 +105,30 @@ def test_first_flight_by_keyboard_alone(system: System, page: Served, browser: L
     flown = len(system.commanded(2, TAKEOFF))
     browser.open(page.url, DESK)
     is_ready(browser, 2)
+    browser.watch_inputs()
     browser.tab_to("tr[data-drone='1/2'] input")
     browser.press(" ")
     browser.until_text("#who", "Drone 2")
     browser.tab_to("#send-arm")
     browser.press("Enter")
     done(browser, "arm to drone 2")
-    browser.tab_to("#send-takeoff")
+    browser.tab_to("#takeoff-altitude_m")
+    browser.press_all("12.5")
     browser.press("Enter")
-    done(browser, "takeoff altitude 10 m to drone 2")
+    done(browser, "takeoff altitude 12.5 m to drone 2")
+    for field, text in (("latitude_deg", "47.3978"), ("longitude_deg", "8.5457"), ("altitude_m", "14.5")):
+        browser.tab_to(f"#goto-{field}")
+        browser.press_all(text)
+    browser.press("Enter")
+    done(browser, "goto latitude 47.3978000° longitude 8.5457000° altitude 14.5 m to drone 2")
+    browser.tab_to("#send-goto")
     browser.press("h")
     done(browser, "hold to drone 2")
     browser.press("l")
     done(browser, "land to drone 2")
     assert len(system.commanded(2, TAKEOFF)) == flown + 1
     assert len(system.commanded(1, ARM)) <= 1, "the other drone was not commanded"
+    assert browser.inputs()[0] == 0, "no button of the mouse was pressed"
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
@@ -211,7 +197,7 @@ def test_what_rounds_to_nothing_has_no_sign(page: Served, browser: LivePage) -> 
 
 
 async def test_a_page_that_only_watches_cannot_command(system: System, browser: LivePage) -> None:
-    watching = Served(system, "watching", "--watch-only")
+    watching = Served(system.folder, system.cloud, "watching", "--watch-only")
     try:
         armed = len(system.commanded(1, ARM))
         arm = {"do": "command", "command": "arm", "parameters": {}, "to": {"drones": [[1, 1]]}}
@@ -244,7 +230,7 @@ async def test_two_stations_compete_and_both_see_it(system: System, page: Served
 
 
 def test_two_pages_compete_and_both_see_who_has_control(system: System, page: Served, browser: LivePage) -> None:
-    other = Served(system, "other")
+    other = Served(system.folder, system.cloud, "other")
     path = chromium()
     assert path is not None
     try:
@@ -271,30 +257,6 @@ def test_two_pages_compete_and_both_see_who_has_control(system: System, page: Se
             assert (browser.said, second.said) == ([], [])
     finally:
         other.process.kill()
-
-
-def test_a_plan_is_uploaded_and_its_progress_shown(system: System, page: Served, browser: LivePage) -> None:
-    path = system.folder / "two.plan"
-    places = [(47.3978, 8.5457), (47.3979, 8.5458)]
-    items = [
-        {"type": "SimpleItem", "command": 16, "frame": 3, "autoContinue": True, "params": [0, 0, 0, None, *place, 10]}
-        for place in places
-    ]
-    mission = {"version": 2, "items": items, "plannedHomePosition": [47.3977, 8.5456, 488]}
-    path.write_text(json.dumps({"fileType": "Plan", "version": 1, "mission": mission}))
-    browser.open(page.url)
-    is_ready(browser, 1, 2)
-    browser.until_text("#rankings", "Fog 1, best first (QoDS)")
-    browser.click("tr[data-drone='1/2'] input")
-    assert browser.value("document.getElementById('plan-upload').disabled"), "no file is chosen"
-    browser.choose("#plan-file", path)
-    browser.until("!document.getElementById('plan-upload').disabled", "the file is chosen")
-    browser.click("#plan-upload")
-    done(browser, "upload two.plan (2 mission items) to drone 2")
-    browser.until_text("#plan-progress", "Drone 2: item")
-    browser.until_text("#plan-progress", "of 2")
-    way = "document.querySelector('#map .path polyline').getAttribute('points').split(' ').length === 2"
-    browser.until(way, "the plan's way on the map")
 
 
 def test_the_log_is_searched_and_exported(page: Served, browser: LivePage) -> None:
@@ -360,7 +322,7 @@ def test_the_cloud_broker_dies_in_flight_and_comes_back(system: System, page: Se
 
 
 def test_the_page_comes_back_with_its_program(system: System, browser: LivePage) -> None:
-    served = Served(system, "again", "--watch-only")
+    served = Served(system.folder, system.cloud, "again", "--watch-only")
     try:
         browser.open(served.url)
         served.process.kill()

@@ -107,6 +107,15 @@ class Browser:
             return False
         return True
 
+    def pids(self) -> list[int]:
+        """Its processes."""
+        found = []
+        for path in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(ProcessLookupError):
+                if os.getpgid(int(path.name)) == self._process.pid:
+                    found.append(int(path.name))
+        return found
+
     def look(self, page: Path, width: int, dark: bool = False, paper: bool = False) -> Look:
         """Show a page at a width in CSS pixels, whole, as on a screen or as on paper."""
         size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}

@@ -12,7 +12,9 @@ from tests.rigs.browser import Browser
 from tests.rigs.processes import PATIENCE_S, listens, wait_until
 from tests.tools.axe import AXE
 
-_KEYS = {"Tab": 9, "Enter": 13, " ": 32}
+_KEYS = {"Tab": 9, "Enter": 13, " ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
+REACHABLE, CONTROL, ARMED, HEIGHT = 3, 4, 5, 8
+"""Columns of the fleet's table."""
 TALLEST = 4000
 
 
@@ -74,6 +76,34 @@ class LivePage(Browser):
         for kind in ("mousePressed", "mouseReleased"):
             self._ask("Input.dispatchMouseEvent", type=kind, **at, button="left", clickCount=1)
 
+    def drag(self, selector: str, right: float, down: float) -> None:
+        """With the mouse, from the middle of an element on, by so many pixels."""
+        box = self.value(f"document.querySelector({json.dumps(selector)}).getBoundingClientRect().toJSON()")
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        there = {"x": x + right, "y": y + down}
+        pressed = {"button": "left", "clickCount": 1}
+        self._ask("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **pressed)
+        for at in ({"x": x + right / 2, "y": y + down / 2}, there):
+            self._ask("Input.dispatchMouseEvent", type="mouseMoved", **at, button="left", buttons=1)
+        self._ask("Input.dispatchMouseEvent", type="mouseReleased", **there, **pressed)
+
+    def watch_inputs(self) -> None:
+        """Count from now on, on this page, what is done by mouse and by keyboard."""
+        self.value(
+            """window.inputs = {mouse: 0, keys: 0};
+            addEventListener('pointerdown', () => { window.inputs.mouse += 1; }, true);
+            addEventListener('keydown', () => { window.inputs.keys += 1; }, true)"""
+        )
+
+    def inputs(self) -> tuple[int, int]:
+        """How often the mouse's button and keys were pressed."""
+        found = self.value("window.inputs")
+        return int(found["mouse"]), int(found["keys"])
+
+    def keep_downloads(self, folder: Path) -> None:
+        """Whatever is saved goes there."""
+        self._ask("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
+
     def choose(self, selector: str, path: Path) -> None:
         """A file, in a field for one."""
         root = self._ask("DOM.getDocument")["root"]["nodeId"]
@@ -81,9 +111,10 @@ class LivePage(Browser):
         self._ask("DOM.setFileInputFiles", nodeId=node, files=[str(path)])
 
     def press(self, key: str, shift: bool = False) -> None:
-        """A key, or a letter."""
+        """A key by its name, or what types a character."""
         text = "\r" if key == "Enter" else key if len(key) == 1 else ""
-        code = _KEYS.get(key, ord(key.upper()) if len(key) == 1 else 0)
+        # Only letters and digits have their character's code: that of a point is Delete's.
+        code = _KEYS.get(key, ord(key.upper()) if key.isalnum() and len(key) == 1 else 0)
         how = {"key": key, "windowsVirtualKeyCode": code, "modifiers": 8 if shift else 0}
         self._ask("Input.dispatchKeyEvent", type="keyDown", **how, **({"text": text} if text else {}))
         self._ask("Input.dispatchKeyEvent", type="keyUp", **how)
@@ -93,6 +124,11 @@ class LivePage(Browser):
         self.click(selector)
         self.value("document.activeElement.select()")
         self._ask("Input.insertText", text=text)
+
+    def press_all(self, text: str) -> None:
+        """A text, key by key; a field that Tab leads to has its old one selected."""
+        for key in text:
+            self.press(key)
 
     def tab_to(self, selector: str) -> None:
         """Go there by the Tab key alone."""
@@ -133,3 +169,25 @@ class LivePage(Browser):
             "window.scrollTo(0, 0); new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )
         path.write_bytes(base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"]))
+
+
+def cell(drone: int, column: int) -> str:
+    return f"tr[data-drone='1/{drone}'] td:nth-of-type({column})"
+
+
+def last_words(browser: LivePage, word: str) -> int:
+    """How many drones of the newest command have said this word."""
+    return int(browser.value(f"document.querySelectorAll('#orders > li:first-child li[data-word={word}]').length"))
+
+
+def done(browser: LivePage, text: str, drones: int = 1) -> None:
+    """The newest command is this one, and so many drones have completed it."""
+    browser.until_text("#orders > li:first-child h3", text)
+    wait_until(lambda: last_words(browser, "completed") == drones, f"{text}: {browser.text('#orders')}", 60)
+
+
+def is_ready(browser: LivePage, *drones: int) -> None:
+    for drone in drones:
+        browser.until_text(cell(drone, REACHABLE), "yes")
+        browser.until_text(cell(drone, CONTROL), "this station")
+        browser.until_text(cell(drone, ARMED), "no")

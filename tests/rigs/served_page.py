@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import aiohttp
 
-from tests.rigs.processes import Process, System, free_port, wait_until
+from tests.rigs.processes import Broker, Process, free_port, wait_until
 
 
 class Served:
     """`mqttxt gs page` as a process."""
 
-    def __init__(self, system: System, name: str, *more: str) -> None:
+    def __init__(self, folder: Path, cloud: Broker, name: str, *more: str) -> None:
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}/"
-        options = ["--fog", "1", "--cloud", system.cloud.url, "--listen", f"127.0.0.1:{self.port}"]
-        self.process = Process(system.folder, name, "mqttxt", "gs", "page", *options, *more).start()
+        options = ["--fog", "1", "--cloud", cloud.url, "--listen", f"127.0.0.1:{self.port}"]
+        self.process = Process(folder, name, "mqttxt", "gs", "page", *options, *more).start()
         wait_until(lambda: f"open {self.url}" in self.process.log.read_text(), f"{name} serves", 90)
 
     async def ask(self, **request: Any) -> dict[str, Any]:

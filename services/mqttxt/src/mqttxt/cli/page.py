@@ -22,21 +22,30 @@ def page(
         str, typer.Option(help="HOST:PORT where the browser finds the page, on this machine alone.")
     ] = "127.0.0.1:8080",
     watch_only: Annotated[bool, typer.Option("--watch-only", help="Take no control, and command nothing.")] = False,
+    tiles: Annotated[
+        str | None,
+        typer.Option(help="A PMTiles file, or a tile server as https://HOST/{z}/{x}/{y}.png, below the map."),
+    ] = None,
     qos: Qos = 1,
     json: Json = False,
 ) -> None:
     """Serve a page on which the drones are watched and flown, until Ctrl-C."""
     try:
         from ..page.process import check_listen, serve
-    except ModuleNotFoundError:
+        from ..page.tiles import opened
+    except ModuleNotFoundError as error:
         with errors_as_lines():
-            raise ConfigurationError("page: expected aiohttp: pip install 'mqttxt[page]'") from None
+            raise ConfigurationError(f"page: expected {error.name}: pip install 'mqttxt[page]'") from None
     set_up_logging(verbose=False)
 
     async def job() -> int:
         host, port = check_listen(*address_of(listen, "--listen"))
-        async with options.station(settings(qos, json), control=not watch_only) as station:
-            await serve(station, await connect(station, fog, options.timeout), host, port, watch_only)
+        async with (
+            opened(tiles) as offered,
+            options.station(settings(qos, json), control=not watch_only) as station,
+        ):
+            fogs = await connect(station, fog, options.timeout)
+            await serve(station, fogs, host, port, watch_only, tiles=offered)
         return 0
 
     run_coroutine(job())

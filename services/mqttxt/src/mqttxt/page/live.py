@@ -18,6 +18,7 @@ from .fleet import STALE_MS, drone_of, fog_of, standing_of
 from .history import ChartKey, History
 from .links import Links
 from .offers import LONGEST_TTL_S, TTL_S, DroneKey, LinkRequest, catalogue, read_request
+from .tiles import Offer
 
 REVIEW_S = 0.5
 MOST_ENTRIES = 500
@@ -91,14 +92,23 @@ class Live:
         fogs: what it is connected to.
         watch_only: no command that a page asks for is carried out.
         links: shown and changed, too; None: there are none.
+        tiles: what the map may ask for; None: nothing.
     """
 
-    def __init__(self, station: GroundStation, fogs: list[Fog], watch_only: bool, links: Links | None = None) -> None:
+    def __init__(
+        self,
+        station: GroundStation,
+        fogs: list[Fog],
+        watch_only: bool,
+        links: Links | None = None,
+        tiles: Offer | None = None,
+    ) -> None:
         self.fogs = fogs
         self.log = EventLog()
         self.history = History()
         self._station = station
         self._watch_only = watch_only
+        self._tiles = tiles
         self.shown_links: list[dict[str, Any]] = []
         self._links = links
         self._linking = asyncio.Lock()
@@ -165,6 +175,7 @@ class Live:
             "longest_ttl_s": LONGEST_TTL_S,
             "stale_ms": STALE_MS,
             "links": self._links.title if self._links is not None else None,
+            "tiles": asdict(self._tiles) if self._tiles is not None else None,
         }
 
     def drones(self) -> dict[DroneKey, Drone]:

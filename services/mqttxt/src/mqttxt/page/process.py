@@ -11,6 +11,7 @@ from ..station.views import Fog
 from .links import Links
 from .live import Live
 from .server import Server
+from .tiles import Tiles
 
 logger = logging.getLogger("mqttxt.page")
 
@@ -27,7 +28,13 @@ def check_listen(host: str, port: int) -> tuple[str, int]:
 
 
 async def serve(
-    station: GroundStation, fogs: list[Fog], host: str, port: int, watch_only: bool, links: Links | None = None
+    station: GroundStation,
+    fogs: list[Fog],
+    host: str,
+    port: int,
+    watch_only: bool,
+    links: Links | None = None,
+    tiles: Tiles | None = None,
 ) -> None:
     """Serve the page until cancelled, or until the station has ended.
 
@@ -38,13 +45,14 @@ async def serve(
         port: where to listen.
         watch_only: no page can command.
         links: shown and changed, too; None: there are none.
+        tiles: for the map; None: it has a grid alone.
 
     Raises:
         ConfigurationError: the server cannot listen there.
         BrokerRefused: the broker has ended the station.
     """
-    live = Live(station, fogs, watch_only, links)
-    server = Server(live, host, port)
+    live = Live(station, fogs, watch_only, links, None if tiles is None else tiles.offer)
+    server = Server(live, host, port, tiles)
     await server.start()
     logger.info("open %s%s", server.url, " (it only watches)" if watch_only else "")
     try:

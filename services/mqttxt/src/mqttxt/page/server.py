@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import logging
 from collections.abc import Awaitable, Callable
 from importlib.resources import files
 from typing import Any
@@ -13,6 +14,9 @@ from aiohttp import WSMsgType, web
 
 from ..errors import ConfigurationError
 from .live import Live, Viewer
+from .tiles import HIGHEST_ZOOM, TileError, Tiles
+
+logger = logging.getLogger("mqttxt.page")
 
 HTTP_PORT = 80
 """A browser leaves it out of addresses."""
@@ -22,10 +26,11 @@ HEARTBEAT_S = 20.0
 SHUTDOWN_S = 1.0
 TICK_S = 0.1
 """How often a browser is sent what has changed."""
-_MODULES = ("main", "dom", "fleet", "map", "commands", "log", "plans", "rankings", "sensors", "links")
+_MODULES = ("main", "dom", "fleet", "map", "marks", "commands", "log", "plans", "draft", "rankings", "sensors", "links")
+_OF_TILES = ("tiles", "shapes", "pbf", "vector-tile", "point-geometry")
 _FILES = {
-    **{"page.html": "text/html", "page.css": "text/css", "page.svg": "image/svg+xml"},
-    **{f"{name}.js": "text/javascript" for name in _MODULES},
+    **{"page.html": "text/html", "page.css": "text/css", "page.svg": "image/svg+xml", "licences.txt": "text/plain"},
+    **{f"{name}.js": "text/javascript" for name in (*_MODULES, *_OF_TILES)},
 }
 _HEADERS = {
     "Content-Security-Policy": (
@@ -39,6 +44,7 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
 }
 """The browser itself asks nobody but this server, and runs no script that is not one of its files."""
+_KEEP = {"Cache-Control": "private, max-age=3600"}
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -50,10 +56,12 @@ class Server:
         live: what is shown and who asks for what.
         host: a loopback address or `localhost`.
         port: where to listen.
+        tiles: for the map; None: it has a grid alone.
     """
 
-    def __init__(self, live: Live, host: str, port: int) -> None:
+    def __init__(self, live: Live, host: str, port: int, tiles: Tiles | None = None) -> None:
         self._live = live
+        self._tiles = tiles
         self._host = host
         self._port = port
         shown = f"[{host}]" if ":" in host else host
@@ -67,6 +75,7 @@ class Server:
         app.router.add_get("/", self._page)
         app.router.add_get("/live", self._socket)
         app.router.add_get("/log.jsonl", self._log)
+        app.router.add_get(r"/tiles/{zoom:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", self._tile)
         app.router.add_get("/{name}", self._file)
         app.on_response_prepare.append(_add_headers)
         app.on_shutdown.append(self._close_sockets)
@@ -106,6 +115,20 @@ class Server:
     def _answer(self, name: str) -> web.Response:
         return web.Response(body=self._files[name], content_type=_FILES[name], charset="utf-8")
 
+    async def _tile(self, request: web.Request) -> web.Response:
+        """A tile of the map: this program asks for it, so that the browser asks nobody else."""
+        zoom, x, y = (int(request.match_info[name]) for name in ("zoom", "x", "y"))
+        if self._tiles is None or zoom > HIGHEST_ZOOM or max(x, y) >= 2**zoom:
+            raise web.HTTPNotFound(text="there is no such tile\n")
+        try:
+            found = await self._tiles.tile(zoom, x, y)
+        except TileError as error:
+            logger.warning("%s", error)
+            raise web.HTTPBadGateway(text=f"{error}\n") from error
+        if not found:
+            return web.Response(status=204)
+        return web.Response(body=found, content_type="application/octet-stream", headers=_KEEP)
+
     async def _log(self, request: web.Request) -> web.Response:
         """Everything that the log holds, or what of it contains `search`."""
         text = "".join(self._live.log.lines(request.query.get("search", "")))
@@ -140,7 +163,8 @@ class Server:
 
 
 async def _add_headers(_request: web.Request, response: web.StreamResponse) -> None:
-    response.headers.update(_HEADERS)
+    for name, value in _HEADERS.items():
+        response.headers.setdefault(name, value)
 
 
 async def _send(socket: web.WebSocketResponse, viewer: Viewer) -> None:

@@ -1,4 +1,4 @@
-// The fleet's table: a row per drone, each value with its age.
+// The fleet's table: a row per drone, each value with its age. Its roles are named, because page.css lays it out as rows.
 
 import { ageMs, byId, el, fixed, keyOf, seconds, setText } from "./dom.js";
 
@@ -31,7 +31,7 @@ export class Fleet {
     this.page = page;
     this.rows = new Map();
     for (const name of ["Select", "Drone", "Fog", ...COLUMNS.map(([heading]) => heading)]) {
-      byId("fleet-head").append(el("th", { scope: "col" }, name));
+      byId("fleet-head").append(el("th", { role: "columnheader", scope: "col" }, name));
     }
     byId("select-all").addEventListener("click", () => page.select([...page.drones.keys()]));
     byId("select-none").addEventListener("click", () => page.select([]));
@@ -54,11 +54,11 @@ export class Fleet {
     const cells = COLUMNS.map(([heading]) => ({ heading, value: el("span"), age: el("small") }));
     const line = el(
       "tr",
-      { "data-drone": key },
-      el("td", {}, box),
-      el("th", { scope: "row" }, `${drone.drone}`),
-      el("td", { "data-heading": "Fog" }, `${drone.fog}`),
-      ...cells.map((cell) => el("td", { "data-heading": cell.heading }, cell.value, " ", cell.age)),
+      { role: "row", "data-drone": key },
+      el("td", { role: "cell" }, box),
+      el("th", { role: "rowheader", scope: "row" }, `${drone.drone}`),
+      el("td", { role: "cell", "data-heading": "Fog" }, `${drone.fog}`),
+      ...cells.map((cell) => el("td", { role: "cell", "data-heading": cell.heading }, cell.value, " ", cell.age)),
     );
     line.addEventListener("click", (event) => {
       if (event.target !== box) this.page.toggle(key);

@@ -2,6 +2,7 @@
 
 import { Commands } from "./commands.js";
 import { byId, keyOf, setText } from "./dom.js";
+import { Draft } from "./draft.js";
 import { Fleet } from "./fleet.js";
 import { Links } from "./links.js";
 import { Log } from "./log.js";
@@ -27,6 +28,7 @@ class Page {
     this.map = new FleetMap(this);
     this.commands = new Commands(this);
     this.log = new Log();
+    this.draft = new Draft(this);
     this.plans = new Plans(this);
     this.sensors = new Sensors();
     this.links = new Links(this);
@@ -75,7 +77,10 @@ class Page {
     this.log.clear();
     this.sensors.clear();
     this.commands.clear();
-    if (this.canCommand) this.commands.build(hello);
+    this.map.tiles.begin(hello.tiles);
+    if (!this.canCommand) return;
+    this.commands.build(hello);
+    this.draft.build(hello);
   }
 
   showFogs(fogs) {
@@ -119,7 +124,8 @@ class Page {
     this.fleet.mark(this.selected);
     if (this.canCommand) this.commands.showWho();
     this.plans.show();
-    this.map.draw();
+    this.draft.showButtons();
+    this.map.mark(this.selected);
   }
 
   toggle(key) {
@@ -152,6 +158,22 @@ class Page {
 
   path() {
     return this.commands.path();
+  }
+
+  isDrawing() {
+    return this.draft.isDrawing;
+  }
+
+  drawn() {
+    return this.draft.waypoints;
+  }
+
+  addWaypoint(place) {
+    this.draft.add(place);
+  }
+
+  moveWaypoint(index, place, isNew) {
+    this.draft.alter(index, place, isNew);
   }
 
   ask(what, more) {

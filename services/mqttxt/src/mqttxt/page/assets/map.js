@@ -1,6 +1,11 @@
-// The map: metres east and north of the first place that was heard, on a grid, without tiles.
+// The map: metres east and north of the first place that was heard, on a grid, over tiles where there are some.
+//
+// Only what has changed is painted. The plan's way and the drawn mission are in metres, so that a view that moves
+// changes one transform.
 
-import { byId, keyOf, shape } from "./dom.js";
+import { byId, keyOf, setText, shape } from "./dom.js";
+import { Marks } from "./marks.js";
+import { Tiles } from "./tiles.js";
 
 const EARTH_M = 6371000;
 const RADIANS = Math.PI / 180;
@@ -8,6 +13,10 @@ const TRAIL = 240;
 const TRAIL_STEP_M = 0.5;
 const LEAST_M = 40;
 const DRAG_PX = 4;
+const NEAR_PX = 14;
+const ROOM = 1.3; // the whole picture is this much larger than what it has
+const LEAST_ROOM = 1.05;
+const MOST_ROOM = 1.8;
 
 // On a sphere, as the crow flies.
 export function metresBetween(one, other) {
@@ -22,29 +31,38 @@ function gridStep(metres) {
   return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= metres);
 }
 
+const translated = ({ x, y }) => `translate(${x.toFixed(1)} ${y.toFixed(1)})`;
+const line = (places) => places.map(({ x, y }) => `${x.toFixed(2)},${y.toFixed(2)}`).join(" ");
+
 export class FleetMap {
   constructor(page) {
     this.page = page;
     this.svg = byId("map");
+    this.tiles = new Tiles(this);
+    this.marks = new Marks(this);
     this.grid = shape("g", { class: "grid" });
-    this.trails = shape("g", { class: "trails" });
-    this.path = shape("g", { class: "path" });
-    this.homes = shape("g", { class: "homes" });
+    this.path = shape("polyline", { class: "path" });
+    this.draftPath = shape("polyline", { class: "draft" });
+    this.metres = shape("g", {}, this.path, this.draftPath);
     this.goals = shape("g", { class: "goals" });
     this.drones = shape("g", { class: "drones" });
+    this.waypoints = shape("g", { class: "waypoints" });
     this.chosen = shape("g", { class: "chosen" });
     this.frame = shape("g", { class: "frame" });
-    this.svg.append(this.grid, this.path, this.trails, this.homes, this.goals, this.chosen, this.drones, this.frame);
+    this.svg.append(this.grid, this.metres, this.goals, this.chosen, this.drones, this.waypoints, this.frame);
     this.seen = new Map();
+    this.changed = new Set();
     this.origin = null;
     this.centre = { x: 0, y: 0 };
     this.perM = 4; // pixels per metre
     this.isFitted = true;
+    this.isFittedAnew = false;
     this.isDue = false;
+    this.view = "";
     byId("map-in").addEventListener("click", () => this.zoom(1.5));
     byId("map-out").addEventListener("click", () => this.zoom(1 / 1.5));
     byId("map-fit").addEventListener("click", () => {
-      this.isFitted = true;
+      this.isFitted = this.isFittedAnew = true;
       this.draw();
     });
     this.svg.addEventListener("wheel", (event) => {
@@ -52,46 +70,67 @@ export class FleetMap {
       this.zoom(event.deltaY < 0 ? 1.2 : 1 / 1.2);
     });
     this.listen();
-    new ResizeObserver(() => this.draw()).observe(this.svg);
+    [this.width, this.height] = [this.svg.clientWidth, this.svg.clientHeight];
+    new ResizeObserver(([{ contentRect }]) => {
+      [this.width, this.height] = [contentRect.width, contentRect.height]; // to ask in a frame would lay out the page
+      this.draw();
+    }).observe(this.svg);
   }
 
   listen() {
     let from = null;
     this.svg.addEventListener("pointerdown", (event) => {
-      from = { x: event.clientX, y: event.clientY, centre: { ...this.centre }, moved: false };
+      const waypoint = this.page.isDrawing() ? this.waypointAt(this.pixelsOf(event)) : -1;
+      from = { x: event.clientX, y: event.clientY, centre: { ...this.centre }, moved: false, waypoint };
       this.svg.setPointerCapture(event.pointerId);
     });
     this.svg.addEventListener("pointermove", (event) => {
       if (from === null) return;
       const [dx, dy] = [event.clientX - from.x, event.clientY - from.y];
-      if (Math.hypot(dx, dy) > DRAG_PX) from.moved = true;
+      const begins = !from.moved && Math.hypot(dx, dy) > DRAG_PX;
+      from.moved = from.moved || begins;
       if (!from.moved) return;
       this.isFitted = false;
-      this.centre = { x: from.centre.x - dx / this.perM, y: from.centre.y + dy / this.perM };
-      this.draw();
+      if (from.waypoint >= 0) {
+        this.page.moveWaypoint(from.waypoint, this.toDegrees(this.toMetres(this.pixelsOf(event))), begins);
+      } else {
+        this.centre = { x: from.centre.x - dx / this.perM, y: from.centre.y + dy / this.perM };
+        this.draw();
+      }
     });
     this.svg.addEventListener("pointerup", (event) => {
-      const wasClick = from !== null && !from.moved;
+      const wasClick = from !== null && !from.moved && from.waypoint < 0;
       from = null;
-      if (wasClick) this.click(event);
+      if (wasClick) this.click(this.pixelsOf(event));
     });
     this.svg.addEventListener("pointercancel", () => {
       from = null;
     });
   }
 
-  click(event) {
+  pixelsOf(event) {
     const box = this.svg.getBoundingClientRect();
-    const at = { x: event.clientX - box.left, y: event.clientY - box.top };
-    const near = [...this.seen]
-      .filter(([, seen]) => seen.place !== null)
-      .map(([key, seen]) => ({ key, px: this.toPixels(seen.place) }))
-      .find(({ px }) => Math.hypot(px.x - at.x, px.y - at.y) < 14);
-    if (near !== undefined) {
-      this.page.toggle(near.key);
-    } else if (this.origin !== null) {
-      this.page.choosePlace(this.toDegrees(this.toMetres(at)));
-    }
+    return { x: event.clientX - box.left, y: event.clientY - box.top };
+  }
+
+  click(at) {
+    const isNear = (px) => Math.hypot(px.x - at.x, px.y - at.y) < NEAR_PX;
+    const near = [...this.seen].find(([, seen]) => isNear(this.toPixels(seen.place)));
+    if (this.origin === null) return;
+    const place = this.toDegrees(this.toMetres(at));
+    if (this.page.isDrawing()) this.page.addWaypoint(place);
+    else if (near !== undefined) this.page.toggle(near[0]);
+    else this.page.choosePlace(place);
+  }
+
+  waypointAt(at) {
+    const isNear = (px) => Math.hypot(px.x - at.x, px.y - at.y) < NEAR_PX;
+    return this.draftPlaces().findLastIndex((place) => isNear(this.toPixels(place)));
+  }
+
+  // What is in the middle of the map, in degrees; null before any drone was heard.
+  middle() {
+    return this.origin === null ? null : this.toDegrees(this.centre);
   }
 
   update(drone) {
@@ -100,19 +139,35 @@ export class FleetMap {
     if (this.origin === null) this.origin = location;
     const key = keyOf(drone);
     let seen = this.seen.get(key);
-    if (seen === undefined) {
-      seen = { place: null, home: null, heading: 0, trail: [], drone: drone.drone };
-      this.seen.set(key, seen);
-    }
+    if (seen === undefined) seen = this.add(key, drone);
     seen.place = this.toPlace(location);
-    seen.heading = drone.states.heading?.heading_deg ?? 0;
     seen.home = drone.states.home === undefined ? null : this.toPlace(drone.states.home);
-    seen.isStale = !drone.reachable;
-    const last = seen.trail.at(-1);
-    if (last === undefined || Math.hypot(last.x - seen.place.x, last.y - seen.place.y) > TRAIL_STEP_M) {
-      seen.trail.push(seen.place);
-      if (seen.trail.length > TRAIL) seen.trail.shift();
-    }
+    seen.arrow.setAttribute("transform", `rotate(${drone.states.heading?.heading_deg ?? 0})`);
+    seen.marker.classList.toggle("stale", !drone.reachable);
+    this.extend(seen);
+    this.changed.add(seen);
+    this.draw();
+  }
+
+  add(key, drone) {
+    const arrow = shape("path", { d: "M0,-11 L7,9 L0,5 L-7,9 Z" });
+    const marker = shape("g", { "data-marker": key }, arrow);
+    const seen = { place: null, home: null, trail: [], marker, arrow, drone: drone.drone };
+    this.drones.append(marker);
+    this.seen.set(key, seen);
+    this.mark(this.page.selected);
+    return seen;
+  }
+
+  extend({ place, trail }) {
+    const last = trail.at(-1);
+    if (last !== undefined && Math.hypot(last.x - place.x, last.y - place.y) <= TRAIL_STEP_M) return;
+    trail.push(place);
+    if (trail.length > TRAIL) trail.shift();
+  }
+
+  mark(selected) {
+    for (const [key, seen] of this.seen) seen.marker.classList.toggle("selected", selected.has(key));
     this.draw();
   }
 
@@ -146,22 +201,35 @@ export class FleetMap {
     this.draw();
   }
 
+  // The view stays where everything is in it and not too small: a map that follows every metre cannot be read.
   fit() {
     const places = [...this.seen.values()].flatMap((seen) => [seen.place, seen.home]).filter((place) => place !== null);
-    places.push(...this.goalPlaces());
+    places.push(...this.goalPlaces(), ...this.draftPlaces());
     if (this.page.found !== null && this.origin !== null) places.push(this.toPlace(this.page.found));
     if (places.length === 0) return;
     const [xs, ys] = [places.map((place) => place.x), places.map((place) => place.y)];
     const [left, right, low, high] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+    const room = (share) =>
+      Math.min(
+        this.width / Math.max(LEAST_M, (right - left) * share),
+        this.height / Math.max(LEAST_M, (high - low) * share),
+      );
+    const [corner, other] = [this.toPixels({ x: left, y: high }), this.toPixels({ x: right, y: low })];
+    const isWithin = Math.min(corner.x, corner.y, this.width - other.x, this.height - other.y) >= 0;
+    const isGood = isWithin && this.perM <= room(LEAST_ROOM) && this.perM >= room(MOST_ROOM);
+    if (isGood && !this.isFittedAnew) return;
+    this.isFittedAnew = false;
     this.centre = { x: (left + right) / 2, y: (low + high) / 2 };
-    const across = Math.max(LEAST_M, (right - left) * 1.3);
-    const up = Math.max(LEAST_M, (high - low) * 1.3);
-    this.perM = Math.min(this.width / across, this.height / up);
+    this.perM = room(ROOM);
   }
 
   goalPlaces() {
     if (this.origin === null) return [];
     return this.page.goals().map((place) => this.degreesToPlace(place));
+  }
+
+  draftPlaces() {
+    return this.origin === null ? [] : this.page.drawn().map((waypoint) => this.toPlace(waypoint));
   }
 
   degreesToPlace([latitude_deg, longitude_deg]) {
@@ -178,37 +246,39 @@ export class FleetMap {
   }
 
   paint() {
-    this.width = this.svg.clientWidth;
-    this.height = this.svg.clientHeight;
-    if (this.isFitted) this.fit();
-    this.paintGrid();
-    this.trails.replaceChildren();
-    this.homes.replaceChildren();
-    this.drones.replaceChildren();
-    for (const [key, seen] of this.seen) this.paintDrone(key, seen);
+    if (this.isFitted && !this.page.isDrawing()) this.fit();
+    const { x, y } = this.toPixels({ x: 0, y: 0 });
+    const view = [x, y, this.perM, this.width, this.height].join(" ");
+    const isMoved = view !== this.view;
+    this.view = view;
+    if (isMoved) {
+      this.metres.setAttribute("transform", `translate(${x} ${y}) scale(${this.perM} ${-this.perM})`);
+      this.paintGrid();
+    }
+    if (isMoved || this.tiles.isChanged) this.tiles.paint();
+    for (const seen of isMoved ? this.seen.values() : this.changed) {
+      seen.marker.setAttribute("transform", translated(this.toPixels(seen.place)));
+    }
+    this.marks.paint(this.page.selected);
+    this.changed.clear();
     this.goals.replaceChildren(...this.goalPlaces().map((place) => this.sign("✕", this.toPixels(place))));
     const chosen = this.page.place === null || this.origin === null ? [] : [this.toPixels(this.toPlace(this.page.place))];
-    const path = this.origin === null ? [] : this.page.path().map((place) => this.toPixels(this.degreesToPlace(place)));
-    this.path.replaceChildren(shape("polyline", { points: path.map(({ x, y }) => `${x},${y}`).join(" ") }));
     this.chosen.replaceChildren(...chosen.map(({ x, y }) => shape("circle", { cx: x, cy: y, r: 8 })));
+    const path = this.origin === null ? [] : this.page.path().map((place) => this.degreesToPlace(place));
+    this.path.setAttribute("points", line(path));
+    this.paintDraft(this.draftPlaces());
   }
 
-  paintDrone(key, seen) {
-    const isSelected = this.page.selected.has(key);
-    const points = seen.trail.map((place) => this.toPixels(place)).map(({ x, y }) => `${x.toFixed(1)},${y.toFixed(1)}`);
-    this.trails.append(shape("polyline", { points: points.join(" "), class: isSelected ? "selected" : null }));
-    if (seen.home !== null) this.homes.append(this.sign("⌂", this.toPixels(seen.home)));
-    const { x, y } = this.toPixels(seen.place);
-    this.drones.append(
-      shape(
-        "g",
-        {
-          transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})`,
-          class: `${isSelected ? "selected" : ""} ${seen.isStale ? "stale" : ""}`,
-          "data-marker": key,
-        },
-        shape("path", { d: "M0,-11 L7,9 L0,5 L-7,9 Z", transform: `rotate(${seen.heading})` }),
-        shape("text", { x: 11, y: 4 }, `${seen.drone}`),
+  paintDraft(places) {
+    this.draftPath.setAttribute("points", line(places));
+    this.waypoints.replaceChildren(
+      ...places.map((place, index) =>
+        shape(
+          "g",
+          { transform: translated(this.toPixels(place)), "data-waypoint": index + 1 },
+          shape("circle", { r: 10 }),
+          shape("text", { y: 5, "text-anchor": "middle" }, `${index + 1}`),
+        ),
       ),
     );
   }
@@ -238,6 +308,6 @@ export class FleetMap {
       shape("path", { d: `M${this.width - 22},34 V12 M${this.width - 27},19 L${this.width - 22},12 L${this.width - 17},19` }),
       shape("text", { x: this.width - 22, y: 48, "text-anchor": "middle" }, "N"),
     );
-    byId("map-scale").textContent = `a square of the grid: ${long}`;
+    setText(byId("map-scale"), `a square of the grid: ${long}`);
   }
 }

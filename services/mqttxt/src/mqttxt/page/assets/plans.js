@@ -23,10 +23,12 @@ export class Plans {
     byId("plan-upload").disabled = !isOne || byId("plan-file").files.length === 0;
     for (const what of ["start", "resume"]) byId(`plan-${what}`).disabled = !isOne;
     const flown = [...this.page.drones.values()].filter((drone) => (drone.states.mission?.total ?? 0) > 0);
-    byId("plan-progress").replaceChildren(
-      ...flown.map(({ drone, states: { mission } }) =>
-        el("li", {}, `Drone ${drone}: item ${mission.current} of ${mission.total}, reached ${mission.reached}`),
-      ),
+    const lines = flown.map(
+      ({ drone, states: { mission } }) =>
+        `Drone ${drone}: item ${mission.current} of ${mission.total}, reached ${mission.reached}`,
     );
+    if (lines.join("\n") === this.shown) return;
+    this.shown = lines.join("\n");
+    byId("plan-progress").replaceChildren(...lines.map((line) => el("li", {}, line)));
   }
 }

@@ -1,0 +1,98 @@
+// Tiles below the map, where the page's server has some: pictures, or shapes that are painted here.
+
+import { byId, setText } from "./dom.js";
+import { paintShapes } from "./shapes.js";
+
+const TILE_PX = 256;
+const KEPT = 300;
+const RADIANS = Math.PI / 180;
+const MOST_LATITUDE = 85.05; // where web maps end
+
+const eastOf = (longitude_deg) => (longitude_deg + 180) / 360;
+
+function southOf(latitude_deg) {
+  const latitude = Math.max(-MOST_LATITUDE, Math.min(MOST_LATITUDE, latitude_deg)) * RADIANS;
+  return (1 - Math.asinh(Math.tan(latitude)) / Math.PI) / 2;
+}
+
+const cornerOf = (zoom, x, y) => ({
+  longitude_deg: (x / 2 ** zoom) * 360 - 180,
+  latitude_deg: Math.atan(Math.sinh(Math.PI * (1 - (2 * y) / 2 ** zoom))) / RADIANS,
+});
+
+export class Tiles {
+  constructor(map) {
+    this.map = map;
+    this.canvas = byId("tiles");
+    this.offer = null;
+    this.loaded = new Map(); // null: on its way, or there is none
+    this.isChanged = false;
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.begin(this.offer));
+  }
+
+  // What the server has: `lowest` and `highest` zoom, whether it is shapes, and whom it is from; null: nothing.
+  begin(offer) {
+    this.offer = offer;
+    this.loaded.clear();
+    this.canvas.hidden = offer === null;
+    setText(byId("map-credit"), offer === null ? "" : `Map: ${offer.credit}.`);
+    this.show();
+  }
+
+  show() {
+    this.isChanged = true;
+    this.map.draw();
+  }
+
+  paint() {
+    this.isChanged = false;
+    const { map, canvas, offer } = this;
+    if (offer === null || map.origin === null) return;
+    const sharp = devicePixelRatio;
+    [canvas.width, canvas.height] = [Math.round(map.width * sharp), Math.round(map.height * sharp)];
+    const context = canvas.getContext("2d");
+    context.scale(sharp, sharp);
+    const from = map.toDegrees(map.toMetres({ x: 0, y: 0 }));
+    const to = map.toDegrees(map.toMetres({ x: map.width, y: map.height }));
+    const across = (eastOf(to.longitude_deg) - eastOf(from.longitude_deg)) * TILE_PX;
+    const fitting = Math.round(Math.log2(map.width / across));
+    const zoom = Math.max(offer.lowest, Math.min(offer.highest, fitting));
+    if (zoom > fitting + 4) return; // a view this large would need too many of them
+    const last = 2 ** zoom - 1;
+    const index = (share) => Math.max(0, Math.min(last, Math.floor(share * 2 ** zoom)));
+    for (let x = index(eastOf(from.longitude_deg)); x <= index(eastOf(to.longitude_deg)); x += 1) {
+      for (let y = index(southOf(from.latitude_deg)); y <= index(southOf(to.latitude_deg)); y += 1) {
+        const picture = this.tile(zoom, x, y);
+        if (picture !== null) this.place(context, picture, zoom, x, y);
+      }
+    }
+  }
+
+  place(context, picture, zoom, x, y) {
+    const [from, to] = [cornerOf(zoom, x, y), cornerOf(zoom, x + 1, y + 1)].map((corner) =>
+      this.map.toPixels(this.map.toPlace(corner)),
+    );
+    const [left, top] = [Math.round(from.x), Math.round(from.y)];
+    context.drawImage(picture, left, top, Math.round(to.x) - left, Math.round(to.y) - top);
+  }
+
+  // A tile's picture; null where it is on its way, and later where there is none.
+  tile(zoom, x, y) {
+    const name = `tiles/${zoom}/${x}/${y}`;
+    const known = this.loaded.get(name);
+    if (known !== undefined) return known;
+    this.loaded.set(name, null);
+    if (this.loaded.size > KEPT) this.loaded.delete(this.loaded.keys().next().value);
+    this.load(name, this.offer);
+    return null;
+  }
+
+  async load(name, offer) {
+    const answer = await fetch(name);
+    if (answer.status !== 200) return;
+    const picture = offer.shapes ? paintShapes(await answer.arrayBuffer()) : await createImageBitmap(await answer.blob());
+    if (this.offer !== offer || !this.loaded.has(name)) return;
+    this.loaded.set(name, picture);
+    this.show();
+  }
+}

@@ -1,0 +1,184 @@
+"""Tiles for the map: of a PMTiles file, or of a tile server, which this program alone asks."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gzip
+import re
+import zlib
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+from urllib.parse import urlsplit
+
+import aiohttp
+from pmtiles.reader import Reader
+from pmtiles.tile import Compression, MagicNumberNotFound, SpecVersionUnsupported, TileType
+
+from ..core.address import BrokerAddress
+from ..core.printable import printable
+from ..errors import ConfigurationError
+
+MOST_TILE_BYTES = 2**23
+ANSWER_S = 20.0
+"""How long a tile server may take."""
+HIGHEST_ZOOM = 22
+_ADDRESS = "https://tiles.example/{z}/{x}/{y}.png"
+_EXPECTED = f"expected FILE.pmtiles, or a tile server's address, as {_ADDRESS}"
+_FIELDS = ("{z}", "{x}", "{y}")
+_SHAPES = (".mvt", ".pbf")
+"""How the addresses of vector tiles end."""
+_HIGHEST = {True: 14, False: 19}
+"""The highest zoom that tile servers have: of vector tiles, and of pictures."""
+_MARKUP = re.compile(r"<[^>]*>")
+_BROKEN = (OSError, EOFError, ValueError, LookupError, zlib.error)
+"""What reading a file raises that is none, or not whole."""
+
+
+class TileError(Exception):
+    """A tile that could not be had now; the text is one line."""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What tiles there are.
+
+    Parameters:
+        lowest: the lowest zoom, 0 for the whole world in one tile.
+        highest: the highest zoom.
+        shapes: they are vector tiles, which the browser paints; otherwise pictures.
+        credit: whom they are from, as plain text.
+    """
+
+    lowest: int
+    highest: int
+    shapes: bool
+    credit: str
+
+
+class Tiles(Protocol):
+    """Where tiles come from."""
+
+    offer: Offer
+
+    async def tile(self, zoom: int, x: int, y: int) -> bytes | None:
+        """A tile, None where there is none; raises TileError."""
+
+
+@contextlib.asynccontextmanager
+async def opened(source: str | None) -> AsyncIterator[Tiles | None]:
+    """The tiles that `--tiles` names, None for none; raises ConfigurationError."""
+    if source is None:
+        yield None
+    elif "://" in source:
+        offer = _offer_of_server(source)
+        timeout = aiohttp.ClientTimeout(total=ANSWER_S)
+        async with aiohttp.ClientSession(timeout=timeout, headers={"User-Agent": "mqttxt"}) as session:
+            yield TileServer(source, offer, session)
+    else:
+        yield await asyncio.to_thread(TileFile, source)
+
+
+class TileFile:
+    """A PMTiles file; raises ConfigurationError for any other.
+
+    Parameters:
+        source: its path.
+    """
+
+    def __init__(self, source: str) -> None:
+        path = Path(source)
+        try:
+            path.open("rb").close()
+        except OSError as error:
+            raise ConfigurationError(f"--tiles {source}: {error.strerror}; {_EXPECTED}") from error
+        self._reader = Reader(_bytes_of(path))
+        try:
+            header, metadata = self._reader.header(), self._reader.metadata()
+            self._reader.get(header["min_zoom"], 0, 0)
+        except (MagicNumberNotFound, SpecVersionUnsupported, *_BROKEN) as error:
+            raise ConfigurationError(f"--tiles {source}: expected a PMTiles file of version 3") from error
+        kind, self._packing = header["tile_type"], header["tile_compression"]
+        if kind in (TileType.UNKNOWN, TileType.MLT):
+            raise ConfigurationError(f"--tiles {source}: tiles {kind.name}: expected PNG, JPEG, WEBP, AVIF or MVT")
+        if self._packing not in (Compression.NONE, Compression.GZIP):
+            raise ConfigurationError(f"--tiles {source}: compression {self._packing.name}: expected GZIP or NONE")
+        credit = _credit(metadata) or path.name
+        self.offer = Offer(header["min_zoom"], header["max_zoom"], kind is TileType.MVT, credit)
+
+    async def tile(self, zoom: int, x: int, y: int) -> bytes | None:
+        """A tile, None where there is none; raises TileError."""
+        return await asyncio.to_thread(self._read, zoom, x, y)
+
+    def _read(self, zoom: int, x: int, y: int) -> bytes | None:
+        try:
+            found: bytes | None = self._reader.get(zoom, x, y)
+            return gzip.decompress(found) if found and self._packing is Compression.GZIP else found
+        except _BROKEN as error:
+            raise TileError(f"tile {zoom}/{x}/{y}: cannot be read: {printable(str(error))}") from error
+
+
+class TileServer:
+    """A tile server; each tile is asked of it when a browser asks for it.
+
+    Parameters:
+        address: with `{z}`, `{x}` and `{y}`.
+        offer: what it is taken to have.
+        session: by which it is asked.
+    """
+
+    def __init__(self, address: str, offer: Offer, session: aiohttp.ClientSession) -> None:
+        self._address = address
+        self.offer = offer
+        self._session = session
+
+    async def tile(self, zoom: int, x: int, y: int) -> bytes | None:
+        """A tile, None where there is none; raises TileError. It follows no redirection to another machine."""
+        address = self._address
+        for field, value in zip(_FIELDS, (zoom, x, y), strict=True):
+            address = address.replace(field, str(value))
+        try:
+            async with self._session.get(address, allow_redirects=False) as answer:
+                if answer.status in (204, 404):
+                    return None
+                if answer.status != 200:
+                    raise TileError(f"tile {zoom}/{x}/{y}: the tile server answers {answer.status}")
+                return await _body(answer)
+        except (aiohttp.ClientError, TimeoutError) as error:
+            raise TileError(f"tile {zoom}/{x}/{y}: the tile server does not answer") from error
+
+
+async def _body(answer: aiohttp.ClientResponse) -> bytes:
+    found = bytearray()
+    async for chunk in answer.content.iter_chunked(2**16):
+        found += chunk
+        if len(found) > MOST_TILE_BYTES:
+            raise TileError(f"a tile of the tile server is larger than {MOST_TILE_BYTES} bytes")
+    return bytes(found)
+
+
+def _offer_of_server(source: str) -> Offer:
+    parts = urlsplit(source)
+    if parts.scheme not in ("http", "https") or not parts.hostname or any(source.count(one) != 1 for one in _FIELDS):
+        raise ConfigurationError(f"--tiles {source}: {_EXPECTED}")
+    if parts.scheme == "http" and not BrokerAddress(parts.hostname, parts.port or 80).is_loopback:
+        raise ConfigurationError(f"--tiles {source}: expected https:// to another machine")
+    shapes = parts.path.endswith(_SHAPES)
+    return Offer(0, _HIGHEST[shapes], shapes, parts.hostname)
+
+
+def _bytes_of(path: Path) -> Callable[[int, int], bytes]:
+    def read(offset: int, length: int) -> bytes:
+        with path.open("rb") as file:
+            file.seek(offset)
+            return file.read(length)
+
+    return read
+
+
+def _credit(metadata: object) -> str:
+    """Whom a file names as its author, without markup."""
+    found = metadata.get("attribution") if isinstance(metadata, dict) else None
+    return printable(_MARKUP.sub("", found)).strip() if isinstance(found, str) else ""
