@@ -141,6 +141,8 @@ def test_the_page_fits_and_keeps_nobody_out(page: Served, browser: LivePage, wid
     assert browser.wider() == []
     table = "document.querySelector('#fleet .scroll')"
     assert browser.value(f"{table}.scrollWidth <= {table}.clientWidth"), "every value of a drone is seen"
+    cut = "[...document.querySelectorAll('#fleet :is(th, td)')].filter(e => e.scrollWidth > e.clientWidth)"
+    assert browser.value(f"{cut}.map(e => e.textContent)") == [], "no heading and no value is cut"
     assert browser.violations() == []
     assert browser.said == []
 

@@ -36,7 +36,7 @@ def test_nothing_that_stops_motors_or_is_forced_is_offered() -> None:
 def test_the_catalogue_has_units_and_limits_of_the_specification() -> None:
     (altitude,) = catalogue()["takeoff"]["parameters"]
     assert altitude == {
-        **{"name": "altitude_m", "label": "Altitude", "unit": "metres above home"},
+        **{"name": "altitude_m", "label": "Height", "unit": "metres above home"},
         **{"low": 0.5, "high": 10_000, "default": 10.0},
     }
     places = catalogue()["goto"]["parameters"]

@@ -23,6 +23,8 @@ LONGEST_TTL_S = 60.0
 MOST_DRONES = 250
 MOST_NAME = 100
 LINK_FIGURES = ("rate", "delay", "loss")
+_LABELS = {"altitude_m": "Height"}
+"""Where a field's own name is not how the page calls it elsewhere."""
 _UNITS = {"_m": "metres above home", "_deg": "degrees"}
 
 DroneKey = tuple[int, int]
@@ -131,7 +133,7 @@ def _parameter(cls: type[Any], name: str, mark: Any) -> dict[str, Any]:
     quantity, _, _ = name.rpartition("_")
     return {
         "name": name,
-        "label": quantity.capitalize(),
+        "label": _LABELS.get(name, quantity.capitalize()),
         "unit": next(unit for ending, unit in _UNITS.items() if name.endswith(ending)),
         "low": mark.low,
         "high": mark.high,

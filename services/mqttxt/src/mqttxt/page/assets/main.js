@@ -38,7 +38,7 @@ class Page {
   connect() {
     this.socket = new WebSocket(`ws://${location.host}/live`);
     this.socket.addEventListener("message", (event) => this.hear(JSON.parse(event.data)));
-    this.socket.addEventListener("open", () => this.showConnection("this browser is connected to the page's program", true));
+    this.socket.addEventListener("open", () => this.showConnection("connected to the page's program", true));
     this.socket.addEventListener("close", () => {
       this.showConnection("The page's program does not answer. What is shown is old. Trying again …", false);
       setTimeout(() => this.connect(), AGAIN_MS);
