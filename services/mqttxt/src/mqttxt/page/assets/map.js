@@ -152,22 +152,24 @@ export class FleetMap {
   add(key, drone) {
     const arrow = shape("path", { d: "M0,-11 L7,9 L0,5 L-7,9 Z" });
     const marker = shape("g", { "data-marker": key }, arrow);
-    const seen = { place: null, home: null, trail: [], marker, arrow, drone: drone.drone };
+    const seen = { place: null, home: null, trail: [], fresh: [], marker, arrow, drone: drone.drone };
     this.drones.append(marker);
     this.seen.set(key, seen);
     this.mark(this.page.selected);
     return seen;
   }
 
-  extend({ place, trail }) {
+  extend({ place, trail, fresh }) {
     const last = trail.at(-1);
     if (last !== undefined && Math.hypot(last.x - place.x, last.y - place.y) <= TRAIL_STEP_M) return;
     trail.push(place);
+    fresh.push(place);
     if (trail.length > TRAIL) trail.shift();
   }
 
   mark(selected) {
     for (const [key, seen] of this.seen) seen.marker.classList.toggle("selected", selected.has(key));
+    this.marks.isWhole = false;
     this.draw();
   }
 
@@ -254,6 +256,7 @@ export class FleetMap {
     if (isMoved) {
       this.metres.setAttribute("transform", `translate(${x} ${y}) scale(${this.perM} ${-this.perM})`);
       this.paintGrid();
+      this.marks.isWhole = false;
     }
     if (isMoved || this.tiles.isChanged) this.tiles.paint();
     for (const seen of isMoved ? this.seen.values() : this.changed) {

@@ -1,17 +1,22 @@
-// What changes with every position, on a canvas: trails, homes and the drones' numbers. As elements a large fleet's
-// texts would be laid out anew in every frame.
+// What changes with every position, on canvases: trails, homes and the drones' numbers. As elements a large fleet's
+// texts would be laid out anew in every frame. A trail is drawn on; it is painted whole where the view has changed.
 
 import { byId } from "./dom.js";
 
 const COLOURS = { ink: "--ink", soft: "--soft", accent: "--accent" };
+const WHOLE_MS = 30000; // how long a trail's end stays that is too old
 const FONT = "13px system-ui, sans-serif";
 
 export class Marks {
   constructor(map) {
     this.map = map;
-    this.canvas = byId("marks");
+    this.trails = byId("trails");
+    this.marks = byId("marks");
+    this.isWhole = false;
+    this.paintedMs = 0;
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       this.readColours();
+      this.isWhole = false;
       map.draw();
     });
     this.readColours();
@@ -23,22 +28,40 @@ export class Marks {
     this.colours = Object.fromEntries(named);
   }
 
-  paint(selected) {
-    const { map, canvas, colours } = this;
+  // A canvas as large as the map, in whose pixels is drawn.
+  begin(canvas, isCleared) {
+    const { width, height } = this.map;
     const sharp = devicePixelRatio;
-    const size = [Math.round(map.width * sharp), Math.round(map.height * sharp)];
+    const size = [Math.round(width * sharp), Math.round(height * sharp)];
     if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     const context = canvas.getContext("2d");
-    context.setTransform(1, 0, 0, 1, 0, 0);
-    context.clearRect(0, 0, ...size);
     context.setTransform(sharp, 0, 0, sharp, 0, 0);
-    for (const [key, seen] of map.seen) this.trail(context, seen, selected.has(key));
+    if (isCleared) context.clearRect(0, 0, width, height);
+    return context;
+  }
+
+  paint(selected) {
+    this.paintTrails(selected);
+    const context = this.begin(this.marks, true);
     context.font = FONT;
-    context.fillStyle = colours.ink;
-    for (const { place, home, drone } of map.seen.values()) {
+    context.fillStyle = this.colours.ink;
+    for (const { place, home, drone } of this.map.seen.values()) {
       if (home !== null) this.text(context, "⌂", home, -6, 5);
       this.text(context, `${drone}`, place, 11, 4);
     }
+  }
+
+  paintTrails(selected) {
+    const isOld = performance.now() - this.paintedMs > WHOLE_MS;
+    if (isOld) this.isWhole = false;
+    if (!this.isWhole) this.paintedMs = performance.now();
+    const context = this.begin(this.trails, !this.isWhole);
+    for (const [key, seen] of this.map.seen) {
+      const places = this.isWhole ? seen.fresh : seen.trail;
+      if (places.length > 1) this.trail(context, places, selected.has(key));
+      seen.fresh = seen.trail.slice(-1);
+    }
+    this.isWhole = true;
   }
 
   text(context, text, place, right, down) {
@@ -46,16 +69,14 @@ export class Marks {
     context.fillText(text, x + right, y + down);
   }
 
-  trail(context, { trail }, isSelected) {
-    context.globalAlpha = isSelected ? 1 : 0.6;
+  trail(context, places, isSelected) {
     context.strokeStyle = isSelected ? this.colours.accent : this.colours.soft;
     context.lineWidth = isSelected ? 2.5 : 1.5;
     context.beginPath();
-    for (const place of trail) {
+    for (const place of places) {
       const { x, y } = this.map.toPixels(place);
       context.lineTo(x, y);
     }
     context.stroke();
-    context.globalAlpha = 1;
   }
 }
