@@ -22,7 +22,7 @@ from tests.rigs.local_broker import LocalBroker
 from tests.rigs.processes import free_port
 from tests.rigs.secure import WITNESS, SecureBroker
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(180)]
 SOAK = pytest.mark.soak(
     *(f"services/mqttxt/src/mqttxt_conformance/{name}.py" for name in ("tap", "broker_kit", "broker_delivery")),
     *(f"services/mqttxt/src/mqttxt_conformance/{name}.py" for name in ("broker_retained", "broker_sessions")),
