@@ -155,7 +155,9 @@ class FogView:
             self._next_registration_ms = now_ms  # now the clock is known that a signed registration needs
             return self._review(now_ms), False
         confirmed = asked_ms is not None and not self.registered
-        self._confirmed_ms = now_ms if confirmed else self._confirmed_ms
+        if confirmed:
+            self._confirmed_ms = now_ms
+            self._next_registration_ms = self._registered_ms + self._renewal_ms
         self.registered = self.registered or asked_ms is not None
         return self._review(now_ms), confirmed
 
@@ -227,13 +229,17 @@ class FogView:
             ]
         return out, self._review(now_ms)
 
+    @property
+    def _renewal_ms(self) -> int:
+        return self._lease_s * 1000 // 3
+
     def _grant_due_ms(self, drone: DroneView) -> int:
-        granted_ms = drone.next_grant_ms - self._lease_s * 1000 // 3
+        granted_ms = drone.next_grant_ms - self._renewal_ms
         return min(drone.next_grant_ms, granted_ms + OFFBOARD_RENEWAL_MS) if self.in_offboard else drone.next_grant_ms
 
     def _grant(self, drone: DroneView, clock: RemoteClock, now_ms: int) -> Publish:
         """What the drone itself holds its control to, signed for it; raises nothing: the clock has had a beacon."""
-        drone.next_grant_ms = now_ms + self._lease_s * 1000 // 3
+        drone.next_grant_ms = now_ms + self._renewal_ms
         until_ms, offboard_ms = (
             clock.deadline_ms(now_ms, ttl_ms) or 0 for ttl_ms in (self._lease_s * 1000, OFFBOARD_GRANT_MS)
         )
@@ -260,8 +266,7 @@ class FogView:
             del self._nonces[next(iter(self._nonces))]
         self._registered_ms = now_ms
         is_signed = self.channel.seal is not None
-        pause_ms = self._lease_s * 1000 // 3 if self.registered or not is_signed else RESEND_FIRST_MS
-        self._next_registration_ms = now_ms + pause_ms
+        self._next_registration_ms = now_ms + (self._renewal_ms if self.registered else RESEND_FIRST_MS)
         until_ms = self.clock.deadline_ms(now_ms, self._lease_s * 1000) if self.clock is not None else None
         if is_signed and until_ms is None:
             lease_s, self._questioned_ms = 0, now_ms
