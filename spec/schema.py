@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mqttxt.protocol import bulk, bundles, messages, parameters, plans, rankings, readings
+from mqttxt.protocol import bulk, bundles, logs, messages, parameters, plans, rankings, readings
 from mqttxt.protocol.codec import FieldLayout, Layout, layout_of
 from mqttxt.protocol.fields import VERSION, Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.protocol.state_payload import message_class
@@ -36,6 +36,7 @@ MESSAGES: tuple[type[Any], ...] = (
     bulk.BulkAnswer,
     plans.PlanObject,
     parameters.ParametersObject,
+    logs.LogsObject,
     bundles.DroneBundle,
     bundles.FogBundle,
 )

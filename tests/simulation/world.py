@@ -14,7 +14,10 @@ from mqttxt.core.effects import Audit, Inbound, Log, Publish, Stop, Subscribe, U
 from mqttxt.core.settings import Settings
 from mqttxt.drone.commands import Unfinished
 from mqttxt.drone.effects import Journal, Transmit
+from mqttxt.drone.log_work import LogWork
+from mqttxt.drone.logs.files import LogFiles
 from mqttxt.drone.mavlink.sources import Source
+from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.messages import CommandId, CommandMessage, ResultMessage
@@ -143,6 +146,8 @@ class World:
     audited: list[tuple[str, Audit]] = field(default_factory=list)
     stops: list[Stop] = field(default_factory=list)
     retained: dict[tuple[str, str], Publish] = field(default_factory=dict)
+    logs_folder: LogFiles | None = None
+    """Where the UAV client keeps flight logs, if it does."""
     kind: int = mavlink.MAV_AUTOPILOT_PX4
     """Of the autopilot, in the heartbeats of a UAV client's start."""
     shows: str = "all"
@@ -164,6 +169,7 @@ class World:
         return Activator(1, session, self.settings, drones=(1,), seal=self._seal("fog1"))
 
     def _uav(self, session: int, **left: Any) -> UavClient:
+        left.setdefault("options", UavOptions(keeps_logs=self.logs_folder is not None))
         return UavClient(1, session, self.settings, seal=self._seal("drone1"), fog=1, **left)
 
     def start(self) -> World:
@@ -232,6 +238,10 @@ class World:
                 if output.is_opening:
                     answer = self.uav.on_journalled if taken else self.uav.on_not_journalled
                     self.run("uav", answer(output.id, self.now_ms))
+            elif isinstance(output, LogWork):
+                assert self.logs_folder is not None
+                done = self.logs_folder.carry_out(output)
+                self.run("uav", self.uav.on_log(done, self.now_ms) if done is not None else [])
             elif isinstance(output, Log):
                 self.logs.append(output)
             elif isinstance(output, Audit):

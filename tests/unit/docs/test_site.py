@@ -66,7 +66,7 @@ def command_lines() -> list[tuple[str, list[str]]]:
         for line in re.findall(r"^(?:ExecStart=\S*/|docker exec -it \S+ )?mqttxt (\w.*)$", text, re.MULTILINE):
             words = shlex.split(line, comments=True)
             depth = 2 if words[0] in ("audit", "gs", "conformance", "keys") else 1
-            depth += words[:2] in (["gs", "plan"], ["gs", "params"])
+            depth += words[:2] in (["gs", "plan"], ["gs", "params"], ["gs", "logs"])
             found.append(("-".join(words[:depth]), words[depth:]))
     return found
 

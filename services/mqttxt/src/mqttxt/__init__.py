@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         UploadPlan,
         Velocity,
     )
+    from .protocol.logs import FlightLog
     from .protocol.messages import CommandId, Word
     from .protocol.parameters import Parameter, ParameterType
     from .protocol.rankings import Candidate, Ranked
@@ -75,6 +76,7 @@ if TYPE_CHECKING:
     from .protocol.values import Encoding
     from .station.ground_station import GroundStation
     from .station.heard import EventStream, SentCommand
+    from .station.log_download import LogProgress
     from .station.outcomes import (
         ControlChanged,
         Event,
@@ -115,6 +117,7 @@ __all__ = [
     "Event",
     "EventStream",
     "Fence",
+    "FlightLog",
     "FlightMode",
     "FlightModeName",
     "Fog",
@@ -134,6 +137,7 @@ __all__ = [
     "LandedState",
     "ListBehind",
     "Location",
+    "LogProgress",
     "Mavlink",
     "MavlinkState",
     "MaxGroundspeed",
@@ -186,8 +190,10 @@ _HOMES = (
     "station.outcomes",
     "station.heard",
     "protocol.parameters",
+    "protocol.logs",
     "station.parameters",
     "station.plan",
+    "station.log_download",
     "station.views",
     "station.ground_station",
 )

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from .dynamics import Energy, Motion
 from .guidance import Guidance
+from .logs import Logs
 from .mission import MissionFlight
 from .outputs import Happened, Output, Reply
 from .parameters import Parameters
@@ -48,6 +49,7 @@ class Autopilot(ABC):
         self.battery = battery
         self.guidance = guidance
         self.plans = Plans()
+        self.logs = Logs()
         self.mission = MissionFlight(self.plans, guidance)
         self.mode = self.rest
         self.armed = False

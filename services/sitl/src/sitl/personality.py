@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from .autopilot import Autopilot
 from .dynamics import Energy
 from .fleet import DroneConfig
+from .logs import LogLink
 from .outputs import Output
 from .parameters import Parameters
 from .plan_link import PlanLink
@@ -73,6 +74,10 @@ class Personality(ABC, Generic[Own]):
     @abstractmethod
     def plan_link(self, autopilot: Own) -> PlanLink:
         """The mission protocol on one more link."""
+
+    @abstractmethod
+    def log_link(self, autopilot: Own) -> LogLink:
+        """The log protocol on one more link."""
 
     @abstractmethod
     def handle(self, autopilot: Own, message: Any) -> list[Output]:

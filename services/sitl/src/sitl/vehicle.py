@@ -1,7 +1,7 @@
 """One simulated vehicle: the autopilot with its parameters, telemetry and links; no I/O.
 
-Everything but flight is answered here: parameters, plans, requested messages, intervals, pings, and the file protocol
-(of which there is nothing to give).
+Everything but flight is answered here: parameters, plans, logs, requested messages, intervals, pings, and the file
+protocol (of which there is nothing to give).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from .answers import ACCEPTED, DENIED, UNSUPPORTED, acknowledgement, received, w
 from .autopilot import STEP_S
 from .dynamics import Battery, Energy
 from .fleet import DroneConfig
+from .logs import MESSAGES as LOG_MESSAGES
 from .outputs import Happened, Output, Reply
 from .parameters import Parameters
 from .personality import Personality
@@ -39,6 +40,7 @@ class Vehicle:
         self.telemetry = like.telemetry(self.autopilot, seed * 1000 + config.system_id, quiet=config.quiet)
         self.links = [Streams(like.rates_hz(chosen), like.silent) for chosen in stream_sets]
         self._plan_links = [like.plan_link(self.autopilot) for _ in stream_sets]
+        self._log_links = [like.log_link(self.autopilot) for _ in stream_sets]
         self.muted: set[str] = set()
         self.progress = Progress()
 
@@ -57,7 +59,8 @@ class Vehicle:
         """The messages that are due on a link."""
         names = self.links[link].due(now_s)
         made = [self.telemetry.make(name) for name in names if name not in self.muted]
-        asked = [message for message in self._plan_links[link].due(now_s) if message.get_type() not in self.muted]
+        said = [*self._plan_links[link].due(now_s), *self._log_links[link].due()]
+        asked = [message for message in said if message.get_type() not in self.muted]
         return [*asked, *(message for message in made if message is not None)]
 
     def handle(self, link: int, message: Any) -> list[Output]:
@@ -80,6 +83,9 @@ class Vehicle:
         if kind in PLAN_MESSAGES:
             answers = self._plan_links[link].answer(message, self.autopilot.now_s)
             return [*map(Reply, answers), *self.autopilot.take_out()]
+        if kind in LOG_MESSAGES:
+            self._log_links[link].answer(message)
+            return [*self.autopilot.take_out()]
         is_command = kind in ("COMMAND_LONG", "COMMAND_INT")
         steps = self.progress.take(message, self.autopilot.now_s) if is_command else None
         if steps is not None:

@@ -12,6 +12,7 @@ import typer
 
 from .. import __version__
 from ..core.address import BrokerAddress, whole_number
+from ..drone.logs import DEFAULT_LIMIT_MB
 from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
 from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_prefix
@@ -36,6 +37,7 @@ from .conformance import conformance_app
 from .demo import demo
 from .gs import gs_app
 from .keys import keys_app
+from .logs import logs_app
 from .mavlink_key import mavlink
 from .page import page
 from .params import params_app
@@ -58,6 +60,7 @@ app = typer.Typer(
 )
 gs_app.add_typer(plan_app, name="plan")
 gs_app.add_typer(params_app, name="params")
+gs_app.add_typer(logs_app, name="logs")
 gs_app.command()(page)
 app.add_typer(gs_app, name="gs")
 app.add_typer(conformance_app, name="conformance")
@@ -195,6 +198,12 @@ def uav(
         Path | None,
         typer.Option(help="What a parameter may be: PX4's parameters.json (.xz) or ArduPilot's apm.pdef.json."),
     ] = None,
+    logs: Annotated[
+        Path | None, typer.Option(help="Folder that keeps the autopilot's flight logs that stations ask for.")
+    ] = None,
+    logs_limit_mb: Annotated[
+        int, typer.Option(help="Millions of bytes that the folder may hold; a log may have half of them.")
+    ] = DEFAULT_LIMIT_MB,
     sensors: Annotated[
         str | None, typer.Option(help="HOST:PORT of an embedded broker where sensors publish; without: none is run.")
     ] = None,
@@ -229,6 +238,7 @@ def uav(
     from ..core.transport import Transport
     from ..drone import parameter_ranges as ranges
     from ..drone.journal import JournalFile
+    from ..drone.logs.files import LogFiles
     from ..drone.mavlink.raw import Limits
     from ..drone.mavlink.signing import Signing
     from ..drone.mavlink.transports import AutopilotAddress
@@ -242,6 +252,8 @@ def uav(
         number = check_number("--drone", drone, MAX_DRONE)
         store = sensor_store or _default_state(number, "sensors")
         journal_file = journal or _default_state(number, "journal")
+        if logs_limit_mb < 1:
+            raise ConfigurationError(f"--logs-limit-mb {logs_limit_mb}: expected 1 or more")
         transport = Transport.of(identity, insecure, f"drone{number}")
         carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
         return UavRunner(
@@ -261,6 +273,7 @@ def uav(
                 ),
                 carries_sensors=carried is not None,
                 all_states=all_states,
+                keeps_logs=True,
             ),
             sensors=carried,
             identity=transport.identity,
@@ -269,6 +282,7 @@ def uav(
             signing=Signing.load(mavlink_key, journal_file) if mavlink_key is not None else None,
             audit=audit_log(audit, audit_required, f"drone{number}", transport),
             parameters=ParameterFile(journal_file.with_name(f"{journal_file.name}.parameters")),
+            logs=LogFiles(logs or journal_file.with_name(f"{journal_file.name}.logs"), 1_000_000 * logs_limit_mb),
         )
 
     run_role(make)

@@ -12,10 +12,12 @@ from ..errors import PayloadError
 from ..protocol.bulk import (
     MOST_BYTES,
     PIECE_BYTES,
+    Answer,
     BulkAnswer,
     BulkAsk,
     Get,
     Have,
+    Making,
     Partial,
     Piece,
     Put,
@@ -24,10 +26,13 @@ from ..protocol.bulk import (
     Unchanged,
 )
 from ..protocol.codec import decode
+from ..protocol.logs import FlightLog
 from ..protocol.plans import PLAN, hash_of
 from ..protocol.topics import FogSide
 from ..security.cose import Envelope
 from .effects import Effect
+from .log_work import LoadLog, LogLoaded
+from .logs.reader import LogReader
 
 MOST_STAGED = 4
 MOST_STAGED_BYTES = 256 * 1024
@@ -43,9 +48,6 @@ None while it is being made.
 """
 
 
-Answer = Have | Piece | Refused | Unchanged
-
-
 @dataclass
 class _Staged:
     part: Partial
@@ -56,20 +58,28 @@ class _Staged:
 class BulkStore:
     """What one UAV client has of objects, in memory alone: after a restart a station stages again.
 
-    `sources` give what is fetched, by its kind.
+    `sources` give what is fetched, by its kind; `logs` reads the autopilot's, which are on the disk.
     """
 
     sources: dict[str, Source] = field(default_factory=dict)
+    logs: LogReader | None = None
     _staged: dict[bytes, _Staged] = field(default_factory=dict)
     _given: dict[str, tuple[bytes, bytes]] = field(default_factory=dict)
     """The newest object of each kind that was asked for, behind its hash."""
     _awaiting: dict[str, tuple[BulkAsk, Get]] = field(default_factory=dict)
     """The newest question for each kind that is being made."""
+    _awaited_log: tuple[FlightLog, BulkAsk] | None = None
+    """The log that a station waits for, and its newest question."""
 
-    def on_ask(self, message: BulkAsk, now_ms: int) -> list[BulkAnswer]:
-        """The answers to a station's message; none while what it asks for is being made."""
+    def on_ask(self, message: BulkAsk, now_ms: int) -> list[BulkAnswer | LoadLog]:
+        """The answers to a station's message; none while what it asks for is being made, or loaded."""
+        log = FlightLog.of_kind(message.kind) if self.logs is not None else None
         if isinstance(message.ask, Put):
             answers: list[Answer] = [self._put(message.kind, message.ask, now_ms)]
+        elif log is not None and message.ask.hash is not None:
+            return [LoadLog(message, message.ask, message.ask.hash, log)]
+        elif log is not None:
+            answers = self._get_log(log, message, now_ms)
         else:
             answers = self._get(message, message.ask, now_ms)
         return [_answered(message, answer) for answer in answers]
@@ -83,6 +93,12 @@ class BulkStore:
             if answer is not None:
                 del self._awaiting[kind]
                 out.append(_answered(message, answer))
+        if self._awaited_log is not None:
+            log, message = self._awaited_log
+            of_log = self._of_log(log)
+            if not isinstance(of_log, Making):
+                self._awaited_log = None
+                out.append(_answered(message, of_log))
         return out
 
     def staged(self, hash: bytes) -> bytes | None:
@@ -132,6 +148,20 @@ class BulkStore:
             for start in range(get.offset, end, PIECE_BYTES)
         ]
 
+    def _get_log(self, log: FlightLog, message: BulkAsk, now_ms: int) -> list[Answer]:
+        """How far it is; that it is there, or will not be, follows."""
+        assert self.logs is not None
+        self.logs.want(log, now_ms)
+        self._awaited_log = (log, message)
+        return [self._of_log(log)]
+
+    def _of_log(self, log: FlightLog) -> Have | Making | Refused:
+        assert self.logs is not None
+        found = self.logs.progress(log)
+        if isinstance(found, str):
+            return Refused(found)
+        return found if isinstance(found, Making) else Have(found.hash, found.size, (Range(0, found.size),))
+
     def _newest(self, kind: str, known: bytes | None, now_ms: int) -> Have | Refused | Unchanged | None:
         """What there is of a kind, kept until the next question, None while it is being made."""
         source = self.sources.get(kind)
@@ -167,7 +197,20 @@ class BulkPort:
         ask = self._opened(message)
         if holder_session is None or ask.gs_session != holder_session:
             raise PayloadError(f"object of session {ask.gs_session:08x}: expected the station in control", "outsiders")
-        return self._published(self.store.on_ask(ask, now_ms))
+        said = self.store.on_ask(ask, now_ms)
+        loads = [one for one in said if isinstance(one, LoadLog)]
+        return [*loads, *self._published([one for one in said if isinstance(one, BulkAnswer)])]
+
+    def on_loaded(self, loaded: LogLoaded) -> list[Effect]:
+        """The bytes of a log that a station has asked for."""
+        answers: list[Answer] = [Refused("unknown_hash", loaded.hash)]
+        if loaded.data is not None:
+            data, offset = loaded.data, loaded.get.offset
+            answers = [
+                Piece(loaded.hash, loaded.size, offset + start, data[start : start + PIECE_BYTES])
+                for start in range(0, len(data), PIECE_BYTES)
+            ]
+        return self._published([_answered(loaded.ask, answer) for answer in answers])
 
     def tick(self, now_ms: int) -> list[Effect]:
         return self._published(self.store.tick(now_ms))

@@ -10,6 +10,7 @@ from ..core import effects
 from ..core.effects import Receipt
 from ..protocol.messages import CommandId, Word
 from ..protocol.readings import Reading, ReadingKey
+from .log_work import LogWork
 from .mavlink.sources import Source
 
 
@@ -77,4 +78,4 @@ class Acknowledge:
     receipt: Receipt
 
 
-Effect = effects.Effect | Transmit | Journal | StoreReading | LoadReadings | ForgetReadings | Acknowledge
+Effect = effects.Effect | Transmit | Journal | StoreReading | LoadReadings | ForgetReadings | Acknowledge | LogWork

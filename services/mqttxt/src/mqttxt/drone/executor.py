@@ -30,6 +30,7 @@ from ..protocol.states import FlightMode
 from .acknowledgements import Acknowledgements
 from .effects import Transmit
 from .interruptions import interrupted, is_taken_over, modes_shown
+from .logs.reader import LogReader
 from .mavlink.plans import CannotExecute, Plan, check
 from .mavlink.raw import Limits, plan_raw
 from .mavlink.sources import HALTING, Source
@@ -64,6 +65,7 @@ class Executor:
         self._runs = Runs()
         self.plans = PlanKeeper(vehicle, staged, self._runs.has_mission)
         self.parameters = ParameterCopy(vehicle, kept_parameters)
+        self.logs = LogReader(vehicle)
         self._limits = limits or Limits()
         self._settings = ParameterSettings(vehicle, self._limits)
         self._pilot = OffboardPilot(vehicle, self._runs)
@@ -103,6 +105,11 @@ class Executor:
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
     ) -> list[Output]:
         """Begin a command that was admitted; its first write may have to wait for its MAV_CMD."""
+        return [*self.logs.give_way(now_ms), *self._start(command_id, command, deadline_ms, limit_ms, now_ms)]
+
+    def _start(
+        self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
+    ) -> list[Output]:
         reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
         if reason is not None:
             return [Said(command_id, Word.DENIED, reason)]
@@ -161,13 +168,14 @@ class Executor:
         if message.get_type() == "COMMAND_ACK":
             return self._acknowledgements.on_ack(message, now_ms)
         out = self.plans.on_message(message, now_ms) + self._settings.on_message(message, now_ms)
-        out += self.parameters.on_message(message, now_ms) + self._acknowledgements.explained(now_ms)
+        out += self.parameters.on_message(message, now_ms) + self.logs.on_message(message, now_ms)
+        out += self._acknowledgements.explained(now_ms)
         return out + self._observe(now_ms) + self._takeoffs.undo(now_ms)
 
     def tick(self, now_ms: int) -> list[Output]:
         """Deadlines, retransmissions and limits; to be called at least ten times a second."""
         out = self._acknowledgements.explained(now_ms)
-        out += self._settings.tick(now_ms) + self.parameters.tick(now_ms)
+        out += self._settings.tick(now_ms) + self.parameters.tick(now_ms) + self.logs.tick(now_ms)
         for run in self._runs:
             if run.phase in UNSENT:
                 out += self._try_send(run, now_ms)

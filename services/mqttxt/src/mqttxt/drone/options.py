@@ -18,7 +18,7 @@ class UavOptions:
     """`endurance_s`: how long a full battery lasts in flight; None: to be measured. `limits`: of raw MAV_CMDs.
 
     `carries_sensors`: the client has a broker for sensors and carries their readings. `all_states`: it publishes those
-    too that are on request (R3.11).
+    too that are on request (R3.11). `keeps_logs`: it has a folder for the autopilot's logs.
     Raises ConfigurationError for what cannot be.
     """
 
@@ -26,6 +26,7 @@ class UavOptions:
     limits: Limits = field(default_factory=Limits)
     carries_sensors: bool = False
     all_states: bool = False
+    keeps_logs: bool = False
 
     def __post_init__(self) -> None:
         if self.endurance_s is not None and not SHORTEST_S <= self.endurance_s <= LONGEST_S:

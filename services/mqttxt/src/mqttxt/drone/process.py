@@ -25,6 +25,9 @@ from .commands import LINK
 from .effects import Journal, Transmit
 from .journal import JournalFile
 from .journal_keeper import JournalKeeper
+from .log_work import LogDone
+from .logs.files import LogFiles
+from .logs.port import LogPort
 from .mavlink.autopilots import AUTOPILOTS, kind_of
 from .mavlink.frame_parser import Malformed
 from .mavlink.link import AutopilotLink
@@ -50,7 +53,8 @@ class UavRunner(Runner):
     """Runs a UAV client: first the autopilot's heartbeat with the right system id, then the broker.
 
     With a `seal` messages are signed, and `fog` is the one whose activator's leases the drone takes; with a `signing`
-    MAVLink is signed. `audit` is its log, `parameters` keeps what a station was given of the autopilot's.
+    MAVLink is signed. `audit` is its log, `parameters` keeps what a station was given of the autopilot's, `logs` the
+    autopilot's flight logs.
     """
 
     def __init__(
@@ -72,6 +76,7 @@ class UavRunner(Runner):
         signing: Signing | None = None,
         audit: AuditLog | None = None,
         parameters: ParameterFile | None = None,
+        logs: LogFiles | None = None,
     ) -> None:
         clock = SessionClock()
         remembers = not journal.has_gap
@@ -81,6 +86,7 @@ class UavRunner(Runner):
             *(drone, clock.session, settings, topics, policies, left, remembers, options, seal, fog, kept)
         )
         self._parameters = parameters
+        self._logs = LogPort(logs, self._on_log) if logs is not None else None
         lists, told = {LINK: self.client.topics.revoked}, {SENSORS: REVOKED} if sensors is not None else None
         super().__init__(self.client, clock, ready_file, identity, lists, LIST_PATIENCE_MS, audit, told)
         if audit is not None and audit.required:
@@ -113,7 +119,8 @@ class UavRunner(Runner):
         sensors = self._sensors.jobs() if self._sensors is not None else []
         stamps = [self._keep_stamps(self._signing.stamps)] if self._signing is not None else []
         kept = [self._keep_parameters(self._parameters)] if self._parameters is not None else []
-        return [self._autopilot.run(), self._connect_when_heard(), self._tick(), *stamps, *kept, *sensors]
+        logs = [self._logs.run()] if self._logs is not None else []
+        return [self._autopilot.run(), self._connect_when_heard(), self._tick(), *stamps, *kept, *logs, *sensors]
 
     def tell_own_broker(self, newest: RevocationList) -> None:
         if self._sensors is not None:
@@ -124,6 +131,8 @@ class UavRunner(Runner):
             self._keeper.record(output)
         elif isinstance(output, Transmit):
             self._transmit(output)
+        elif self._logs is not None and self._logs.take(output):
+            pass
         elif self._sensors is None or not self._sensors.take(output):
             super().special(output)
 
@@ -132,6 +141,9 @@ class UavRunner(Runner):
         now_ms = self.clock.now_ms()
         opened = self.client.on_journalled if is_journalled else self.client.on_not_journalled
         self.carry_out(opened(command_id, now_ms))
+
+    def _on_log(self, done: LogDone) -> None:
+        self.carry_out(self.client.on_log(done, self.clock.now_ms()))
 
     def _on_journal_error(self, error: OSError) -> None:
         self.count("journal", str(error.strerror or error))

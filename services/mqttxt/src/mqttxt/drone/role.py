@@ -12,6 +12,7 @@ from ..core.session_owners import SessionOwners
 from ..core.settings import Rebirth, Settings
 from ..errors import PayloadError
 from ..protocol.codec import decode
+from ..protocol.logs import LOGS
 from ..protocol.messages import BeaconMessage, CommandId, DroneLease, Presence
 from ..protocol.parameters import PARAMETERS, ParameterSet
 from ..protocol.plans import PLAN
@@ -25,6 +26,7 @@ from .control import Control
 from .effects import Effect, Transmit
 from .endurance import EnduranceMeter
 from .enquiries import Enquiries
+from .log_work import LogDone, LogFault, LogLoaded
 from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
 from .options import UavOptions
@@ -80,6 +82,9 @@ class UavClient:
         self.parameters = self.desk.executor.parameters
         staged.sources[PLAN] = self.desk.executor.plans.fetch
         staged.sources[PARAMETERS] = self.parameters.fetch
+        if options.keeps_logs:
+            staged.logs = self.desk.executor.logs
+            staged.sources[LOGS] = staged.logs.listed
         self._bulk = BulkPort(drone, self._channel, self.topics, owners, staged)
         self.carrier = Carrier(drone, self._channel, self.topics) if options.carries_sensors else None
         self.connected = False
@@ -198,6 +203,13 @@ class UavClient:
 
     def on_refused(self, ref: Any, late: bool, now_ms: int) -> list[Effect]:
         return self.desk.carry_out(self.desk.executor.on_refused(ref, late, now_ms), now_ms)
+
+    def on_log(self, done: LogDone, now_ms: int) -> list[Effect]:
+        """What the folder of logs has done."""
+        if isinstance(done, LogLoaded):
+            return self._bulk.on_loaded(done) if self.born else []
+        out: list[Effect] = [Log("logs", done.detail)] if isinstance(done, LogFault) else []
+        return out + self.desk.carry_out(self.desk.executor.logs.on_done(done, now_ms), now_ms)
 
     def on_identity(self, now_ms: int) -> list[Effect]:
         """The identity has another key, or its fleet a newer revocation list: birth and beacon say so."""

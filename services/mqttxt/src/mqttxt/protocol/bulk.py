@@ -15,10 +15,11 @@ PIECE_BYTES = 512
 WINDOW_BYTES = 1024
 """Bytes of objects that may be under way to or from a drone without an answer: one TCP stream has no priorities."""
 MOST_BYTES = 1 << 20
+"""Of an object that is kept in memory: of any but a log."""
 MOST_RANGES = 16
 
 ObjectKind = Annotated[str, Name()]
-_Size = Annotated[int, Integer(1, MOST_BYTES)]
+_Size = Annotated[int, Integer(1, 2**32 - 1)]
 _Data = Annotated[bytes, Binary(1, PIECE_BYTES)]
 
 
@@ -35,7 +36,7 @@ class Put:
     """A piece of the object `hash` of `size` bytes, for the drone to keep."""
 
     hash: Hash
-    size: _Size
+    size: Annotated[int, Integer(1, MOST_BYTES)]
     offset: U32
     data: _Data
 
@@ -87,9 +88,25 @@ class Unchanged:
     known: Hash
 
 
+@dataclass(frozen=True)
+class Making:
+    """The drone has `done` bytes of the `size` that it reads from its autopilot before it can give the object."""
+
+    done: U32
+    size: U32
+
+
 ASK = Variant("ask", ((1, "put", Put), (2, "get", Get)))
+Answer = Have | Piece | Refused | Unchanged | Making
 ANSWER = Variant(
-    "answer", ((1, "have", Have), (2, "piece", Piece), (3, "refused", Refused), (4, "unchanged", Unchanged))
+    "answer",
+    (
+        (1, "have", Have),
+        (2, "piece", Piece),
+        (3, "refused", Refused),
+        (4, "unchanged", Unchanged),
+        (5, "making", Making),
+    ),
 )
 
 
@@ -118,7 +135,7 @@ class BulkAnswer:
     gs_session: Session
     kind: ObjectKind
     nonce: U32
-    answer: Annotated[Have | Piece | Refused | Unchanged, ANSWER]
+    answer: Annotated[Answer, ANSWER]
 
 
 class Partial:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import ssl
-from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakSet
 
@@ -216,15 +216,23 @@ class StationRunner(Runner):
             ) from None
         return self.identity.fleet.revoked.number
 
-    async def transfer(self, transfer: Transfer, timeout_s: float | None) -> None:
-        """Carry an object, and wait until it is there; raises TransferFailed where it will not be."""
+    async def transfer(
+        self, transfer: Transfer, timeout_s: float | None, on_news: Callable[[], Awaitable[None]] | None = None
+    ) -> None:
+        """Carry an object, and wait until it is there; raises TransferFailed where it will not be.
+
+        `on_news` is awaited whenever the transfer has news; what it raises ends the transfer.
+        """
         if timeout_s is not None:
             _check_timeout(timeout_s)
         self.check()
         self.carry_out(self.station.transfers.begin(transfer, self.clock.now_ms()))
         try:
             async with asyncio.timeout(timeout_s):
-                await self.wait_until(lambda: transfer.is_over, float("inf"))
+                while not transfer.is_over:
+                    await self.wait_until(lambda: transfer.has_news, float("inf"))
+                    if on_news is not None:
+                        await on_news()
         except TimeoutError:
             raise TransferFailed(f"{transfer}: not within {timeout_s:g} s") from None
         finally:

@@ -14,12 +14,15 @@ from ..core.channel import Channel
 from ..core.effects import Effect, Log, Publish
 from ..core.settings import RESEND_FIRST_MS, RESEND_LAST_MS
 from ..protocol.bulk import (
+    MOST_BYTES,
     PIECE_BYTES,
     WINDOW_BYTES,
+    Answer,
     BulkAnswer,
     BulkAsk,
     Get,
     Have,
+    Making,
     Partial,
     Piece,
     Put,
@@ -38,11 +41,8 @@ ATTEMPTS = 3
 """How often an object is begun anew that arrived as another one."""
 
 
-Answer = Have | Piece | Refused | Unchanged
-
-
 @dataclass
-class _Flight:
+class Flight:
     """What was sent and not answered: when each piece left, by its offset, in the order of their leaving.
 
     A piece that was sent twice says nothing of the round trip: its answer may be to either.
@@ -89,10 +89,15 @@ class Transfer(ABC):
         self.nonce = secrets.randbelow(2**32)
         self.is_over = False
         self.error: str | None = None
-        self._flight = _Flight()
+        self._flight = Flight()
 
     def __str__(self) -> str:
         return f"drone {self.drone}: {self.kind}"
+
+    @property
+    def has_news(self) -> bool:
+        """Whether there is something to tell whoever waits for it: that it is over, or how far it is."""
+        return self.is_over
 
     def end(self, error: str | None = None) -> None:
         self.is_over, self.error = True, error
@@ -121,7 +126,7 @@ class Staging(Transfer):
         self._attempts = 0
 
     def take(self, answer: Answer, now_ms: int) -> None:
-        if isinstance(answer, Piece | Unchanged) or answer.hash != self.hash:
+        if isinstance(answer, Piece | Unchanged | Making) or answer.hash != self.hash:
             return
         if isinstance(answer, Refused):
             self._refused(answer.reason)
@@ -139,7 +144,7 @@ class Staging(Transfer):
         self._attempts += 1
         if reason not in ("wrong_hash", "inconsistent") or self._attempts >= ATTEMPTS:
             self.end(reason)
-        self._arrived, self._flight = Partial(len(self._data)), _Flight()
+        self._arrived, self._flight = Partial(len(self._data)), Flight()
 
     def _next(self, now_ms: int) -> list[Put | Get]:
         out: list[Put | Get] = []
@@ -172,9 +177,16 @@ class Fetching(Transfer):
             if self._part is None and answer.known == self._known:
                 self.end()
         elif isinstance(answer, Have):
-            if self._part is None:
-                self._hash, self._part, self._flight = answer.hash, Partial(answer.size), _Flight()
-        elif self._part is not None and answer.hash == self._hash and answer.size == self._part.size:
+            if answer.size > MOST_BYTES:
+                self.end("too_long")
+            elif self._part is None:
+                self._hash, self._part, self._flight = answer.hash, Partial(answer.size), Flight()
+        elif (
+            isinstance(answer, Piece)
+            and self._part is not None
+            and answer.hash == self._hash
+            and answer.size == self._part.size
+        ):
             self._flight.answered(answer.offset, now_ms)
             self._part.put(answer.offset, answer.data)
             if self._part.is_whole:
@@ -197,7 +209,7 @@ class Fetching(Transfer):
         self._attempts += 1
         if self._attempts >= ATTEMPTS:
             self.end(reason)
-        self._hash, self._part, self._flight = None, None, _Flight()
+        self._hash, self._part, self._flight = None, None, Flight()
 
     def _next(self, now_ms: int) -> list[Put | Get]:
         if self._part is None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Generic, TypeVar, cast
 
 from ..core.clock import DEFAULT_TTL_MS
@@ -24,6 +26,7 @@ from ..protocol.commands import (
     Takeoff,
     UploadPlan,
 )
+from ..protocol.logs import LOGS, FlightLog, unpack_logs
 from ..protocol.parameters import PARAMETERS, ParameterSet
 from ..protocol.plans import PLAN, PlanObject
 from ..protocol.rankings import Ranked
@@ -32,6 +35,7 @@ from ..protocol.topics import MAX_DRONE, check_number
 from .best import best
 from .fog import DroneView, FogView
 from .heard import SentCommand
+from .log_download import LEAST_BYTES_S, MOST_BYTES_S, LogDownload, LogProgress
 from .outcomes import Outcome, Outcomes, PsmiList, SensorReading, last_word
 from .parameters import Parameters
 from .plan import Plan
@@ -373,6 +377,59 @@ class Drone:
             return Parameters(ParameterSet.unpacked(fetching.data, base))
         except PayloadError as error:
             raise TransferFailed(f"{fetching}: {error}") from error
+
+    async def logs(self, *, timeout_s: float = 60.0) -> tuple[FlightLog, ...]:
+        """The flight logs that the autopilot has now, in the order of their numbers. The drone has to be disarmed.
+
+        Parameters:
+            timeout_s: how long to wait for the list, in seconds.
+
+        Raises:
+            TransferFailed: the drone has not given it in time, is armed, or its autopilot does not answer.
+            ConfigurationError: this station does not control the drone, or the timeout is not above 0.
+            StationEnded, BrokerRefused: the station has ended.
+        """
+        self._check_control()
+        fetching = Fetching(self._fog, self.number, LOGS)
+        await self._runner.transfer(fetching, timeout_s)
+        try:
+            return unpack_logs(fetching.data)
+        except PayloadError as error:
+            raise TransferFailed(f"{fetching}: {error}") from error
+
+    async def download_log(
+        self,
+        log: FlightLog,
+        path: Path | str,
+        *,
+        most_bytes_s: int = MOST_BYTES_S,
+        timeout_s: float | None = None,
+        progress: Callable[[LogProgress], None] | None = None,
+    ) -> None:
+        """Write one of the logs that `logs` has given into a file, in the place of one that is there.
+
+        The drone reads the log from its autopilot first, for which it has to be disarmed, and then hands it on, in
+        flight too. What breaks off goes on where it was: what has come is beside `path`, in a hidden file, until the
+        log is whole and its hash is right.
+
+        Parameters:
+            log: which.
+            path: the file.
+            most_bytes_s: how many bytes to carry in a second at most, 1024 or more.
+            timeout_s: how long to take at most, in seconds; None: as long as it takes.
+            progress: called with how far it is, from time to time.
+
+        Raises:
+            TransferFailed: the drone has not given it in time, is armed, does not have it any more, or cannot keep it.
+            ConfigurationError: this station does not control the drone, or the file cannot be written; a number that
+                cannot be.
+            StationEnded, BrokerRefused: the station has ended.
+        """
+        self._check_control()
+        if most_bytes_s < LEAST_BYTES_S:
+            raise ConfigurationError(f"most_bytes_s {most_bytes_s}: expected {LEAST_BYTES_S} or more")
+        download = LogDownload(self._runner, self._fog, self.number, log, Path(path), most_bytes_s, progress)
+        await download.run(timeout_s)
 
     def set_parameter(
         self, name: str, value: float, *, ttl_s: float = TTL_S, limit_s: float | None = None

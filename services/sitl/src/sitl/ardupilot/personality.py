@@ -15,6 +15,7 @@ from ..parameters import Parameters
 from ..personality import Personality
 from . import commands
 from .autopilot import ArduCopter
+from .logs import CopterLogLink
 from .parameters import SPECS, of_fleet
 from .plans import CopterPlanLink
 from .telemetry import CopterTelemetry
@@ -61,6 +62,9 @@ class _ArduCopter(Personality[ArduCopter]):
 
     def plan_link(self, autopilot: ArduCopter) -> CopterPlanLink:
         return CopterPlanLink(autopilot.plans, autopilot.say, lambda: autopilot.guidance.home)
+
+    def log_link(self, autopilot: ArduCopter) -> CopterLogLink:
+        return CopterLogLink(autopilot.logs, lambda: autopilot.armed, autopilot.say)
 
     def handle(self, autopilot: ArduCopter, message: Any) -> list[Output]:
         return commands.handle(autopilot, message)

@@ -15,6 +15,7 @@ from ..parameters import BytewiseParameters, Parameters
 from ..personality import Personality
 from . import commands
 from .autopilot import Px4
+from .logs import Px4LogLink
 from .parameters import SPECS
 from .plans import Px4PlanLink
 from .streams import SILENT, rates_hz
@@ -61,6 +62,9 @@ class _Px4(Personality[Px4]):
 
     def plan_link(self, autopilot: Px4) -> Px4PlanLink:
         return Px4PlanLink(autopilot.plans, autopilot.say)
+
+    def log_link(self, autopilot: Px4) -> Px4LogLink:
+        return Px4LogLink(autopilot.logs, lambda: autopilot.armed, autopilot.say)
 
     def handle(self, autopilot: Px4, message: Any) -> list[Output]:
         return commands.handle(autopilot, message)

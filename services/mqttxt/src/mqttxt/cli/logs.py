@@ -1,0 +1,92 @@
+"""`mqttxt gs logs`: the flight logs of a drone's autopilot, into files."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import ConfigurationError
+from .common import errors_as_lines
+from .plan import DroneNumber, FogNumber, TakeOver, run_with_drone
+from .station import StationOptions, of_a_station
+
+if TYPE_CHECKING:
+    from ..protocol.logs import FlightLog
+    from ..station.log_download import LogProgress
+    from ..station.views import Drone
+
+logs_app = typer.Typer(help="The flight logs of a drone's autopilot.", no_args_is_help=True, rich_markup_mode=None)
+
+TOLD_EVERY_S = 5.0
+LEAST_KIB_S, MOST_KIB_S = 1, 128
+
+
+@logs_app.command("list")
+@of_a_station
+def list_(
+    options: StationOptions,
+    drone: DroneNumber,
+    fog: FogNumber = 1,
+    take_over: TakeOver = False,
+) -> None:
+    """Print the logs that a drone's autopilot has now: number, bytes and time (UTC, by the autopilot's clock)."""
+
+    async def job(there: Drone) -> int:
+        for log in await there.logs():
+            typer.echo(f"{log.number:>5} {log.size:>11} {_time_of(log)}")
+        return 0
+
+    run_with_drone(job, options, drone, fog, take_over)
+
+
+@logs_app.command()
+@of_a_station
+def get(
+    options: StationOptions,
+    number: Annotated[int, typer.Argument(help="The log's number in the list.")],
+    file: Annotated[Path, typer.Argument(help="The file to write: ULog of a PX4, DataFlash of an ArduPilot.")],
+    drone: DroneNumber,
+    most_kib_s: Annotated[int, typer.Option(help="KiB that are carried in a second at most.")] = MOST_KIB_S,
+    fog: FogNumber = 1,
+    take_over: TakeOver = False,
+) -> None:
+    """Write a log into a file, and say how far it is; what broke off goes on where it was."""
+
+    async def job(there: Drone) -> int:
+        found = {log.number: log for log in await there.logs()}
+        if number not in found:
+            numbers = ", ".join(map(str, found)) or "none"
+            raise ConfigurationError(f"log {number}: drone {there.number} has no such log; its logs: {numbers}")
+        log = found[number]
+        await there.download_log(log, file, most_bytes_s=1024 * most_kib_s, progress=_Told())
+        typer.echo(f"{file}: {log.size} bytes")
+        return 0
+
+    with errors_as_lines():
+        if most_kib_s < LEAST_KIB_S:
+            raise ConfigurationError(f"--most-kib-s {most_kib_s}: expected {LEAST_KIB_S} or more")
+        if not file.parent.is_dir():
+            raise ConfigurationError(f"{file}: expected a file in a folder that exists")
+    run_with_drone(job, options, drone, fog, take_over)
+
+
+class _Told:
+    """A line on stderr, now and then."""
+
+    def __init__(self) -> None:
+        self._next_s = 0.0
+
+    def __call__(self, progress: LogProgress) -> None:
+        now_s = time.monotonic()
+        if now_s >= self._next_s:
+            self._next_s = now_s + TOLD_EVERY_S
+            what = "carried, compressed" if progress.is_at_drone else "read from the autopilot"
+            typer.echo(f"{progress.done} of {progress.size} bytes {what}", err=True)
+
+
+def _time_of(log: FlightLog) -> str:
+    return f"{datetime.fromtimestamp(log.time_s, UTC):%Y-%m-%d %H:%M:%S}" if log.time_s is not None else "-"

@@ -1,0 +1,35 @@
+"""The folder of logs in its own thread: a disk may take a second, and the aircraft does not wait for that."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+from ..log_work import LogDone, LogWork
+from .files import LogFiles
+
+
+class LogPort:
+    """Does what is asked of the folder, in its order; `on_done` gets what comes of it."""
+
+    def __init__(self, files: LogFiles, on_done: Callable[[LogDone], None]) -> None:
+        self._files = files
+        self._on_done = on_done
+        self._asked: asyncio.Queue[LogWork] = asyncio.Queue()
+
+    def take(self, output: object) -> bool:
+        """Carry out an effect; whether it was one for the folder."""
+        if not isinstance(output, LogWork):
+            return False
+        self._asked.put_nowait(output)
+        return True
+
+    async def run(self) -> None:
+        """Until cancelled."""
+        loop = asyncio.get_running_loop()
+        with ThreadPoolExecutor(1, "logs") as thread:
+            while True:
+                done = await loop.run_in_executor(thread, self._files.carry_out, await self._asked.get())
+                if done is not None:
+                    self._on_done(done)

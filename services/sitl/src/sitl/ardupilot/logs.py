@@ -1,0 +1,34 @@
+"""How ArduPilot speaks the log protocol: disarmed alone, and one request after the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..logs import LogLink
+
+
+class CopterLogLink(LogLink):
+    """What is asked while something is being sent has no answer."""
+
+    first = 1
+    _has_warned = False
+
+    def answer(self, message: Any) -> None:
+        kind = message.get_type()
+        if self._is_armed():
+            if not self._has_warned:
+                self._say("Disarm for log download")
+            self._has_warned = True
+            return
+        self._has_warned = False
+        if kind == "LOG_REQUEST_END":
+            self._sent = None
+        elif kind == "LOG_ERASE":
+            self._logs.kept.clear()
+        elif self._sent is None and kind == "LOG_REQUEST_LIST":
+            self._list(message)
+        elif self._sent is None:
+            self._begin(message)
+
+    def due(self) -> list[Any]:
+        return [] if self._is_armed() else super().due()

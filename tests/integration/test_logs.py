@@ -1,0 +1,99 @@
+"""`mqttxt gs logs` as people type it, over real brokers and processes that are killed, with the stand-in's logs."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from sitl.logs import MADE_UP, made_up
+from tests.rigs.processes import System, wait_until
+
+pytestmark = [pytest.mark.integration]
+
+ROOT = Path(__file__).resolve().parents[2]
+LATER = made_up(*MADE_UP[1])
+Begun = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    system = System(tmp_path_factory.mktemp("logs"))
+    try:
+        yield system.start()
+    finally:
+        system.close()
+
+
+@pytest.fixture
+def begun(system: System) -> Begun:
+    def begin(*words: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "mqttxt", "gs", "logs", *words, "--drone", "1", "--cloud", system.cloud.url]
+        return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    return begin
+
+
+def ended(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    """Its exit code and what it said."""
+    out, error = process.communicate(timeout=120)
+    return process.returncode, out, error
+
+
+def test_logs_are_listed_and_written_into_a_file(begun: Begun, tmp_path: Path) -> None:
+    code, out, error = ended(begun("list"))
+    assert (code, out.splitlines()) == (
+        0,
+        ["    0       40000 2026-01-01 00:00:00", "    1      120000 2026-01-01 01:00:00"],
+    ), error
+    file = tmp_path / "flight.ulg"
+    code, out, error = ended(begun("get", "0", str(file)))
+    assert (code, out) == (0, f"{file}: 40000 bytes\n"), error
+    assert file.read_bytes() == made_up(*MADE_UP[0]).data
+    assert [path.name for path in tmp_path.iterdir()] == ["flight.ulg"]
+
+
+def test_a_killed_station_and_a_killed_drone_cost_no_more_than_a_block(
+    begun: Begun, system: System, tmp_path: Path
+) -> None:
+    """The drone dies while it reads, the station while bytes come, and the command is typed again."""
+    file = tmp_path / "flight.ulg"
+    folder = system.folder / "uav1.logs"
+    for left in folder.iterdir():
+        left.unlink()
+    first = begun("get", "1", str(file))
+    wait_until(lambda: any(path.stat().st_size > 0 for path in folder.glob("*.part")), "a block is on the disk")
+    system.uavs[1].kill()
+    system.uavs[1].start().wait_ready()
+    code, _, error = ended(first)
+    assert code == 0, error
+    assert file.read_bytes() == LATER.data
+    file.unlink()
+    second = begun("get", "1", str(file), "--most-kib-s", "8")
+
+    def come() -> int:
+        return sum(path.stat().st_size for path in tmp_path.glob(".flight.ulg.*.part"))
+
+    wait_until(lambda: come() > 20_000, "some of it has come")
+    second.send_signal(signal.SIGKILL)
+    second.communicate()
+    before = come()
+    assert before > 20_000
+    assert not file.exists()
+    code, _, error = ended(begun("get", "1", str(file)))
+    assert code == 0, error
+    assert file.read_bytes() == LATER.data
+    assert not list(tmp_path.glob(".flight.ulg.*"))
+
+
+def test_what_cannot_be_is_one_line(begun: Begun, tmp_path: Path) -> None:
+    code, out, error = ended(begun("get", "7", str(tmp_path / "flight.ulg")))
+    assert (code, out) == (2, "")
+    assert error.splitlines()[-1] == "mqttxt: log 7: drone 1 has no such log; its logs: 0, 1"
+    code, _, error = ended(begun("get", "1", str(tmp_path / "nowhere" / "flight.ulg")))
+    said = f"mqttxt: {tmp_path}/nowhere/flight.ulg: expected a file in a folder that exists"
+    assert (code, error.splitlines()[-1]) == (2, said)

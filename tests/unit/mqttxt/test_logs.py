@@ -1,0 +1,628 @@
+"""Flight logs: every byte arrives or none does, whatever is lost, cut off, full or hostile, and no flight waits."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+import zlib
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from mqttxt import ConfigurationError, FlightLog, LogProgress, TransferFailed
+from mqttxt.core import disk
+from mqttxt.drone.log_work import (
+    BLOCK_BYTES,
+    FinishLog,
+    LoadLog,
+    LogFault,
+    LogFinished,
+    LogLoaded,
+    LogOpened,
+    LogWritten,
+    OpenLog,
+    WriteLog,
+)
+from mqttxt.drone.logs import reader
+from mqttxt.drone.logs.files import LogFiles
+from mqttxt.drone.logs.reader import MOST_BYTES_S, MOST_MESSAGES, WAY_MS
+from mqttxt.drone.mavlink.log_protocol import DATA_BYTES, SILENT_ASKS, Listing, Window
+from mqttxt.errors import PayloadError
+from mqttxt.protocol.bulk import MOST_BYTES, BulkAsk, Get, Have, Making
+from mqttxt.protocol.commands import Arm, SetParameter
+from mqttxt.protocol.logs import LOGS, MOST_LOGS, pack_logs, unpack_logs
+from mqttxt.protocol.plans import hash_of
+from mqttxt.station.log_download import LogDownload
+from mqttxt.station.transfers import Fetching
+from sitl.logs import Log, made_up
+from tests.simulation.far import FarFlight
+from tests.simulation.flight import Flight
+from tests.simulation.world import from_autopilot
+
+KINDS = ("px4", "ardupilot")
+LONG = made_up(1_767_230_000, 6 * BLOCK_BYTES + 1234)
+"""Six blocks and some."""
+
+
+class Station:
+    """What a LogDownload needs of its station's runner; time passes while it waits. `cut` may end it at any time."""
+
+    def __init__(self, flight: Flight) -> None:
+        self.flight = flight
+        self.cut: Callable[[], bool] = lambda: False
+
+    async def transfer(self, transfer: Any, _: object, on_news: Callable[[], Awaitable[None]] | None = None) -> None:
+        flight, end_ms = self.flight, self.flight.now_ms + 3_600_000
+        flight.run("gs", flight.gs.transfers.begin(transfer, flight.now_ms))
+        while not transfer.is_over:
+            flight.fly(0.1)
+            assert flight.now_ms < end_ms
+            if self.cut():
+                transfer.end()
+                raise TransferFailed("cut")
+            if transfer.has_news and on_news is not None:
+                await on_news()
+        if transfer.error is not None:
+            raise TransferFailed(f"{transfer}: {transfer.error}")
+
+
+class Ground:
+    """A station, a fog and a drone with a folder, in time."""
+
+    def __init__(self, folder: Path, like: str = "px4", make: type[Flight] = Flight, **options: Any) -> None:
+        self.files = LogFiles(folder / "drone", reserve_bytes=0)
+        kind = mavlink.MAV_AUTOPILOT_PX4 if like == "px4" else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        self.flight = make(logs_folder=self.files, kind=kind, **options)
+        self.flight.begin(like)
+        self.flight.fly(5)
+        self.station = Station(self.flight)
+        self.target = folder / "flight.log"
+        self.told: list[LogProgress] = []
+        self.written: list[Any] = []
+        """What the drone has written to its autopilot, heartbeats left out."""
+        write = self.flight._write
+
+        def note(effect: Any) -> None:
+            if effect.message.get_type() != "HEARTBEAT":
+                self.written.append(effect.message)
+            write(effect)
+
+        self.flight._write = note  # type: ignore[method-assign]
+
+    @property
+    def kept(self) -> list[Log]:
+        kept: list[Log] = self.flight.vehicle.autopilot.logs.kept
+        return kept
+
+    def list(self) -> tuple[FlightLog, ...]:
+        fetching = Fetching(self.flight.gs.fog(1), 1, LOGS)
+        asyncio.run(self.station.transfer(fetching, None))
+        return unpack_logs(fetching.data)
+
+    def get(self, log: FlightLog, most_bytes_s: int = 10**9) -> bytes:
+        runner: Any = self.station
+        download = LogDownload(runner, self.flight.gs.fog(1), 1, log, self.target, most_bytes_s, self.told.append)
+        asyncio.run(download.run(None))
+        return self.target.read_bytes()
+
+    def get_up_to_a_cut(self, log: FlightLog) -> bytes | None:
+        """The log; None where it was cut off."""
+        try:
+            return self.get(log)
+        except TransferFailed as error:
+            if str(error) != "cut":
+                raise
+            return None
+
+    def done(self, log: FlightLog) -> int:
+        """How many bytes the drone has read."""
+        found = self.flight.uav.desk.executor.logs.progress(log)
+        return found.done if isinstance(found, Making) else 0
+
+    def asked(self) -> list[Any]:
+        """What the autopilot was asked of logs."""
+        return [one for one in self.written if one.get_type().startswith("LOG_")]
+
+    def read_bytes(self) -> int:
+        return sum(one.count for one in self.asked() if one.get_type() == "LOG_REQUEST_DATA")
+
+    def restart_uav(self) -> None:
+        self.flight.restart_uav(random.randrange(1, 2**32), [])
+        self.flight.fly(5)
+
+    def loses(self, share: float) -> None:
+        """LOG messages get lost in both directions."""
+        rng, hear, write = random.Random(9), self.flight._hear, self.flight._write
+
+        def some(messages: list[Any]) -> None:
+            hear([one for one in messages if "LOG_" not in one.get_type() or rng.random() >= share])
+
+        def sometimes(effect: Any) -> None:
+            if "LOG_" not in effect.message.get_type() or rng.random() >= share:
+                write(effect)
+
+        self.flight._hear, self.flight._write = some, sometimes  # type: ignore[method-assign]
+
+
+# -- all of it --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("signed", [False, True])
+@pytest.mark.parametrize("like", KINDS)
+def test_a_log_arrives_as_the_autopilot_has_it(like: str, signed: bool, tmp_path: Path) -> None:
+    ground = Ground(tmp_path, like, signed=signed)
+    listed = ground.list()
+    first = 0 if like == "px4" else 1
+    assert [(log.number, log.size, log.time_s) for log in listed] == [
+        (number, len(kept.data), kept.time_s) for number, kept in enumerate(ground.kept, first)
+    ]
+    assert ground.get(listed[1]) == ground.kept[1].data
+    assert [one.done for one in ground.told if not one.is_at_drone] == sorted(
+        one.done for one in ground.told if not one.is_at_drone
+    )
+    assert ground.told[-1].done == ground.told[-1].size < listed[1].size
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["flight.log"]
+
+
+@pytest.mark.parametrize("like", KINDS)
+def test_what_is_lost_between_autopilot_and_drone_is_asked_for_again(like: str, tmp_path: Path) -> None:
+    ground = Ground(tmp_path, like)
+    ground.loses(0.2)
+    log = ground.list()[0]
+    assert ground.get(log) == ground.kept[0].data
+    assert log.size < ground.read_bytes() < 3 * log.size
+
+
+def test_a_log_comes_over_two_seconds_of_round_trip_and_loss_and_commands_are_not_behind_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ground = Ground(tmp_path, make=FarFlight)
+    flight = ground.flight
+    assert isinstance(flight, FarFlight)
+    flight.is_far = True
+    log = ground.list()[0]
+    delays_s: list[float] = []
+
+    def while_it_comes() -> bool:
+        if len(delays_s) < 10 and ground.told and ground.told[-1].is_at_drone:
+            delays_s.append(_delay_s(flight))
+        return False
+
+    ground.station.cut = while_it_comes
+    begun_ms = flight.now_ms
+    assert ground.get(log) == ground.kept[0].data
+    took_s = (flight.now_ms - begun_ms) / 1000
+    alone = [_delay_s(flight) for _ in range(10)]
+    assert len(delays_s) == 10
+    assert sum(delays_s) / 10 < sum(alone) / 10 + 1.5
+    with capsys.disabled():
+        told = f"{log.size} bytes ({ground.told[-1].size} compressed) in {took_s:.0f} s"
+        means = f"{sum(delays_s) / 10:.2f} s meanwhile, {sum(alone) / 10:.2f} s alone"
+        print(f"\ngeo-2s: {told}; a command's last word after {means}")
+
+
+def _delay_s(flight: Flight) -> float:
+    """From a command's sending to its last word: of one that the drone denies at once."""
+    begun_ms, sent = flight.now_ms, flight.send(SetParameter("SYS_AUTOSTART", 1), ttl_ms=60_000)
+    while flight.last_of(sent) is None:
+        flight.fly(0.02)
+    return (flight.now_ms - begun_ms) / 1000
+
+
+# -- cut off ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("like", KINDS)
+@pytest.mark.parametrize("who", ["station", "both"])
+def test_a_transfer_that_is_cut_anywhere_goes_on_where_it_was(like: str, who: str, tmp_path: Path) -> None:
+    """Every second of it; what was read is read again up to one block, and what was carried not at all."""
+    ground = Ground(tmp_path, like)
+    ground.kept[:] = [LONG]
+    log = ground.list()[0]
+    cuts = 0
+    for _ in range(200):
+        until_ms = ground.flight.now_ms + 1000
+        ground.station.cut = lambda until_ms=until_ms: ground.flight.now_ms >= until_ms  # type: ignore[misc]
+        found = ground.get_up_to_a_cut(log)
+        if found is not None:
+            break
+        cuts += 1
+        if who == "station":
+            continue
+        if not any(one.is_at_drone for one in ground.told):
+            ground.flight.fly(1.6)  # two blocks' worth: the last one is read again
+        ground.restart_uav()
+    assert cuts >= 3
+    assert ground.target.read_bytes() == LONG.data
+    assert ground.read_bytes() <= log.size + cuts * (BLOCK_BYTES if who == "station" else 2 * BLOCK_BYTES)
+    carried = [one.done for one in ground.told if one.is_at_drone]
+    assert carried == sorted(carried)
+
+
+def test_an_autopilot_that_starts_anew_is_listed_anew_and_gives_its_last_bytes_again(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    ground.kept[:] = [LONG]
+    log = ground.list()[0]
+    _stop_behind(ground, log, 2 * BLOCK_BYTES)
+    before = ground.read_bytes()
+    ground.flight.uav.vehicle.boots.restarts += 1
+    ground.station.cut = lambda: False
+    assert ground.get(log) == LONG.data
+    assert ground.read_bytes() - before <= log.size - BLOCK_BYTES
+
+
+def test_what_was_read_of_another_log_with_the_same_number_is_not_mixed_into_it(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    ground.kept[:] = [LONG]
+    log = ground.list()[0]
+    _stop_behind(ground, log, 2 * BLOCK_BYTES)
+    other = Log(LONG.time_s, bytes(reversed(LONG.data)))
+    ground.kept[:] = [other]
+    ground.restart_uav()
+    ground.station.cut = lambda: False
+    assert ground.get(log) == other.data
+
+
+def _stop_behind(ground: Ground, log: FlightLog, done: int) -> None:
+    """Cut it off once so much of it has been read."""
+    ground.station.cut = lambda: ground.done(log) > done
+    with pytest.raises(TransferFailed, match="cut"):
+        ground.get(log)
+
+
+# -- what an autopilot does with its logs -----------------------------------------------------------------------------
+
+
+def test_a_log_that_grows_is_given_as_long_as_it_was_listed(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    log = ground.list()[1]
+    before = ground.kept[1].data
+    ground.kept[1] = Log(ground.kept[1].time_s + 60, before + bytes(5000))
+    assert ground.get(log) == before
+
+
+@pytest.mark.parametrize(
+    "now", [[], [made_up(5, 40_000)], [made_up(1_767_225_600, 39_999)], [made_up(9, 50_000), made_up(2**31, 7)]]
+)
+def test_a_log_that_is_not_there_any_more_is_refused(now: list[Log], tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    log = ground.list()[0]
+    ground.kept[:] = now
+    with pytest.raises(TransferFailed, match="no_such_log"):
+        ground.get(log)
+
+
+def test_logs_that_change_while_one_is_read_are_noticed_at_the_end(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    log = ground.list()[0]
+
+    def erased() -> bool:
+        if ground.done(log) > 20_000:
+            ground.kept[:] = [Log(77, os.urandom(60_000)), Log(99, b"newest")]
+        return False
+
+    ground.station.cut = erased
+    with pytest.raises(TransferFailed, match="changed_meanwhile"):
+        ground.get(log)
+    assert not list(ground.files.folder.iterdir())
+
+
+@pytest.mark.parametrize("like", KINDS)
+def test_an_autopilot_without_logs_has_an_empty_list(like: str, tmp_path: Path) -> None:
+    ground = Ground(tmp_path, like)
+    ground.kept.clear()
+    assert ground.list() == ()
+
+
+def test_an_autopilot_that_says_nothing_of_logs_is_asked_a_few_times(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    log = ground.list()[0]
+    ground.flight.vehicle.muted = {"LOG_ENTRY", "LOG_DATA"}
+    ground.flight.fly(2)
+    ground.written.clear()
+    with pytest.raises(TransferFailed, match=r"logs: no_answer"):
+        ground.list()
+    with pytest.raises(TransferFailed, match=r"log\.0\.40000\..*: no_answer"):
+        ground.get(log)
+    assert [one.get_type() for one in ground.asked()].count("LOG_REQUEST_LIST") == 2 * SILENT_ASKS
+
+
+# -- in flight --------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_asked_of_an_armed_autopilot_and_what_is_there_is_given_in_flight(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    listed = ground.list()
+    assert ground.get(listed[0]) == ground.kept[0].data
+    ground.flight.set(armed=True)
+    ground.flight.fly(3)
+    ground.written.clear()
+    for failing in (ground.list, lambda: ground.get(listed[1])):
+        with pytest.raises(TransferFailed, match="armed"):
+            failing()
+    ground.target.unlink()
+    assert ground.get(listed[0]) == ground.kept[0].data
+    assert ground.asked() == []
+
+
+@pytest.mark.parametrize("like", KINDS)
+def test_arming_ends_the_reading_and_disarmed_it_goes_on_where_it_was(like: str, tmp_path: Path) -> None:
+    ground = Ground(tmp_path, like)
+    ground.kept[:] = [LONG]
+    log = ground.list()[0]
+
+    def armed() -> bool:
+        if ground.done(log) > 2 * BLOCK_BYTES and not ground.flight.vehicle.autopilot.armed:
+            ground.flight.set(armed=True)
+            ground.flight.fly(1.5)  # a heartbeat shows it
+            ground.written.clear()
+        return False
+
+    ground.station.cut = armed
+    with pytest.raises(TransferFailed, match="armed"):
+        ground.get(log)
+    ground.flight.fly(10)
+    assert [one for one in ground.asked() if one.get_type() != "LOG_REQUEST_END"] == []
+    ground.station.cut = lambda: False
+    ground.flight.set(armed=False)
+    ground.flight.fly(3)
+    assert ground.get(log) == LONG.data
+    assert ground.read_bytes() < log.size - BLOCK_BYTES + 2000
+
+
+@pytest.mark.parametrize("like", KINDS)
+def test_a_command_goes_before_a_log(like: str, tmp_path: Path) -> None:
+    """The autopilot is told to stop, then gets the command, and is asked for nothing more for two seconds."""
+    ground = Ground(tmp_path, like)
+    ground.kept[:] = [LONG]
+    log = ground.list()[0]
+    at_ms: list[int] = []
+
+    def commanded() -> bool:
+        if not at_ms and ground.done(log) > 5000:
+            at_ms.append(ground.flight.now_ms)
+            ground.written.clear()
+            ground.flight.send(Arm())
+            ground.flight.fly(WAY_MS / 1000 - 0.2)
+            kinds = [one.get_type() for one in ground.written]
+            assert kinds[:2] == ["LOG_REQUEST_END", "COMMAND_LONG"]
+            assert not {"LOG_REQUEST_LIST", "LOG_REQUEST_DATA"} & {*kinds}
+        return False
+
+    ground.station.cut = commanded
+    with pytest.raises(TransferFailed, match="armed"):
+        ground.get(log)
+    assert at_ms
+
+
+def test_an_autopilot_is_asked_for_little_at_a_time(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    ground.kept[:] = [LONG]
+    log = ground.list()[0]
+    begun_ms = ground.flight.now_ms
+    assert ground.get(log) == LONG.data
+    counts = [one.count for one in ground.asked() if one.get_type() == "LOG_REQUEST_DATA"]
+    assert max(counts) == MOST_MESSAGES * DATA_BYTES
+    read_ms = next(ms for ms, told in [(ground.flight.now_ms, ground.told)] if told)
+    assert read_ms - begun_ms >= log.size * 1000 / MOST_BYTES_S
+
+
+def test_a_log_that_nobody_asks_for_any_more_is_read_no_further(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reader, "WANTED_MS", 3000)
+    ground = Ground(tmp_path)
+    ground.kept[:] = [made_up(5, 800_000)]
+    log = ground.list()[0]
+    _stop_behind(ground, log, 1000)
+    ground.flight.fly(2)
+    assert ground.done(log) > 60_000
+    ground.flight.fly(2)
+    ground.written.clear()
+    ground.flight.fly(3)
+    assert ground.asked() == []
+
+
+# -- what an autopilot may say ----------------------------------------------------------------------------------------
+
+
+def entry(number: int, count: int, size: int = 100) -> Any:
+    return from_autopilot(mavlink.MAVLink_log_entry_message(number, count, count, 5, size))
+
+
+def data(number: int, offset: int, count: int, fill: int = 7) -> Any:
+    return from_autopilot(mavlink.MAVLink_log_data_message(number, offset, count, [fill] * DATA_BYTES))
+
+
+def test_a_list_is_bounded_and_empty_logs_are_left_out() -> None:
+    listing = Listing(1)
+    listing.begin(0)
+    listing.on_entry(entry(2, 2, 0), 0)
+    listing.on_entry(entry(2, 2, 0), 0)
+    assert not listing.is_over
+    listing.on_entry(entry(1, 2), 0)
+    assert listing.found == (FlightLog(1, 100, 5),)
+    listing = Listing(1)
+    listing.on_entry(entry(1, MOST_LOGS + 1), 0)
+    assert (listing.found, listing.error) == (None, f"too_many, {MOST_LOGS + 1}")
+
+
+def test_only_the_bytes_that_were_asked_for_count() -> None:
+    log = FlightLog(3, 1000, None)
+    window = Window(1, log, 180, 450)
+    window.ask(0)
+    for odd in (data(4, 180, 90), data(3, 181, 90), data(3, 90, 90), data(3, 450, 90), data(3, 2**32 - 1, 90)):
+        assert window.on_data(odd, 0) == []
+    window.on_data(data(3, 180, 255, 1), 0)
+    window.on_data(data(3, 180, 90, 2), 0)  # the first counts
+    asked = window.on_data(data(3, 360, 90, 3), 0)
+    assert [(one.ofs, one.count) for one in asked] == [(270, 90)]
+    assert not window.is_whole
+    window.on_data(data(3, 270, 90, 4), 0)
+    assert window.data == bytes([1] * 90 + [4] * 90 + [3] * 90)
+
+
+def test_a_log_that_ends_too_soon_has_changed() -> None:
+    window = Window(1, FlightLog(3, 1000, None), 0, 180)
+    window.ask(0)
+    for _ in range(3):
+        window.on_data(data(3, 90, 12), 0)
+    assert window.error == "changed_meanwhile"
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["log", "logs", "log.1.2", "log.65536.5.0", "log.1.0.0", "log.01.5.0", "log.1.5.4294967296", "log.1.5.0.part"],
+)
+def test_other_names_are_no_logs(kind: str) -> None:
+    assert FlightLog.of_kind(kind) is None
+
+
+def test_a_log_is_named_by_what_the_list_has_of_it() -> None:
+    for log in (FlightLog(0, 1, None), FlightLog(65535, 2**32 - 1, 2**32 - 1)):
+        assert FlightLog.of_kind(log.kind) == log
+
+
+def test_a_list_has_each_number_once() -> None:
+    twice = [FlightLog(1, 5, None), FlightLog(1, 6, None)]
+    with pytest.raises(PayloadError, match="each number once"):
+        unpack_logs(pack_logs(twice))
+
+
+# -- the drone's disk -------------------------------------------------------------------------------------------------
+
+A_LOG = FlightLog(1, 2 * BLOCK_BYTES, 5)
+
+
+def written(files: LogFiles, log: FlightLog, plain: bytes) -> Any:
+    """Write a log in blocks; the last answer."""
+    done: Any = None
+    for offset in range(0, len(plain), BLOCK_BYTES):
+        done = files.carry_out(WriteLog(1, log, offset, plain[offset : offset + BLOCK_BYTES]))
+    return done
+
+
+def test_a_whole_log_is_known_by_its_hash_and_outlives_the_process(tmp_path: Path) -> None:
+    files, plain = LogFiles(tmp_path, reserve_bytes=0), os.urandom(A_LOG.size)
+    assert isinstance(written(files, A_LOG, plain), LogWritten)
+    finished = files.carry_out(FinishLog(2, A_LOG))
+    assert isinstance(finished, LogFinished)
+    opened = LogFiles(tmp_path).carry_out(OpenLog(3, A_LOG))
+    assert isinstance(opened, LogOpened)
+    assert opened.whole == finished.whole
+    (path,) = tmp_path.iterdir()
+    assert hash_of(path.read_bytes()) == finished.whole.hash
+    assert zlib.decompress(path.read_bytes()) == plain
+    get = Get(5, 20, finished.whole.hash)
+    ask = BulkAsk(gs_session=1, kind=A_LOG.kind, nonce=1, ask=get)
+    loaded = files.carry_out(LoadLog(ask, get, finished.whole.hash, A_LOG))
+    assert isinstance(loaded, LogLoaded)
+    assert (loaded.data, loaded.size) == (path.read_bytes()[5:25], finished.whole.size)
+    gone = files.carry_out(LoadLog(ask, get, bytes(16), A_LOG))
+    assert isinstance(gone, LogLoaded)
+    assert gone.data is None
+
+
+@pytest.mark.parametrize("there", [0, 1, 89, BLOCK_BYTES - 1, BLOCK_BYTES, BLOCK_BYTES + 1, 2 * BLOCK_BYTES])
+def test_the_last_block_of_a_log_in_part_does_not_count(there: int, tmp_path: Path) -> None:
+    files, plain = LogFiles(tmp_path, reserve_bytes=0), os.urandom(A_LOG.size)
+    (tmp_path / f"{A_LOG.kind}.part").write_bytes(plain[:there])
+    opened = files.carry_out(OpenLog(1, A_LOG))
+    assert isinstance(opened, LogOpened)
+    assert opened.done in range(max(0, there - BLOCK_BYTES), max(1, there))
+    assert opened.done % BLOCK_BYTES == 0
+    assert opened.tail == plain[max(0, opened.done - 900) : opened.done]
+
+
+def test_a_disk_that_is_full_is_one_word_and_keeps_room_for_the_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = LogFiles(tmp_path, reserve_bytes=2**60)
+    fault = files.carry_out(WriteLog(1, A_LOG, 0, b"x"))
+    assert isinstance(fault, LogFault)
+    assert (fault.reason, [*tmp_path.iterdir()]) == ("disk_full", [])
+
+    def full(*_: Any) -> int:
+        raise OSError(28, "No space left on device")
+
+    files = LogFiles(tmp_path, reserve_bytes=0)
+    monkeypatch.setattr(disk.os, "write", full)
+    fault = files.carry_out(WriteLog(1, A_LOG, 0, b"x"))
+    assert isinstance(fault, LogFault)
+    assert fault.reason == "disk_full"
+
+
+def test_a_full_disk_ends_a_reading_with_that_word(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    log = ground.list()[0]
+    ground.files._reserve_bytes = 2**60
+    with pytest.raises(TransferFailed, match="disk_full"):
+        ground.get(log)
+    assert not ground.target.exists()
+    assert [one.kind for one in ground.flight.logs][-2:] == ["logs", "object_refused"]
+    ground.files._reserve_bytes = 0
+    assert ground.get(log) == ground.kept[0].data
+
+
+def test_a_folder_that_cannot_be_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigurationError, match=r"--logs .*file: File exists; expected a folder"):
+        LogFiles(tmp_path / "file")
+
+
+def test_what_was_touched_longest_ago_makes_room_and_no_log_takes_more_than_half(tmp_path: Path) -> None:
+    files = LogFiles(tmp_path, 10_000, reserve_bytes=0)
+    for number in range(1, 5):
+        log = FlightLog(number, 2000, 5)
+        assert isinstance(written(files, log, os.urandom(2000)), LogWritten)
+        files.carry_out(FinishLog(1, log))
+        os.utime(next(tmp_path.glob(f"{log.kind}.*.z")), (number, number))
+    assert sorted(path.name.split(".")[1] for path in tmp_path.iterdir()) == ["2", "3", "4"]
+    fault = files.carry_out(WriteLog(1, FlightLog(9, 5001, 5), 0, b"x"))
+    assert isinstance(fault, LogFault)
+    assert fault.reason == "too_long, 5000"
+
+
+def test_a_list_that_is_longer_than_memory_allows_is_not_taken(tmp_path: Path) -> None:
+    fetching = Fetching(Ground(tmp_path).flight.gs.fog(1), 1, LOGS)
+    fetching.take(Have(bytes(16), MOST_BYTES + 1, ()), 0)
+    assert (fetching.is_over, fetching.error) == (True, "too_long")
+
+
+# -- the station's disk -----------------------------------------------------------------------------------------------
+
+
+def test_what_is_not_the_log_is_never_a_file(tmp_path: Path) -> None:
+    """A drone that compresses more than it said, or something else."""
+    ground = Ground(tmp_path)
+    log = ground.list()[0]
+    for wrong in (zlib.compress(bytes(10_000_000)), zlib.compress(bytes(39_999)), os.urandom(500)):
+        for path in ground.files.folder.iterdir():
+            path.unlink()
+        (ground.files.folder / f"{log.kind}.{hash_of(wrong).hex()}.z").write_bytes(wrong)
+        with pytest.raises(TransferFailed, match="expected a log of 40000 bytes"):
+            ground.get(log)
+        assert [path.name for path in tmp_path.iterdir()] == ["drone"]
+
+
+def test_a_disk_that_changed_what_had_come_begins_anew(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    log = ground.list()[0]
+    ground.station.cut = lambda: bool(ground.told) and ground.told[-1].is_at_drone and ground.told[-1].done > 3000
+    with pytest.raises(TransferFailed, match="cut"):
+        ground.get(log, 5000)
+    (part,) = tmp_path.glob(".flight.log.*.part")
+    part.write_bytes(bytes(len(part.read_bytes())))
+    ground.station.cut = lambda: False
+    assert ground.get(log) == ground.kept[0].data
+
+
+def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    ground.target = tmp_path / "nowhere" / "flight.log"
+    with pytest.raises(ConfigurationError, match=r"nowhere/flight\.log: No such file or directory"):
+        ground.get(ground.list()[0])

@@ -1,0 +1,80 @@
+"""What `mqttxt gs logs` prints and refuses, with a drone that is not there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from mqttxt import FlightLog, LogProgress
+from mqttxt.cli import logs
+from mqttxt.cli.common import run_coroutine
+from mqttxt.cli.main import app
+
+
+class Drone:
+    """Two logs; `asked` is how a log was asked for."""
+
+    number = 3
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    async def logs(self) -> tuple[FlightLog, ...]:
+        return (FlightLog(1, 500, None), FlightLog(12, 2**32 - 1, 1_767_225_600))
+
+    async def download_log(
+        self, log: FlightLog, path: Path, *, most_bytes_s: int, progress: Callable[[LogProgress], None]
+    ) -> None:
+        self.asked.append(most_bytes_s)
+        for is_at_drone, done in ((False, 0), (False, 100), (True, 7)):
+            progress(LogProgress(is_at_drone, done, log.size))
+        path.write_bytes(bytes(log.size))
+
+
+@pytest.fixture
+def drone(monkeypatch: pytest.MonkeyPatch) -> Drone:
+    there = Drone()
+
+    def run(job: Callable[[Any], Any], *_: Any) -> None:
+        run_coroutine(job(there))
+
+    monkeypatch.setattr(logs, "run_with_drone", run)
+    return there
+
+
+def typed(*words: str) -> Result:
+    return CliRunner().invoke(app, ["gs", "logs", *words, "--drone", "3"])
+
+
+def test_a_list_has_numbers_bytes_and_times(drone: Drone) -> None:
+    lines = typed("list").stdout.splitlines()
+    assert [line.split() for line in lines] == [["1", "500", "-"], ["12", "4294967295", "2026-01-01", "00:00:00"]]
+
+
+def test_how_far_a_log_is_goes_to_stderr_now_and_then(drone: Drone, tmp_path: Path) -> None:
+    file = tmp_path / "flight.ulg"
+    result = typed("get", "1", str(file), "--most-kib-s", "2")
+    assert (result.exit_code, result.stdout) == (0, f"{file}: 500 bytes\n")
+    assert result.stderr == "0 of 500 bytes read from the autopilot\n"
+    assert (file.stat().st_size, drone.asked) == (500, [2048])
+
+
+def test_what_cannot_be_is_one_line_and_nothing_is_asked(drone: Drone, tmp_path: Path) -> None:
+    for words, line in (
+        (("7", str(tmp_path / "a")), "log 7: drone 3 has no such log; its logs: 1, 12"),
+        (("1", str(tmp_path / "b" / "a")), f"{tmp_path}/b/a: expected a file in a folder that exists"),
+        (("1", str(tmp_path / "a"), "--most-kib-s", "0"), "--most-kib-s 0: expected 1 or more"),
+    ):
+        result = typed("get", *words)
+        assert (result.exit_code, result.stdout, result.stderr) == (2, "", f"mqttxt: {line}\n")
+    assert drone.asked == []
+
+
+def test_a_folder_of_no_bytes_is_refused() -> None:
+    words = ["uav", "--drone", "1", "--broker", "mqtt://127.0.0.1:1", "--logs-limit-mb", "0"]
+    result = CliRunner().invoke(app, words)
+    assert (result.exit_code, result.stderr) == (2, "mqttxt: --logs-limit-mb 0: expected 1 or more\n")
