@@ -331,6 +331,24 @@ def test_an_autopilot_that_says_nothing_of_logs_is_asked_a_few_times(tmp_path: P
     assert [one.get_type() for one in ground.asked()].count("LOG_REQUEST_LIST") == 2 * SILENT_ASKS
 
 
+def test_an_autopilot_that_is_silent_for_a_while_is_waited_for_and_not_asked(tmp_path: Path) -> None:
+    ground = Ground(tmp_path)
+    log = ground.list()[1]
+
+    def silent() -> bool:
+        if ground.done(log) > 20_000 and not ground.flight.vehicle.muted:
+            ground.flight.vehicle.muted = {"HEARTBEAT", "LOG_DATA"}
+            ground.flight.fly(3.5)
+            ground.written.clear()
+            ground.flight.fly(4)
+            assert ground.asked() == []
+            ground.flight.vehicle.muted = {"NOTHING"}
+        return False
+
+    ground.station.cut = silent
+    assert ground.get(log) == ground.kept[1].data
+
+
 # -- in flight --------------------------------------------------------------------------------------------------------
 
 

@@ -163,6 +163,8 @@ class LogReader:
             elif job.restarts != self._vehicle.boots.restarts:
                 job.restarts = self._vehicle.boots.restarts
                 out += self._break_off()
+        if not self._vehicle.is_alive(now_ms):
+            return out  # it may come back
         if self._listing is not None:
             out += [Transmit(one) for one in self._listing.due(now_ms)]
         if job is not None and job.window is not None:
@@ -291,7 +293,7 @@ class LogReader:
 
     def _refusal(self, now_ms: int) -> str | None:
         """Why the autopilot is not asked for logs now."""
-        if not self._vehicle.is_alive(now_ms):
+        if self._vehicle.is_lost(now_ms):
             return "no_autopilot"
         return None if self._vehicle.seen(Armed) == Armed(False) else "armed"
 
