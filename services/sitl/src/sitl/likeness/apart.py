@@ -31,6 +31,7 @@ NOT_FLOWN: dict[str, dict[str, str]] = {
     "ardupilot": {
         "idle, ground station's link": _ONE_LINK,
         "idle, normal link": _ONE_LINK,
+        "logs listed and read": "not recorded yet: what the stand-in does is from ArduPilot's sources",
         "offboard, and its client ends": "ArduCopter has no such mode: velocity, and its client ends",
     },
 }

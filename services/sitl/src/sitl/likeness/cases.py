@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from .answers import ANSWERS
 from .flights import FLIGHTS
+from .logs import LOGS
 from .messages import MESSAGES
 from .plans import PLANS
 from .procedures import Procedures
 from .settings import SETTINGS
 
-CASES: Procedures = FLIGHTS | ANSWERS | MESSAGES | PLANS | SETTINGS
+CASES: Procedures = FLIGHTS | ANSWERS | MESSAGES | PLANS | SETTINGS | LOGS

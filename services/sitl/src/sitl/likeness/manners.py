@@ -25,6 +25,7 @@ class Manners:
     `on_ground` and `in_air` are the modes to be tried, `odd_modes` what is no mode, as DO_SET_MODE's parameters.
     `mission` is the mode that flies a mission, whose first item is home where it `has_home_item`.
     `experiments` are the parameters with which the experiments fly, `a_float` and `a_whole` one of each kind.
+    `first_log` is the number with which its logs begin.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Manners:
     a_whole: str
     mission: str
     has_home_item: bool
+    first_log: int
     asks: Mapping[str, float] = field(default_factory=dict)
 
     def mode_name(self, custom_mode: int) -> str:
@@ -115,6 +117,7 @@ PX4 = Px4Manners(
     a_whole="NAV_DLL_ACT",
     mission="mission",
     has_home_item=False,
+    first_log=0,
 )
 ARDUCOPTER = CopterManners(
     name="ardupilot",
@@ -131,6 +134,7 @@ ARDUCOPTER = CopterManners(
     a_whole="RTL_LOIT_TIME",
     mission="auto",
     has_home_item=True,
+    first_log=1,
     asks={
         **dict.fromkeys(("ATTITUDE", "LOCAL_POSITION_NED"), 20.0),
         **dict.fromkeys(("GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE"), 10.0),

@@ -1,10 +1,13 @@
-"""How PX4 speaks the log protocol: armed too; it gives bytes of a log once it was asked for the list."""
+"""How PX4 speaks the log protocol: armed too; it gives bytes of a log once it was asked for the list.
+
+PX4 main fills its last message beyond what was asked for, and says nothing behind a log's end.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ..logs import LogLink
+from ..logs import DATA_BYTES, LogLink
 
 
 class Px4LogLink(LogLink):
@@ -21,7 +24,12 @@ class Px4LogLink(LogLink):
             self._list(message)
         elif kind == "LOG_REQUEST_DATA" and self._has_listed:
             self._begin(message)
-        elif kind == "LOG_REQUEST_END":
-            self._has_listed = False
         elif kind == "LOG_ERASE":
             self._logs.kept.clear()
+
+    def _begin(self, message: Any) -> None:
+        super()._begin(message)
+        if self._sent is not None:
+            asked = -(-message.count // DATA_BYTES) * DATA_BYTES
+            self._end = min(len(self._sent.data), message.ofs + asked)
+            self._sent = self._sent if message.ofs < len(self._sent.data) else None
