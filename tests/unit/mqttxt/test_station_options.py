@@ -25,6 +25,8 @@ STATIONS = [
     f"gs plan start {PLAN} --drone 1",
     "gs plan clear --drone 1",
     "gs plan watch --drone 1",
+    "gs logs list --drone 1",
+    "gs logs get 1 new.ulg --drone 1",
     "gs params list --drone 1",
     "gs params get NAME --drone 1",
     "gs params set NAME 1 --drone 1",
