@@ -9,6 +9,8 @@ import pytest
 
 from mqttxt.protocol.bundles import drone_bundle, fog_bundles
 from mqttxt.protocol.codec import encode
+from mqttxt.protocol.commands import Resume
+from mqttxt.protocol.messages import CommandMessage
 from mqttxt.protocol.state_payload import StampedState
 from mqttxt.protocol.states import Battery, Groundspeed, Heading
 from mqttxt.security.addressed import Addressed
@@ -184,6 +186,26 @@ def test_a_command_for_whoever_arrives_first_is_in_frames_but_in_no_count_of_wha
     (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
     assert measured["frames_per_call"] == {"arm": 1.0, "goto": 3.0}
     assert set(measured["messages"]["commands"]) == {"arm"}
+
+
+def test_a_start_that_leaves_the_gateway_as_resume_is_no_lost_call(tmp_path: Path) -> None:
+    series = new_series(tmp_path, "scenario-5", "gateway", "ideal")
+    attempt = make_attempt(series)
+    at_ns = T0 + SECOND // 2
+    call = {"t_ns": at_ns, "event": "command", "call": 2, "command": "start_mission", "fog": 1, "drone": 1}
+    events = sorted([*attempt.events(), call], key=lambda event: int(str(event["t_ns"])))
+    (attempt.path / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    message = {"gs_session": 7, "seq": 2, "executor_session": 9, "deadline_ms": 9000, "limit_s": 10.0}
+    resume = CommandMessage(**message, command=Resume(bytes(16)))
+    arm, sent = publish("fog1/commands", arm_command()), publish("fog1/drone1/commands", encode(resume))
+    frames = [
+        (T0, frame("gs", "cloud", arm, 1)),
+        (T0 + SECOND, frame("gs", "cloud", sent, 9, sequence=len(arm))),
+    ]
+    write_pcap(attempt.path / "pcap" / "gs.pcap", frames)
+    (measured,) = measure_series(series)["protocols"]["mqttxt"]["attempts"]
+    assert measured["frames_per_call"] == {"arm": 1.0, "start_mission": 1.0}
+    assert {name: found["sent"] for name, found in measured["messages"]["commands"].items()} == {"arm": 1, "resume": 1}
 
 
 def test_states_in_bundles_are_found_one_by_one(tmp_path: Path) -> None:
