@@ -112,7 +112,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
     item.stash.setdefault(_PLACES, set()).update(_place(item, error) for error in errors[:1])
     known = _known_cause(errors)
-    cause = known or _cause(errors, watch.late_ms(began_s))
+    cause = known or (_cause(errors, watch.late_ms(began_s)) if errors else None)
     if cause is not None and known is None and turn < TURNS:
         over = pytest.CallInfo.from_call(lambda: item.session._setupstate.teardown_exact(None), "teardown")
         if over.excinfo is None:
@@ -135,9 +135,9 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 def _cause(errors: Sequence[pytest.ExceptionInfo[BaseException]], late_ms: int) -> str | None:
-    """What may have caused all that failed in a turn; None where nothing failed, or something by itself."""
+    """What may have caused all that failed in a turn; None where something failed by itself."""
     possible = (Void, *CAUSED) if late_ms else Void
-    if not errors or not all(isinstance(error.value, possible) for error in errors):
+    if not all(isinstance(error.value, possible) for error in errors):
         return None
     if any(isinstance(error.value, Void) for error in errors):
         return "what it flew was void"

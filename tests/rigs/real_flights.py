@@ -7,7 +7,6 @@ import socket
 import struct
 import subprocess
 import threading
-import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -242,10 +241,8 @@ class Flight:
 
     async def _have_an_autopilot_that_would_arm(self) -> None:
         """PX4 may find its GNSS bad for good after a flight ("GPS Vertical Pos Drift too high"): it is started anew."""
-        until = time.monotonic() + BOOT_S / 2
-        while not self.pilot.would_arm:
-            if time.monotonic() > until:
-                self.autopilot.kill()
-                await asyncio.to_thread(self.start_autopilot)
-                return
-            await asyncio.sleep(0.1)
+        try:
+            await eventually(lambda: self.pilot.would_arm, "the autopilot would arm", BOOT_S / 2)
+        except AssertionError:
+            self.autopilot.kill()
+            await asyncio.to_thread(self.start_autopilot)
