@@ -51,6 +51,7 @@ _STAGINGS = 3
 
 AState = TypeVar("AState", bound=State)
 AVitalState = TypeVar("AVitalState", bound=VitalState)
+AnObject = TypeVar("AnObject")
 
 
 @dataclass(frozen=True)
@@ -344,16 +345,12 @@ class Drone:
             ConfigurationError: this station does not control the drone, or the timeout is not above 0.
             StationEnded, BrokerRefused: the station has ended.
         """
-        self._check_control()
-        fetching = Fetching(self._fog, self.number, PLAN)
-        await self._runner.transfer(fetching, timeout_s)
+        content = await self._fetched(PLAN, PlanObject.unpacked, timeout_s)
         known = self.state(Home)
         home = known.state if known is not None else None
-        place = (home.latitude_deg, home.longitude_deg, home.altitude_amsl_m) if home is not None else None
-        try:
-            return Plan(PlanObject.unpacked(fetching.data), place)
-        except PayloadError as error:
-            raise TransferFailed(f"{fetching}: {error}") from error
+        return Plan(
+            content, (home.latitude_deg, home.longitude_deg, home.altitude_amsl_m) if home is not None else None
+        )
 
     async def parameters(self, known: Parameters | None = None, *, timeout_s: float = 300.0) -> Parameters:
         """The parameters that the autopilot has now.
@@ -367,16 +364,14 @@ class Drone:
             ConfigurationError: this station does not control the drone, or the timeout is not above 0.
             StationEnded, BrokerRefused: the station has ended.
         """
-        self._check_control()
         base = known.content if known is not None else None
-        fetching = Fetching(self._fog, self.number, PARAMETERS, base.hash if base is not None else None)
-        await self._runner.transfer(fetching, timeout_s)
-        if known is not None and not fetching.data:
-            return known
-        try:
-            return Parameters(ParameterSet.unpacked(fetching.data, base))
-        except PayloadError as error:
-            raise TransferFailed(f"{fetching}: {error}") from error
+
+        def unpack(data: bytes) -> Parameters:
+            if known is not None and not data:
+                return known
+            return Parameters(ParameterSet.unpacked(data, base))
+
+        return await self._fetched(PARAMETERS, unpack, timeout_s, base.hash if base is not None else None)
 
     async def logs(self, *, timeout_s: float = 60.0) -> tuple[FlightLog, ...]:
         """The flight logs that the autopilot has now, in the order of their numbers. The drone has to be disarmed.
@@ -389,13 +384,7 @@ class Drone:
             ConfigurationError: this station does not control the drone, or the timeout is not above 0.
             StationEnded, BrokerRefused: the station has ended.
         """
-        self._check_control()
-        fetching = Fetching(self._fog, self.number, LOGS)
-        await self._runner.transfer(fetching, timeout_s)
-        try:
-            return unpack_logs(fetching.data)
-        except PayloadError as error:
-            raise TransferFailed(f"{fetching}: {error}") from error
+        return await self._fetched(LOGS, unpack_logs, timeout_s)
 
     async def download_log(
         self,
@@ -485,6 +474,18 @@ class Drone:
     @property
     def _view(self) -> DroneView:
         return self._fog.drones.get(self.number) or DroneView(self.number)
+
+    async def _fetched(
+        self, kind: str, unpack: Callable[[bytes], AnObject], timeout_s: float, known: bytes | None = None
+    ) -> AnObject:
+        """The newest object of a kind; `known` is the hash of one from before, where that may be all that comes."""
+        self._check_control()
+        fetching = Fetching(self._fog, self.number, kind, known)
+        await self._runner.transfer(fetching, timeout_s)
+        try:
+            return unpack(fetching.data)
+        except PayloadError as error:
+            raise TransferFailed(f"{fetching}: {error}") from error
 
     def _check_control(self) -> None:
         if not self.is_controlled:
