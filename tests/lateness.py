@@ -1,15 +1,17 @@
 """Tests on a machine that is late: run again, and those that fly or measure times inconclusive where it stays late.
 
 A process beside the tests sleeps in short steps and writes down when it woke up late: that is the machine's doing, not
-the code's. Where a test fails by what lateness may cause, and the machine was late while it ran, or what it flew is
-Void, the test is run anew with all its fixtures, beside nothing but tests that give way (workers.py), TURNS times at
-most. One with one of MARKS waits until the machine is quieter, and after its last turn it is neither passed nor failed
-but inconclusive: the last lines name it with its failure, and the very last one counts it. Any other test that fails in
-every turn has failed. A failure that lateness cannot cause is one at once.
+the code's. Where a test fails by what lateness may cause, and the machine was late while it ran or while one of its
+fixtures was set up, be it for an earlier test of the file, or what it flew is Void, the test is run anew with all its
+fixtures, beside nothing but tests that give way (workers.py), TURNS times at most. One with one of MARKS waits until
+the machine is quieter, and after its last turn it is neither passed nor failed but inconclusive: the last lines name it
+with its failure, and the very last one counts it. Any other test that fails in every turn has failed. A failure that
+lateness cannot cause is one at once.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -17,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Generator, Sequence
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import pytest
 from _pytest.runner import runtestprotocol
@@ -29,6 +32,8 @@ LATE_MS = 25
 QUIET_S, PATIENCE_S = 5.0, 60.0
 CAUSED = (AssertionError, TimeoutError, subprocess.TimeoutExpired, pytest.fail.Exception)
 """What lateness may cause: that something was not so, or not in time."""
+Span = tuple[float, float]
+"""From when until when, of time.monotonic()."""
 _TURN = pytest.StashKey[int]()
 _ERRORS, _PLACES = pytest.StashKey[list[pytest.ExceptionInfo[BaseException]]](), pytest.StashKey[set[str]]()
 """What failed in this turn, and where in all of them."""
@@ -62,15 +67,15 @@ class Watch:
         self._process = subprocess.Popen([sys.executable, "-c", _SLEEPER], stdin=subprocess.PIPE, stdout=number)
         os.close(number)
 
-    def late_ms(self, since_s: float) -> int:
-        """How late it was at worst since a moment of time.monotonic(), 0 where it never was by more than LATE_MS."""
+    def late_ms(self, *spans: Span) -> int:
+        """How late it was at worst within one of the spans, 0 where it never was by more than LATE_MS."""
         whole, _, _ = self._file.read_text().rpartition("\n")  # a line may be half written yet
-        lines = [line.split() for line in whole.splitlines()]
-        return max((int(late) for at, late in lines if float(at) >= since_s), default=0)
+        lines = [(float(at), int(late)) for at, late in map(str.split, whole.splitlines())]
+        return max((late for at, late in lines if any(since <= at <= until for since, until in spans)), default=0)
 
     def wait_for_quiet(self) -> None:
         began_s = time.monotonic()
-        while self.late_ms(time.monotonic() - QUIET_S) and time.monotonic() < began_s + PATIENCE_S:
+        while self.late_ms((time.monotonic() - QUIET_S, math.inf)) and time.monotonic() < began_s + PATIENCE_S:
             time.sleep(1)
 
     def end(self) -> None:
@@ -85,6 +90,19 @@ def _watching() -> Watch:
     global _watch
     _watch = _watch or Watch()
     return _watch
+
+
+_set_up = WeakKeyDictionary[pytest.FixtureDef[object], Span]()
+"""When each fixture was set up last."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
+    began_s = time.monotonic()
+    try:
+        return (yield)
+    finally:
+        _set_up[fixturedef] = (began_s, time.monotonic())
 
 
 _judged: list[tuple[BaseException, str]] = []
@@ -112,7 +130,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
     item.stash.setdefault(_PLACES, set()).update(_place(item, error) for error in errors[:1])
     known = _known_cause(errors)
-    cause = known or (_cause(errors, watch.late_ms(began_s)) if errors else None)
+    cause = known or (_cause(errors, watch.late_ms((began_s, math.inf), *_set_up_of(item))) if errors else None)
     if cause is not None and known is None and turn < TURNS:
         over = pytest.CallInfo.from_call(lambda: item.session._setupstate.teardown_exact(None), "teardown")
         if over.excinfo is None:
@@ -132,6 +150,13 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True
+
+
+def _set_up_of(item: pytest.Item) -> list[Span]:
+    """When the fixtures of a test were set up, those of its file and of the whole run too."""
+    assert isinstance(item, pytest.Function)
+    used = [found[-1] for found in item._fixtureinfo.name2fixturedefs.values()]
+    return [_set_up[fixture] for fixture in used if fixture in _set_up]
 
 
 def _cause(errors: Sequence[pytest.ExceptionInfo[BaseException]], late_ms: int) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -26,7 +27,7 @@ HERE = Path(__file__).parent
 def late():
     '''The sleeper is stopped for a moment, as on a machine that has no time for it.'''
     watch, began_s = lateness._watching(), time.monotonic()
-    while not watch.late_ms(began_s):  # it may not sleep yet, or not have slept just then
+    while not watch.late_ms((began_s, float("inf"))):  # it may not sleep yet, or not have slept just then
         watch._process.send_signal(signal.SIGSTOP)
         time.sleep(0.2)
         watch._process.send_signal(signal.SIGCONT)
@@ -102,6 +103,14 @@ def test_each_test_of_a_file_whose_fixture_stays_late_is_named_and_the_fixture_i
         assert line.startswith(f"INCONCLUSIVE test_it.py::{name}: {why}")
 
 
+@pytest.mark.long
+def test_a_fixture_that_was_set_up_late_for_an_earlier_test_is_made_again(tmp_path: Path) -> None:
+    source = OWN.replace("MARK", "integration").replace("FAILS", "pass")
+    lines = _run(f"{source}\n@pytest.mark.integration\ndef test_more(flown):\n    {AGAIN}\n", "True", tmp_path)
+    assert "2 passed" in lines[-1], lines
+    assert int((tmp_path / "turns").read_text()) == 2
+
+
 def _run(source: str, late: str, folder: Path) -> list[str]:
     """The lines of a run of tests whose fixture finds the machine late or not."""
     (folder / "tests").mkdir()
@@ -174,9 +183,9 @@ def test_a_line_that_is_half_written_is_read_when_it_is_whole() -> None:
         with watch._file.open("a") as file:
             file.write("9e9 40\n9e9")
             file.flush()
-            assert watch.late_ms(8e9) == 40
+            assert watch.late_ms((8e9, math.inf)) == 40
             file.write(" 50\n")
             file.flush()
-            assert watch.late_ms(8e9) == 50
+            assert watch.late_ms((8e9, math.inf)) == 50
     finally:
         watch.end()
