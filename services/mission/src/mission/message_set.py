@@ -147,7 +147,7 @@ class MessageSet:
         It is disarmed on the way: so what the last call began is over, and ends with its last word. Then once more,
         for a late copy of that call may have armed it again.
         """
-        await self._channel.set(armed=False, battery_pct=100)
+        await self._channel.set(armed=False)
         settled = await self._fleet.settle()
         await self._channel.set(armed=False)
         followed = await self._follow(armed=False)

@@ -1,4 +1,4 @@
-"""The stand-in's control socket: how the message set puts the drone into a starting state, past all links."""
+"""The autopilot's control socket: how the message set puts the drone into a starting state, past all links."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any, Self
 
 from .fleet import MissionError
 
-ANSWER_LIMIT_S = 5.0
+ANSWER_LIMIT_S = 400.0
+"""A stand-in answers at once; a real autopilot is flown down, and up again."""
 
 
 class SideChannel:
@@ -31,7 +32,7 @@ class SideChannel:
             self._streams[1].close()
 
     async def set(self, **wanted: Any) -> dict[str, Any]:
-        """Set what the stand-in's side channel knows; returns the drone's true state after it."""
+        """Set what the side channel knows; returns the drone's true state after it."""
         assert self._streams is not None
         reader, writer = self._streams
         try:

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 
 import typer
 
+from .control_socket import served
 from .errors import SitlError
 from .fleet import DroneConfig, load
 from .personalities import PERSONALITIES
@@ -102,7 +103,7 @@ def fly(
             work = Path(tempfile.gettempdir()) / f"{autopilot}-{system}"
             logs = events.with_suffix(".log") if events is not None else work.with_suffix(".log")
             flown = REAL[autopilot](folder, work, logs, config, links[0], WITNESS[1])
-            asyncio.run(_until_signal(fly_real(flown, Watching(system, WITNESS, **told))))
+            asyncio.run(_until_signal(_fly_real(flown, Watching(system, WITNESS, **told), autopilot, control)))
             return
         kind = PX4 if like is None else PERSONALITIES[like]
         if gcs:
@@ -181,6 +182,15 @@ def _errors_as_lines() -> Iterator[None]:
     except SitlError as error:
         typer.echo(f"sitl: {error}", err=True)
         raise typer.Exit(error.exit_code) from None
+
+
+async def _fly_real(flown: Autopilot, watching: Watching, kind: str, control: Path | None) -> None:
+    async with contextlib.AsyncExitStack() as stack:
+        if control is not None:
+            from .likeness.placing import Placing
+
+            await stack.enter_async_context(served(control, Placing(watching, kind).answer))
+        await fly_real(flown, watching)
 
 
 async def _until_signal(flight: Coroutine[Any, Any, None]) -> None:

@@ -33,11 +33,12 @@ def parse(request: Any, modes: type[FlightMode]) -> dict[str, Any] | None:
 
 
 def apply(autopilot: Autopilot, wanted: dict[str, Any]) -> None:
-    """Put the drone into a state. `armed` and `altitude_m` put it back home first; `mode` is a pilot's hand."""
+    """Put the drone into a state. `armed` and `altitude_m` put it back first, home and charged; `mode` is a pilot's."""
     autopilot.healthy = wanted.get("healthy", autopilot.healthy)
-    if "battery_pct" in wanted:
-        autopilot.battery.charge(wanted["battery_pct"])
-    if "armed" in wanted or "altitude_m" in wanted:
+    is_put_back = "armed" in wanted or "altitude_m" in wanted
+    if "battery_pct" in wanted or is_put_back:
+        autopilot.battery.charge(wanted.get("battery_pct", 100.0))
+    if is_put_back:
         autopilot.put_back(altitude_m=wanted.get("altitude_m", 0.0), armed=wanted.get("armed", False))
     if "mode" in wanted:
         autopilot.enter(type(autopilot.rest)[wanted["mode"].upper()])

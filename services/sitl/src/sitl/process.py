@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 import time
 from collections import Counter
@@ -14,8 +13,8 @@ from typing import Any, TextIO
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from .control_socket import served
 from .datagrams import ANCILLARY_BYTES, LARGEST_DATAGRAM, arrival_ns, bind
-from .errors import SitlError
 from .files import open_events, touch, write_event
 from .outputs import Happened, Output
 from .position_file import EVERY_S, PositionFile
@@ -128,9 +127,7 @@ class Process:
                 stack.callback(link.close, loop)
                 self._links.append(link)
             if self._control is not None:
-                server = await self._open_control(self._control)
-                stack.callback(self._control.unlink, missing_ok=True)
-                stack.callback(server.close)
+                await stack.enter_async_context(served(self._control, self._on_control))
             await self._fly()
 
     def on_message(self, link: int, message: Any, arrived_ns: int) -> None:
@@ -187,21 +184,7 @@ class Process:
             arrived = {} if arrived_ns is None else {"arrived_ns": arrived_ns}
             write_event(self._events, time.time_ns(), happened.event, **happened.detail, **arrived)
 
-    async def _open_control(self, path: Path) -> asyncio.Server:
-        try:
-            path.unlink(missing_ok=True)
-            return await asyncio.start_unix_server(self._on_control, str(path))
-        except OSError as error:
-            raise SitlError(f"--control {path}: {error.strerror or error}") from error
-
-    async def _on_control(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One JSON object a line in, one a line out; a tester who is gone is no error."""
-        with contextlib.closing(writer), contextlib.suppress(ConnectionError):
-            while line := await reader.readline():
-                try:
-                    answer, outputs = self.vehicle.control(json.loads(line))
-                except (ValueError, SitlError) as error:
-                    answer, outputs = {"error": str(error)}, []
-                self._carry_out(None, outputs)
-                writer.write(json.dumps(answer).encode() + b"\n")
-                await writer.drain()
+    async def _on_control(self, request: Any) -> dict[str, Any]:
+        answer, outputs = self.vehicle.control(request)
+        self._carry_out(None, outputs)
+        return answer

@@ -99,11 +99,16 @@ class UdpChannel:
             at_s = self.now_s
             if self._learns:
                 self._to = sender
-            parser = mavlink.MAVLink(None)  # a new one each time: frames do not go on from one datagram to the next
-            parser.robust_parsing = True
-            for message in parser.parse_buffer(datagram) or ():
-                if message.get_type() != "BAD_DATA":
-                    yield _heard(at_s, message)
+            yield from heard_in(at_s, datagram)
+
+
+def heard_in(at_s: float, datagram: bytes) -> Iterator[Heard]:
+    """The messages in a datagram that came at a time."""
+    parser = mavlink.MAVLink(None)  # a new one each time: frames do not go on from one datagram to the next
+    parser.robust_parsing = True
+    for message in parser.parse_buffer(datagram) or ():
+        if message.get_type() != "BAD_DATA":
+            yield _heard(at_s, message)
 
 
 def _heard(at_s: float, message: Any) -> Heard:

@@ -96,6 +96,12 @@ class CopterManners(Manners):
         return (*[0.0] * 6, above_home_m)
 
 
+BY_REQUEST = {
+    **dict.fromkeys(("ATTITUDE", "LOCAL_POSITION_NED"), 20.0),
+    **dict.fromkeys(("GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE"), 10.0),
+    **{"SYS_STATUS": 2.0, "BATTERY_STATUS": 1.0, "HOME_POSITION": 0.5},
+}
+"""What a flight is followed by, in Hz, on a link that says nothing by itself."""
 _TRIED = ("position", "altitude", "stabilized", "manual", "acro", "mission", "offboard", "takeoff", "hold")
 PX4 = Px4Manners(
     name="px4",
@@ -135,10 +141,6 @@ ARDUCOPTER = CopterManners(
     mission="auto",
     has_home_item=True,
     first_log=1,
-    asks={
-        **dict.fromkeys(("ATTITUDE", "LOCAL_POSITION_NED"), 20.0),
-        **dict.fromkeys(("GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE"), 10.0),
-        **{"SYS_STATUS": 2.0, "BATTERY_STATUS": 1.0, "HOME_POSITION": 0.5},
-    },
+    asks=BY_REQUEST,
 )
 MANNERS = {manners.name: manners for manners in (PX4, ARDUCOPTER)}

@@ -27,11 +27,11 @@ NAN = math.nan
 
 
 class Pilot(Observer):
-    """Commands an autopilot, over the link on which it is heard."""
+    """Commands an autopilot, over the link on which it is heard. One that `greets` sends heartbeats."""
 
-    def __init__(self, channel: Channel, manners: Manners, system: int) -> None:
+    def __init__(self, channel: Channel, manners: Manners, system: int, *, greets: bool = True) -> None:
         super().__init__(channel, manners, system)
-        self._heartbeat_due_s = -math.inf
+        self._heartbeat_due_s = -math.inf if greets else math.inf
         self._asks_due_s = -math.inf
         self.repeat: Callable[[], None] | None = None
         """Called ten times a second while it listens: a stream of set-points."""

@@ -35,6 +35,8 @@ class Watching:
         self._ready_file = ready_file
         self._position_file = PositionFile(position_file) if position_file is not None else None
         self._peer: tuple[str, int] | None = None
+        self.taps: list[Callable[[bytes], object]] = []
+        """Whoever is given each datagram of the autopilot too."""
 
     async def run(self, may_be_ready: Callable[[], bool] = lambda: True) -> None:
         """Until cancelled. It is ready once the autopilot reports its place and would arm, and `may_be_ready`."""
@@ -58,11 +60,16 @@ class Watching:
             if self._events is not None:
                 self._events.close()
 
+    def send(self, datagram: bytes) -> None:
+        """To the autopilot, once it is known where that is."""
+        if self._peer is not None:
+            with contextlib.suppress(OSError):  # it listens no more: then its heartbeats stay away
+                self._socket.sendto(datagram, self._peer)
+
     def _ask(self, now_ns: int) -> None:
         if self._peer is not None:
             for request in self.witness.requests(now_ns):
-                with contextlib.suppress(OSError):  # it listens no more: then its heartbeats stay away
-                    self._socket.sendto(request, self._peer)
+                self.send(request)
 
     def _readable(self) -> None:
         try:
@@ -73,6 +80,8 @@ class Watching:
         events = self.witness.take(data, t_ns)
         if self.witness.told_ns == t_ns:  # by its own frame: anybody may send here
             self._peer = peer
+            for tap in self.taps:
+                tap(data)
         for event in events:
             if self._events is not None:
                 write_event(self._events, t_ns, **event)

@@ -24,7 +24,7 @@ class Witness:
     """What one autopilot has reported so far."""
 
     def __init__(self, system: int) -> None:
-        self._system = system
+        self.system = system
         self._armed = False
         self._airborne: bool | None = None
         self._marked_ns: dict[str, int] = {}
@@ -50,7 +50,7 @@ class Witness:
         parser = mavlink.MAVLink(None)  # a new one each time: messages do not go on from one datagram to the next
         parser.robust_parsing = True
         for message in parser.parse_buffer(datagram) or ():
-            if (message.get_srcSystem(), message.get_srcComponent()) == (self._system, mavlink.MAV_COMP_ID_AUTOPILOT1):
+            if (message.get_srcSystem(), message.get_srcComponent()) == (self.system, mavlink.MAV_COMP_ID_AUTOPILOT1):
                 self.told_ns = self._came_ns[message.get_type()] = t_ns
                 events += self._told(message, t_ns)
         return events
@@ -64,7 +64,7 @@ class Witness:
         return [self._request(name) for name in silent]
 
     def _request(self, name: str) -> bytes:
-        target = (self._system, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        target = (self.system, mavlink.MAV_COMP_ID_AUTOPILOT1)
         wanted = (_IDS[name], 1e6 / WANTED_HZ[name])
         command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
         packed = mavlink.MAVLink_command_long_message(*target, command, 0, *wanted, 0, 0, 0, 0, 0).pack(self._codec)

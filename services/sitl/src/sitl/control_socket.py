@@ -1,0 +1,41 @@
+"""The side channel's socket: one JSON object a line in, one a line out."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from .errors import SitlError
+
+Answer = Callable[[Any], Awaitable[dict[str, Any]]]
+"""What is asked, and the answer to it; raises SitlError for what cannot be done."""
+
+
+@contextlib.asynccontextmanager
+async def served(path: Path, answer: Answer) -> AsyncIterator[None]:
+    """The socket, while this is entered. Raises SitlError where it cannot be there."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.closing(writer), contextlib.suppress(ConnectionError):  # a tester who is gone is no error
+            while line := await reader.readline():
+                try:
+                    found = await answer(json.loads(line))
+                except (ValueError, SitlError) as error:
+                    found = {"error": str(error)}
+                writer.write(json.dumps(found).encode() + b"\n")
+                await writer.drain()
+
+    try:
+        path.unlink(missing_ok=True)
+        server = await asyncio.start_unix_server(serve, str(path))
+    except OSError as error:
+        raise SitlError(f"--control {path}: {error.strerror or error}") from error
+    try:
+        yield
+    finally:
+        server.close()
+        path.unlink(missing_ok=True)
