@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from mission.message_set import COMMANDS, STATES
 from tests.e2e.flying import Run
 
 pytestmark = [
@@ -29,3 +30,15 @@ def test_what_six_px4s_did_is_what_their_own_logs_say(
         for log in attempt["flight_logs"].values():
             assert log["off"] is None
             assert [change["event"] for change in log["changes"]] == ["armed", "took_off", "landed", "disarmed"]
+
+
+def test_a_px4_flies_the_message_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over MQTT-XT: PX4 main refuses a goto from MAVSDK."""
+    monkeypatch.setenv("AUTOPILOT", "px4")
+    run = Run(tmp_path / "results", "--count", "1", "--protocols", "mqttxt", experiment="messages")
+    assert run.wait(3500) == 0, run.output
+    (attempt,) = run.metrics()["protocols"]["mqttxt"]["attempts"]
+    assert {name: kind["received"] for name, kind in attempt["message_set"].items()} == dict.fromkeys(
+        (*COMMANDS, *STATES), 1
+    )
+    assert attempt["flight_logs"]["uav1"]["off"] is None
