@@ -157,7 +157,7 @@ def _too_slow(speed: float) -> str | None:
     if speed >= LEAST_SPEED:
         return None
     return (
-        f"the autopilot's clock ran at {speed:.2f} of the time; expected {LEAST_SPEED:g} at least: "
+        f"the autopilot's clock ran at {speed:.3f} of the time; expected {LEAST_SPEED:g} at least: "
         "the machine was too busy"
     )
 

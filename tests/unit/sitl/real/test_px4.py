@@ -15,7 +15,7 @@ from sitl.errors import SitlError
 from sitl.fleet import DroneConfig
 from sitl.process import LinkConfig
 from sitl.px4.streams import SETS
-from sitl.real.px4 import OWN, PARAMETERS, STREAMS, Px4
+from sitl.real.px4 import MOST_FACTOR, OWN, PARAMETERS, STEPS, STREAMS, Px4, speed_factor
 
 ALIASES = """alias set=_set
 alias commander='px4-commander --instance $px4_instance'
@@ -95,6 +95,13 @@ def test_it_has_a_link_to_who_flies_it_and_one_for_its_witness(tmp_path: Path, s
         "mavlink start -x -u 18573 -r 4000000 -m custom -o 14550",
         "mavlink stream -u 18573 -s HEARTBEAT -r 50",
     ]
+
+
+@pytest.mark.parametrize(("takes_s", "factor"), [(0.0043, 1.075), (0.004, 1.0), (0.003, 1.0), (0.04, MOST_FACTOR)])
+def test_its_simulator_is_sped_up_by_what_a_sleep_takes_longer_here(takes_s: float, factor: float) -> None:
+    slept: list[float] = []
+    assert speed_factor(lambda _: slept.append(takes_s), lambda: sum(slept)) == pytest.approx(factor)
+    assert len(slept) == STEPS
 
 
 def test_what_is_read_back_has_to_be_what_was_set(tmp_path: Path) -> None:

@@ -68,7 +68,7 @@ def test_heights_that_differ_are_said(tmp_path: Path) -> None:
 
 def test_an_autopilot_whose_clock_was_held_up_flew_through_another_time_than_the_network(tmp_path: Path) -> None:
     found = compare(write_ulog(tmp_path / "a.ulg", Flight()), events_of(Flight(), speed=0.7))
-    said = "the autopilot's clock ran at 0.70 of the time; expected 0.95 at least: the machine was too busy"
+    said = "the autopilot's clock ran at 0.700 of the time; expected 0.95 at least: the machine was too busy"
     assert found.off == said
 
 
@@ -145,7 +145,7 @@ def test_events_without_clocks_cannot_be_compared(attempt: Attempt) -> None:
 def test_in_a_flight_that_failed_only_its_simulation_counts(attempt: Attempt) -> None:
     cut = [event for event in events_of(Flight(), speed=0.6) if event["event"] not in ("landed", "disarmed")]
     _write_events(attempt.path, cut)
-    assert str(simulation_reason(attempt)).startswith("uav1: the autopilot's clock ran at 0.60 of the time")
+    assert str(simulation_reason(attempt)).startswith("uav1: the autopilot's clock ran at 0.600 of the time")
     _write_events(attempt.path, [event for event in events_of(Flight()) if event["event"] != "disarmed"])
     assert simulation_reason(attempt) is None
 
