@@ -12,7 +12,7 @@ from mqttxt.core.effects import Inbound
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Transmit
 from mqttxt.drone.executor import Executor
-from mqttxt.drone.mavlink.raw import GUARDED, MAV_CMDS, TYPED, Limits
+from mqttxt.drone.mavlink.raw import GUARDED, MAV_CMDS, PASSED, TYPED, Limits
 from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient
 from mqttxt.drone.runs import Said
@@ -167,8 +167,27 @@ def test_an_allowance_that_allows_nothing_is_one_line(limits: Limits) -> None:
         UavOptions(limits=limits)
 
 
-def test_guarded_and_typed_numbers_are_in_common() -> None:
-    assert {*GUARDED, *TYPED} <= MAV_CMDS.keys()
+@pytest.mark.parametrize("number", sorted(MAV_CMDS))
+def test_what_becomes_of_each_mav_cmd_is_decided_on_purpose(number: int) -> None:
+    assert (number in PASSED) + (number in {*GUARDED, *TYPED}) == 1, MAV_CMDS[number]
+    out = Bench().start(1, raw(number))
+    assert written(out) == ([number] if number in PASSED else []), MAV_CMDS[number]
+
+
+def test_what_is_decided_is_in_common() -> None:
+    assert {*GUARDED, *TYPED, *PASSED} == MAV_CMDS.keys()
+    assert GUARDED.keys() & TYPED.keys() == {mavlink.MAV_CMD_COMPONENT_ARM_DISARM}
+
+
+def test_what_has_a_place_passes_only_where_it_does_not_fly_there() -> None:
+    placed = {MAV_CMDS[n].removeprefix("MAV_CMD_") for n in PASSED if mavlink.enums["MAV_CMD"][n].has_location}
+    assert placed <= {"NAV_ROI", "DO_SET_ROI", "DO_SET_ROI_LOCATION", "DO_SET_HOME"}
+
+
+@pytest.mark.parametrize("word", ["TAKEOFF", "LAND", "MODE", "ARM", "LOITER", "ORBIT", "MISSION", "RETURN"])
+def test_what_names_a_flight_passes_only_where_it_is_none(word: str) -> None:
+    named = {name for n, name in MAV_CMDS.items() if n in PASSED and word in name.split("_")}
+    assert named <= {"MAV_CMD_SET_CAMERA_MODE"}
 
 
 def test_a_reboot_that_is_allowed_at_the_uav_client_passes() -> None:

@@ -17,7 +17,7 @@ from .registry import NotTested, expect, rule
 from .uav_kit import QUIET_S, UavKit
 
 _FAR_MS = 61_000
-_TERMINATE, _REBOOT = 185, 246
+_VTOL_TAKEOFF, _TERMINATE, _REBOOT = 84, 185, 246
 _NO_MAV_CMD = 65_000
 
 
@@ -188,9 +188,9 @@ async def limits_what_mavlink_may_do(kit: UavKit) -> str:
     """`mavlink` is denied for what has a command of its own, for termination, reboot, and unknown MAV_CMDs."""
     await kit.calm()
     said = []
-    for mav_cmd, params in ((ARM, (1.0,)), (_TERMINATE, (1.0,)), (_REBOOT, (1.0,)), (_NO_MAV_CMD, (0.0,))):
+    for mav_cmd, first in ((ARM, 1.0), (_VTOL_TAKEOFF, 0.0), (_TERMINATE, 1.0), (_REBOOT, 1.0), (_NO_MAV_CMD, 0.0)):
         before = len(kit.autopilot.written)
-        message = kit.command(Mavlink(mav_cmd, (*params, *[0.0] * 6)))
+        message = kit.command(Mavlink(mav_cmd, (first, *[0.0] * 6)))
         kit.publish(message)
         words = await kit.outcome(message)
         written = [one for one in kit.autopilot.written[before:] if one.command == mav_cmd]
