@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
@@ -39,6 +40,8 @@ class Station:
         self.tried: dict[int, set[int]] = {}
         self.sent: list[int] = []
         self.gone: set[int] = set()
+        self.offers_s: dict[int, list[float]] = {}
+        self.commit_ttls_s: list[float] = []
         self.lands_behind: int | None = None
         self._seq = 0
 
@@ -64,17 +67,26 @@ class Station:
         seq, record = self._seq, Record[Any]()
         if mode is SelectMode.RELEASE:
             del self.reserved[reservation or 0]
+        elif mode is SelectMode.OFFER and self.offers_s.get(fog):
+            after_s = self.offers_s[fog].pop(0)
+            asyncio.get_running_loop().call_later(after_s, self._offer_late, record, CommandId(1, seq), fog)
+            return SentCommand(record, last_word)
         elif mode is SelectMode.OFFER:
             record.hear(self._offer(CommandId(1, seq), fog, reservation))
         elif mode is SelectMode.COMMIT:
             _, drone = self.reserved.pop(reservation or 0)
             self.sent.append(drone)
+            self.commit_ttls_s.append(ttl_s)
             for word in self.words[drone]:
                 record.hear(Outcome(CommandId(1, seq), fog, drone, "goto", word))
             if drone == self.lands_behind:
                 self.commands.overriding_seq = seq + 1
         record.end()
         return SentCommand(record, last_word)
+
+    def _offer_late(self, record: Record[Any], command_id: CommandId, fog: int) -> None:
+        record.hear(self._offer(command_id, fog, None))
+        record.end()
 
     def _offer(self, command_id: CommandId, fog: int, before: int | None) -> PsmiList:
         tried = self.tried.get(before, set()) if before is not None else set()
@@ -158,3 +170,30 @@ async def test_when_all_refuse_that_is_the_end() -> None:
     assert station.sent == [1, 4, 2]
     assert heard[-1].chosen is None
     assert station.reserved == {}
+
+
+NEVER_S = 3600.0
+
+
+async def test_a_fog_that_says_nothing_any_more_leaves_the_next_one_its_time() -> None:
+    station = Station(FLEET, {1: [Word.DENIED], 4: FLIES})
+    station.offers_s[1] = [0.0, NEVER_S]
+    await choose(station, ttl_s=0.4)
+    assert station.sent == [1, 4]
+    assert 0.1 < station.commit_ttls_s[-1] <= 0.2
+
+
+async def test_a_fog_that_says_nothing_at_all_leaves_the_others_reservations_their_time() -> None:
+    station = Station(FLEET, {4: FLIES})
+    station.offers_s[1] = [NEVER_S]
+    began_s = asyncio.get_running_loop().time()
+    await choose(station, ttl_s=0.4)
+    assert station.sent == [4]
+    assert asyncio.get_running_loop().time() - began_s < 0.35
+
+
+async def test_while_nothing_is_reserved_a_late_offer_is_waited_for() -> None:
+    station = Station({1: {1: 10.0}, 2: {}}, {1: FLIES})
+    station.offers_s[1] = [0.3]
+    await choose(station, ttl_s=0.4)
+    assert station.sent == [1]

@@ -16,7 +16,7 @@ from .outcomes import Outcome, PsmiList
 from .process import StationRunner
 
 HOLD_S = 5.0
-"""How much longer than its answer may take a fog keeps the drone that it offered."""
+"""How much longer than a drone has to start a fog keeps the one that it offered."""
 
 _RELEASE_TTL_S = 5.0
 _SHORTEST_S = 0.001
@@ -30,7 +30,7 @@ def best(runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: fl
         raise FogUnreachable(f"no fog is connected; {command.name} was not sent")
     if len(fogs) == 1 and not runner.station.signs:
         return runner.select(fogs[0], command, SelectMode.SELECT, ttl_s, limit_s)
-    asked = _ask(runner, command, fogs, ttl_s)
+    asked = _ask(runner, command, fogs, ttl_s, ttl_s)
     return runner.choose(_choose(runner, command, asked, ttl_s, limit_s))
 
 
@@ -40,7 +40,9 @@ async def _choose(
     """The events from the fogs' offers to the last word of the drone that was sent."""
     held: list[PsmiList] = []
     try:
-        offers = await _answers(asked, ttl_s)
+        offers = await _answers(asked, ttl_s / 2)
+        if not any(_reserved(event) for event in offers):
+            offers = await _answers(asked, ttl_s / 2)
         if not offers:
             raise FogUnreachable(f"{command.name}: no fog answered within {ttl_s:g} s; no drone was sent")
         for event in offers:
@@ -89,10 +91,11 @@ async def _commit(
 async def _next_offer(
     runner: StationRunner, command: Command, tried: PsmiList, start_until_s: float
 ) -> list[Outcome | PsmiList]:
-    """A fog's next offer, beside the drone that refused."""
+    """A fog's next offer, beside the drone that refused; the second half of the time that is left is the commit's."""
     left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
+    wait_s = max(_SHORTEST_S, left_s / 2)
     with contextlib.suppress(FogUnreachable):
-        return await _answers(_ask(runner, command, [tried.fog], left_s, tried.id.seq), left_s)
+        return await _answers(_ask(runner, command, [tried.fog], wait_s, left_s, tried.id.seq), wait_s)
     return []
 
 
@@ -117,16 +120,17 @@ def _release(runner: StationRunner, command: Command, held: list[PsmiList]) -> N
 
 
 def _ask(
-    runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: float, tried: int | None = None
+    runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: float, left_s: float, tried: int | None = None
 ) -> list[Asked]:
-    """Ask each fog to reserve its best; raises FogUnreachable where none is live.
+    """Ask each fog to reserve its best within `ttl_s`; raises FogUnreachable where none is live.
 
-    `tried` is the number of an offer whose drone, and those before it, are left out.
+    `left_s` is the time in which the drone has to start. `tried` is the number of an offer whose drone, and those
+    before it, are left out.
     """
     asked, unreachable = [], None
     for fog in fogs:
         try:
-            asked.append(runner.select(fog, command, SelectMode.OFFER, ttl_s, HOLD_S + ttl_s, tried))
+            asked.append(runner.select(fog, command, SelectMode.OFFER, ttl_s, HOLD_S + left_s, tried))
         except FogUnreachable as error:
             unreachable = error
     if unreachable is not None and not asked:
