@@ -105,6 +105,23 @@ async def test_a_datagram_that_is_no_heartbeat_of_the_own_autopilot_takes_no_lin
     assert bench.write() == [False, True]
 
 
+@pytest.mark.parametrize("kind", [mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_AUTOPILOT_GENERIC])
+async def test_who_beats_with_the_autopilots_numbers_and_is_none_takes_no_link(
+    bench: LinkBench, monkeypatch: pytest.MonkeyPatch, kind: int
+) -> None:
+    autopilot, program = bench.socket(), bench.socket()
+    program.send(mavlink.MAVLink_heartbeat_message(18, kind, 0, 0, 4, 3).pack(AUTOPILOT))
+    await eventually(lambda: len(bench.heard) == 1, "heard")
+    assert bench.write() == [False, False]
+    autopilot.send(beat(1))
+    await eventually(lambda: len(bench.heard) == 2, "heard")
+    assert bench.write() == [True, False]
+    monkeypatch.setattr(transports, "HEARTBEAT_LOST_MS", 0)  # its heartbeats stay away
+    program.send(mavlink.MAVLink_heartbeat_message(18, kind, 0, 0, 4, 3).pack(AUTOPILOT))
+    await eventually(lambda: len(bench.heard) == 3, "heard")
+    assert bench.write() == [True, False]
+
+
 async def test_a_live_peer_keeps_the_link_and_is_alone_heard(bench: LinkBench, monkeypatch: pytest.MonkeyPatch) -> None:
     autopilot, forger = bench.socket(), bench.socket()
     autopilot.send(HEARTBEAT)

@@ -7,8 +7,6 @@ import logging
 from pathlib import Path
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
-
 from ..core.audit_log import AuditLog
 from ..core.clock import SessionClock
 from ..core.mqtt.link import BrokerAddress, MqttLink
@@ -28,10 +26,9 @@ from .journal_keeper import JournalKeeper
 from .log_work import LogDone
 from .logs.files import LogFiles
 from .logs.port import LogPort
-from .mavlink.autopilots import AUTOPILOTS, kind_of
+from .mavlink.autopilots import AUTOPILOTS, is_autopilots, kind_of
 from .mavlink.frame_parser import Malformed
 from .mavlink.link import AutopilotLink
-from .mavlink.plans import AUTOPILOT_COMPONENT
 from .mavlink.signing import Signing
 from .mavlink.stamps import KEEP_EVERY_S, Stamps
 from .mavlink.transports import AutopilotAddress
@@ -184,15 +181,19 @@ class UavRunner(Runner):
     def _recognise(self, message: Any) -> None:
         if message.get_srcSystem() == self.client.drone:
             self._recognition.on_own()
-        if not _is_autopilot(message):
+        if not is_autopilots(message):
             return
-        system_id = self._recognition.on_heartbeat(message.get_srcSystem(), self.clock.now_ms())
+        sender, is_known = message.get_srcSystem(), kind_of(message) is not None
+        system_id = self._recognition.on_heartbeat(sender, self.clock.now_ms(), is_known)
         if system_id is None:
-            self.count("other_system", f"a heartbeat of MAVLink system id {message.get_srcSystem()}")
+            kind, which = ("other_system", f"MAVLink system id {sender}")
+            if sender == self.client.drone:
+                kind, which = ("other_kind", f"autopilot {message.autopilot}, type {message.type}")
+            self.count(kind, f"a heartbeat of {which}")
             return
         if system_id != self.client.drone:
             self._wrong_id = system_id
-        elif kind_of(message) is None:
+        elif not is_known:
             self._unknown_kind = message
         self._heard.set()
 
@@ -219,10 +220,3 @@ class UavRunner(Runner):
                 except ConfigurationError as error:
                     self.count("parameters", str(error))
             await asyncio.sleep(KEEP_PARAMETERS_S)
-
-
-def _is_autopilot(message: Any) -> bool:
-    """Whether a message is the heartbeat of a flight controller."""
-    if message.get_type() != "HEARTBEAT" or message.get_srcComponent() != AUTOPILOT_COMPONENT:
-        return False
-    return bool(message.autopilot != mavlink.MAV_AUTOPILOT_INVALID)

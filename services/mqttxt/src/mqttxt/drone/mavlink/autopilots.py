@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from .ardupilot import ArduCopter
 from .autopilot import Autopilot
+from .plans import AUTOPILOT_COMPONENT
 from .px4 import Px4
 
 AUTOPILOTS: Final[dict[int, Autopilot]] = {
@@ -15,6 +16,13 @@ AUTOPILOTS: Final[dict[int, Autopilot]] = {
     mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: ArduCopter(),
 }
 """By HEARTBEAT.autopilot."""
+
+
+def is_autopilots(message: Any) -> bool:
+    """Whether a message is the heartbeat of a flight controller, of a kind that is known or not."""
+    if message.get_type() != "HEARTBEAT" or message.get_srcComponent() != AUTOPILOT_COMPONENT:
+        return False
+    return bool(message.autopilot != mavlink.MAV_AUTOPILOT_INVALID)
 
 
 def kind_of(heartbeat: Any) -> Autopilot | None:

@@ -14,8 +14,8 @@ import serial
 
 from ...core.address import is_host, whole_number
 from ...errors import ConfigurationError
+from .autopilots import is_autopilots, kind_of
 from .frame_parser import NO_FRAME, Malformed, StreamFrames, in_datagram
-from .plans import AUTOPILOT_COMPONENT
 from .signing import Refused
 from .vehicle import HEARTBEAT_LOST_MS
 
@@ -92,10 +92,11 @@ class Transport:
 class Udp(Transport):
     """Listens to one autopilot, and answers where its heartbeats come from.
 
-    The peer is whoever sent a valid heartbeat of the drone's autopilot. While those keep coming nobody else is heard on
-    this socket: what another one sends is neither parsed nor a reason to write there. Before there is a peer, everybody
-    is heard, and nobody is written to: heartbeats alone go to whoever sent one whose signature is right and whose time
-    stamp is old. An autopilot that was started without a clock learns the time from them (R13.6).
+    The peer is whoever sent a valid heartbeat of the drone's autopilot, of a kind that is known. While those keep
+    coming nobody else is heard on this socket: what another one sends is neither parsed nor a reason to write there.
+    Before there is a peer, everybody is heard, and nobody is written to: heartbeats alone go to whoever sent one whose
+    signature is right and whose time stamp is old. An autopilot that was started without a clock learns the time from
+    them (R13.6).
     """
 
     def __init__(self, address: AutopilotAddress, system_id: int, judge: Judge) -> None:
@@ -133,9 +134,10 @@ class Udp(Transport):
         return Read(messages)
 
     def _is_heartbeat(self, message: Any) -> bool:
-        if isinstance(message, Malformed) or message.get_type() != "HEARTBEAT":
+        """Whether a message is a heartbeat of the drone's autopilot: others may use its numbers."""
+        if isinstance(message, Malformed) or message.get_srcSystem() != self._system_id:
             return False
-        return bool((message.get_srcSystem(), message.get_srcComponent()) == (self._system_id, AUTOPILOT_COMPONENT))
+        return is_autopilots(message) and kind_of(message) is not None
 
     def write(self, packet: bytes, *, is_heartbeat: bool = False) -> bool:
         if is_heartbeat and self._behind is not None and self._behind != self._peer:
