@@ -134,6 +134,18 @@ def test_a_restarted_drone_is_not_refused_by_its_own_echo() -> None:
     assert of(bench.until(BORN_MS + 3000), "fog1/drone1/reachable") == []
 
 
+def test_what_a_stranger_shows_of_a_drone_is_put_right_though_the_right_record_is_shown_meanwhile() -> None:
+    bench = ready()
+    right = decode(DroneRecord, bench.role.drones.record_of(1).payload)  # type: ignore[union-attr]
+    wrong = DroneRecord(activator_session=FOG_SESSION, up=False)
+    for record in (wrong, right, wrong, right):
+        assert of(bench.until(bench.now_ms + 200), "fog1/drone1/reachable") == []
+        bench.cloud("drone1/reachable", record)
+    (told,) = of(bench.until(bench.now_ms + 500), "fog1/drone1/reachable")
+    assert decode(DroneRecord, told.payload) == right
+    assert of(bench.until(bench.now_ms + 2000), "fog1/drone1/reachable") == []
+
+
 def test_without_the_fog_broker_no_drone_is_reachable() -> None:
     bench = ready()
     (record,) = bench.role.on_disconnected("fog", bench.now_ms)

@@ -230,18 +230,17 @@ class Drones:
     def on_record(self, number: int, record: DroneRecord | None, now_ms: int) -> None:
         """What the broker shows of a drone, None where that is no record of this fog's.
 
-        Anything but this session's newest word is put right, unless that is what the broker shows next (R9.1).
+        Anything but this session's newest word is put right, whatever the broker shows next (R9.1).
         """
-        if record == self._word_of(self.links.get(number) or DroneLink(number)):
-            self._shown_wrong.pop(number, None)
-        else:
+        if record != self._word_of(self.links.get(number) or DroneLink(number)):
             self._shown_wrong.setdefault(number, Rebirth()).arm(now_ms)
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Leases that are due, contests that ran out, beacons that stayed away."""
-        out: list[Effect] = [
-            self.record_of(number) for number, rebirth in self._shown_wrong.items() if rebirth.is_due(now_ms)
-        ]
+        due = [number for number, rebirth in self._shown_wrong.items() if rebirth.is_due(now_ms)]
+        for number in due:
+            del self._shown_wrong[number]
+        out: list[Effect] = [self.record_of(number) for number in due]
         for link in self.links.values():
             if link.challenger is not None and now_ms >= link.contest_until_ms:
                 challenger, link.challenger = link.challenger, None
