@@ -171,6 +171,18 @@ def test_places_that_move_while_they_are_read_leave_no_parameter_out() -> None:
     assert [one.name for one in reading.found] == ["A", "B", "NEW"]
 
 
+def test_more_names_than_parameters_begin_the_list_anew_and_are_not_kept() -> None:
+    reading = Reading(1, bytewise=True)
+    asked = reading.begin(0)
+    most = 0
+    for number in range(20 * BEGINNINGS):
+        asked += reading.on_value(value(f"X{number}".encode(), 1.0, 65535, 10), 0)
+        most = max(most, len(reading._named))
+    assert most <= 11
+    assert len(asked) == BEGINNINGS
+    assert reading.error == "changed_meanwhile"
+
+
 def test_a_list_that_never_settles_is_given_up() -> None:
     reading = Reading(1, bytewise=True)
     reading.begin(0)

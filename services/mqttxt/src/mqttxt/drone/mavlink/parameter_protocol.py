@@ -196,6 +196,8 @@ class Reading:
             self._indexed[message.param_index] = value
         elif value is not None:
             self._named[value.name] = value
+            if len(self._named) > total:
+                return self.begin(now_ms)
         return self._finish(now_ms) if len(self._indexed) == total else []
 
     def _finish(self, now_ms: int) -> list[Any]:
