@@ -14,7 +14,15 @@ from testbed.fly.containers import PROJECT_LABEL, SERVICE_LABEL, compose_command
 from testbed.fly.daemon import is_healthy
 from testbed.plan.documents import ROOT
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600), pytest.mark.soak("compose.yaml", "services/net/src")]
+pytestmark = [
+    pytest.mark.e2e,
+    pytest.mark.timeout(600),
+    pytest.mark.soak(
+        "compose.yaml",
+        *("services/Dockerfile", "services/entrypoint", "services/healthy", "services/join"),
+        *("services/net/src", "services/net/unshaped.json"),
+    ),
+]
 PROJECT = "mqttxt-plain"
 HEALTHY_S = 180.0
 
