@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 import signal
 import subprocess
 import sys
@@ -66,8 +68,8 @@ class Role:
         return True
 
 
-def started(role: Role, server: Server) -> tuple[Runner, asyncio.Task[None]]:
-    runner = Runner(role, SessionClock())
+def started(role: Role, server: Server, ready_file: Path | None = None) -> tuple[Runner, asyncio.Task[None]]:
+    runner = Runner(role, SessionClock(), ready_file)
     for name in role.links:
         address = BrokerAddress("127.0.0.1", server.port)
         runner.links[name] = MqttLink(name, address, f"client-{name}", lambda: Will(PRESENCE, b"down"), runner)
@@ -120,6 +122,27 @@ def test_a_ready_file_that_can_nowhere_be_is_a_users_mistake(tmp_path: Path) -> 
     with pytest.raises(ConfigurationError) as error:
         Runner(Role(), SessionClock(), missing)
     assert str(error.value) == f"--ready-file {missing}: expected a file in a folder that exists"
+
+
+@pytest.mark.parametrize("fault", [errno.EROFS, errno.ENOSPC, errno.EIO])
+async def test_a_disk_that_takes_no_ready_file_ends_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: int
+) -> None:
+    def fail(path: Path, *_: object, **__: object) -> None:
+        raise OSError(fault, os.strerror(fault))
+
+    async with Server() as server:
+        runner, running = started(Role("fog"), server, tmp_path / "ready")
+        await eventually(lambda: (tmp_path / "ready").exists(), "the ready file")
+        monkeypatch.setattr(Path, "touch", fail)
+        monkeypatch.setattr(Path, "unlink", fail)
+        await eventually(lambda: running.done() or runner.counts["ready_file"] > 0, "the fault")
+        assert not running.done()
+        running.cancel()
+        await asyncio.wait({running})
+        assert running.cancelled()
+        assert runner.counts["ready_file"] >= 2
+        await eventually(lambda: said(server) == [[b"up", b"down", CLEAN]], "the goodbye")
 
 
 TAKES_LEAVE = """

@@ -264,7 +264,7 @@ class Runner:
             self.carry_out(self.lists.tick(now_ms))
             if self._ready_file is not None and now_ms - self._ready_touched_ms >= READY_TOUCH_S * 1000:
                 self._ready_touched_ms = now_ms
-                _mark(self._ready_file, self.role.is_ready(now_ms))
+                self._mark(self._ready_file, self.role.is_ready(now_ms))
             due_s = next_tick(due_s, loop.time())
             await asyncio.sleep(due_s - loop.time())
 
@@ -272,19 +272,21 @@ class Runner:
         self.carry_out(self.role.goodbye(self.clock.now_ms()))
         await asyncio.gather(*(link.close() for link in self.links.values()))
         if self._ready_file is not None:
-            _mark(self._ready_file, False)
+            self._mark(self._ready_file, False)
         if self.counts:
             logger.info("counted: %s", ", ".join(f"{kind} {n}" for kind, n in sorted(self.counts.items())))
+
+    def _mark(self, path: Path, ready: bool) -> None:
+        """A fresh modification time says ready; an old one, or no file, says not. A disk that fails ends nothing."""
+        try:
+            if ready:
+                path.touch()
+            else:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            self.count("ready_file", f"{path}: {error.strerror or error}")
 
 
 def next_tick(due_s: float, now_s: float) -> float:
     """When the tick after the one due at `due_s` is: on the same schedule, what was missed left out."""
     return due_s + TICK_S * max(1, ceil((now_s - due_s) / TICK_S))
-
-
-def _mark(path: Path, ready: bool) -> None:
-    """A fresh modification time says ready; an old one, or no file, says not."""
-    if ready:
-        path.touch()
-    else:
-        path.unlink(missing_ok=True)
