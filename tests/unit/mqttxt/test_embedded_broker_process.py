@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,8 @@ from mqttxt.core import mosquitto
 from mqttxt.core.embedded_broker import EmbeddedBroker
 from mqttxt.errors import ConfigurationError
 from mqttxt.security.authority import Authority
-from tests.rigs.processes import free_port, listens, wait_until
+from mqttxt.security.broker import BrokerFiles
+from tests.rigs.processes import eventually, free_port, listens, wait_until
 
 RUN_BROKER = """
 import asyncio, sys
@@ -226,3 +229,58 @@ async def test_a_broker_that_cannot_start_ends_its_role_with_what_it_said(tmp_pa
     with pytest.raises(ConfigurationError, match=r"^embedded broker 127.0.0.1:18830: .*code 1: .*already in use$"):
         await lives.run(until=2)
     assert lives.begun == 1
+
+
+def full_disk(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+class NoRoom:
+    """Where the disk has no room for the broker's files, and what then takes them."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+        self._patch = monkeypatch
+        self.files: Any = BrokerFiles(Authority.create(tmp_path / "acme", "acme").issue("broker-fog1"))
+
+    def for_a_folder(self) -> None:
+        """As tempfile ends, which tries each folder that there may be."""
+        self._patch.setattr(tempfile, "tempdir", None)
+        self._patch.setattr(tempfile, "_candidate_tempdir_list", list)
+
+    def for_a_plain_file(self) -> None:
+        self.files = None
+        self._patch.setattr(Path, "write_text", full_disk)
+
+    def for_an_identity(self) -> None:
+        self._patch.setattr(os, "fsync", full_disk)
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("no_room", [NoRoom.for_a_folder, NoRoom.for_a_plain_file, NoRoom.for_an_identity])
+async def test_a_full_disk_ends_no_role_and_the_broker_starts_once_there_is_room(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, no_room: Callable[[NoRoom], None]
+) -> None:
+    lives = Lives(tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        room = NoRoom(patch, tmp_path)
+        no_room(room)
+        broker = EmbeddedBroker("127.0.0.1", 18830, program=str(lives.program), files=room.files)
+        running = asyncio.create_task(broker.run())
+        await eventually(lambda: running.done() or "once its files can be written" in caplog.text, "the line")
+        assert not running.done(), running
+        assert lives.begun == 0
+    try:
+        await eventually(lambda: running.done() or lives.begun == 1, "the broker")
+        assert not running.done(), running
+        assert caplog.text.count("once its files can be written") == 1
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+async def test_an_identity_that_is_not_whole_is_a_users_mistake(tmp_path: Path) -> None:
+    lives = Lives(tmp_path)
+    files = BrokerFiles(Authority.create(tmp_path / "acme", "acme").issue("broker-fog1"))
+    (files.identity.folder / "members.pem").unlink()
+    with pytest.raises(ConfigurationError, match=r"members\.pem"):
+        await EmbeddedBroker("127.0.0.1", 18830, program=str(lives.program), files=files).run()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import signal
 import socket
@@ -14,6 +15,7 @@ from ..security.broker import BrokerFiles
 from ..security.revocation import RevocationList
 from . import mosquitto
 from .children import ENDS_WITH_PARENT, ending_with_parent
+from .disk import is_fault
 
 logger = logging.getLogger("mqttxt.broker")
 
@@ -72,7 +74,8 @@ class EmbeddedBroker:
         """Start Mosquitto and start it again when it ends; raises ConfigurationError when it cannot start.
 
         What ends by itself without ever having run cannot start. One that ran, or was killed, has to come back,
-        however young it was: its age says more about the machine than about it.
+        however young it was: its age says more about the machine than about it. Where a disk is full, fails or is
+        read-only, its files are written later.
         """
         program = mosquitto.find(self._program)
         if program is None:
@@ -80,12 +83,30 @@ class EmbeddedBroker:
                 f"embedded broker: {self._program!r} is not installed; expected Mosquitto 2: {mosquitto.how_to_get()}; "
                 f"or {self._instead} with a broker that runs elsewhere"
             )
-        with tempfile.TemporaryDirectory(prefix="mqttxt-broker-") as directory:
-            self._directory = Path(directory)
-            self._directory.chmod(0o755)
-            await self._keep_running(program, self._write(self._directory))
+        with contextlib.ExitStack() as left:
+            await self._keep_running(program, await self._written(left))
 
-    def _write(self, directory: Path) -> Path:
+    async def _written(self, left: contextlib.ExitStack) -> Path:
+        """The configuration, in a folder that `left` removes; written as soon as a disk takes it."""
+        has_told = False
+        while True:
+            try:
+                return self._write(left)
+            except (OSError, ConfigurationError) as error:
+                cause = error.__cause__ if isinstance(error, ConfigurationError) else error
+                if not isinstance(cause, OSError) or not (is_fault(cause) or self._directory is None):
+                    raise
+                if not has_told:
+                    logger.error("embedded broker: %s; it starts once its files can be written", error)
+                has_told = True
+            left.close()
+            self._directory = None
+            await asyncio.sleep(LONGEST_PAUSE_S)
+
+    def _write(self, left: contextlib.ExitStack) -> Path:
+        made = tempfile.TemporaryDirectory(prefix="mqttxt-broker-", ignore_cleanup_errors=True)
+        directory = self._directory = Path(left.enter_context(made))
+        directory.chmod(0o755)
         if self._files is not None:
             return self._files.write(directory, self.host, self.port, self._newest)
         path = directory / "mosquitto.conf"
