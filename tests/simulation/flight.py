@@ -22,9 +22,7 @@ class Flight(World):
     """The world with an autopilot in it: what the UAV client says reaches it, and what it says the client."""
 
     def begin(self, like: str) -> Flight:
-        self.vehicle = Vehicle(DroneConfig(1, quiet=True), ["px4-normal"], like=PERSONALITIES[like])
-        self._late: list[Any] = []
-        self._downlink = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        self.have_autopilot(like)
         self.gs.add_fogs([1])
         self.run("activator", self.activator.on_connected(FOG, self.now_ms))
         self.run("activator", self.activator.on_connected(CLOUD, self.now_ms))
@@ -33,14 +31,23 @@ class Flight(World):
         self.fly(3)
         return self
 
+    def have_autopilot(self, like: str) -> None:
+        self.vehicle = Vehicle(DroneConfig(self.drone, quiet=True), ["px4-normal"], like=PERSONALITIES[like])
+        self._late: list[Any] = []
+        self._downlink = mavlink.MAVLink(None, srcSystem=self.drone, srcComponent=1)
+
+    def step_autopilot(self) -> None:
+        """The autopilot's next step, at `now_ms`."""
+        now_s = self.now_ms / 1000
+        late, self._late = self._late, []
+        self._hear(late)
+        self._hear([o.message for o in self.vehicle.advance(now_s) if isinstance(o, Reply)])
+        self._hear(self.vehicle.streamed(0, now_s))
+
     def fly(self, seconds: float) -> None:
         for _ in range(round(seconds * 1000 / STEP_MS)):
             self.now_ms += STEP_MS
-            now_s = self.now_ms / 1000
-            late, self._late = self._late, []
-            self._hear(late)
-            self._hear([o.message for o in self.vehicle.advance(now_s) if isinstance(o, Reply)])
-            self._hear(self.vehicle.streamed(0, now_s))
+            self.step_autopilot()
             for name in ("uav", "activator", "gs"):
                 self.run(name, getattr(self, name).tick(self.now_ms))
 
@@ -85,7 +92,9 @@ class Flight(World):
         if not self._arrives(effect):
             return
         for parsed in (
-            mavlink.MAVLink(None).parse_buffer(effect.message.pack(mavlink.MAVLink(None, 1, effect.source.component)))
+            mavlink.MAVLink(None).parse_buffer(
+                effect.message.pack(mavlink.MAVLink(None, self.drone, effect.source.component))
+            )
             or ()
         ):
             answers = [o.message for o in self.vehicle.handle(0, parsed) if isinstance(o, Reply)]

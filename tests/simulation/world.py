@@ -148,6 +148,7 @@ class World:
     retained: dict[tuple[str, str], Publish] = field(default_factory=dict)
     logs_folder: LogFiles | None = None
     """Where the UAV client keeps flight logs, if it does."""
+    drone: int = 1
     kind: int = mavlink.MAV_AUTOPILOT_PX4
     """Of the autopilot, in the heartbeats of a UAV client's start."""
     shows: str = "all"
@@ -170,7 +171,7 @@ class World:
 
     def _uav(self, session: int, **left: Any) -> UavClient:
         left.setdefault("options", UavOptions(keeps_logs=self.logs_folder is not None))
-        return UavClient(1, session, self.settings, seal=self._seal("drone1"), fog=1, **left)
+        return UavClient(self.drone, session, self.settings, seal=self._seal(f"drone{self.drone}"), fog=1, **left)
 
     def start(self) -> World:
         """Everything connected, the drone reachable, the ground station registered."""

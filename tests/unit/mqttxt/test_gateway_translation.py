@@ -77,6 +77,7 @@ ENTER, ENTER_ARDUPILOT = long(176, 1, 4, 4), long(176, 1, 3)
         (long(400, 0), Disarm()),
         (long(22), Takeoff(10.0)),
         (long(22, -1, 0, 0, NAN, NAN, NAN, 500.0), Takeoff(12.0)),
+        (long(22, 0, 0, 0, 0, 0, 0, 498.0), Takeoff(10.0)),  # MAVProxy's `takeoff 498`
         (int_(22, RELATIVE, 0, 0, 7.0), Takeoff(7.0)),
         (long(21), Land()),
         (long(21, 0, 0, 0, 0, 0, 0, 0), Land()),
@@ -164,7 +165,9 @@ def test_ardupilots_item_0_is_home(message: Any, command: Command) -> None:
         (long(400, 1, 21_196), 2, "forced"),
         (long(400, 7), 2, "1 to arm"),
         (long(400), 2, "1 to arm"),
-        (long(22, 0, 0, 0, 0, 0, 0, 10.0), 2, "above sea level"),
+        (long(22, 0, 0, 0, 0, 0, 0, 10.0), 2, "home is at 488.0 m; expected 498.0 to fly 10 m above home"),
+        (long(22, 0, 0, 0, 0, 0, 0, -1.0), 2, "takeoff to -489.0 m above home: expected more than 0"),
+        (int_(22, RELATIVE, 0, 0, -2.0), 2, "takeoff to -2.0 m above home: expected more than 0"),
         (long(176, 1, 3, 0), 2, "mode POSITION"),
         (long(176, 1, 99, 0), 2, "mode UNKNOWN"),
         (long(176, 1, 260, 3), 2, "mode UNKNOWN"),

@@ -11,9 +11,11 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from mqttxt import ConfigurationError, Plan
-from mqttxt.errors import PayloadError
+from mqttxt.cli.main import app
+from mqttxt.errors import PayloadError, PlanMistakes
 from mqttxt.protocol.plans import PlanItem, PlanObject
 from mqttxt.station.plan_reading import read
 from mqttxt.station.plan_writing import document_of
@@ -163,6 +165,78 @@ def test_each_mistake_is_one_line(
     text = str(raised.value)
     assert text.startswith(f"{path}: {line}")
     assert "\n" not in text
+
+
+def with_mistakes() -> Any:
+    """A survey with mistakes in each of its parts, and two in one item."""
+    document = json.loads(SURVEY.read_text())
+    document["mission"]["plannedHomePosition"] = [91, 8, 488]
+    item(0)(document).update(frame=8, command="22")
+    inner(2)(document)["params"][4:6] = [91, 181]
+    document["geoFence"]["polygons"][0].update(polygon=[[1, 2]], inclusion=None)
+    document["rallyPoints"]["points"] = [[1, 2], [47, 8, 15], [47, "8", 15]]
+    return document
+
+
+ALL_MISTAKES = [
+    "mission item 1: frame: expected 0 or 2 or 3 or 10, got 8",
+    "mission item 1: command: expected a whole number from 0 to 65535, got '22'",
+    "mission item 4 (survey): params[4]: expected a latitude from -90 to 90 degrees, got 91",
+    "mission item 4 (survey): params[5]: expected a longitude from -180 to 180 degrees, got 181",
+    "geoFence polygon 1: polygon: expected three corners or more, got 1",
+    "geoFence polygon 1: inclusion: expected true or false, got None",
+    "rallyPoints point 1: expected [latitude, longitude, altitude], got [1, 2]",
+    "rallyPoints point 3: expected a longitude from -180 to 180 degrees, got '8'",
+    "mission: plannedHomePosition: expected a latitude from -90 to 90 degrees, got 91",
+]
+
+
+def mistakes_of(document: Any) -> tuple[str, ...]:
+    try:
+        read(document)
+    except PlanMistakes as mistakes:
+        return mistakes.lines
+    return ()
+
+
+def test_all_mistakes_of_a_file_are_told_at_once_each_in_a_line(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.plan"
+    path.write_text(json.dumps(with_mistakes()))
+    with pytest.raises(ConfigurationError) as raised:
+        Plan.load(path)
+    assert raised.value.lines == tuple(f"{path}: {line}" for line in ALL_MISTAKES)
+    typed = CliRunner().invoke(app, ["gs", "plan", "upload", str(path), "--drone", "1"])
+    assert (typed.exit_code, typed.stdout) == (2, "")
+    assert typed.stderr.splitlines() == [f"mqttxt: {path}: {line}" for line in ALL_MISTAKES]
+
+
+@pytest.mark.parametrize("wrong", [{}, [], None, {"type": "ComplexItem", "complexItemType": "StructureScan"}])
+def test_behind_an_item_that_cannot_be_counted_none_has_a_number(wrong: Any) -> None:
+    document = json.loads(SURVEY.read_text())
+    document["mission"]["items"].insert(0, wrong)
+    document["mission"]["items"][1]["frame"] = 8
+    (line,) = mistakes_of(document)
+    assert line.startswith("mission item 1: ")
+
+
+@given(st.recursive(st.none() | st.booleans() | st.integers() | st.text(max_size=3), st.lists, max_leaves=5), st.data())
+def test_whatever_is_in_the_place_of_a_value_is_read_or_named(value: Any, data: st.DataObject) -> None:
+    """No mistake passes as a shorter plan: what was read has as many items as the file."""
+    document = json.loads(SURVEY.read_text())
+    whole, _ = read(document)
+    place: Any = document
+    while True:
+        key = data.draw(st.sampled_from(list(place) if isinstance(place, dict) else list(range(len(place)))))
+        if not isinstance(place[key], dict | list) or not place[key] or data.draw(st.booleans()):
+            break
+        place = place[key]
+    before = place[key]
+    place[key] = value
+    lines = mistakes_of(document)
+    assert all("expected" in line and "\n" not in line for line in lines)
+    if not lines and not isinstance(before, list | dict):
+        found, _ = read(document)
+        assert len(found.mission or ()) == len(whole.mission or ())
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ MqttxtError
 ├── ConfigurationError     a setting that cannot work; the message names it (exit code 2)
 ├── AuditBroken            an audit log that is not as it was written
 ├── PayloadError           a payload or topic that does not follow the specification
+│   └── PlanMistakes       a plan file with mistakes, a line for each
 ├── TransportError         a broker or an autopilot link that refuses or is lost
 │   └── BrokerRefused      the broker answered CONNECT with a reason code that retrying cannot mend
 ├── FogUnreachable         no live activator answered a ground station in time
@@ -15,17 +16,35 @@ MqttxtError
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class MqttxtError(Exception):
     """Base of every error that mqttxt raises on purpose."""
 
     exit_code = 1
 
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What people are told: one line, where a class does not say otherwise."""
+        return (str(self),)
+
 
 class ConfigurationError(MqttxtError):
-    """A setting that cannot work: the message names the setting, its value and what was expected."""
+    """A setting that cannot work: the message names the setting, its value and what was expected.
+
+    Of a file with several mistakes it has a line for each, in `lines`.
+    """
 
     exit_code = 2
+
+    def __init__(self, *lines: str) -> None:
+        super().__init__("\n".join(lines))
+        self._lines = lines
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        return self._lines
 
 
 class AuditBroken(MqttxtError):
@@ -38,6 +57,18 @@ class PayloadError(MqttxtError):
     def __init__(self, message: str, kind: str = "malformed") -> None:
         super().__init__(message)
         self.kind = kind
+
+
+class PlanMistakes(PayloadError):
+    """A plan file with mistakes; `lines` has one for each, and the message all."""
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__("\n".join(lines))
+        self._lines = tuple(lines)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        return self._lines
 
 
 class TransportError(MqttxtError):

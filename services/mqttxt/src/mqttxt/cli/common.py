@@ -57,11 +57,12 @@ AuditRequired = Annotated[
 
 @contextlib.contextmanager
 def errors_as_lines() -> Iterator[None]:
-    """An error raised on purpose becomes one line on stderr and its exit code."""
+    """An error raised on purpose becomes its lines on stderr, mostly one, and its exit code."""
     try:
         yield
     except MqttxtError as error:
-        typer.echo(printable(f"mqttxt: {error}"), err=True)
+        for line in error.lines:
+            typer.echo(printable(f"mqttxt: {line}"), err=True)
         raise typer.Exit(error.exit_code) from None
 
 

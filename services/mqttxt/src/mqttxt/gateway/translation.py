@@ -132,15 +132,17 @@ def _takeoff(request: Request, view: View, takeoff_m: float) -> Command:
     if altitude_m is None:
         return Takeoff(takeoff_m)
     airframe = view.get(Airframe)
-    if request.frame is None and airframe is not None and airframe.autopilot == ARDUPILOT:
-        return Takeoff(_takeoff_height(altitude_m))
-    return Takeoff(_takeoff_height(_height_m(request.frame, altitude_m, view)))
-
-
-def _takeoff_height(height_m: float) -> float:
-    if not height_m > 0:
-        raise Declined(f"takeoff to {height_m:.0f} m above home: its altitude is above sea level")
-    return height_m
+    is_ardupilots = request.frame is None and airframe is not None and airframe.autopilot == ARDUPILOT
+    height_m = altitude_m if is_ardupilots else _height_m(request.frame, altitude_m, view)
+    if height_m > 0:
+        return Takeoff(height_m)
+    home_m = altitude_m - height_m
+    if altitude_m > 0:
+        raise Declined(
+            f"takeoff to {altitude_m:g} m: that is above sea level, and home is at {home_m:.1f} m; "
+            f"expected {home_m + altitude_m:.1f} to fly {altitude_m:g} m above home"
+        )
+    raise Declined(f"takeoff to {height_m:.1f} m above home: expected more than 0")
 
 
 def _reposition(request: Request, view: View) -> Command:

@@ -38,7 +38,8 @@ class Plan:
             path: the file.
 
         Raises:
-            ConfigurationError: the file cannot be read, or is wrong: one line names the file, the item and the field.
+            ConfigurationError: the file cannot be read, or is wrong: for each mistake one of its `lines` names the
+                file, the item and the field.
         """
         try:
             text = Path(path).read_text(encoding="utf-8")
@@ -57,13 +58,15 @@ class Plan:
             name: what an error calls it.
 
         Raises:
-            ConfigurationError: the text is wrong: one line names the item and the field.
+            ConfigurationError: the text is wrong: for each mistake one of its `lines` names the item and the field.
         """
         try:
             document = json.loads(text, parse_constant=_refuse_constant)
             content, home = read(document)
             content.packed()
-        except (ValueError, RecursionError, PayloadError) as error:
+        except PayloadError as error:
+            raise ConfigurationError(*(f"{name}: {line}" for line in error.lines)) from error
+        except (ValueError, RecursionError) as error:
             raise ConfigurationError(f"{name}: {error}") from error
         return cls(content, home)
 
