@@ -11,6 +11,7 @@ from mqttxt.core.effects import Inbound, Publish, Stop
 from mqttxt.core.session_owners import MOST_OF_ONE
 from mqttxt.core.settings import Settings
 from mqttxt.drone.grants import MOST_GRANTS, Grants
+from mqttxt.protocol.bulk import BulkAsk, Get
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Hold, Offboard, Velocity
 from mqttxt.protocol.messages import (
@@ -310,6 +311,24 @@ def test_an_offboard_command_lives_by_its_stations_grants(world: World) -> None:
         world.pass_time(100)
         allowed.append(world.uav.desk.executor.offboard_until_ms or 0)
     assert dropped_ms < max(allowed) <= dropped_ms + 3000
+
+
+def test_without_a_grant_a_command_goes_by_the_lease_and_what_lasts_ends(world: World) -> None:
+    """Grants may be lost with a connection; a hold has an end that its station has signed."""
+    world.drop = {"control"}
+    world.pass_time(31_000)
+    world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
+    assert control(world) == (GS_SESSION, 0, False)
+    assert kinds(ask(world)) == ["outsiders"]
+    world.send(Hold())
+    assert len(world.wrote) == 1
+
+
+def ask(world: World) -> list[Any]:
+    """What the drone does when the station that has the lease asks for an object."""
+    asked = BulkAsk(gs_session=GS_SESSION, kind="plan", nonce=1, ask=Get(0, 0))
+    payload = seal("gs-g").sign("drone1/bulk", encode(asked)).encode()
+    return list(world.uav.on_message("fog", Inbound("drone1/bulk", payload), world.now_ms))
 
 
 def test_a_grant_is_its_own_stations_and_never_goes_back(world: World) -> None:

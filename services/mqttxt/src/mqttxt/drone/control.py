@@ -74,7 +74,7 @@ class Control:
         return []
 
     def _apply(self) -> None:
-        """Where messages are signed control lasts no longer than its station has granted."""
+        """Where messages are signed, what lasts without a word of the station ends with its grant; commands do not."""
         lease = self.lease
         if lease is None:
             return

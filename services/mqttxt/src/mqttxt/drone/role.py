@@ -311,7 +311,7 @@ class UavClient:
         if seal is None:
             return message.payload
         topic = self._channel.signed_topic(message.topic)
-        signed = seal.open_of_station(topic, Envelope.parse(message.payload))
+        signed = seal.open_of_station(topic, Envelope.parse(message.payload)).before_its_end()
         if not signed.certificate.rights.may_hear:
             raise PayloadError(f"{signed.signer}: expected the right to hear readings", "not_allowed")
         return signed.payload
