@@ -39,8 +39,9 @@ class Control:
     def is_repeated(self, refusal: DroneLease) -> bool:
         """Whether its activator session has said a refusal before the newest lease, which is also its own."""
         known = self.lease
-        is_of_same = known is not None and known.activator_session == refusal.activator_session
-        return is_of_same and (refusal.counter or 0) <= (known.counter or 0)
+        if known is None or known.activator_session != refusal.activator_session:
+            return False
+        return (refusal.counter or 0) <= (known.counter or 0)
 
     def _is_older(self, lease: DroneLease, known: DroneLease) -> bool:
         """Unsigned leases of one activator session are ordered by their epoch alone, signed ones also of several."""
