@@ -86,8 +86,10 @@ class Forger:
     def __init__(self, rng: Random) -> None:
         self.rng = rng
         self.seen: list[Publish] = []
+        self.wills: list[Publish] = []
+        """Signed ones, which a broker has from CONNECT on and may say at any time."""
         self.attempts: Counter[tuple[str, str]] = Counter()
-        """By where, a broker's connection or THIEF, and by the way."""
+        """By where, a broker's connection or THIEF, and by the way; what passes unchanged is none."""
         self._insider, self._stranger = seal("gs-eve", Rights(observe=True)), seal("gs-g", fleet="other")
         self._neighbour = seal("gs-two", Rights(command=frozenset({2})))
         """May command drone 2, but was never there: nothing that it signs is in a session of its own."""
@@ -105,6 +107,10 @@ class Forger:
         Of a command that passes, most often: nothing newer overtakes it, so only what is wrong with it keeps it out.
         """
         link = passing.link
+        wills = [will for will in self.wills if will.link == link]
+        if wills and self.rng.random() < 0.01:
+            self.attempts[link, "will replayed"] += 1
+            return self.rng.choice(wills)
         among = [publish for publish in self.seen if publish.link == link]
         if not among:
             return None
@@ -116,11 +122,18 @@ class Forger:
             among = commands if commands and self.rng.random() < 0.5 else among
             ways = [self._replayed, self._moved, self._flipped, self._rerouted, self._swapped, self._altered]
             ways += [self._made_up]
-        way = self.rng.choice(ways)
-        publish = way(self.rng.choice(among))
-        if publish is not None:
-            self.attempts[link, way.__name__.strip("_")] += 1
+        way, chosen = self.rng.choice(ways), self.rng.choice(among)
+        publish = way(chosen)
+        if publish is None or (publish == chosen and way != self._replayed):
+            return None
+        self.attempts[link, way.__name__.strip("_")] += 1
         return publish
+
+    def have_will(self, publish: Publish) -> None:
+        """The newest of each topic, and the one before it: that of a connection, or a process, that is gone."""
+        of_others = [will for will in self.wills if will.topic != publish.topic]
+        of_topic = [will for will in self.wills if will.topic == publish.topic and will != publish]
+        self.wills = [*of_others, *of_topic[-1:], publish]
 
     def _replayed(self, publish: Publish) -> Publish:
         return replace(publish, retain=self.rng.random() < 0.3)
@@ -300,6 +313,12 @@ class HostileBroker(Broker):
         self._rate = rate
         self._held_until_us: dict[str, int] = {}
 
+    def connect(self, connection: Connection) -> None:
+        super().connect(connection)
+        will = connection.will
+        if will is not None:
+            self._forger.have_will(Publish(connection.link, will.topic, will.payload, 1, retain=True))
+
     def route(self, connection: Connection, publish: Publish, read_us: int) -> None:
         rng = self._forger.rng
         self._forger.hear(publish)
@@ -308,7 +327,7 @@ class HostileBroker(Broker):
             return
         before = self.retained.get(publish.topic)
         super().route(connection, publish, read_us)
-        if before is not None and rng.random() < 0.05:
+        if before is not None and before[0] != publish and rng.random() < 0.05:
             self.retained[publish.topic] = before
             self._forger.attempts[publish.link, "rolled back"] += 1
         if publish.qos > 0 and publish.ref is not None and rng.random() < 0.1:
@@ -348,7 +367,8 @@ class Thief(ActivatorNode):
             super()._carry_out_one(output, read_us)
             return
         for said in self._instead(sim, output):
-            sim.forger.attempts[THIEF, "stolen key"] += 1
+            is_other = (said.topic, said.payload) != (output.topic, output.payload)
+            sim.forger.attempts[THIEF, "stolen key"] += is_other
             self._soon(rng.choice((0, 0, 200 * MS, 3 * S, 12 * S)), super()._carry_out_one, said, read_us)
 
     def _instead(self, sim: HostileSimulation, publish: Publish) -> list[Publish]:

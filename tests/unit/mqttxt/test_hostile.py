@@ -34,6 +34,7 @@ WAYS = {
     "altered",
     "worded",
     "made_up",
+    "will replayed",
     "rolled back",
     "said 0x10",
     "held back",

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from mqttxt.cli.main import app
+from mqttxt.errors import PayloadError
+from mqttxt.security.certificate import Certificate
 from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
+from mqttxt.security.seal import Seal
 
 THREE_COMMANDS = ("keys", "init", "acme", "--fogs", "1", "--drones", "1-2", "--station", "ops")
 
@@ -74,6 +78,46 @@ def test_revoke_and_renew(here: Path) -> None:
     assert "drone1: 1 revoked; list 3" in well_typed("keys", "revoke", "drone1")
     assert "drone1: revoked" in typed("keys", "check", "acme/drone1").output
     assert well_typed("keys", "show").count("revoked") == 2
+
+
+def test_other_rights_by_revoke_and_issue(here: Path) -> None:
+    """As the guide has it: the certificate of before is refused from then on, the new one has the new rights."""
+    well_typed(*THREE_COMMANDS)
+    shutil.copytree("acme/gs-ops", "of_before")
+    issue = ("keys", "issue", "station", "ops", "--may", "command", "--drones", "2")
+    refused = typed(*issue)
+    assert refused.exit_code == 2
+    assert "for other rights `mqttxt keys revoke gs-ops` before" in refused.output
+    drone, old = Seal(Identity.load(here / "acme/drone1")), Seal(Identity.load(here / "of_before"))
+    drone.open_of_station("drone1/commands", old.sign("drone1/commands", b"x", with_certificate=True))
+
+    well_typed("keys", "revoke", "gs-ops")
+    renewed = typed("keys", "renew", "gs-ops")
+    assert renewed.exit_code == 2
+    assert "gs-ops: revoked; expected `mqttxt keys issue`" in renewed.output
+    assert well_typed(*issue) == "acme/gs-ops\n"
+
+    drone.identity.fleet.take(drone.identity.fleet.in_folder())
+    with pytest.raises(PayloadError, match="gs-ops: revoked"):
+        drone.open_of_station("drone1/commands", old.sign("drone1/commands", b"x"))
+    new = Seal(Identity.load(here / "acme/gs-ops"))
+    heard = drone.open_of_station("drone1/commands", new.sign("drone1/commands", b"x", with_certificate=True))
+    assert heard.certificate.rights == Rights(frozenset({2}))
+    members = Certificate.all_from_pem((here / "acme/broker-fog1/members.pem").read_bytes(), "members")
+    assert [each for each in members if each.name == "gs-ops"] == [new.certificate]
+    assert typed("keys", "check", "of_before").exit_code == 0, "a copy elsewhere has the list of before"
+    assert typed("keys", "check", "acme/gs-ops~").exit_code == 2
+
+
+def test_a_fog_that_was_revoked_gets_another_identity_beside_its_broker(here: Path) -> None:
+    well_typed(*THREE_COMMANDS)
+    well_typed("keys", "revoke", "fog1")
+    assert well_typed("keys", "issue", "fog", "1") == "acme/fog1\n"
+    well_typed("keys", "revoke", "fog1")
+    well_typed("keys", "revoke", "broker-fog1")
+    assert well_typed("keys", "issue", "fog", "1", "--dns", "fog1.example") == "acme/broker-fog1\nacme/fog1\n"
+    for name in ("fog1", "broker-fog1"):
+        well_typed("keys", "check", f"acme/{name}")
 
 
 def test_check_has_a_line_for_each_thing_that_is_wrong(here: Path) -> None:

@@ -22,7 +22,7 @@ from mqttxt import (
     Word,
 )
 from mqttxt.page.event_log import EventLog
-from mqttxt.page.words import WORDS, in_plain_english
+from mqttxt.page.words import OF_ACTIVATOR, WORDS, in_plain_english
 from tests.simulation.page_fleet import outcome
 
 
@@ -48,6 +48,23 @@ def test_every_word_is_explained() -> None:
 )
 def test_an_outcome_in_plain_english(said: object, says: str) -> None:
     assert says in in_plain_english(said)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("signer", "word", "says"),
+    [
+        ("fog1", Word.DENIED, True),
+        ("drone1", Word.DENIED, False),
+        (None, Word.DENIED, False),
+        ("fog1", Word.UNCONFIRMED, True),
+        ("fog1", Word.ACCEPTED, False),
+    ],
+)
+def test_a_last_word_that_the_drone_has_not_signed_says_so(signer: str | None, word: Word, says: bool) -> None:
+    """On the page, and in the line of `mqttxt gs send`."""
+    said = outcome(word, signer=signer)
+    assert (OF_ACTIVATOR in in_plain_english(said)) is says
+    assert str(said).endswith("by the word of fog1 alone") is says
 
 
 def entries(*events: Event) -> list[str]:

@@ -11,8 +11,9 @@ from mqttxt.core.effects import Inbound, Publish, Stop
 from mqttxt.core.session_owners import MOST_OF_ONE
 from mqttxt.core.settings import Settings
 from mqttxt.drone.grants import MOST_GRANTS, Grants
+from mqttxt.protocol.bulk import BulkAsk, Get
 from mqttxt.protocol.codec import encode
-from mqttxt.protocol.commands import Arm, Offboard, Velocity
+from mqttxt.protocol.commands import Arm, Hold, Offboard, Velocity
 from mqttxt.protocol.messages import (
     Control,
     DroneLease,
@@ -207,6 +208,38 @@ def test_a_drone_takes_leases_of_its_own_fog_alone(world: World) -> None:
     assert [type(effect) for effect in out] == [Stop]
 
 
+def refused(world: World, **changed: Any) -> list[Any]:
+    """What the UAV client does when its fog's key says that another one is the drone."""
+    payload = lease("fog1", bound=False, **changed).encode()
+    return list(world.uav.on_message("fog", Inbound("drone1/init_connect", payload, 1), world.now_ms))
+
+
+def test_no_activator_stops_a_bound_client_in_flight(world: World) -> None:
+    """Only on the ground, where a second client of a number is to stop."""
+    world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
+    assert kinds(refused(world)) == ["refused_in_flight"]
+    world.send(Hold())
+    assert len(world.wrote) == 1
+    foreign = seal("drone1").sign("drone1/reachable", encode(Presence(session=7, up=True)), with_certificate=True)
+    world.uav.on_message("fog", Inbound("drone1/reachable", foreign.encode(), 1, True), world.now_ms)
+    world.pass_time(3000)
+    assert world.uav.is_controlled(world.now_ms)
+    assert not [one for _, one in world.sent if one.topic == "drone1/reachable"][1:], "no contest in flight"
+    world.drop = {"init_connect"}
+    assert kinds(refused(world, counter=1000)) == ["refused_in_flight"]
+    world.autopilot(heartbeat(armed=False), landed(1))
+    assert [type(effect) for effect in world.uav.tick(world.now_ms)] == [Stop]
+
+
+def test_a_client_that_is_bound_again_goes_on_after_its_flight(world: World) -> None:
+    world.autopilot(heartbeat(armed=True))
+    refused(world, counter=20)
+    world.run("activator", world.activator.drones.ask_all(world.now_ms))
+    assert kinds(refused(world, counter=1)) == ["old_lease"]
+    world.autopilot(heartbeat(armed=False))
+    assert not any(isinstance(effect, Stop) for effect in world.uav.tick(world.now_ms))
+
+
 def test_no_activator_makes_control_last_longer_than_its_station_has_granted(world: World) -> None:
     wide = lease("fog1", holder_session=GS_SESSION, deadline_ms=2**40, offboard_until_ms=2**40)
     world.uav.on_message("fog", Inbound("drone1/init_connect", wide.encode(), 1), world.now_ms)
@@ -278,6 +311,24 @@ def test_an_offboard_command_lives_by_its_stations_grants(world: World) -> None:
         world.pass_time(100)
         allowed.append(world.uav.desk.executor.offboard_until_ms or 0)
     assert dropped_ms < max(allowed) <= dropped_ms + 3000
+
+
+def test_without_a_grant_a_command_goes_by_the_lease_and_what_lasts_ends(world: World) -> None:
+    """Grants may be lost with a connection; a hold has an end that its station has signed."""
+    world.drop = {"control"}
+    world.pass_time(31_000)
+    world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
+    assert control(world) == (GS_SESSION, 0, False)
+    assert kinds(ask(world)) == ["outsiders"]
+    world.send(Hold())
+    assert len(world.wrote) == 1
+
+
+def ask(world: World) -> list[Any]:
+    """What the drone does when the station that has the lease asks for an object."""
+    asked = BulkAsk(gs_session=GS_SESSION, kind="plan", nonce=1, ask=Get(0, 0))
+    payload = seal("gs-g").sign("drone1/bulk", encode(asked)).encode()
+    return list(world.uav.on_message("fog", Inbound("drone1/bulk", payload), world.now_ms))
 
 
 def test_a_grant_is_its_own_stations_and_never_goes_back(world: World) -> None:

@@ -166,6 +166,22 @@ def test_an_own_record_that_was_rolled_back_is_put_right(world: World) -> None:
     assert decode_signed(world.retained["cloud", topic].payload) == decode_signed(newest)
 
 
+def test_an_own_birth_that_was_rolled_back_is_put_right(world: World) -> None:
+    """It is signed, and of this session: but another drone session was in its roster then."""
+    topic = "fog1/reachable"
+    newest = world.retained["cloud", topic].payload
+    older = next(one for _, one in world.sent if one.topic == topic and one.payload != newest)
+    world.route("broker", older)
+    world.pass_time(1500)
+    assert world.retained["cloud", topic].payload == newest
+
+
+def test_an_own_birth_that_the_next_one_replaces_is_not_repeated(world: World) -> None:
+    births = [one for _, one in world.sent if one.topic == "fog1/reachable"]
+    world.pass_time(5000)
+    assert [one for _, one in world.sent if one.topic == "fog1/reachable"] == births
+
+
 def test_an_own_record_that_the_next_one_replaces_is_not_repeated(world: World) -> None:
     count = len(world.sent)
     world.run("gs", world.gs.take_over(1, None, world.now_ms))

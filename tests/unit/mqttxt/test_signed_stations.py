@@ -3,28 +3,38 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
-from mqttxt.core.effects import Inbound, Publish
+from mqttxt.core.effects import Inbound, Log, Publish
 from mqttxt.core.session_owners import MOST_OF_ONE, SessionOwners
 from mqttxt.core.settings import Settings
 from mqttxt.drone.effects import Journal
+from mqttxt.drone.options import UavOptions
+from mqttxt.drone.role import UavClient
 from mqttxt.errors import ConfigurationError, PayloadError
-from mqttxt.protocol.codec import encode
-from mqttxt.protocol.commands import Arm, Hold
+from mqttxt.protocol.bulk import BulkAsk, Get, Put
+from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.commands import Arm, Goto, Hold
 from mqttxt.protocol.messages import (
     CommandId,
+    FogResultMessage,
     Registration,
     Word,
 )
+from mqttxt.protocol.plans import hash_of
+from mqttxt.protocol.rankings import SelectMessage, SelectMode
+from mqttxt.protocol.readings import ReadingAck
+from mqttxt.security.authority import Authority
 from mqttxt.security.cose import Envelope
 from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import MOST_CERTIFICATES, Seal
 from mqttxt.station.outcomes import Outcome
 from mqttxt.station.role import StationRole
+from tests.simulation.carrying import reading
 from tests.simulation.signed import (
     OTHER_SESSION,
     hear,
@@ -41,6 +51,7 @@ from tests.simulation.signing import ALL, authority, folder, seal
 from tests.simulation.world import (
     FOG_SESSION,
     GS_SESSION,
+    UAV_SESSION,
     World,
     heartbeat,
     landed,
@@ -164,6 +175,87 @@ def test_a_certificate_that_ends_in_flight_still_holds_lands_and_returns() -> No
     new = seals["gs-new"].sign("fog1/init_connect", encode(Registration(**fields)), with_certificate=True)
     out = world.activator.on_message("cloud", Inbound("fog1/init_connect", new.encode(), 1), world.now_ms)
     assert kinds(list(out)) == ["certificate"]
+
+
+@pytest.fixture(scope="module")
+def ending() -> Authority:
+    """A fleet whose station's certificate ends before all others."""
+    fleet = authority("ending-soon")
+    for name, rights, days in (("gs-g", ALL, 1.0), ("drone1", Rights(), 90.0), ("fog1", Rights(), 90.0)):
+        fleet.issue(name, rights, days)
+    return fleet
+
+
+@dataclass
+class Ended:
+    """A world where station g has control of drone 1, and its certificate has ended; `seal` is what it signs with."""
+
+    world: World
+    seal: Seal
+
+    def hear(self, topic: str, signed_as: str, message: object) -> tuple[list[str], list[Any]]:
+        """What drone and activator make of a message: what they count, and what else they do."""
+        envelope = self.seal.sign(signed_as, encode(message)).encode()
+        node, link = (self.world.activator, "cloud") if topic.startswith("fog") else (self.world.uav, "fog")
+        out = list(node.on_message(link, Inbound(topic, envelope, 1), self.world.now_ms))
+        return kinds(out), [effect for effect in out if not isinstance(effect, Log)]
+
+
+@pytest.fixture
+def ended(ending: Authority) -> Ended:
+    now_s = time.time()
+    seals = {
+        name: Seal(Identity.load(ending.folder / name, system=lambda: now_s)) for name in ("gs-g", "drone1", "fog1")
+    }
+    world = World(signed=True, seal=seals.get)
+    options = UavOptions(carries_sensors=True)
+    world.uav = UavClient(1, UAV_SESSION, Settings(), options=options, seal=seals["drone1"], fog=1)
+    world.start().pass_time(1000)
+    now_s += 2 * 86_400
+    world.pass_time(11_000)
+    return Ended(world, seals["gs-g"])
+
+
+def test_who_has_expired_keeps_its_drones_and_gets_no_free_one(ended: Ended) -> None:
+    world = ended.world
+    assert world.activator.leases.add(2, world.now_ms) == set()
+    world.pass_time(40_000)
+    assert [world.activator.leases.controls(GS_SESSION, drone) for drone in (1, 2)] == [True, False]
+    assert world.uav.is_controlled(world.now_ms)
+
+
+@pytest.mark.parametrize("topic", ["drone1/sensor_ack", "fog1/drone1/sensor_ack"])
+def test_who_has_expired_empties_no_store(ended: Ended, topic: str) -> None:
+    assert ended.world.uav.carrier is not None
+    ended.world.run("uav", ended.world.uav.carrier.on_loaded([(1, reading(1))], 1, ended.world.now_ms))
+    ack = ReadingAck(readings=(reading(1).key,))
+    assert ended.hear(topic, "drone1/sensor_ack", ack) == (["certificate"], [])
+
+
+@pytest.mark.parametrize("topic", ["drone1/bulk", "fog1/drone1/bulk"])
+@pytest.mark.parametrize("ask", [Get(0, 0), Put(hash_of(b"x"), 1, 0, b"x")])
+def test_who_has_expired_stages_and_fetches_nothing(ended: Ended, topic: str, ask: Get | Put) -> None:
+    message = BulkAsk(gs_session=GS_SESSION, kind="plan", nonce=1, ask=ask)
+    assert ended.hear(topic, "drone1/bulk", message) == (["certificate"], [])
+
+
+def test_who_has_expired_is_offered_no_drone(ended: Ended) -> None:
+    topic, world = "fog1/commands/goto", ended.world
+    offer = SelectMessage(
+        gs_session=GS_SESSION,
+        seq=50,
+        executor_session=FOG_SESSION,
+        deadline_ms=world.now_ms + 5000,
+        limit_s=10.0,
+        epoch=0,
+        mode=SelectMode.OFFER,
+        command=Goto(47.4, 8.5, 10.0),
+    )
+    _, out = ended.hear(topic, topic, offer)
+    (answer,) = [
+        decode(FogResultMessage, Envelope.parse(one.payload).payload) for one in out if isinstance(one, Publish)
+    ]
+    assert (answer.seq, answer.denied) == (50, "certificate_expired")
 
 
 def test_an_activator_says_by_itself_only_what_was_not_done(world: World) -> None:

@@ -135,6 +135,7 @@ async def a_clean_stop_says_down(kit: UavKit) -> str:
 async def stops_when_refused(kit: UavKit) -> str:
     """After `bound: false` it stops."""
     kit.subject.need()
+    await kit.calm()
     await kit.subject.kill()
     mark = len(kit.tap.heard)
     await kit.subject.start()

@@ -10,7 +10,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from mqttxt.protocol.bulk import BulkAsk, Get
 from mqttxt.protocol.codec import encode
-from mqttxt.protocol.commands import Arm
+from mqttxt.protocol.commands import Arm, Hold
 from mqttxt.protocol.messages import CommandMessage, DroneLease
 
 from . import shapes
@@ -147,7 +147,7 @@ async def takes_leases_of_its_fog_alone(kit: UavKit) -> str:
 
 @rule("uav", "R12.14")
 async def control_ends_with_the_grant(kit: UavKit) -> str:
-    """Control ends where its station's grant does, though the activator's lease goes on."""
+    """What lasts by itself ends where its station's grant does; within the lease a `hold` is still completed."""
     await kit.calm()
     granted_ms = kit.deadline(2500)
     kit.introduce(_HOLDER)
@@ -159,7 +159,13 @@ async def control_ends_with_the_grant(kit: UavKit) -> str:
     late = [at_ms for at_ms in beats if kit.read_late(at_ms, granted_ms)]
     expect(beats, "no heartbeat of a ground station inside a grant of 2.5 s")
     expect(not late, f"{len(late)} heartbeats of a ground station after the grant's end, under a lease of 30 s")
-    return f"{len(beats)} heartbeats inside a grant of 2.5 s under a lease of 30 s; none in the 1.7 s after it"
+    hold = kit.command(Hold(), gs_session=_HOLDER)
+    kit.publish(hold)
+    words = await kit.outcome(hold)
+    expect(words.names[-1:] == ["completed"], f"hold after the grant's end, within the lease: came {words}")
+    return (
+        f"{len(beats)} heartbeats inside a grant of 2.5 s under a lease of 30 s; none in 1.7 s after it; hold: {words}"
+    )
 
 
 @rule("uav", "R12.22", "R16.6")

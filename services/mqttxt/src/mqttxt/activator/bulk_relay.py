@@ -46,7 +46,7 @@ class BulkRelay:
         if seal is None:
             ask = decode(BulkAsk, payload)
         else:
-            signed = seal.open_of_station(self._to_fog.signed_topic(topic), Envelope.parse(payload))
+            signed = seal.open_of_station(self._to_fog.signed_topic(topic), Envelope.parse(payload)).before_its_end()
             ask, payload = decode(BulkAsk, signed.payload), signed.envelope.bare().routed(None).encode()
             if not self._owners.is_of(ask.gs_session, signed.signer):
                 return [Log("foreign_session", f"{message.topic}: not a session of {signed.signer}")]

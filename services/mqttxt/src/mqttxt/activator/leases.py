@@ -89,6 +89,10 @@ class Leases:
         keys = self._holders.values() if drone is None else [self._holders.get(drone)]
         return any(key is not None and key[1] == gs_session for key in keys)
 
+    def held(self, key: Key) -> frozenset[int]:
+        """The drones that a station controls."""
+        return frozenset(drone for drone, holder in self._holders.items() if holder == key)
+
     def station(self, gs_session: int) -> str | None:
         """The station that a session is registered for, as certificates name stations."""
         return next((f"gs-{name}" for name, session in self._leases if session == gs_session), None)

@@ -53,6 +53,7 @@ class Ownership:
         self._challenge_until_ms: int | None = None
         self._challenge_nonce = 0
         self._rebirth = Rebirth()
+        self._newest_birth = b""
 
     @property
     def is_doubtful(self) -> bool:
@@ -100,8 +101,7 @@ class Ownership:
                 self._rebirth.arm(now_ms)
             raise
         if presence.session == self._session:
-            if not presence.up and self.born:
-                self._rebirth.arm(now_ms)
+            self._on_own(presence, message.payload, now_ms)
             return []
         if self.born:
             self._rebirth.arm(now_ms)
@@ -111,6 +111,13 @@ class Ownership:
         elif presence.session == self._rival:
             self._rival = None
         return []
+
+    def _on_own(self, presence: FogPresence, payload: bytes, now_ms: int) -> None:
+        """Where messages are signed, an older birth of this session is put right, unless the newest one comes next."""
+        if payload == self._newest_birth:
+            self._rebirth.disarm()
+        elif self.born and (self._channel.seal is not None or not presence.up):
+            self._rebirth.arm(now_ms)
 
     def on_clock(self, message: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/clock` before birth: the own beacon closes what the broker retains, a rival's proves it alive."""
@@ -218,4 +225,6 @@ class Ownership:
     def _publish_presence(self, up: bool) -> Publish:
         self._drones.roster_changed = False
         topic, presence = self._cloud.reachable, self._presence(up)
-        return self._channel.publish(topic, presence, qos=1, retain=True, with_certificate=up)
+        said = self._channel.publish(topic, presence, qos=1, retain=True, with_certificate=up)
+        self._newest_birth = said.payload
+        return said

@@ -72,6 +72,8 @@ class SignedRegistrations:
             raise PayloadError(f"certificate of {signed.signer}: expired", "certificate")
         if message.control is Control.TAKE and (key not in leases or signed.is_expired):
             message = replace(message, control=Control.WANT)
+        if signed.is_expired:
+            message = _only(message, leases.held(key))
         return _within_rights(message, signed.certificate.rights)
 
 
@@ -80,6 +82,12 @@ def _question(message: Registration) -> Registration:
     if message.lease_s != 0:
         raise PayloadError("registration: expected a ground station's", "old_registration")
     return message
+
+
+def _only(message: Registration, held: frozenset[int]) -> Registration:
+    """A registration that wants of what its station controls alone."""
+    wanted = held.intersection(message.drones) if message.drones else held
+    return replace(message, control=message.control if wanted else Control.NONE, drones=tuple(sorted(wanted)) or None)
 
 
 def _within_rights(message: Registration, rights: Rights) -> Registration:

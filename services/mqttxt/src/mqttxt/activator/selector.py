@@ -17,7 +17,7 @@ from ..protocol.commands import Goto
 from ..protocol.messages import CommandId, Word
 from ..protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
 from ..protocol.topics import CloudSide
-from ..protocol.words import PASSED_OVER
+from ..protocol.words import CERTIFICATE_EXPIRED, PASSED_OVER
 from .command_relay import Relay
 from .drones import Drones
 from .leases import Leases
@@ -90,6 +90,8 @@ class Selector:
         entry, out = self._relay.enter(wanted.as_command(), CHOSEN, key, message.retain, now_ms, signed, wanted)
         if entry is None:
             return [*(self._said_again(wanted.id) if self._repetitions.may_answer(wanted.id, now_ms) else ()), *out]
+        if contents.is_expired and wanted.mode is not SelectMode.RELEASE:
+            return [*out, *self._relay.refuse(entry, CERTIFICATE_EXPIRED, now_ms)]
         return [*out, *self._proceed(entry, wanted, wanted.command, now_ms)]
 
     def _proceed(self, entry: Entry[Job], wanted: SelectMessage, command: Goto, now_ms: int) -> list[Effect]:

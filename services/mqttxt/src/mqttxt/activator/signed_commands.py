@@ -76,10 +76,14 @@ class Verified:
 
 @dataclass(frozen=True)
 class SelectContents:
-    """A message on `fogX/commands/C` as its station signed it: with a `commit` a command that is signed for a drone."""
+    """A message on `fogX/commands/C` as its station signed it: with a `commit` a command that is signed for a drone.
+
+    `is_expired`: the station's certificate has ended, of a message without a command.
+    """
 
     payload: bytes
     commit: Verified | None = None
+    is_expired: bool = False
 
     def read(self) -> tuple[SelectMessage, SignedCommand | None]:
         """The message, and the command as it is signed for its drone; raises PayloadError."""
@@ -128,7 +132,7 @@ class SignedCommands:
                 raise
             return SelectContents(commit.payload, commit)
         signed = self._of_own_session(self._seal.open_of_station(topic, envelope))
-        contents = SelectContents(signed.payload)
+        contents = SelectContents(signed.payload, is_expired=signed.is_expired)
         if decode(SelectMessage, signed.payload).mode in (SelectMode.SELECT, SelectMode.COMMIT):
             raise PayloadError("select: expected an offer or a release, or a command that is signed", "not_signed")
         return contents

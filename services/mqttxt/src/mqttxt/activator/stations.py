@@ -140,7 +140,7 @@ class Stations:
     def on_heard(self, seal: Seal, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
         """A station's word on the readings that it has heard: passed on as it is."""
         topic = self._to_fog.signed_topic(self._fog.sensor_ack(drone))
-        signed = seal.open_of_station(topic, Envelope.parse(message.payload))
+        signed = seal.open_of_station(topic, Envelope.parse(message.payload)).before_its_end()
         if not any(f"gs-{name}" == signed.signer for name, _ in self._leases):
             raise PayloadError(f"{signed.signer}: expected a station that is registered", "not_registered")
         if not self._budget.takes(signed.certificate.node.label, now_ms):

@@ -116,7 +116,8 @@ def issue(
         authority = _authority(fleet)
         names = _names(kind, name)
         for each in [f"broker-{fog}" for fog in names] if kind is Node.FOG else []:
-            typer.echo(authority.issue(each, days=lifetime, hosts=hosts))
+            if hosts or not authority.has(each):
+                typer.echo(authority.issue(each, days=lifetime, hosts=hosts))
         for each in names:
             typer.echo(authority.issue(each, rights, lifetime, hosts if kind is Node.BROKER else ()))
 

@@ -220,7 +220,9 @@ class BulkPort:
         seal = self.channel.seal
         if seal is None:
             return decode(BulkAsk, message.payload)
-        signed = seal.open_of_station(self.channel.signed_topic(message.topic), Envelope.parse(message.payload))
+        signed = seal.open_of_station(
+            self.channel.signed_topic(message.topic), Envelope.parse(message.payload)
+        ).before_its_end()
         ask, rights = decode(BulkAsk, signed.payload), signed.certificate.rights
         may = rights.may_command(self.drone) and (rights.upload_plan or not isinstance(ask.ask, Put))
         if not may or not self.owners.is_of(ask.gs_session, signed.signer):

@@ -76,8 +76,9 @@ class CommandDesk:
 
     `remembers` false: there is no journal of the sessions before this one, so that of an id which may have been
     theirs nobody knows what became. `epoch` is that of the drone's control, which by the activator's lease ends at
-    `held_until_ms`. `may_publish` is set while the client is born, `republish_at_ms` when a last word has to be said
-    again. While `is_audited` says no, commands other than hold, land and return are denied (R14.6).
+    `held_until_ms`: commands go by that alone, as they have an end of their own (R12.14). `may_publish` is set while
+    the client is born, `republish_at_ms` when a last word has to be said again. While `is_audited` says no, commands
+    other than hold, land and return are denied (R14.6).
     """
 
     def __init__(

@@ -36,6 +36,13 @@ class Control:
         self._apply()
         return True
 
+    def is_repeated(self, refusal: DroneLease) -> bool:
+        """Whether its activator session has said a refusal before the newest lease, which is also its own."""
+        known = self.lease
+        if known is None or known.activator_session != refusal.activator_session:
+            return False
+        return (refusal.counter or 0) <= (known.counter or 0)
+
     def _is_older(self, lease: DroneLease, known: DroneLease) -> bool:
         """Unsigned leases of one activator session are ordered by their epoch alone, signed ones also of several."""
         is_of_same = lease.activator_session == known.activator_session
@@ -68,7 +75,7 @@ class Control:
         return []
 
     def _apply(self) -> None:
-        """Where messages are signed control lasts no longer than its station has granted."""
+        """Where messages are signed, what lasts without a word of the station ends with its grant; commands do not."""
         lease = self.lease
         if lease is None:
             return

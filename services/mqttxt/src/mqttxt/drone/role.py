@@ -17,6 +17,7 @@ from ..protocol.messages import BeaconMessage, CommandId, DroneLease, Presence
 from ..protocol.parameters import PARAMETERS, ParameterSet
 from ..protocol.plans import PLAN
 from ..protocol.policies import Policy
+from ..protocol.states import Armed
 from ..protocol.topics import CloudSide, DroneTopic, FogSide
 from ..security.cose import Envelope
 from ..security.seal import Seal
@@ -99,6 +100,7 @@ class UavClient:
         self._next_beacon_ms = 0
         self._next_mav_heartbeat_ms = 0
         self._rebirth = Rebirth()
+        self._is_refused = False
         self._listener: int | None = None
         """The activator's session that was there, by its lease, since this connection began."""
 
@@ -220,6 +222,8 @@ class UavClient:
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Everything that is due by time; to be called at least ten times a second."""
+        if self._is_refused and not self._is_armed:
+            return [self._stop()]
         out = self.desk.tick(now_ms)
         if now_ms >= self._next_mav_heartbeat_ms:
             self._next_mav_heartbeat_ms = now_ms + MAV_HEARTBEAT_MS
@@ -259,7 +263,7 @@ class UavClient:
             if lease.drone_session != self.session:
                 return []
             if not lease.bound:
-                return [Stop(f"refused: another live UAV client is drone {self.drone} already")]
+                return self._on_refusal(lease)
             self._on_lease(lease, now_ms)
             return [self._beacon(now_ms, lease.nonce)]
         if topic.kind == "sensor_ack" and self.carrier is not None:
@@ -273,10 +277,28 @@ class UavClient:
             return self._control.on_grant(self._channel.seal, message)
         raise PayloadError(f"topic {message.topic!r}: not a UAV client's", "topic")
 
+    def _on_refusal(self, lease: DroneLease) -> list[Effect]:
+        """Another client is this drone: this one stops, but where messages are signed not in flight (R9.5)."""
+        if self._channel.seal is not None and self._control.lease is not None:
+            if self._control.is_repeated(lease):
+                return [Log("old_lease", f"refusal {lease.counter} of drone {self.drone}: older than its lease")]
+            if self._is_armed:
+                self._is_refused = True
+                return [Log("refused_in_flight", f"another UAV client is drone {self.drone}, it says; armed: goes on")]
+        return [self._stop()]
+
+    def _stop(self) -> Stop:
+        return Stop(f"refused: another live UAV client is drone {self.drone} already")
+
+    @property
+    def _is_armed(self) -> bool:
+        return self.vehicle.seen(Armed) == Armed(True)
+
     def _on_lease(self, lease: DroneLease, now_ms: int) -> None:
         before = self._control.lease
         if not self._control.take(lease):
             return
+        self._is_refused = False
         if self.carrier is not None and (before is None or before.activator_session != lease.activator_session):
             self.carrier.on_new_activator(now_ms)
         if lease.activator_session != self._listener or lease.anew:
@@ -289,7 +311,7 @@ class UavClient:
         if seal is None:
             return message.payload
         topic = self._channel.signed_topic(message.topic)
-        signed = seal.open_of_station(topic, Envelope.parse(message.payload))
+        signed = seal.open_of_station(topic, Envelope.parse(message.payload)).before_its_end()
         if not signed.certificate.rights.may_hear:
             raise PayloadError(f"{signed.signer}: expected the right to hear readings", "not_allowed")
         return signed.payload
@@ -301,7 +323,7 @@ class UavClient:
         else:
             seen = decode(Presence, message.payload)
             is_own = seen.session == self.session and seen.up
-        if self.born and not is_own:
+        if self.born and not is_own and not self._is_refused:
             self._rebirth.arm(now_ms)
         return []
 

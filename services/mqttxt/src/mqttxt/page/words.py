@@ -66,6 +66,8 @@ REASONS = {
 }
 """What the specification's reasons say; an autopilot's own words are shown as they are."""
 
+OF_ACTIVATOR = "The fog's activator says so; the drone has not signed it."
+"""What it says in a fleet that signs, where a last word is not the drone's own (R12.11)."""
 HELD = "Another ground station controls the drone."
 """What it says where the reason names that station (R6.6)."""
 
@@ -75,9 +77,13 @@ def in_plain_english(outcome: Outcome) -> str:
     text = WORDS[outcome.word] if outcome.observed else UNOBSERVED
     if outcome.settled:
         text = f"The truth, known afterwards. {text}"
-    if not outcome.reason:
-        return text
-    if outcome.reason.startswith(f"{NOT_IN_CONTROL}, "):
-        return f"{text} {HELD}"
-    known = REASONS.get(outcome.reason.split(":")[0].split(",")[0].strip())
-    return f"{text} {known}" if known is not None else f"{text} Reason: {printable(outcome.reason)}"
+    if outcome.reason:
+        text = f"{text} {_reason(outcome.reason)}"
+    return f"{text} {OF_ACTIVATOR}" if outcome.is_of_activator and outcome.is_last else text
+
+
+def _reason(reason: str) -> str:
+    if reason.startswith(f"{NOT_IN_CONTROL}, "):
+        return HELD
+    known = REASONS.get(reason.split(":")[0].split(",")[0].strip())
+    return known if known is not None else f"Reason: {printable(reason)}"

@@ -26,7 +26,7 @@ from ..protocol.topics import NAME, NAME_EXPECTED
 from . import files
 from .certificate import Certificate, usage_of
 from .fleet import FLEET_FILE, REVOKED_FILE, Fleet
-from .identity import CERTIFICATE_FILE, KEY_FILE, MEMBERS_FILE, check_pair, read_key
+from .identity import CERTIFICATE_FILE, KEY_FILE, MEMBERS_FILE, check_pair, read_certificate, read_key
 from .names import Kind, NodeName
 from .rights import FLEET, Rights
 
@@ -88,38 +88,34 @@ class Authority:
     ) -> Path:
         """A node's identity, in a folder of its name below the authority's.
 
-        `hosts` are the names and addresses at which others reach a broker; loopback is always among them.
+        `hosts` are the names and addresses at which others reach a broker; loopback is always among them. A revoked
+        identity of the node is kept as `NAME~`.
         """
         node = NodeName.parse(name)
         folder = self.folder / str(node)
-        if folder.exists():
+        if self.has(name):
             raise ConfigurationError(
-                f"{folder}: is there; expected a node that has no identity yet, or `mqttxt keys renew {node}`"
+                f"{folder}: is there; expected a node that has no identity yet; for a new key "
+                f"`mqttxt keys renew {node}`, for other rights `mqttxt keys revoke {node}` before"
             )
         fresh = self._made(node, rights or Rights(), days, tuple(hosts), not_before)
-        with files.changing(folder):
-            fresh.rename(folder)
-        self._bring_up_to_date()
+        self._put_in_place(fresh, folder)
         return folder
 
     def renew(self, name: str, days: float | None = None) -> Path:
         """A new key and certificate with the same rights and hosts; the old certificate stays valid until it ends.
 
-        The old identity is kept as `NAME~` until the next renewal.
+        The old identity is kept as `NAME~` until the next renewal. What was revoked is not given again this way.
         """
         node = NodeName.parse(name)
         folder = self.folder / str(node)
         if not folder.is_dir():
             raise ConfigurationError(f"{folder}: no such folder; expected a node that `mqttxt keys issue` made")
-        old = Certificate.from_pem(files.read(folder / CERTIFICATE_FILE), str(folder / CERTIFICATE_FILE))
-        before = folder.with_name(f"{node}~")  # which is no node's name
+        old = self._current(node)
+        if self._is_revoked(old):
+            raise ConfigurationError(f"{folder}: revoked; expected `mqttxt keys issue`, with rights of its own")
         lifetime = days if days is not None else (old.not_after_s - old.not_before_s) / 86_400
-        fresh = self._made(node, old.rights, lifetime, hosts_of(old), None)
-        with files.changing(folder):
-            shutil.rmtree(before, ignore_errors=True)
-            folder.rename(before)
-            fresh.rename(folder)
-        self._bring_up_to_date()
+        self._put_in_place(self._made(node, old.rights, lifetime, hosts_of(old), None), folder)
         return folder
 
     def revoke(self, name: str, only_old: bool = False) -> int:
@@ -129,9 +125,7 @@ class Authority:
         if not found:
             raise ConfigurationError(f"{node}: no certificate in {self.folder / ISSUED}; expected a node of this fleet")
         if only_old:
-            current = Certificate.from_pem(
-                files.read(self.folder / str(node) / CERTIFICATE_FILE), str(self.folder / str(node) / CERTIFICATE_FILE)
-            )
+            current = self._current(node)
             found = [each for each in found if each != current]
         new = {each.serial for each in found} - self.fleet.revoked.serials
         if new:
@@ -152,6 +146,28 @@ class Authority:
         """The certificates that are not revoked and have not expired."""
         now_s = datetime.now(UTC).timestamp()
         return [each for each in self.issued() if self.fleet.verify(each, now_s) in (None, "not_yet_valid")]
+
+    def has(self, name: str) -> bool:
+        """Whether a node has an identity here that is not revoked."""
+        node = NodeName.parse(name)
+        return (self.folder / str(node)).exists() and not self._is_revoked(self._current(node))
+
+    def _current(self, node: NodeName) -> Certificate:
+        """The certificate in a node's folder; raises ConfigurationError."""
+        return read_certificate(self.folder / str(node) / CERTIFICATE_FILE)
+
+    def _is_revoked(self, certificate: Certificate) -> bool:
+        return certificate.serial in self.fleet.revoked.serials
+
+    def _put_in_place(self, fresh: Path, folder: Path) -> None:
+        """A new identity under its node's name; the one before is kept beside it."""
+        before = folder.with_name(f"{folder.name}~")  # which is no node's name
+        with files.changing(folder):
+            if folder.exists():
+                shutil.rmtree(before, ignore_errors=True)
+                folder.rename(before)
+            fresh.rename(folder)
+        self._bring_up_to_date()
 
     def _made(
         self,

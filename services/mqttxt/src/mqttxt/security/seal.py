@@ -37,6 +37,12 @@ class Signed:
     def signer(self) -> str:
         return self.certificate.name
 
+    def before_its_end(self) -> Signed:
+        """This; raises PayloadError where the certificate has ended: then only what R12.4 names counts."""
+        if self.is_expired:
+            raise PayloadError(f"certificate of {self.signer}: {EXPIRED}", "certificate")
+        return self
+
 
 def is_drone(certificate: Certificate) -> bool:
     """Whether a certificate is a drone's."""

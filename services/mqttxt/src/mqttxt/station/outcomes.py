@@ -56,6 +56,11 @@ class Outcome:
         """Whether the drone has done it; where `observed` is false nobody has seen the effect."""
         return self.word is Word.COMPLETED
 
+    @property
+    def is_of_activator(self) -> bool:
+        """Whether an activator has signed it and not the drone, which may know otherwise; false without signatures."""
+        return self.signer is not None and self.signer != f"drone{self.drone}"
+
     def __str__(self) -> str:
         who = f"fog {self.fog}" if self.drone is None else f"drone {self.drone}"
         what = f"{self.word.label}({printable(self.reason)})" if self.reason else self.word.label
@@ -66,7 +71,8 @@ class Outcome:
         if not self.observed:
             what += ", effect not observed"
         late = f", {self.late_ms} ms late" if self.late_ms else ""
-        return f"{who}: {self.command} {'settled as ' if self.settled else ''}{what}{late}"
+        alone = f", by the word of {self.signer} alone" if self.is_of_activator and self.is_last else ""
+        return f"{who}: {self.command} {'settled as ' if self.settled else ''}{what}{late}{alone}"
 
 
 class Outcomes(tuple[Outcome, ...]):
