@@ -101,7 +101,9 @@ class Ownership:
                 self._rebirth.arm(now_ms)
             raise
         if presence.session == self._session:
-            self._on_own(presence, message.payload, now_ms)
+            is_newest = message.payload == self._newest_birth
+            if self.born and not is_newest and (self._channel.seal is not None or not presence.up):
+                self._rebirth.arm(now_ms)
             return []
         if self.born:
             self._rebirth.arm(now_ms)
@@ -111,13 +113,6 @@ class Ownership:
         elif presence.session == self._rival:
             self._rival = None
         return []
-
-    def _on_own(self, presence: FogPresence, payload: bytes, now_ms: int) -> None:
-        """Where messages are signed, an older birth of this session is put right, unless the newest one comes next."""
-        if payload == self._newest_birth:
-            self._rebirth.disarm()
-        elif self.born and (self._channel.seal is not None or not presence.up):
-            self._rebirth.arm(now_ms)
 
     def on_clock(self, message: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/clock` before birth: the own beacon closes what the broker retains, a rival's proves it alive."""

@@ -53,10 +53,6 @@ class Rebirth:
         if self._at_ms is None:
             self._at_ms = now_ms + REBIRTH_MS
 
-    def disarm(self) -> None:
-        """The topic shows what it should."""
-        self._at_ms = None
-
     def is_due(self, now_ms: int) -> bool:
         """Whether it is time; asking when it is disarms it."""
         if self._at_ms is None or now_ms < self._at_ms:
