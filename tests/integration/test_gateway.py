@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,14 @@ def test_mavproxy_connects_and_flies(ground: Ground, tmp_path: Path) -> None:
         wait_until(lambda: "Requesting 0 waypoints" in station.said, "no waypoints")
         station.type("arm throttle")
         wait_until(lambda: "AP: arm completed" in station.said, "armed")
-        station.type("long NAV_TAKEOFF 0 0 0 0 0 0 nan")
+        station.type("mode LAND")
+        wait_until(lambda: "required argument is not a float" in station.said, "pymavlink's mode fails for a PX4")
+        station.type("takeoff 10")
+        expected = re.compile(r"expected (\d+\.\d) to fly 10 m")
+        wait_until(lambda: expected.search(station.said) is not None, "10 m above sea level is refused")
+        found = expected.search(station.said)
+        assert found is not None
+        station.type(f"takeoff {found[1]}")
         wait_until(lambda: "AP: takeoff completed" in station.said, "up", 60)
         station.type("guided 47.3978 8.5456 12")
         wait_until(lambda: "DO_REPOSITION: ACCEPTED" in station.said, "guided")

@@ -177,6 +177,61 @@ def test_a_wrong_number_in_a_drawn_mission_is_neither_saved_nor_uploaded(page: S
     browser.until(f"document.querySelectorAll('#orders > li').length === {sent} + 1", "the right one is sent")
 
 
+def written(folder: Path, name: str, *commands: int) -> Path:
+    """A plan file with an item for each MAV_CMD, at places that follow each other to the north."""
+    items = [
+        {
+            **{"type": "SimpleItem", "command": command, "frame": 3, "autoContinue": True},
+            "params": [0, 0, 0, None, 47.3978 + number / 10_000, 8.5457, 10],
+        }
+        for number, command in enumerate(commands)
+    ]
+    mission = {"version": 2, "items": items, "plannedHomePosition": [47.3977, 8.5456, 488]}
+    path = folder / name
+    path.write_text(json.dumps({"fileType": "Plan", "version": 1, "mission": mission}))
+    return path
+
+
+def test_a_file_is_drawn_changed_and_uploaded_where_the_editor_knows_all_of_it(
+    page: Served, browser: LivePage, tmp_path: Path
+) -> None:
+    opened(browser, page)
+    browser.click("tr[data-drone='1/1'] th")
+    browser.click("#draft-draw")
+    browser.click("#map", 0.6, 0.45)
+    drawn = waypoints(browser)
+    browser.choose("#plan-file", written(tmp_path, "three.plan", TAKEOFF, WAYPOINT, WAYPOINT))
+    browser.until_text("#plan-found", "three.plan: 3 mission items. It is drawn below too, where it can be changed.")
+    assert [row[0] for row in waypoints(browser)] == ["47.3979000", "47.3980000"]
+    ticked = "[...document.querySelectorAll('#draft-takeoff, #draft-return')].map(box => box.checked)"
+    assert browser.value(ticked) == [True, False]
+    browser.click("#draft-undo")
+    assert waypoints(browser) == drawn, "what was drawn before is one step back"
+    browser.choose("#plan-file", written(tmp_path, "again.plan", TAKEOFF, WAYPOINT, WAYPOINT))
+    browser.until_text("#plan-found", "again.plan")
+    browser.type("#draft-2-altitude_m", "15")
+    browser.press("Tab")
+    browser.click("#draft-upload")
+    done(browser, "upload drawn.plan (3 mission items) to drone 1")
+
+
+def test_a_file_that_the_editor_does_not_know_is_shown_with_the_reason(
+    page: Served, browser: LivePage, tmp_path: Path
+) -> None:
+    opened(browser, page)
+    browser.choose("#plan-file", written(tmp_path, "odd.plan", WAYPOINT, 17, WAYPOINT))
+    browser.until_text("#plan-found", "cannot be changed here: item 2 is MAV_CMD 17, and no waypoint.")
+    assert waypoints(browser) == []
+    way = "document.querySelector('#map .path').getAttribute('points').split(' ').length === 3"
+    browser.until(way, "the file's way on the map")
+    wrong = tmp_path / "wrong.plan"
+    wrong.write_text(written(tmp_path, "two.plan", WAYPOINT, WAYPOINT).read_text().replace('"frame": 3', '"frame": 8'))
+    browser.choose("#plan-file", wrong)
+    browser.until_text("#notice", "wrong.plan: mission item 1: frame: expected 0 or 2 or 3 or 10, got 8")
+    browser.until_text("#notice", "wrong.plan: mission item 2: frame: expected 0 or 2 or 3 or 10, got 8")
+    assert browser.value("document.getElementById('plan-found').textContent") == ""
+
+
 def test_a_plan_is_uploaded_and_its_progress_shown(system: System, page: Served, browser: LivePage) -> None:
     path = system.folder / "two.plan"
     places = [(47.3978, 8.5457), (47.3979, 8.5458)]

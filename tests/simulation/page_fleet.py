@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -99,8 +99,11 @@ class FakeDrone:
     def send(self, command: Command, *, ttl_s: float) -> FakeSent:
         return self._station.sent_to(self.number, command, ttl_s)
 
-    async def upload(self, plan: Plan) -> Outcome:
+    async def upload(self, plan: Plan, *, progress: Callable[[int, int], None]) -> Outcome:
         self.uploaded.append(plan)
+        for done in (0, 1024, 1500):
+            progress(done, 1500)
+            await asyncio.sleep(0)
         if isinstance(self.upload_word, Exception):
             raise self.upload_word
         return self.upload_word

@@ -202,6 +202,23 @@ def test_what_was_lost_is_sent_again_and_what_arrived_is_not(lost: str) -> None:
     assert sum(delivered.values()) <= {"bulk": 10, "bulk_answer": 20}[lost]
 
 
+def test_a_staging_has_news_whenever_the_drone_has_more_of_it() -> None:
+    world = Far().start()
+    staging = stage(world, SOME)
+    done = []
+    while not staging.is_over:
+        if staging.has_news:
+            staging.told = staging.done
+            done.append(staging.told)
+        assert not staging.has_news
+        world.pass_time(100)
+    assert staging.has_news
+    assert done == sorted(set(done))
+    assert done[0] == 0
+    assert len(done) > len(SOME) // PIECE_BYTES // 2
+    assert staging.done == len(SOME)
+
+
 def test_a_transfer_goes_on_where_a_lost_connection_broke_it_off() -> None:
     world = Far().start()
     broken = stage(world, SOME)

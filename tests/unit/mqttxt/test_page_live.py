@@ -175,6 +175,39 @@ async def test_a_plan_is_uploaded_shown_and_its_mission_started_by_name() -> Non
         assert sent == [StartMission(plan.mission_hash), Resume(plan.mission_hash)]
 
 
+async def test_a_file_is_looked_at_without_a_drone() -> None:
+    async with Bench(watch_only=True).running() as bench:
+        seen = bench.ask(do="look", name="two.plan", text=plan_text())["plan"]
+        assert (seen["text"], seen["path"], seen["why"]) == ("2 mission items", [(47.1, 8.1), (47.2, 8.2)], None)
+        assert [waypoint["altitude_m"] for waypoint in seen["draft"]["waypoints"]] == [20, 20]
+        jump = plan_text().replace('"command": 16', '"command": 17')
+        seen = bench.ask(do="look", name="two.plan", text=jump)["plan"]
+        assert (seen["draft"], seen["why"]) == (None, "item 1 is MAV_CMD 17, and no waypoint")
+        assert bench.ask(do="look", name="two.plan", text="{}")["error"].startswith("two.plan: plan: fileType")
+
+
+async def test_an_upload_says_how_far_it_is() -> None:
+    async with Bench().running() as bench:
+        bench.ask(do="upload", name="two.plan", text=plan_text())
+        found: list[str | None] = []
+        while bench.live.orders()[-1].waiting:
+            if (orders := bench.viewer.take().get("orders")) is not None:
+                found.append(orders[-1]["progress"])
+            await asyncio.sleep(0)
+        written = "1500 of 1500 bytes are at the drone; it writes the plan into its autopilot, and reads it back"
+        assert found[-3:] == ["0 of 1500 bytes are at the drone", "1024 of 1500 bytes are at the drone", written]
+
+
+async def test_of_a_files_mistakes_the_first_are_told_and_how_many_more() -> None:
+    async with Bench().running() as bench:
+        document = json.loads(plan_text())
+        document["mission"]["items"] = [{"type": "SimpleItem"}] * 6
+        lines = bench.ask(do="upload", name="two.plan", text=json.dumps(document))["error"].splitlines()
+        assert lines[0] == "two.plan: mission item 1: frame: expected 0 or 2 or 3 or 10, got None"
+        assert (len(lines), lines[-1]) == (11, "and 14 more")
+        assert bench.station.the_fog.drone(1).uploaded == []
+
+
 async def test_a_plan_that_did_not_arrive_is_not_started() -> None:
     async with Bench().running() as bench:
         drone = bench.station.the_fog.drone(1)

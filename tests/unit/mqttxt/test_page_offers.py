@@ -89,7 +89,7 @@ PLACE = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 10}
         ("[" * 100_000, "request: expected JSON"),
         ("7", "request: expected an object, got int"),
         (request(number="1"), "number '1': expected a whole number"),
-        (request(do="disarm"), "do 'disarm': expected command, take_over, upload, start, resume or link"),
+        (request(do="disarm"), "do 'disarm': expected command, take_over, upload, look, start, resume or link"),
         (request(do="start", to={"drones": [[1, 1], [1, 2]]}), "start mission: expected one drone"),
         (request(do="start", to={"fogs": [1]}), "start mission: expected one drone"),
         (request(do="upload", name="", text="{}"), "name '': expected 1 to 100 characters"),

@@ -18,6 +18,7 @@ from ..station.heard import SentCommand
 from ..station.outcomes import Event, Outcome, PsmiList
 from ..station.plan import Plan
 from ..station.views import UPLOAD_TTL_S
+from .drafts import path_of
 from .event_log import EventLog
 from .offers import TTL_S, DroneKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
 from .words import in_plain_english
@@ -41,6 +42,8 @@ class Order:
     """Where it goes to, in degrees north and east."""
     path: list[tuple[float, float]] | None = None
     """Of an upload: the places of its mission, in degrees north and east."""
+    progress: str | None = None
+    """Of an upload: how far it is."""
     words: list[dict[str, Any]] = field(default_factory=list)
     waiting: int = 0
     """How many of its parts have not had their last word."""
@@ -54,6 +57,7 @@ class Order:
             "end_left_ms": round((self.sent_s + self.ttl_s + self.limit_s - now_s) * 1000),
             "goal": self.goal,
             "path": self.path,
+            "progress": self.progress,
             "words": self.words,
             "open": self.waiting > 0,
         }
@@ -93,7 +97,7 @@ class Desk:
             order = self._new(
                 f"upload {name} ({plan}) to {_drones((request.drone,))}", UPLOAD_TTL_S, UploadPlan.limit_s
             )
-            order.path = _path(plan)
+            order.path = path_of(plan)
             self._start(order, self._upload(order, request.drone, plan))
             return order
         if isinstance(request, MissionRequest):
@@ -184,8 +188,15 @@ class Desk:
 
     async def _upload(self, order: Order, key: DroneKey, plan: Plan) -> None:
         self._plans.pop(key, None)
+
+        def tell(done: int, size: int) -> None:
+            order.progress = f"{done} of {size} bytes are at the drone"
+            if done == size:
+                order.progress += "; it writes the plan into its autopilot, and reads it back"
+            self._changed(order)
+
         try:
-            outcome = await self._station.fog(key[0]).drone(key[1]).upload(plan)
+            outcome = await self._station.fog(key[0]).drone(key[1]).upload(plan, progress=tell)
             if outcome.completed:
                 self._plans[key] = plan
             self._of_id[outcome.id] = order
@@ -231,9 +242,3 @@ def _drones(drones: tuple[DroneKey, ...]) -> str:
 
 def _goal(command: Command) -> tuple[float, float] | None:
     return (command.latitude_deg, command.longitude_deg) if isinstance(command, Goto) else None
-
-
-def _path(plan: Plan) -> list[tuple[float, float]]:
-    """The places of a plan's mission; items without one have none."""
-    items = plan.content.mission or ()
-    return [(item.x / 1e7, item.y / 1e7) for item in items if (item.x, item.y) != (0, 0)]

@@ -11,19 +11,23 @@ from ..core.printable import printable
 from ..errors import ConfigurationError, MqttxtError
 from ..station.ground_station import GroundStation
 from ..station.outcomes import ControlChanged, Event, PsmiList, QodsRanking, Reachability, StateUpdate
+from ..station.plan import Plan
 from ..station.views import Drone, Fog
 from .desk import Desk, Order
+from .drafts import Draft, draft_of, path_of
 from .event_log import EventLog, as_plain
 from .fleet import STALE_MS, drone_of, fog_of, standing_of
 from .history import ChartKey, History
 from .links import Links
-from .offers import LONGEST_TTL_S, TTL_S, DroneKey, LinkRequest, catalogue, read_request
+from .offers import LONGEST_TTL_S, TTL_S, DroneKey, LinkRequest, LookRequest, catalogue, read_request
 from .tiles import Offer
 
 REVIEW_S = 0.5
 MOST_ENTRIES = 500
 """Log entries in one message; a browser that is further behind misses older ones, which the export still has."""
 MOST_ANSWERS = 100
+MOST_LINES = 10
+"""Of one answer's mistakes; `mqttxt gs plan upload` tells all of a file's."""
 LOOK_S = 1.0
 """How often links are looked at."""
 _ONLY_WATCHES = "this page only watches: start it without --watch-only to command"
@@ -154,6 +158,8 @@ class Live:
         number: int | None = None
         try:
             number, request = read_request(text)
+            if isinstance(request, LookRequest):
+                return {"number": number, "plan": _seen(request.plan)}
             if isinstance(request, LinkRequest):
                 if self._links is None or self._group is None:
                     raise ConfigurationError(_NO_LINKS)
@@ -163,7 +169,7 @@ class Live:
                 raise ConfigurationError(_ONLY_WATCHES if self._watch_only else _NOT_OPEN)
             return {"number": number, "order": self._desk.carry_out(request).number}
         except ConfigurationError as error:
-            return {"number": number, "error": str(error)}
+            return {"number": number, "error": "\n".join(_first(error.lines))}
 
     def hello(self) -> dict[str, Any]:
         """What does not change."""
@@ -252,3 +258,20 @@ class Live:
     def _standing(self) -> tuple[list[dict[str, Any]], dict[DroneKey, tuple[bool, str | None, bool]]]:
         drones = self.drones()
         return [fog_of(fog) for fog in self.fogs], {key: standing_of(drone) for key, drone in drones.items()}
+
+
+def _seen(plan: Plan) -> dict[str, Any]:
+    """What a page shows of a file, and what its editor takes of it, or why that takes nothing."""
+    draft = draft_of(plan)
+    return {
+        "text": str(plan),
+        "path": path_of(plan),
+        "draft": asdict(draft) if isinstance(draft, Draft) else None,
+        "why": draft if isinstance(draft, str) else None,
+    }
+
+
+def _first(lines: tuple[str, ...]) -> list[str]:
+    """The first lines, and how many more there are."""
+    more = len(lines) - MOST_LINES
+    return [*lines[:MOST_LINES], *([f"and {more} more"] if more > 0 else [])]

@@ -66,6 +66,13 @@ class UploadRequest:
 
 
 @dataclass(frozen=True)
+class LookRequest:
+    """Show `plan`, and send nothing."""
+
+    plan: Plan
+
+
+@dataclass(frozen=True)
 class MissionRequest:
     """Fly the mission that this page has uploaded to one drone, from its start, or where it is to `resume`."""
 
@@ -99,7 +106,7 @@ def catalogue() -> dict[str, Any]:
     }
 
 
-def read_request(text: str) -> tuple[int, Request | LinkRequest]:
+def read_request(text: str) -> tuple[int, Request | LinkRequest | LookRequest]:
     """A page's request and its number there; raises ConfigurationError that names field, value and expectation."""
     try:
         found = json.loads(text)
@@ -111,17 +118,21 @@ def read_request(text: str) -> tuple[int, Request | LinkRequest]:
     what = found.get("do")
     if what == "link":
         return number, _link(found)
+    if what == "look":
+        return number, LookRequest(_plan(found)[1])
     target = _target(found.get("to"))
     if what == "take_over":
         if not target.drones:
             raise ConfigurationError("to: expected drones to take control of")
         return number, TakeOverRequest(target.drones)
     if what == "upload":
-        return number, _upload(found, _one_drone(target, "upload"))
+        drone = _one_drone(target, "upload")
+        name, plan = _plan(found)
+        return number, UploadRequest(plan, name, drone)
     if what in ("start", "resume"):
         return number, MissionRequest(_one_drone(target, f"{what} mission"), resume=what == "resume")
     if what != "command":
-        raise ConfigurationError(f"do {_shown(what)}: expected command, take_over, upload, start, resume or link")
+        raise ConfigurationError(f"do {_shown(what)}: expected command, take_over, upload, look, start, resume or link")
     command = _command(found.get("command"), found.get("parameters", {}))
     _check_target(command, target)
     ttl_s = _number(found.get("ttl_s", TTL_S), "ttl_s", 0.1, LONGEST_TTL_S)
@@ -141,13 +152,14 @@ def _parameter(cls: type[Any], name: str, mark: Any) -> dict[str, Any]:
     }
 
 
-def _upload(found: dict[str, Any], drone: DroneKey) -> UploadRequest:
+def _plan(found: dict[str, Any]) -> tuple[str, Plan]:
+    """A file's name, and the plan that is in its text."""
     name, text = found.get("name"), found.get("text")
     if not isinstance(name, str) or not 0 < len(name) <= MOST_NAME:
         raise ConfigurationError(f"name {_shown(name)}: expected 1 to {MOST_NAME} characters")
     if not isinstance(text, str):
         raise ConfigurationError(f"text {_shown(text)}: expected the text of a .plan file")
-    return UploadRequest(Plan.parse(text, name), name, drone)
+    return name, Plan.parse(text, name)
 
 
 def _link(found: dict[str, Any]) -> LinkRequest:

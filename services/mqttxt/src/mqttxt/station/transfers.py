@@ -116,14 +116,27 @@ class Transfer(ABC):
 
 
 class Staging(Transfer):
-    """An object for a drone to keep, until the drone has all of it."""
+    """An object for a drone to keep, until the drone has all of it.
+
+    `told` is how many of its bytes whoever waits for it knows to be there: they set it, or there is always news.
+    """
 
     def __init__(self, fog: FogView, drone: int, kind: str, data: bytes) -> None:
         super().__init__(fog, drone, kind)
         self.hash = hash_of(data)
+        self.told = -1
         self._data = data
         self._arrived = Partial(len(data))
         self._attempts = 0
+
+    @property
+    def done(self) -> int:
+        """How many of its bytes the drone has, by its newest answer."""
+        return sum(has.end - has.start for has in self._arrived.ranges)
+
+    @property
+    def has_news(self) -> bool:
+        return self.is_over or self.done != self.told
 
     def take(self, answer: Answer, now_ms: int) -> None:
         if isinstance(answer, Piece | Unchanged | Making) or answer.hash != self.hash:

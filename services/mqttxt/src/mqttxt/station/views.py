@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar, cast
@@ -156,6 +156,17 @@ class Fog:
         return self._runner.send(self._view, None, command, ttl_s, limit_s, Outcomes.of)
 
 
+def _telling(staging: Staging, size: int, progress: Callable[[int, int], None] | None) -> Callable[[], Awaitable[None]]:
+    """What passes on how far a plan has come."""
+
+    async def tell() -> None:
+        staging.told = staging.done
+        if progress is not None:
+            progress(staging.done, size)
+
+    return tell
+
+
 class Drone:
     """One drone, as its ground station sees it: `Fog.drone` and `Fog.drones` return it.
 
@@ -304,7 +315,14 @@ class Drone:
         """Return to the take-off point and land there; completed when landed and disarmed."""
         return self.send(Return(), ttl_s=ttl_s, limit_s=limit_s)
 
-    async def upload(self, plan: Plan, *, timeout_s: float | None = None, ttl_s: float = UPLOAD_TTL_S) -> Outcome:
+    async def upload(
+        self,
+        plan: Plan,
+        *,
+        timeout_s: float | None = None,
+        ttl_s: float = UPLOAD_TTL_S,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Outcome:
         """Replace the drone's plan; returns the last word, completed when what was read back is that plan.
 
         The plan is carried first, which has no deadline and goes on after a broken connection; then it is committed.
@@ -313,6 +331,7 @@ class Drone:
         Parameters:
             plan: what to upload.
             timeout_s: how long to carry it at most, in seconds; None: as long as it takes.
+            progress: called with the bytes of the plan, compressed, that the drone has, and with those of the whole.
 
         Raises:
             TransferFailed: the plan was not carried in time, or the drone does not keep it; the old plan is there.
@@ -328,7 +347,7 @@ class Drone:
         for _ in range(_STAGINGS):
             if self.is_controlled:
                 staging = Staging(self._fog, self.number, PLAN, packed)
-                await self._runner.transfer(staging, timeout_s)
+                await self._runner.transfer(staging, timeout_s, _telling(staging, len(packed), progress))
             last = await self.send(command, ttl_s=ttl_s)
             if last.reason != "not_staged" or not self.is_controlled:
                 break

@@ -185,7 +185,7 @@ export class Commands {
     if (order.open && !hasBegun && start > 0) text = `${seconds(start)} s left to start`;
     else if (order.open && end > 0) text = `${seconds(end)} s left to end`;
     else if (order.open) text = "waiting for the last word";
-    setText(left, text);
+    setText(left, [order.open ? order.progress : null, text].filter(Boolean).join("; "));
   }
 
   tick() {

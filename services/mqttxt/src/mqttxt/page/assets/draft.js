@@ -79,6 +79,13 @@ export class Draft {
     this.show();
   }
 
+  // The mission of a file, in the place of what was drawn; undoing brings that back.
+  load({ waypoints, takes_off, returns }) {
+    byId("draft-takeoff").checked = takes_off;
+    byId("draft-return").checked = returns;
+    this.change(waypoints);
+  }
+
   undo() {
     this.waypoints = this.past.pop();
     this.show();

@@ -55,7 +55,7 @@ class Page {
     if (update.fogs) this.showFogs(update.fogs);
     if (update.drones) this.hearDrones(update.drones);
     for (const order of update.orders ?? []) this.commands.update(order);
-    for (const answer of update.answers ?? []) this.say(answer.error ?? "");
+    for (const answer of update.answers ?? []) this.hearAnswer(answer);
     if (update.orders) this.map.draw();
     if (update.links) this.links.update(update.links);
     if (update.rankings) showRankings(update.rankings);
@@ -157,7 +157,12 @@ class Page {
   }
 
   path() {
-    return this.commands.path();
+    return this.plans.path.length > 0 ? this.plans.path : this.commands.path();
+  }
+
+  // Places that the map shows as long as they are looked at.
+  looked() {
+    return this.plans.path;
   }
 
   isDrawing() {
@@ -176,13 +181,20 @@ class Page {
     this.draft.alter(index, place, isNew);
   }
 
+  // The number of the question, undefined where nobody is asked.
   ask(what, more) {
     if (this.socket.readyState !== WebSocket.OPEN) {
       this.say("Not sent: the page's program does not answer.");
-      return;
+      return undefined;
     }
     this.asked += 1;
     this.socket.send(JSON.stringify({ number: this.asked, do: what, ...more }));
+    return this.asked;
+  }
+
+  hearAnswer(answer) {
+    this.say(answer.error ?? "");
+    if (answer.plan) this.plans.found(answer);
   }
 
   // The answer to what was asked last; that control is lost stays beside it.

@@ -207,6 +207,7 @@ export class FleetMap {
   fit() {
     const places = [...this.seen.values()].flatMap((seen) => [seen.place, seen.home]).filter((place) => place !== null);
     places.push(...this.goalPlaces(), ...this.draftPlaces());
+    if (this.origin !== null) places.push(...this.page.looked().map((place) => this.degreesToPlace(place)));
     if (this.page.found !== null && this.origin !== null) places.push(this.toPlace(this.page.found));
     if (places.length === 0) return;
     const [xs, ys] = [places.map((place) => place.x), places.map((place) => place.y)];

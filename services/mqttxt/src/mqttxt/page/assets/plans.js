@@ -1,6 +1,7 @@
-// Plans: a file of QGroundControl onto the selected drone, its mission started, and how far it has come.
+// Plans: a file of QGroundControl, shown and, where the editor knows all of it, drawn there too; onto the selected
+// drone; its mission started, and how far it has come.
 
-import { byId, el } from "./dom.js";
+import { byId, el, setText } from "./dom.js";
 
 export class Plans {
   constructor(page) {
@@ -9,11 +10,37 @@ export class Plans {
     for (const what of ["start", "resume"]) {
       byId(`plan-${what}`).addEventListener("click", () => page.ask(what, { to: page.commands.selected() }));
     }
-    byId("plan-file").addEventListener("change", () => this.show());
+    this.path = []; // of a file that is looked at, and is not in the editor
+    byId("plan-file").addEventListener("change", () => this.look());
     this.show();
   }
 
+  async look() {
+    this.show();
+    this.path = [];
+    setText(byId("plan-found"), "");
+    this.page.map.draw();
+    const [file] = byId("plan-file").files;
+    if (file === undefined) return;
+    this.looked = this.page.ask("look", { name: file.name, text: await file.text() });
+  }
+
+  // What the page's program says of the file that was chosen last.
+  found({ number, plan }) {
+    if (number !== this.looked) return;
+    const [name] = [...byId("plan-file").files].map((file) => file.name);
+    if (plan.draft === null) {
+      this.path = plan.path;
+      setText(byId("plan-found"), `${name}: ${plan.text}. It is on the map, and cannot be changed here: ${plan.why}.`);
+    } else {
+      this.page.draft.load(plan.draft);
+      setText(byId("plan-found"), `${name}: ${plan.text}. It is drawn below too, where it can be changed.`);
+    }
+    this.page.map.draw();
+  }
+
   async upload() {
+    this.path = [];
     const [file] = byId("plan-file").files;
     this.page.ask("upload", { name: file.name, text: await file.text(), to: this.page.commands.selected() });
   }
