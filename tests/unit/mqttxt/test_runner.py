@@ -146,9 +146,10 @@ async def test_a_disk_that_takes_no_ready_file_ends_nobody(
 
 
 TAKES_LEAVE = """
-import asyncio
+import asyncio, signal
 import typer
 from mqttxt.cli.common import run_coroutine
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal; in the background a shell has it ignored
 async def job():
     print("begun", flush=True)
     try:
