@@ -82,6 +82,7 @@ ENTER, ENTER_ARDUPILOT = long(176, 1, 4, 4), long(176, 1, 3)
         (long(21), Land()),
         (long(21, 0, 0, 0, 0, 0, 0, 0), Land()),
         (long(20), Return()),
+        (long(17), Hold()),
         (int_(192, ABSOLUTE, *PLACE, 498.0), Goto(47.398, 8.546, 10.0)),
         (int_(192, RELATIVE, *PLACE, 25.0), Goto(47.398, 8.546, 25.0)),
         (int_(192, 0, *PLACE, NAN), Goto(47.398, 8.546, 10.0)),

@@ -220,8 +220,7 @@ def test_no_activator_stops_a_bound_client_in_flight(world: World) -> None:
     assert kinds(refused(world)) == ["refused_in_flight"]
     world.send(Hold())
     assert len(world.wrote) == 1
-    foreign = seal("drone1").sign("drone1/reachable", encode(Presence(session=7, up=True)), with_certificate=True)
-    world.uav.on_message("fog", Inbound("drone1/reachable", foreign.encode(), 1, True), world.now_ms)
+    show_presence(world, up=True)
     world.pass_time(3000)
     assert world.uav.is_controlled(world.now_ms)
     assert not [one for _, one in world.sent if one.topic == "drone1/reachable"][1:], "no contest in flight"
@@ -229,6 +228,30 @@ def test_no_activator_stops_a_bound_client_in_flight(world: World) -> None:
     assert kinds(refused(world, counter=1000)) == ["refused_in_flight"]
     world.autopilot(heartbeat(armed=False), landed(1))
     assert [type(effect) for effect in world.uav.tick(world.now_ms)] == [Stop]
+
+
+def show_presence(world: World, up: bool) -> None:
+    """Another client's birth or its end, on the drone's topic."""
+    foreign = seal("drone1").sign("drone1/reachable", encode(Presence(session=7, up=up)), with_certificate=True)
+    world.uav.on_message("fog", Inbound("drone1/reachable", foreign.encode(), 1, True), world.now_ms)
+
+
+def births(world: World) -> int:
+    return sum(publish.topic == "drone1/reachable" for _, publish in world.sent)
+
+
+def test_a_client_that_was_refused_in_flight_is_there_again_once_the_other_is_gone(world: World) -> None:
+    world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
+    show_presence(world, up=True)
+    refused(world)
+    before = births(world)
+    world.pass_time(3000)
+    assert births(world) == before, "what was to be put right before it was refused is left, too"
+    world.drop = {"init_connect"}
+    refused(world, counter=1000)
+    show_presence(world, up=False)
+    world.pass_time(3000)
+    assert births(world) == before + 1
 
 
 def test_a_client_that_is_bound_again_goes_on_after_its_flight(world: World) -> None:

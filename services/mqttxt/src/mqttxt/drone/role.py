@@ -284,6 +284,7 @@ class UavClient:
                 return [Log("old_lease", f"refusal {lease.counter} of drone {self.drone}: older than its lease")]
             if self._is_armed:
                 self._is_refused = True
+                self._rebirth = Rebirth()
                 return [Log("refused_in_flight", f"another UAV client is drone {self.drone}, it says; armed: goes on")]
         return [self._stop()]
 
@@ -317,13 +318,17 @@ class UavClient:
         return signed.payload
 
     def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Effect]:
-        """The birth is published again where the topic shows anything else; who signs knows its own by the bytes."""
+        """The birth is published again where the topic shows anything else; who signs knows its own by the bytes.
+
+        Who was refused leaves the topic to another's birth, whoever signed it (R9.5).
+        """
         if self._channel.seal is not None:
             is_own = message.payload == self._birth().payload
+            is_left = self._is_refused and decode(Presence, Envelope.parse(message.payload).payload).up
         else:
             seen = decode(Presence, message.payload)
-            is_own = seen.session == self.session and seen.up
-        if self.born and not is_own and not self._is_refused:
+            is_own, is_left = seen.session == self.session and seen.up, False
+        if self.born and not is_own and not is_left:
             self._rebirth.arm(now_ms)
         return []
 

@@ -104,6 +104,8 @@ def command_of(request: Request, view: View, takeoff_m: float) -> Command:
         return Land()
     if request.mav_cmd == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
         return Return()
+    if request.mav_cmd == mavlink.MAV_CMD_NAV_LOITER_UNLIM:  # pymavlink's set_mode_loiter
+        return Hold()
     if request.mav_cmd == mavlink.MAV_CMD_DO_REPOSITION:
         return _reposition(request, view)
     if request.mav_cmd == mavlink.MAV_CMD_DO_SET_MODE:
