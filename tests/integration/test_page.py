@@ -6,6 +6,7 @@ import asyncio
 import http.client
 import json
 import os
+import signal
 from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -99,6 +100,24 @@ def test_first_flight_by_mouse_alone(system: System, page: Served, browser: Live
     assert len(system.commanded(2, TAKEOFF)) == 1
     assert browser.inputs()[1] == 0, "no key was pressed"
     assert browser.said == []
+
+
+def test_a_click_that_is_held_back_on_its_way_is_not_carried_out_later(
+    system: System, page: Served, browser: LivePage
+) -> None:
+    armed = len(system.commanded(1, ARM))
+    browser.open(page.url, DESK)
+    is_ready(browser, 1)
+    browser.click("tr[data-drone='1/1'] th")
+    browser.type("#ttl", "1")
+    os.kill(page.process.pid, signal.SIGSTOP)  # nothing comes through, as by a tunnel that stalls
+    try:
+        browser.click("#send-arm")
+        browser.value("new Promise(late => setTimeout(late, 1500))")
+    finally:
+        os.kill(page.process.pid, signal.SIGCONT)
+    browser.until_text("#notice", "not sent: it was asked for")
+    assert len(system.commanded(1, ARM)) == armed
 
 
 def test_first_flight_by_keyboard_alone(system: System, page: Served, browser: LivePage) -> None:

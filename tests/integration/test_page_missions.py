@@ -200,12 +200,14 @@ def test_a_file_is_drawn_changed_and_uploaded_where_the_editor_knows_all_of_it(
     browser.click("#draft-draw")
     browser.click("#map", 0.6, 0.45)
     drawn = waypoints(browser)
+    ticked = "[...document.querySelectorAll('#draft-takeoff, #draft-return')].map(box => box.checked)"
+    before = browser.value(ticked)
     browser.choose("#plan-file", written(tmp_path, "three.plan", TAKEOFF, WAYPOINT, WAYPOINT))
     browser.until_text("#plan-found", "three.plan: 3 mission items. It is drawn below too, where it can be changed.")
     assert [row[0] for row in waypoints(browser)] == ["47.3979000", "47.3980000"]
-    ticked = "[...document.querySelectorAll('#draft-takeoff, #draft-return')].map(box => box.checked)"
-    assert browser.value(ticked) == [True, False]
+    assert browser.value(ticked) == [True, False] != before
     browser.click("#draft-undo")
+    assert browser.value(ticked) == before
     assert waypoints(browser) == drawn, "what was drawn before is one step back"
     browser.choose("#plan-file", written(tmp_path, "again.plan", TAKEOFF, WAYPOINT, WAYPOINT))
     browser.until_text("#plan-found", "again.plan")

@@ -27,7 +27,8 @@ class Served:
             aiohttp.ClientSession() as session,
             session.ws_connect(f"{self.url}live", origin=self.url.rstrip("/")) as socket,
         ):
-            await socket.send_str(json.dumps({"number": 1, **request}))
+            at_ms = (await socket.receive_json())["at_ms"]
+            await socket.send_str(json.dumps({"number": 1, "at_ms": at_ms, **request}))
             async for message in socket:
                 answers = message.json().get("answers")
                 if answers:

@@ -31,7 +31,7 @@ from mqttxt import (
 )
 from mqttxt.page.desk import KEPT
 from mqttxt.page.history import MOST_CHARTS, MOST_POINTS
-from mqttxt.page.live import Live, Viewer
+from mqttxt.page.live import Live, Viewer, now_ms
 from tests.rigs.processes import eventually
 from tests.simulation.page_fleet import FakeLinks, FakeStation, outcome
 
@@ -54,7 +54,7 @@ class Bench:
         await task
 
     def ask(self, command: str = "arm", **more: Any) -> dict[str, Any]:
-        asked = {"number": 1, "do": "command", "command": command, "to": {"drones": [[1, 1]]}}
+        asked = {"number": 1, "do": "command", "command": command, "to": {"drones": [[1, 1]]}, "at_ms": now_ms()}
         return self.live.on_request(json.dumps(asked | more))
 
 
@@ -101,7 +101,7 @@ async def test_a_command_is_followed_to_its_last_word_and_its_truth() -> None:
         bench.viewer.take()
         number = bench.ask()["order"]
         ((drone, sent),) = bench.station.sent
-        assert (drone, sent.command, sent.ttl_s) == (1, Arm(), 5.0)
+        assert (drone, sent.command, sent.ttl_s) == (1, Arm(), pytest.approx(5.0, abs=0.1))
         order = newest(bench.viewer)
         assert order["open"]
         assert 4000 < order["start_left_ms"] <= 5000

@@ -23,9 +23,17 @@ from mqttxt.page.offers import (
 )
 from tests.examples import examples
 
+NOW_MS = 100_000
+
 
 def request(**more: Any) -> str:
-    first: dict[str, Any] = {"number": 3, "do": "command", "command": "arm", "to": {"drones": [[1, 2]]}}
+    first: dict[str, Any] = {
+        "number": 3,
+        "do": "command",
+        "command": "arm",
+        "to": {"drones": [[1, 2]]},
+        "at_ms": NOW_MS,
+    }
     return json.dumps(first | more)
 
 
@@ -76,7 +84,34 @@ def test_the_catalogue_has_units_and_limits_of_the_specification() -> None:
     ],
 )
 def test_a_request_is_read(asked: str, expected: Request | LinkRequest) -> None:
-    assert read_request(asked) == (3, expected)
+    assert read_request(asked, NOW_MS) == (3, expected)
+
+
+@pytest.mark.parametrize(("at_ms", "left_s"), [(NOW_MS - 4000, 1.0), (NOW_MS - 4999, 0.001), (NOW_MS + 50, 5.0)])
+@pytest.mark.parametrize("do", ["command", "start", "resume"])
+def test_what_was_held_back_on_its_way_has_less_time_by_that(do: str, at_ms: float, left_s: float) -> None:
+    _, found = read_request(request(do=do, at_ms=at_ms), NOW_MS)
+    assert isinstance(found, CommandRequest | MissionRequest)
+    assert found.ttl_s == pytest.approx(left_s)
+
+
+@pytest.mark.parametrize("do", ["command", "start", "resume", "take_over"])
+@pytest.mark.parametrize(
+    ("at_ms", "says"),
+    [
+        (
+            NOW_MS - 17_300,
+            "not sent: it was asked for 17.3 s before it came to the page's program; expected less than 5",
+        ),
+        (NOW_MS + 1000, "at_ms 101000: expected a number from 0 to 100100"),
+        (None, "at_ms None: expected a number"),
+    ],
+)
+def test_what_comes_too_late_or_does_not_say_when_it_was_asked_for_is_not_sent(
+    do: str, at_ms: float | None, says: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=says):
+        read_request(request(do=do, at_ms=at_ms), NOW_MS)
 
 
 PLACE = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 10}
@@ -128,7 +163,7 @@ PLACE = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 10}
 )
 def test_a_wrong_request_is_refused_by_name(asked: str, says: str) -> None:
     with pytest.raises(ConfigurationError) as refused:
-        read_request(asked)
+        read_request(asked, NOW_MS)
     assert says in str(refused.value)
     assert len(str(refused.value)) < 200
 
@@ -139,14 +174,14 @@ JSON = st.recursive(
 )
 
 
-FIELDS = ["number", "do", "command", "parameters", "to", "ttl_s", "link", "figures", "closed", "back"]
+FIELDS = ["number", "do", "command", "parameters", "to", "ttl_s", "at_ms", "link", "figures", "closed", "back"]
 
 
 @given(st.dictionaries(st.sampled_from(FIELDS), JSON | st.just("link")))
 @examples(300)
 def test_arbitrary_requests_are_read_or_refused(found: dict[str, Any]) -> None:
     try:
-        number, _ = read_request(json.dumps({"number": 1, "do": "command", "command": "arm"} | found))
+        number, _ = read_request(json.dumps({"number": 1, "do": "command", "command": "arm"} | found), NOW_MS)
     except ConfigurationError:
         return
     assert number >= 1

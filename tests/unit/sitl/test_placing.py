@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from sitl.control_socket import served
+from sitl.errors import SitlError
 from sitl.fleet import DroneConfig
 from sitl.likeness import placing
 from sitl.likeness.channel import Clock, SimulatedChannel
@@ -87,6 +88,24 @@ def test_one_that_will_not_arm_is_commanded_again_and_then_named(
     vehicle.control({"set": {"healthy": True}})
     put(pilot, armed=True, altitude_m=0)
     assert pilot.armed
+
+
+async def test_an_autopilot_that_falls_silent_is_not_commanded_for_ever(
+    witnessed: tuple[Watching, Process], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watching, process = witnessed
+    monkeypatch.setattr(placing, "PATIENCE", 1 / 60)
+    monkeypatch.setattr(placing, "AGAIN_S", 0.1)
+    process.vehicle.control({"set": {"altitude_m": 1000}})
+    tasks = [asyncio.create_task(watching.run()), asyncio.create_task(process.run())]
+    await eventually(lambda: watching.witness.place is not None, "the autopilot is heard")
+    placed = asyncio.create_task(Placing(watching, "px4").answer({"set": {"armed": False}}))
+    await eventually(lambda: process.vehicle.control({"get": "state"})[0]["mode"] == "land", "it is brought down")
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    with pytest.raises(SitlError, match="disarmed: not within 120 s"):
+        await placed
 
 
 @pytest.mark.parametrize(

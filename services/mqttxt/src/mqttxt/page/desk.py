@@ -20,7 +20,7 @@ from ..station.plan import Plan
 from ..station.views import UPLOAD_TTL_S
 from .drafts import path_of
 from .event_log import EventLog
-from .offers import TTL_S, DroneKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
+from .offers import DroneKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
 from .words import in_plain_english
 
 KEPT = 200
@@ -128,12 +128,12 @@ class Desk:
     def _fly(self, request: MissionRequest) -> Order:
         plan = self._plans.get(request.drone)
         what = "resume" if request.resume else "start"
-        order = self._new(f"{what} mission of {_drones((request.drone,))}", TTL_S, StartMission.limit_s)
+        order = self._new(f"{what} mission of {_drones((request.drone,))}", request.ttl_s, StartMission.limit_s)
         if plan is None:
             self._say(order, "not sent", "upload its plan first: a start names the mission that is to be flown")
             return order
         command = Resume(plan.mission_hash) if request.resume else StartMission(plan.mission_hash)
-        (sender,) = self._senders(command, Target(drones=(request.drone,)), TTL_S)
+        (sender,) = self._senders(command, Target(drones=(request.drone,)), request.ttl_s)
         self._send(order, sender)
         return order
 

@@ -9,6 +9,8 @@ from ..station.plan import Plan
 
 WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
 """MAV_CMDs."""
+LAST = 95
+"""MAV_CMD_NAV_LAST: those below fly somewhere."""
 WITHOUT_PLACE, ABOVE_HOME = 2, 3
 """MAV_FRAMEs."""
 
@@ -52,8 +54,8 @@ def draft_of(plan: Plan) -> Draft | str:
 
 
 def path_of(plan: Plan) -> list[tuple[float, float]]:
-    """The places of a plan's mission, in degrees north and east; items without one have none."""
-    items = plan.content.mission or ()
+    """The places to which a plan's mission flies, in degrees north and east."""
+    items = [item for item in plan.content.mission or () if item.command < LAST and item.frame != WITHOUT_PLACE]
     return [(item.x / 1e7, item.y / 1e7) for item in items if (item.x, item.y) != (0, 0)]
 
 

@@ -85,6 +85,8 @@ class Viewer:
         if self.answers:
             update["answers"] = list(self.answers)
             self.answers.clear()
+        if update:
+            update["at_ms"] = now_ms()
         return update
 
 
@@ -157,7 +159,7 @@ class Live:
         """Carry out what a page asks for; returns its answer, where it was refused with `error`."""
         number: int | None = None
         try:
-            number, request = read_request(text)
+            number, request = read_request(text, now_ms())
             if isinstance(request, LookRequest):
                 return {"number": number, "plan": _seen(request.plan)}
             if isinstance(request, LinkRequest):
@@ -258,6 +260,11 @@ class Live:
     def _standing(self) -> tuple[list[dict[str, Any]], dict[DroneKey, tuple[bool, str | None, bool]]]:
         drones = self.drones()
         return [fog_of(fog) for fog in self.fogs], {key: standing_of(drone) for key, drone in drones.items()}
+
+
+def now_ms() -> float:
+    """The time that updates tell pages, and pages their requests; it never goes back."""
+    return asyncio.get_running_loop().time() * 1000
 
 
 def _seen(plan: Plan) -> dict[str, Any]:

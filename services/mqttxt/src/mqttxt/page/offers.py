@@ -20,6 +20,8 @@ from ..station.plan import Plan
 OFFERED: dict[str, type[Command]] = {cls.name: cls for cls in (Arm, Takeoff, Goto, Hold, Land, Return, Pause)}
 TTL_S = DEFAULT_TTL_MS / 1000
 LONGEST_TTL_S = 60.0
+MOST_AHEAD_MS = 100.0
+"""By which a page's idea of the time may be ahead: its clock has a resolution."""
 MOST_DRONES = 250
 MOST_NAME = 100
 LINK_FIGURES = ("rate", "delay", "loss")
@@ -42,7 +44,7 @@ class Target:
 
 @dataclass(frozen=True)
 class CommandRequest:
-    """`command` to `target`, started within `ttl_s` seconds or not at all."""
+    """`command` to `target`, started within `ttl_s` seconds from now or not at all."""
 
     command: Command
     target: Target
@@ -78,6 +80,7 @@ class MissionRequest:
 
     drone: DroneKey
     resume: bool
+    ttl_s: float = TTL_S
 
 
 @dataclass(frozen=True)
@@ -106,8 +109,12 @@ def catalogue() -> dict[str, Any]:
     }
 
 
-def read_request(text: str) -> tuple[int, Request | LinkRequest | LookRequest]:
-    """A page's request and its number there; raises ConfigurationError that names field, value and expectation."""
+def read_request(text: str, now_ms: float) -> tuple[int, Request | LinkRequest | LookRequest]:
+    """A page's request and its number there; raises ConfigurationError that names field, value and expectation.
+
+    `now_ms` is the time that updates tell pages, in ms. What moves a drone, or takes it, counts from the moment at
+    which it was asked for, `at_ms` of that time: a request that was held back on its way is late by that.
+    """
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):
@@ -124,19 +131,32 @@ def read_request(text: str) -> tuple[int, Request | LinkRequest | LookRequest]:
     if what == "take_over":
         if not target.drones:
             raise ConfigurationError("to: expected drones to take control of")
+        _left_s(found, TTL_S, now_ms)
         return number, TakeOverRequest(target.drones)
     if what == "upload":
         drone = _one_drone(target, "upload")
         name, plan = _plan(found)
         return number, UploadRequest(plan, name, drone)
     if what in ("start", "resume"):
-        return number, MissionRequest(_one_drone(target, f"{what} mission"), resume=what == "resume")
+        drone = _one_drone(target, f"{what} mission")
+        return number, MissionRequest(drone, what == "resume", _left_s(found, TTL_S, now_ms))
     if what != "command":
         raise ConfigurationError(f"do {_shown(what)}: expected command, take_over, upload, look, start, resume or link")
     command = _command(found.get("command"), found.get("parameters", {}))
     _check_target(command, target)
     ttl_s = _number(found.get("ttl_s", TTL_S), "ttl_s", 0.1, LONGEST_TTL_S)
-    return number, CommandRequest(command, target, ttl_s)
+    return number, CommandRequest(command, target, _left_s(found, ttl_s, now_ms))
+
+
+def _left_s(found: dict[str, Any], ttl_s: float, now_ms: float) -> float:
+    """What is left of a time limit that began when the page was asked."""
+    late_s = (now_ms - _number(found.get("at_ms"), "at_ms", 0, now_ms + MOST_AHEAD_MS)) / 1000
+    if late_s >= ttl_s:
+        raise ConfigurationError(
+            f"not sent: it was asked for {late_s:.1f} s before it came to the page's program; "
+            f"expected less than {ttl_s:g} s"
+        )
+    return min(ttl_s, ttl_s - late_s)
 
 
 def _parameter(cls: type[Any], name: str, mark: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from ..errors import SitlError
 from ..real.watching import Watching
 from .channel import GCS_COMPONENT, GCS_SYSTEM, Heard, heard_in
 from .manners import BY_REQUEST, MANNERS
-from .observer import Timeout
+from .observer import PATIENCE, Timeout
 from .pilot import Pilot
 from .procedures import FLIGHT_S, up
 
@@ -46,7 +46,7 @@ class WitnessChannel:
         return time.monotonic()
 
     def close(self) -> None:
-        """Whoever listens ends with Timeout."""
+        """Whoever listens ends with SitlError."""
         self._closed.set()
         self._watching.taps.remove(self._heard.put)
 
@@ -61,7 +61,7 @@ class WitnessChannel:
         end_s = self.now_s + seconds
         while (left_s := end_s - self.now_s) > 0:
             if self._closed.is_set():
-                raise Timeout("the flight has ended")
+                raise SitlError("the flight has ended")
             try:
                 datagram = self._heard.get(timeout=min(left_s, _LISTENS_S))
             except queue.Empty:
@@ -118,14 +118,14 @@ def _bring_down(pilot: Pilot) -> None:
 
 
 def _insist(pilot: Pilot, name: str, is_so: Callable[[], bool], command: Callable[[], object], limit_s: float) -> None:
-    """Command until it is so. Raises Timeout."""
-    end_s = pilot.now_s + limit_s
+    """Command until it is so. Raises Timeout, also where the autopilot is silent and its clock with it."""
+    end_s, given_up_s = pilot.now_s + limit_s, time.monotonic() + PATIENCE * limit_s
     while not is_so():
         command()
         try:
             pilot.until("", is_so, AGAIN_S)
         except Timeout:
-            if pilot.now_s >= end_s:
+            if pilot.now_s >= end_s or time.monotonic() >= given_up_s:
                 raise Timeout(f"{name}: not within {limit_s:g} s: {pilot.case.acks[-3:]}") from None
 
 

@@ -74,21 +74,33 @@ export class Draft {
   }
 
   change(waypoints) {
-    this.past.push(this.waypoints);
+    this.page.forgetLooked();
+    this.past.push(this.mission);
+    this.waypoints = waypoints;
+    this.show();
+  }
+
+  get mission() {
+    const [takesOff, returns] = [byId("draft-takeoff").checked, byId("draft-return").checked];
+    return { waypoints: this.waypoints, takes_off: takesOff, returns };
+  }
+
+  set mission({ waypoints, takes_off, returns }) {
+    byId("draft-takeoff").checked = takes_off;
+    byId("draft-return").checked = returns;
     this.waypoints = waypoints;
     this.show();
   }
 
   // The mission of a file, in the place of what was drawn; undoing brings that back.
-  load({ waypoints, takes_off, returns }) {
-    byId("draft-takeoff").checked = takes_off;
-    byId("draft-return").checked = returns;
-    this.change(waypoints);
+  load(mission) {
+    this.past.push(this.mission);
+    this.mission = mission;
   }
 
   undo() {
-    this.waypoints = this.past.pop();
-    this.show();
+    this.page.forgetLooked();
+    this.mission = this.past.pop();
   }
 
   show() {

@@ -24,6 +24,7 @@ class Page {
     this.place = null;
     this.found = null; // a place that was typed: the map goes as far
     this.asked = 0;
+    this.ahead = -Infinity; // of this page's clock the program's, in ms: at least so much, for updates take their time
     this.fleet = new Fleet(this);
     this.map = new FleetMap(this);
     this.commands = new Commands(this);
@@ -37,6 +38,7 @@ class Page {
 
   connect() {
     this.socket = new WebSocket(`ws://${location.host}/live`);
+    this.ahead = -Infinity;
     this.socket.addEventListener("message", (event) => this.hear(JSON.parse(event.data)));
     this.socket.addEventListener("open", () => this.showConnection("connected to the page's program", true));
     this.socket.addEventListener("close", () => {
@@ -51,6 +53,7 @@ class Page {
   }
 
   hear(update) {
+    this.ahead = Math.max(this.ahead, update.at_ms - performance.now());
     if (update.hello) this.begin(update.hello);
     if (update.fogs) this.showFogs(update.fogs);
     if (update.drones) this.hearDrones(update.drones);
@@ -160,6 +163,10 @@ class Page {
     return this.plans.path.length > 0 ? this.plans.path : this.commands.path();
   }
 
+  forgetLooked() {
+    this.plans.path = [];
+  }
+
   // Places that the map shows as long as they are looked at.
   looked() {
     return this.plans.path;
@@ -181,14 +188,15 @@ class Page {
     this.draft.alter(index, place, isNew);
   }
 
-  // The number of the question, undefined where nobody is asked.
+  // The number of the question, undefined where nobody is asked. It says when it was asked, by the program's clock and
+  // never later than that: what is held back on its way has not more time for that.
   ask(what, more) {
-    if (this.socket.readyState !== WebSocket.OPEN) {
+    if (this.socket.readyState !== WebSocket.OPEN || this.ahead === -Infinity) {
       this.say("Not sent: the page's program does not answer.");
       return undefined;
     }
     this.asked += 1;
-    this.socket.send(JSON.stringify({ number: this.asked, do: what, ...more }));
+    this.socket.send(JSON.stringify({ number: this.asked, do: what, at_ms: performance.now() + this.ahead, ...more }));
     return this.asked;
   }
 

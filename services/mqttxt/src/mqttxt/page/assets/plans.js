@@ -10,7 +10,7 @@ export class Plans {
     for (const what of ["start", "resume"]) {
       byId(`plan-${what}`).addEventListener("click", () => page.ask(what, { to: page.commands.selected() }));
     }
-    this.path = []; // of a file that is looked at, and is not in the editor
+    this.path = []; // of a file that is looked at, until something is drawn
     byId("plan-file").addEventListener("change", () => this.look());
     this.show();
   }
@@ -22,7 +22,9 @@ export class Plans {
     this.page.map.draw();
     const [file] = byId("plan-file").files;
     if (file === undefined) return;
-    this.looked = this.page.ask("look", { name: file.name, text: await file.text() });
+    const text = await file.text();
+    if (file !== byId("plan-file").files[0]) return; // another one was chosen meanwhile
+    this.looked = this.page.ask("look", { name: file.name, text });
   }
 
   // What the page's program says of the file that was chosen last.
@@ -30,19 +32,19 @@ export class Plans {
     if (number !== this.looked) return;
     const [name] = [...byId("plan-file").files].map((file) => file.name);
     if (plan.draft === null) {
-      this.path = plan.path;
       setText(byId("plan-found"), `${name}: ${plan.text}. It is on the map, and cannot be changed here: ${plan.why}.`);
     } else {
       this.page.draft.load(plan.draft);
       setText(byId("plan-found"), `${name}: ${plan.text}. It is drawn below too, where it can be changed.`);
     }
+    this.path = plan.path;
     this.page.map.draw();
   }
 
   async upload() {
     this.path = [];
-    const [file] = byId("plan-file").files;
-    this.page.ask("upload", { name: file.name, text: await file.text(), to: this.page.commands.selected() });
+    const [[file], to] = [byId("plan-file").files, this.page.commands.selected()];
+    this.page.ask("upload", { name: file.name, text: await file.text(), to });
   }
 
   show() {
