@@ -80,7 +80,8 @@ def test_a_mission_is_drawn_and_flown_by_mouse_alone(system: System, page: Serve
     assert second[1] > third[1], "further left is further west"
     browser.drag("[data-waypoint='2'] circle", 0, 30)
     moved = waypoints(browser)
-    assert (moved[0], moved[1][1], moved[2]) == (first, second[1], third)
+    assert (moved[0], moved[2]) == (first, third)
+    assert float(moved[1][1]) == pytest.approx(float(second[1]), abs=2e-7), "digits are cut behind the seventh"
     assert moved[1][0] < second[0], "dragged to the south"
     browser.click("#draft-undo")
     assert waypoints(browser) == [first, second, third], "what was dragged is one step"

@@ -75,17 +75,17 @@ export class Draft {
 
   change(waypoints) {
     this.page.forgetLooked();
-    this.past.push(this.mission);
+    this.past.push(this.drawn);
     this.waypoints = waypoints;
     this.show();
   }
 
-  get mission() {
+  get drawn() {
     const [takesOff, returns] = [byId("draft-takeoff").checked, byId("draft-return").checked];
     return { waypoints: this.waypoints, takes_off: takesOff, returns };
   }
 
-  set mission({ waypoints, takes_off, returns }) {
+  set drawn({ waypoints, takes_off, returns }) {
     byId("draft-takeoff").checked = takes_off;
     byId("draft-return").checked = returns;
     this.waypoints = waypoints;
@@ -94,13 +94,13 @@ export class Draft {
 
   // The mission of a file, in the place of what was drawn; undoing brings that back.
   load(mission) {
-    this.past.push(this.mission);
-    this.mission = mission;
+    this.past.push(this.drawn);
+    this.drawn = mission;
   }
 
   undo() {
     this.page.forgetLooked();
-    this.mission = this.past.pop();
+    this.drawn = this.past.pop();
   }
 
   show() {
