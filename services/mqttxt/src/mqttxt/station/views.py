@@ -201,7 +201,7 @@ class Drone:
 
     @property
     def is_controlled(self) -> bool:
-        """Whether this station is in control of it."""
+        """Whether this station is in control of it; not from `release` on, until its fog has answered a new `claim`."""
         return self._fog.controls(self.number)
 
     @property
