@@ -77,15 +77,15 @@ def losses(sides: Links, since_start: bool) -> Figure | None:
 
 
 def said(sides: Links) -> str:
-    """'MQTT-XT lost 12 of 1,742 frames (8 in the queue, 4 at random).'"""
+    """'Frames lost: over MQTT-XT 12 of 1,742 (8 no room in the queue and 4 drawn at random).'"""
     parts = []
     for protocol, links in sides.items():
         entered = sum(one.entered for one in links.values())
         sums = {cause: sum(one.by_cause.get(cause, 0) for one in links.values()) for cause in CAUSES}
         each = wording.listed([f"{count:,} {CAUSES[cause]}" for cause, count in sums.items() if count])
         detail = f" ({each})" if each else ""
-        parts.append(f"over {wording.name_of(protocol)} {sum(sums.values()):,} of {entered:,} frames{detail}")
-    return f"Lost were {wording.listed(parts)}."
+        parts.append(f"over {wording.name_of(protocol)} {sum(sums.values()):,} of {entered:,}{detail}")
+    return f"Frames lost: {wording.listed(parts)}."
 
 
 def _names(sides: Links) -> list[str]:
