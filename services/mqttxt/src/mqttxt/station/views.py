@@ -195,6 +195,11 @@ class Drone:
         return self._number
 
     @property
+    def fog(self) -> int:
+        """The number of the drone's fog."""
+        return self._fog.number
+
+    @property
     def is_reachable(self) -> bool:
         """Whether its fog is live and says that the drone is there."""
         return self._view.reachable
