@@ -325,6 +325,7 @@ class Drones:
                 nonce=nonce,
                 bound=True,
                 epoch=self._leases.epoch(link.number),
+                holder=holder.key[0] if holder is not None and has_control and self._to_fog.seal is not None else None,
                 holder_session=holder.key[1] if holder is not None and has_control else None,
                 deadline_ms=deadline_ms if has_control else None,
                 offboard_until_ms=max(0, offboard_ms) if offboard_ms is not None else None,

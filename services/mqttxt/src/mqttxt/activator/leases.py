@@ -93,6 +93,11 @@ class Leases:
         """The drones that a station controls."""
         return frozenset(drone for drone, holder in self._holders.items() if holder == key)
 
+    def names(self, gs_session: int) -> bool:
+        """Whether a session is registered, or an earlier one of this activator had it in control of a drone."""
+        restored = (each.key for each in self._restored.values())
+        return any(session == gs_session for keys in (self._leases, restored) for _, session in keys)
+
     def station(self, gs_session: int) -> str | None:
         """The station that a session is registered for, as certificates name stations."""
         return next((f"gs-{name}" for name, session in self._leases if session == gs_session), None)
