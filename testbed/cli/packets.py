@@ -15,7 +15,7 @@ from rich.table import Table
 from ..errors import UserError
 from ..plan.documents import ROOT
 from ..present.packets_view.choice import Choice, Chosen, choose, find_attempts
-from ..present.packets_view.frames import dissect, mavlink_frames, read_frame
+from ..present.packets_view.dissected import dissect, mavlink_frames, read_frame
 from ..present.packets_view.words import said_by_frame, said_by_publish
 
 RESULTS = ROOT / "results"

@@ -14,10 +14,11 @@ from typing import Any
 from testbed.plan.fleets import standard_fleet
 from testbed.plan.profiles.resolve import LinksPlan
 from testbed.plan.topology import Topology
-from tests.bench.fit_network import PYTHON, REPOSITORY, ShapedNetwork
+from tests.bench.fit_network import ShapedNetwork
 from tests.bench.fit_search import SETTLED_NS, with_rates
 from tests.bench.fit_simulation import DOWN, Crossed, Losses, Offered, losses, run
 from tests.bench.fit_streams import ROOT, Frame, Streams
+from tests.rigs.shaped_nodes import PYTHON, REPOSITORY
 
 FOLDER = ROOT / ".cache" / "fit" / "replay"
 SENDER = f"{REPOSITORY}/tests/bench/fit_sender.py"

@@ -34,8 +34,6 @@ WARM_UP_TURNS, TURNS = 10, 60
 PARTS = 50
 """In how many equal parts of a second the drones publish, one after the other."""
 DUE_MS = 200.0
-ALIASES = "max_topic_alias 4096\n"
-"""Behind a listener's line it is for that listener; all drones have one connection."""
 WIDTH = 1600
 _PROBE = """(() => {
   window.shown = [];
@@ -120,7 +118,7 @@ async def _measure() -> Shown:
     assert path is not None, "no Chromium; `make tools` installs it"
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        cloud, fog = BenchBroker(folder, "cloud"), BenchBroker(folder, "fog", ALIASES)
+        cloud, fog = BenchBroker(folder, "cloud"), BenchBroker(folder, "fog")
         for broker in (cloud, fog):
             broker.start()
             stack.callback(broker.kill)

@@ -6,6 +6,8 @@ import asyncio
 import struct
 from collections.abc import Callable
 
+from tests.rigs.mqtt_server import variable_length
+
 _PUBLISH = 0x30
 
 
@@ -15,16 +17,7 @@ def publish_packet(topic: str, payload: bytes, alias: int | None = None, qos: in
     name = topic.encode()
     body = struct.pack("!H", len(name)) + name
     body += (mid.to_bytes(2, "big") if qos else b"") + bytes([len(properties)]) + properties + payload
-    return bytes([_PUBLISH | qos << 1]) + _length(len(body)) + body
-
-
-def _length(length: int) -> bytes:
-    out = bytearray()
-    while True:
-        length, digit = divmod(length, 128)
-        out.append(digit | (0x80 if length else 0))
-        if not length:
-            return bytes(out)
+    return bytes([_PUBLISH | qos << 1]) + variable_length(len(body)) + body
 
 
 class RawClient(asyncio.Protocol):
@@ -42,13 +35,13 @@ class RawClient(asyncio.Protocol):
     async def connect(cls, port: int, name: str, heard: Callable[[str, bytes], None] | None = None) -> RawClient:
         _, client = await asyncio.get_running_loop().create_connection(lambda: cls(heard), "127.0.0.1", port)
         body = b"\0\4MQTT\5\2\0\0\x05\x11\0\0\0\0" + struct.pack("!H", len(name)) + name.encode()
-        client.send(b"\x10" + _length(len(body)) + body)
+        client.send(b"\x10" + variable_length(len(body)) + body)
         await client._ready
         return client
 
     async def subscribe(self, *filters: str, qos: int = 0) -> None:
         body = b"\0\1\0" + b"".join(struct.pack("!H", len(f)) + f.encode() + bytes([qos]) for f in filters)
-        self.send(b"\x82" + _length(len(body)) + body)
+        self.send(b"\x82" + variable_length(len(body)) + body)
         await self._subscribed
 
     def send(self, data: bytes) -> None:

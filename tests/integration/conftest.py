@@ -53,6 +53,16 @@ def system(tmp_path: Path) -> Iterator[System]:
         made.close()
 
 
+@pytest.fixture(scope="module")
+def shared_system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    """The same, for all tests of a file."""
+    made = System(tmp_path_factory.mktemp("system"))
+    try:
+        yield made.start()
+    finally:
+        made.close()
+
+
 @pytest.fixture(scope="session")
 def link() -> Iterator[ShapedLink]:
     """Two nodes and the network between them, in containers; each test starts on it what it needs."""

@@ -13,7 +13,8 @@ from testbed.fly.calibration.calibrate import run_schedule
 from testbed.fly.calibration.schedule import make_load
 from testbed.plan.profiles.resolve import LinksPlan
 from testbed.plan.topology import Link, Node, Topology
-from tests.rigs.shaped_link import DOWN, PYTHON, SUBNETS, UP, ShapedLink
+from tests.rigs.shaped_link import DOWN, SUBNETS, UP, ShapedLink
+from tests.rigs.shaped_nodes import PYTHON
 
 pytestmark = [
     pytest.mark.integration,
@@ -21,7 +22,7 @@ pytestmark = [
     pytest.mark.timeout(120),
     pytest.mark.soak(
         *("services/net/src", "testbed/fly/calibration", "testbed/plan/profiles/resolve.py"),
-        *("tests/rigs/shaped_link.py", "tests/rigs/link_probe.py"),
+        *("tests/rigs/shaped_link.py", "tests/rigs/shaped_nodes.py", "tests/rigs/link_probe.py"),
     ),
 ]
 TOPOLOGY = Topology(

@@ -50,6 +50,7 @@ SIGNED_UAV_VARIANTS = {
     "uav-outlives-its-grant": {"control-ends-with-the-grant"},
     "uav-signs-no-words": {"signs-what-it-says"},
     "uav-forgets-the-question": {"names-what-it-answers"},
+    "uav-goes-by-births-alone": {"leaves-a-session-to-its-owner"},
 }
 ACTIVATOR_VARIANTS = {
     "activator-keeps-the-gate-open": {"holds-states-back", "closes-the-gate", "passes-readings-on"},
@@ -83,6 +84,7 @@ SIGNED_ACTIVATOR_VARIANTS = {
     "activator-signs-no-records": {"signs-what-it-says"},
     "activator-signs-drones-words": {"passes-on-a-drones-words-alone"},
     "activator-takes-any-reading": {"passes-on-readings-that-are-signed"},
+    "activator-names-no-holder": {"orders-its-leases-and-names-the-holder"},
 }
 SECURED = {"uav-in-tls": False, "uav-signed": True}
 """The project's own UAV client with an identity, and whether it signs."""

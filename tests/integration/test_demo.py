@@ -6,6 +6,7 @@ import contextlib
 import os
 import signal
 import socket
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -129,6 +130,17 @@ def test_a_part_that_is_killed_is_named_with_its_last_words(
     assert said.startswith(f"mqttxt: {name} was ended by SIGKILL; its last words: ")
     wait_until(demo.nothing_is_left, "nothing is left")
     assert "Traceback" not in demo.said()
+
+
+def test_a_part_that_ends_while_the_rig_ends_what_is_left_is_no_error(
+    demo: Demonstration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    demo.mqttxt = Path("/bin/true")
+    demo.start()
+    gone = subprocess.Popen(["/bin/true"])
+    gone.wait()
+    monkeypatch.setattr(demo, "processes", lambda: {gone.pid: "true"})
+    demo.close()
 
 
 def test_a_station_without_what_linux_has_flies(demo: Demonstration) -> None:

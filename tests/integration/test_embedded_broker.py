@@ -10,7 +10,11 @@ from typing import Any
 import pytest
 
 from mqttxt import Arm, GroundStation, Outcome, Takeoff, Word
-from tests.rigs.processes import Container, System, eventually, free_port, wait_until
+from mqttxt.core import mosquitto
+from mqttxt.core.address import BrokerAddress
+from mqttxt.core.clock import SessionClock
+from mqttxt_conformance.tap import Tap
+from tests.rigs.processes import Broker, Container, System, eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -93,6 +97,20 @@ async def test_an_embedded_broker_that_dies_as_soon_as_it_listens_comes_back(tmp
     finally:
         contained.kill()
         system.close()
+
+
+async def test_an_activator_may_give_each_topic_of_its_drones_an_alias(tmp_path: Path) -> None:
+    """Mosquitto takes `max_topic_alias` for the listener before it."""
+    broker = Broker(tmp_path, "cloud")
+    broker.configuration.write_text(mosquitto.configuration("127.0.0.1", broker.port))
+    broker.start()
+    try:
+        tap = Tap(BrokerAddress.parse(broker.url), "tap", SessionClock())
+        await tap.connect("--broker")
+        assert tap.connack.TopicAliasMaximum == 4096
+        await tap.close()
+    finally:
+        broker.kill()
 
 
 def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:

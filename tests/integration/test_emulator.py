@@ -16,7 +16,9 @@ pytestmark = [
     pytest.mark.integration,
     pytest.mark.alone,
     pytest.mark.timeout(120),
-    pytest.mark.soak("services/net/src", "tests/rigs/shaped_link.py", "tests/rigs/link_probe.py"),
+    pytest.mark.soak(
+        "services/net/src", "tests/rigs/shaped_link.py", "tests/rigs/shaped_nodes.py", "tests/rigs/link_probe.py"
+    ),
 ]
 WIDE_999 = 3.29
 """Standard deviations on each side that hold 99.9 % of a normal distribution."""

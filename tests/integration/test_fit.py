@@ -15,7 +15,8 @@ from testbed.plan.profiles.reading import read_profile
 from testbed.plan.profiles.resolve import resolve
 from tests.bench.fit_simulation import cross
 from tests.bench.fit_streams import exact
-from tests.rigs.shaped_link import PYTHON, READY_TIMEOUT_S, SUBNETS, UP, Emulator, ShapedLink
+from tests.rigs.shaped_link import SUBNETS, UP, Emulator, ShapedLink
+from tests.rigs.shaped_nodes import PYTHON, READY_TIMEOUT_S
 
 pytestmark = [
     pytest.mark.integration,
@@ -24,7 +25,7 @@ pytestmark = [
     pytest.mark.soak(
         *("services/net/src", "services/sitl/src/sitl/px4/streams.py", "testbed/plan/profiles"),
         *(f"tests/bench/fit_{name}.py" for name in ("sender", "simulation", "streams")),
-        *("tc_profiles/thesis.yaml", "tests/rigs/shaped_link.py"),
+        *("tc_profiles/thesis.yaml", "tests/rigs/shaped_link.py", "tests/rigs/shaped_nodes.py"),
     ),
 ]
 SENDER = "/repository/tests/bench/fit_sender.py"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,19 +20,12 @@ LATER = made_up(*MADE_UP[1])
 Begun = Callable[..., subprocess.Popen[str]]
 
 
-@pytest.fixture(scope="module")
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    system = System(tmp_path_factory.mktemp("logs"))
-    try:
-        yield system.start()
-    finally:
-        system.close()
-
-
 @pytest.fixture
-def begun(system: System) -> Begun:
+def begun(shared_system: System) -> Begun:
+    cloud = ("--cloud", shared_system.cloud.url)
+
     def begin(*words: str) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "mqttxt", "gs", "logs", *words, "--drone", "1", "--cloud", system.cloud.url]
+        command = [sys.executable, "-m", "mqttxt", "gs", "logs", *words, "--drone", "1", *cloud]
         return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     return begin
@@ -58,17 +51,17 @@ def test_logs_are_listed_and_written_into_a_file(begun: Begun, tmp_path: Path) -
 
 
 def test_a_killed_station_and_a_killed_drone_cost_no_more_than_a_block(
-    begun: Begun, system: System, tmp_path: Path
+    begun: Begun, shared_system: System, tmp_path: Path
 ) -> None:
     """The drone dies while it reads, the station while bytes come, and the command is typed again."""
     file = tmp_path / "flight.ulg"
-    folder = system.folder / "uav1.logs"
+    folder = shared_system.folder / "uav1.logs"
     for left in folder.iterdir():
         left.unlink()
     first = begun("get", "1", str(file))
     wait_until(lambda: any(path.stat().st_size > 0 for path in folder.glob("*.part")), "a block is on the disk")
-    system.uavs[1].kill()
-    system.uavs[1].start().wait_ready()
+    shared_system.uavs[1].kill()
+    shared_system.uavs[1].start().wait_ready()
     code, _, error = ended(first)
     assert code == 0, error
     assert file.read_bytes() == LATER.data

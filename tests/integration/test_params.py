@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,21 +19,13 @@ ROOT = Path(__file__).resolve().parents[2]
 Typed = Callable[..., subprocess.CompletedProcess[str]]
 
 
-@pytest.fixture(scope="module")
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    system = System(tmp_path_factory.mktemp("params"))
-    try:
-        yield system.start()
-    finally:
-        system.close()
-
-
 @pytest.fixture
-def params(system: System, tmp_path: Path) -> Typed:
+def params(shared_system: System, tmp_path: Path) -> Typed:
+    cloud = ("--cloud", shared_system.cloud.url)
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
 
     def typed(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "mqttxt", "gs", "params", *words, "--drone", "1", "--cloud", system.cloud.url]
+        command = [sys.executable, "-m", "mqttxt", "gs", "params", *words, "--drone", "1", *cloud]
         return subprocess.run(
             command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60, check=False
         )

@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,17 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SURVEY = ROOT / "tests" / "unit" / "mqttxt" / "plans" / "survey.plan"
 
 
-@pytest.fixture(scope="module")
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    system = System(tmp_path_factory.mktemp("plans"))
-    try:
-        yield system.start()
-    finally:
-        system.close()
-
-
-def gs(system: System, *words: str, timeout_s: float = 60) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mqttxt", "gs", *words, "--cloud", system.cloud.url]
+def gs(shared_system: System, *words: str, timeout_s: float = 60) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mqttxt", "gs", *words, "--cloud", shared_system.cloud.url]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=timeout_s, check=False)
 
 
@@ -47,24 +37,24 @@ def short(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_plan_goes_onto_a_drone_and_comes_back_as_a_file(system: System, tmp_path: Path) -> None:
-    done = gs(system, "plan", "upload", str(SURVEY), "--drone", "1")
+def test_a_plan_goes_onto_a_drone_and_comes_back_as_a_file(shared_system: System, tmp_path: Path) -> None:
+    done = gs(shared_system, "plan", "upload", str(SURVEY), "--drone", "1")
     assert done.returncode == 0, done.stderr
     assert "upload_plan completed" in done.stdout
     back = tmp_path / "back.plan"
-    done = gs(system, "plan", "download", str(back), "--drone", "1")
+    done = gs(shared_system, "plan", "download", str(back), "--drone", "1")
     assert (done.returncode, done.stdout) == (0, f"{back}: 6 mission items, 6 fence items, 2 rally points\n")
     assert Plan.load(back).content == Plan.load(SURVEY).content
-    assert gs(system, "plan", "clear", "--drone", "1").returncode == 0
-    gs(system, "plan", "download", str(back), "--drone", "1")
+    assert gs(shared_system, "plan", "clear", "--drone", "1").returncode == 0
+    gs(shared_system, "plan", "download", str(back), "--drone", "1")
     assert str(Plan.load(back)) == "0 mission items, 0 fence items, 0 rally points"
 
 
-def test_a_mission_is_started_followed_and_watched(system: System, short: Path) -> None:
-    assert gs(system, "plan", "upload", str(short), "--drone", "2").returncode == 0
+def test_a_mission_is_started_followed_and_watched(shared_system: System, short: Path) -> None:
+    assert gs(shared_system, "plan", "upload", str(short), "--drone", "2").returncode == 0
     told: list[str] = []
     watching = subprocess.Popen(
-        [sys.executable, "-m", "mqttxt", "gs", "plan", "watch", "--drone", "2", "--cloud", system.cloud.url],
+        [sys.executable, "-m", "mqttxt", "gs", "plan", "watch", "--drone", "2", "--cloud", shared_system.cloud.url],
         stdout=subprocess.PIPE,
         text=True,
         cwd=ROOT,
@@ -73,11 +63,11 @@ def test_a_mission_is_started_followed_and_watched(system: System, short: Path) 
     reader = threading.Thread(target=lambda: told.extend(watching.stdout or ()), daemon=True)
     reader.start()
     try:
-        denied = gs(system, "plan", "start", str(short), "--drone", "2")
+        denied = gs(shared_system, "plan", "start", str(short), "--drone", "2")
         assert denied.returncode == 1
         assert "denied(disarmed)" in denied.stdout
-        assert gs(system, "send", "arm", "--drone", "2").returncode == 0
-        flown = gs(system, "plan", "start", str(short), "--drone", "2", timeout_s=120)
+        assert gs(shared_system, "send", "arm", "--drone", "2").returncode == 0
+        flown = gs(shared_system, "plan", "start", str(short), "--drone", "2", timeout_s=120)
         assert flown.returncode == 0, flown.stdout + flown.stderr
         assert "start_mission completed" in flown.stdout
         wait_until(lambda: any("reached 2" in line for line in told), "the watcher was told of the last item")

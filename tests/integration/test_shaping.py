@@ -9,13 +9,16 @@ from typing import Any
 import pytest
 
 from tests.rigs.processes import wait_until
-from tests.rigs.shaped_link import CONTROL, DOWN, FOLDER, LINKS, PYTHON, SUBNETS, UP, Emulator, ShapedLink, plan_of
+from tests.rigs.shaped_link import CONTROL, DOWN, LINKS, SUBNETS, UP, Emulator, ShapedLink, plan_of
+from tests.rigs.shaped_nodes import FOLDER, PYTHON
 
 pytestmark = [
     pytest.mark.integration,
     pytest.mark.alone,
     pytest.mark.timeout(120),
-    pytest.mark.soak("services/net/src", "tests/rigs/shaped_link.py", "tests/rigs/link_probe.py"),
+    pytest.mark.soak(
+        "services/net/src", "tests/rigs/shaped_link.py", "tests/rigs/shaped_nodes.py", "tests/rigs/link_probe.py"
+    ),
 ]
 OK = '{"ok": true}\n'
 GATE = {"link": "wan:gs", "drone": 1, "latitude_deg": 47.4, "longitude_deg": 8.5, "range_m": 50.0}

@@ -7,7 +7,7 @@ import json
 import math
 import re
 import socket
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.offboard import VelocityNedYaw
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
+from tests.rigs.gateway import eventually
 from tests.rigs.processes import Process, ask_autopilot, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -53,15 +54,6 @@ class Flight:
 
     def up_m(self) -> float:
         return float(self.control({"get": "state"})["altitude_m"])
-
-
-async def eventually(read: Callable[[], Awaitable[Any]], right: Callable[[Any], bool], limit_s: float = 30) -> Any:
-    """What a MAVSDK call gives, once it is right."""
-    value: Any = None
-    async with asyncio.timeout(limit_s):
-        while not right(value := await read()):
-            await asyncio.sleep(0.05)
-    return value
 
 
 @pytest.fixture

@@ -171,7 +171,11 @@ def uav_takes_anybodys_lease() -> None:
 
 
 def uav_outlives_its_grant() -> None:
-    wrap(Grants, "bound", lambda original: lambda self, session, until_ms, offboard_ms: (until_ms, offboard_ms))
+    wrap(Grants, "bound", lambda original: lambda self, station, session, *ends: ends)
+
+
+def uav_goes_by_births_alone() -> None:
+    wrap(SessionOwners, "restore", lambda original: lambda self, session, station: None)
 
 
 def uav_signs_no_words() -> None:
@@ -289,6 +293,13 @@ def activator_signs_no_records() -> None:
         return payload
 
     wrap(Channel, "payload", make)
+
+
+def activator_names_no_holder() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, number, lease: original(self, number, replace(lease, holder=None))
+
+    wrap(Drones, "_publish_lease", make)
 
 
 def activator_signs_drones_words() -> None:
@@ -438,6 +449,7 @@ VARIANTS: dict[str, Patch] = {
     "uav-outlives-its-grant": uav_outlives_its_grant,
     "uav-signs-no-words": uav_signs_no_words,
     "uav-forgets-the-question": uav_forgets_the_question,
+    "uav-goes-by-births-alone": uav_goes_by_births_alone,
     "activator-keeps-the-gate-open": activator_keeps_the_gate_open,
     "activator-forwards-the-deadline": activator_forwards_the_deadline,
     "activator-says-two-last-words": activator_says_two_last_words,
@@ -452,6 +464,7 @@ VARIANTS: dict[str, Patch] = {
     "activator-signs-no-records": activator_signs_no_records,
     "activator-signs-drones-words": activator_signs_drones_words,
     "activator-takes-any-reading": takes_any_reading,
+    "activator-names-no-holder": activator_names_no_holder,
     "gs-counts-nothing": gs_counts_nothing,
     "gs-retains-commands": gs_retains_commands,
     "gs-never-renews": gs_never_renews,

@@ -52,7 +52,7 @@ def numbers(properties: bytes) -> dict[int, int]:
 def publish(topic: str, payload: bytes, qos: int = 0, mid: int = 0) -> bytes:
     """A PUBLISH towards the client."""
     body = struct.pack("!H", len(topic)) + topic.encode() + (struct.pack("!H", mid) if qos else b"") + b"\0" + payload
-    return bytes([0x30 | qos << 1]) + _length(len(body)) + body
+    return bytes([0x30 | qos << 1]) + variable_length(len(body)) + body
 
 
 async def read_packet(reader: asyncio.StreamReader) -> Packet:
@@ -70,10 +70,11 @@ async def read_packet(reader: asyncio.StreamReader) -> Packet:
 
 def encoded(packet: Packet) -> bytes:
     """A packet's bytes."""
-    return bytes([packet.kind << 4 | packet.flags]) + _length(len(packet.body)) + packet.body
+    return bytes([packet.kind << 4 | packet.flags]) + variable_length(len(packet.body)) + packet.body
 
 
-def _length(length: int) -> bytes:
+def variable_length(length: int) -> bytes:
+    """A length as MQTT writes it (1.5.5)."""
     out = bytearray()
     while True:
         length, digit = divmod(length, 128)
@@ -153,7 +154,7 @@ class Server:
     ) -> None:
         self._granted = iter(granted)
         self.sessions: list[Session] = []
-        self._connack = b"\0" + bytes([code]) + _length(len(connack)) + connack
+        self._connack = b"\0" + bytes([code]) + variable_length(len(connack)) + connack
         self._acknowledges = acknowledges
         self._tls = tls
         self._server: asyncio.Server | None = None
@@ -186,6 +187,6 @@ class Server:
         self._tasks.append(task)
         session = self.make_session(reader, writer)
         await session.read()
-        session.send(b"\x20" + _length(len(self._connack)) + self._connack)
+        session.send(b"\x20" + variable_length(len(self._connack)) + self._connack)
         self.sessions.append(session)
         await session.serve()

@@ -8,24 +8,17 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import docker
-from docker.types import IPAMConfig, IPAMPool
+from tests.rigs.shaped_nodes import FOLDER, PYTHON, READY_TIMEOUT_S, REPOSITORY, ShapedNodes
 
-ROOT = Path(__file__).resolve().parents[2]
-IMAGE = os.environ.get("NODE_IMAGE", "mqttxt-testbed/node:latest")
 FIRST_SUBNET = 128 + os.getpid() % 60 * 2
 SUBNETS = {"gs": f"198.19.{FIRST_SUBNET}", "cloud": f"198.19.{FIRST_SUBNET + 1}"}
 """Two of this process's own: others may run the same tests on the same machine."""
 UP, DOWN = "wan:gs:up", "wan:gs:down"
-PYTHON = "/opt/venv/bin/python"
-PROBE = "/repository/tests/rigs/link_probe.py"
-FOLDER = "/tmp/shaping"
+PROBE = f"{REPOSITORY}/tests/rigs/link_probe.py"
 LINKS = f"{FOLDER}/links"
 CONTROL = f"{FOLDER}/net.sock"
-READY_TIMEOUT_S = 30.0
 AS_NEW = (
     "while ip rule del priority 100 2>/dev/null; do :; done;"
     " for tool in iptables iptables-legacy; do $tool -P FORWARD ACCEPT; $tool -F; $tool -X; done 2>/dev/null; true"
@@ -47,63 +40,16 @@ class Row:
         return (self.received_ns - self.sent_ns) / 1e6
 
 
-class ShapedLink:
+class ShapedLink(ShapedNodes):
     """gs and cloud with one link each way; `shaping` runs the emulator of this source tree in `net`."""
 
     def __init__(self) -> None:
-        self._client = docker.from_env()
-        self._made: list[Any] = []
-        self.nodes: dict[str, Any] = {}
-
-    def up(self) -> ShapedLink:
-        """Start the three containers."""
-        mark = f"mqttxt-shaped-{os.getpid()}"
-        networks = {}
-        for node, subnet in SUBNETS.items():
-            pool = IPAMPool(subnet=f"{subnet}.0/24")
-            networks[node] = self._client.networks.create(f"{mark}-{node}", ipam=IPAMConfig(pool_configs=[pool]))
-            self._made.append(networks[node])
-        shared = {
-            "image": IMAGE, "entrypoint": ["sleep", "infinity"], "init": True, "read_only": True, "tmpfs": {"/tmp": ""},
-            "cap_drop": ["ALL"], "volumes": {str(ROOT): {"bind": "/repository", "mode": "ro"}},
-            "environment": {"PYTHONPATH": "/repository/services/net/src", "PYTHONDONTWRITEBYTECODE": "1"},
-        }  # fmt: skip
-        for node in SUBNETS:
-            self.nodes[node] = self._container(
-                f"{mark}-{node}-1", networks[node], node, 3, cap_add=["NET_ADMIN"], **shared
-            )
-        self.nodes["net"] = self._container(
-            f"{mark}-net-1", networks["gs"], "gs", 2, cap_add=["NET_ADMIN", "NET_RAW", "DAC_OVERRIDE"],
-            sysctls={"net.ipv4.ip_forward": "1"}, mem_limit="512m", cpu_shares=4096, **shared,
-        )  # fmt: skip
-        networks["cloud"].connect(self.nodes["net"], ipv4_address=f"{SUBNETS['cloud']}.2")
-        for container in self.nodes.values():
-            container.start()
-        for node, subnet in SUBNETS.items():
-            self.output(node, ["ethtool", "-K", "eth0", "tso", "off", "gso", "off", "gro", "off", "tx", "off"])
-            self.output(node, ["ip", "route", "replace", "default", "via", f"{subnet}.2"])
-        return self
-
-    def down(self) -> None:
-        """Remove what `up` made, in the order in which it can be."""
-        for thing in reversed(self._made):
-            if hasattr(thing, "exec_run"):
-                thing.remove(force=True)
-        for thing in self._made:
-            if not hasattr(thing, "exec_run"):
-                thing.remove()
-        self._client.close()
-
-    def output(self, node: str, command: Sequence[str], **options: Any) -> str:
-        """What a command that has to succeed prints."""
-        code, said = self.nodes[node].exec_run(list(command), **options)
-        assert code == 0, f"{node}: {' '.join(command)}: {said.decode()}"
-        return str(said.decode())
+        super().__init__("shaped", SUBNETS, "gs-cloud")
 
     def shape(self, plan: object, counters: str = f"{FOLDER}/counters.json", **options: Any) -> tuple[int, str]:
         """Exit code and words of an emulator that is expected to end by itself."""
-        self._write_plan(plan)
-        done = self.nodes["net"].exec_run(self._command(counters), environment=self._environment(), **options)
+        self.write_plan(plan)
+        done = self.nodes["net"].exec_run(self.shape_command(counters), environment=self.environment, **options)
         return done.exit_code, done.output.decode()
 
     @contextmanager
@@ -111,8 +57,8 @@ class ShapedLink:
         self, up: Mapping[str, Any], events: Sequence[Mapping[str, Any]] = (), down: Mapping[str, Any] | None = None
     ) -> Iterator[Emulator]:
         """The emulator at work on the way `up`; without `down` the way back is free."""
-        self._write_plan(plan_of(up, events, down))
-        yield from self._running(self._command())
+        self.write_plan(plan_of(up, events, down))
+        yield from self._running(self.shape_command())
 
     @contextmanager
     def routing(self, plan: Mapping[str, Any], **run: Any) -> Iterator[Emulator]:
@@ -127,7 +73,7 @@ class ShapedLink:
 
     def net(self, command: Sequence[str], **options: Any) -> tuple[int, str]:
         """Exit code and words of a command in `net`."""
-        done = self.nodes["net"].exec_run(list(command), environment=self._environment(), **options)
+        done = self.nodes["net"].exec_run(list(command), environment=self.environment, **options)
         return done.exit_code, done.output.decode()
 
     def write_run(self, plan: object, **run: Any) -> None:
@@ -146,30 +92,13 @@ class ShapedLink:
         self.output("net", ["rm", "-f", f"{FOLDER}/ready", f"{FOLDER}/log"])
         quoted = " ".join(command)
         script = f"{quoted} > {FOLDER}/log 2>&1 & echo $! > {FOLDER}/pid; wait"
-        self.nodes["net"].exec_run(["sh", "-c", script], environment=self._environment(), detach=True)
+        self.nodes["net"].exec_run(["sh", "-c", script], environment=self.environment, detach=True)
         emulator = Emulator(self)
         emulator.wait_until_ready()
         try:
             yield emulator
         finally:
             emulator.end()
-
-    def _write_plan(self, plan: object) -> None:
-        text = json.dumps(plan)
-        self.output("net", ["sh", "-c", f'mkdir -p {FOLDER} && printf %s "$1" > {FOLDER}/plan.json', "sh", text])
-
-    def _command(self, counters: str = f"{FOLDER}/counters.json") -> list[str]:
-        files = {"plan": f"{FOLDER}/plan.json", "counters": counters, "ready-file": f"{FOLDER}/ready"}
-        return [PYTHON, "-m", "net", "shape", *(word for name, file in files.items() for word in (f"--{name}", file))]
-
-    def _environment(self) -> dict[str, str]:
-        return {"NODES": " ".join(f"{n}={s}.2,{s}.3" for n, s in SUBNETS.items()), "LINKS": "gs-cloud"}
-
-    def _container(self, name: str, network: Any, node: str, last: int, **options: Any) -> Any:
-        place = {network.name: self._client.api.create_endpoint_config(ipv4_address=f"{SUBNETS[node]}.{last}")}
-        made = self._client.containers.create(name=name, network=network.name, networking_config=place, **options)
-        self._made.append(made)
-        return made
 
 
 class Emulator:

@@ -15,7 +15,6 @@ from ...numbers.quantities import OF_ATTEMPT
 from ...plan import wording
 from . import (
     attempt_page,
-    beside,
     comparison,
     details,
     factors,
@@ -26,6 +25,7 @@ from . import (
     readings,
     sentences,
     thesis,
+    thesis_rows,
 )
 from .figures.files import FOLDER, write_files
 
@@ -74,7 +74,7 @@ def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) 
             completion=comparison.completion(metrics),
             rows=(rows := list(comparison.rows(metrics).values())),
             tested=any(row.test for row in rows),
-            beside=beside.rows(metrics),
+            thesis=thesis_rows.rows(metrics),
             caveats=thesis.caveats(metrics["experiment"]),
             attempts=attempts,
             of_attempt=OF_ATTEMPT,

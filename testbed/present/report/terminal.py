@@ -15,7 +15,7 @@ from ...numbers import words
 from ...numbers.observed import observe_attempt
 from ...numbers.quantities import OF_ATTEMPT, of_attempt
 from ...plan import wording
-from . import beside, comparison, details, factors, message_set, readings, sentences
+from . import comparison, details, factors, message_set, readings, sentences, thesis_rows
 from .attempt_page import with_losses
 from .message_terminal import print_kinds
 
@@ -39,7 +39,7 @@ def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> 
         console.print(comparison_table(metrics))
     for sentence in readings.said(metrics):
         console.print(sentence, soft_wrap=True, markup=False)
-    if beside.rows(metrics):
+    if thesis_rows.rows(metrics):
         console.print(thesis_table(metrics))
     if any(len(side["attempts"]) + len(side["void"]) > 1 for side in metrics["protocols"].values()):
         console.print(attempts_table(metrics))
@@ -76,7 +76,7 @@ def comparison_table(metrics: dict[str, Any]) -> Table:
 
 def thesis_table(metrics: dict[str, Any]) -> Table:
     """Means here beside the thesis's, a row a metric; what to know about its figures is on the page."""
-    rows = beside.rows(metrics)
+    rows = thesis_rows.rows(metrics)
     table = _table("means here, and the thesis's (the report says what to know)")
     table.add_column("")
     for protocol in rows[0].cells:

@@ -60,11 +60,11 @@ class Drone:
         words = self._answers.get(name, [])
         return Result(1, words.pop(0) if words else "accepted")
 
-    async def quieten(self) -> None:
-        self.did.append("quieten")
+    async def stop_fixed_rates(self) -> None:
+        self.did.append("stop_fixed_rates")
 
-    async def tell(self, name: str) -> asyncio.Queue[Told]:
-        self.did.append(("tell", name))
+    async def request_state(self, name: str) -> asyncio.Queue[Told]:
+        self.did.append(("request_state", name))
         if name in self._refused:
             raise MissionError(f"stream {name}: denied (unknown_state)")
         values: asyncio.Queue[Told] = asyncio.Queue()
@@ -74,8 +74,8 @@ class Drone:
             asyncio.get_running_loop().call_soon(lambda: [values.put_nowait(Told({name: n}, 10 * n)) for n in range(5)])
         return values
 
-    async def untell(self, name: str) -> None:
-        self.did.append(("untell", name))
+    async def stop_state(self, name: str) -> None:
+        self.did.append(("stop_state", name))
 
 
 Fly = Callable[..., Any]
@@ -114,8 +114,8 @@ def _done(events: list[dict[str, Any]]) -> dict[str, tuple[int, int]]:
 async def test_ten_kinds_come_one_after_the_other_and_each_call_from_its_starting_state(fly: Fly) -> None:
     drone, events, reason = await fly()
     assert reason is None
-    assert drone.did[:11] == [*((name, STARTS[name]) for name in COMMANDS for _ in range(2)), "quieten"]
-    assert drone.did[11:] == [(what, name) for name in STATES for what in ("tell", "untell")]
+    assert drone.did[:11] == [*((name, STARTS[name]) for name in COMMANDS for _ in range(2)), "stop_fixed_rates"]
+    assert drone.did[11:] == [(what, name) for name in STATES for what in ("request_state", "stop_state")]
     kinds = [(e["name"], e["form"], e["count"]) for e in events if e["event"] == "kind"]
     assert kinds == [*((name, "command", 2) for name in COMMANDS), *((name, "state", 2) for name in STATES)]
     assert _done(events) == dict.fromkeys([*COMMANDS, *STATES], (2, 0))

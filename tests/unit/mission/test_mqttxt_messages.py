@@ -107,7 +107,7 @@ async def test_a_station_that_ends_meanwhile_is_the_missions_reason_and_holds_up
     fleet._telling = asyncio.create_task(_raises(BrokerRefused("cloud: another client took over")))
     await asyncio.wait({fleet._telling})
     with pytest.raises(MissionError, match="another client took over"):
-        await fleet.tell("battery")
+        await fleet.request_state("battery")
     await fleet.close()
 
 
@@ -124,7 +124,7 @@ async def test_nothing_has_to_be_settled_before_the_first_call(make: Make) -> No
 
 async def test_a_rate_is_asked_for_until_it_is_there(make: Make) -> None:
     drone = Unwilling((Word.EXPIRED, Word.UNREACHABLE, Word.COMPLETED))
-    await make(drone).untell("battery")
+    await make(drone).stop_state("battery")
     assert len(drone.sent) == 3
 
 
@@ -132,5 +132,5 @@ async def test_a_rate_is_asked_for_until_it_is_there(make: Make) -> None:
 async def test_a_rate_that_will_not_come_is_named(word: Word, tries: int, make: Make) -> None:
     drone = Unwilling((word,))
     with pytest.raises(MissionError, match=rf"^stream battery: {word.label} \(why\)$"):
-        await make(drone).tell("battery")
+        await make(drone).request_state("battery")
     assert len(drone.sent) == tries

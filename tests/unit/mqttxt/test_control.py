@@ -238,6 +238,50 @@ def test_a_claimed_drone_is_controlled_until_it_is_released(signed: bool) -> Non
     assert not world.uav.is_controlled(world.now_ms)
 
 
+def own_record(holder_session: int | None = GS_SESSION) -> DroneRecord:
+    holder = None if holder_session is None else "alpha"
+    return DroneRecord(activator_session=FOG, up=True, drone_session=5, holder=holder, holder_session=holder_session)
+
+
+def given_up() -> StationBench:
+    """A station that has given up drone 1 a moment ago: the activator's record still names it."""
+    bench = StationBench(control=False)
+    bench.confirm(bench.role.claim(1, 1, True, bench.now_ms))
+    bench.hear("drone1/reachable", own_record())
+    assert bench.role.fogs[1].controls(1)
+    bench.role.claim(1, 1, False, bench.now_ms)
+    return bench
+
+
+def test_what_is_given_up_is_not_controlled_while_the_activators_word_is_older() -> None:
+    bench = given_up()
+    assert not bench.role.fogs[1].controls(1)
+    bench.role.claim(1, 1, True, bench.now_ms)
+    assert not bench.role.fogs[1].controls(1)
+    bench.hear("drone1/reachable", own_record(None))
+    assert not bench.role.fogs[1].controls(1)
+    bench.hear("drone1/reachable", own_record())
+    assert bench.role.fogs[1].controls(1)
+
+
+def test_a_claim_anew_counts_once_it_is_answered_where_nothing_has_changed_for_the_activator() -> None:
+    bench = given_up()
+    bench.confirm(bench.role.claim(1, 1, True, bench.now_ms))
+    assert bench.role.fogs[1].controls(1)
+
+
+def test_the_answer_to_giving_up_is_not_that_to_a_claim() -> None:
+    bench = StationBench(control=False)
+    bench.confirm(bench.role.claim(1, 1, True, bench.now_ms))
+    bench.hear("drone1/reachable", own_record())
+    ended = bench.role.claim(1, 1, False, bench.now_ms)
+    wanted = bench.role.claim(1, 1, True, bench.now_ms)
+    bench.confirm(ended)
+    assert not bench.role.fogs[1].controls(1)
+    bench.confirm(wanted)
+    assert bench.role.fogs[1].controls(1)
+
+
 def test_commands_carry_the_newest_epoch_of_their_fog() -> None:
     bench = StationBench()
     (changed,) = bench.hear(

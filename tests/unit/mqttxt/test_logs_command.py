@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from mqttxt import FlightLog, LogProgress
-from mqttxt.cli import logs
+from mqttxt.cli import station
 from mqttxt.cli.common import run_coroutine
 from mqttxt.cli.main import app
 
@@ -38,11 +37,7 @@ class Drone:
 @pytest.fixture
 def drone(monkeypatch: pytest.MonkeyPatch) -> Drone:
     there = Drone()
-
-    def run(job: Callable[[Any], Any], *_: Any) -> None:
-        run_coroutine(job(there))
-
-    monkeypatch.setattr(logs, "run_with_drone", run)
+    monkeypatch.setattr(station, "run_with_drone", lambda job, *_: run_coroutine(job(there)))
     return there
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from mqttxt import CommandId, Outcome, Parameter, Parameters, ParameterType, Word
-from mqttxt.cli import params
+from mqttxt.cli import station
 from mqttxt.cli.common import run_coroutine
 from mqttxt.cli.main import app
 from mqttxt.protocol.parameters import ParameterSet
@@ -21,7 +19,7 @@ REAL32, INT32 = ParameterType.REAL32, ParameterType.INT32
 class Drone:
     """Parameters in a dictionary; `denied` are names that it does not set. `asked` is what a station had already."""
 
-    number = 3
+    fog, number = 1, 3
 
     def __init__(self) -> None:
         self.set = ParameterSet.of(
@@ -44,11 +42,7 @@ class Drone:
 @pytest.fixture
 def drone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Drone:
     there = Drone()
-
-    def run(job: Callable[[Any], Any], *_: Any) -> None:
-        run_coroutine(job(there))
-
-    monkeypatch.setattr(params, "run_with_drone", run)
+    monkeypatch.setattr(station, "run_with_drone", lambda job, *_: run_coroutine(job(there)))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return there
 

@@ -38,7 +38,7 @@ PUBLIC = {
         *("arm", "claim", "disarm", "release", "goto", "hold", "land", "return_home", "send", "takeoff", "take_over"),
         *("clear_plan", "download", "pause", "resume", "set_current_item", "start_mission", "upload"),
         *("parameters", "set_parameter", "logs", "download_log"),
-        *("holder", "is_controlled", "number", "is_reachable", "location", "readings", "state", "states"),
+        *("fog", "holder", "is_controlled", "number", "is_reachable", "location", "readings", "state", "states"),
     },
     "SentCommand": set(),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -264,13 +265,14 @@ def test_a_client_that_is_bound_again_goes_on_after_its_flight(world: World) -> 
 
 
 def test_no_activator_makes_control_last_longer_than_its_station_has_granted(world: World) -> None:
-    wide = lease("fog1", holder_session=GS_SESSION, deadline_ms=2**40, offboard_until_ms=2**40)
+    wide = lease("fog1", holder="g", holder_session=GS_SESSION, deadline_ms=2**40, offboard_until_ms=2**40)
     world.uav.on_message("fog", Inbound("drone1/init_connect", wide.encode(), 1), world.now_ms)
     until_ms = world.uav.desk.executor.lease_until_ms
     assert until_ms is not None
     assert world.now_ms < until_ms <= world.now_ms + 30_000
     assert world.uav.desk.executor.offboard_until_ms == 0
-    nobodys = lease("fog1", counter=1000, holder_session=OTHER_SESSION, deadline_ms=2**40, offboard_until_ms=2**40)
+    longest = {"deadline_ms": 2**40, "offboard_until_ms": 2**40}
+    nobodys = lease("fog1", counter=1000, holder="h", holder_session=OTHER_SESSION, **longest)
     world.uav.on_message("fog", Inbound("drone1/init_connect", nobodys.encode(), 1), world.now_ms)
     assert not world.uav.is_controlled(world.now_ms)
 
@@ -297,6 +299,58 @@ def test_a_station_that_does_not_control_the_drone_is_denied_by_the_drone_itself
     world.pass_time(31_000)
     late = signed_command(seq=20, deadline_ms=world.now_ms + 3000)
     assert said(to_drone(world, late)) == [(Word.DENIED, "not_in_control")]  # its lease has lapsed
+
+
+def named_first(by: Seal) -> World:
+    """A fog's broker shows the drone that another station has the session of the one in control, before that one."""
+    world = World(signed=True)
+    world.drop = {"stations"}
+    world.start()
+    meet(world, by, GS_SESSION)
+    world.pass_time(1000)
+    return world
+
+
+def forgotten(by: Seal) -> World:
+    """The same, once it has shown the drone as many births of the one in control as it keeps."""
+    world = signed_world()
+    for session in range(1000, 1000 + MOST_OF_ONE):
+        meet(world, seal("gs-g"), session)
+    meet(world, by, GS_SESSION)
+    return world
+
+
+@pytest.mark.parametrize("made", [named_first, forgotten])
+def test_a_session_is_in_control_for_the_station_alone_that_the_lease_names(made: Callable[[Seal], World]) -> None:
+    other = seal("gs-h")
+    world = made(other)
+    assert kinds(to_drone(world, signed_command(other))) == ["foreign_session"]
+    grant = other.sign(
+        "drone1/control", encode(Grant(gs_session=GS_SESSION, drone_session=UAV_SESSION, until_ms=10**6))
+    )
+    out = world.uav.on_message("fog", Inbound("drone1/control", grant.encode(), 1), world.now_ms)
+    assert kinds(list(out)) == ["foreign_session"]
+    world.drop = set()
+    world.pass_time(11_000)
+    world.run("uav", world.uav.on_message("fog", stations_birth(world), world.now_ms))
+    world.send(Arm())
+    assert len(world.wrote) == 1
+
+
+def stations_birth(world: World) -> Inbound:
+    return Inbound("drone1/stations", last_sent(world, "gs/g/reachable").payload, 1)
+
+
+def test_a_lease_that_names_no_station_gives_nobody_control(world: World) -> None:
+    nobodys = lease("fog1", holder_session=GS_SESSION, deadline_ms=2**40)
+    world.uav.on_message("fog", Inbound("drone1/init_connect", nobodys.encode(), 1), world.now_ms)
+    assert said(to_drone(world, signed_command())) == [(Word.DENIED, "not_in_control")]
+
+
+def test_a_station_that_is_registered_keeps_its_session_whatever_births_come(world: World) -> None:
+    for session in range(1000, 1000 + MOST_OF_ONE):
+        assert world.activator.owners.claim(session, "gs-g")
+    assert not world.activator.owners.claim(GS_SESSION, "gs-h")
 
 
 def test_a_lease_that_a_broker_repeats_or_held_back_changes_nothing(world: World) -> None:
@@ -377,7 +431,8 @@ def test_a_grant_is_its_own_stations_and_never_goes_back(world: World) -> None:
 def test_grants_are_bounded() -> None:
     grants = Grants()
     for session in range(1, MOST_GRANTS + 2):
-        grants.take(Grant(gs_session=session, drone_session=1, until_ms=9, offboard_until_ms=5))
-    assert grants.bound(1, 100, 100) == (None, None)
-    assert grants.bound(2, 100, None) == (9, None)
-    assert grants.bound(None, 100, 100) == (None, None)
+        grants.take("gs-g", Grant(gs_session=session, drone_session=1, until_ms=9, offboard_until_ms=5))
+    assert grants.bound("gs-g", 1, 100, 100) == (None, None)
+    assert grants.bound("gs-g", 2, 100, None) == (9, None)
+    assert grants.bound("gs-h", 2, 100, 100) == (None, None)
+    assert grants.bound(None, None, 100, 100) == (None, None)

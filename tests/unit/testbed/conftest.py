@@ -1,9 +1,12 @@
-"""No test waits for a quiet machine."""
+"""No test waits for a quiet machine; a series that has no attempts yet."""
+
+from pathlib import Path
 
 import pytest
 
 from testbed.fly import runner
 from testbed.fly.quiet import Waited
+from testbed.fly.results import Series, new_series
 
 
 @pytest.fixture(autouse=True)
@@ -17,3 +20,8 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> list[Waited]:
 
     monkeypatch.setattr(runner, "wait_for_quiet", wait)
     return found
+
+
+@pytest.fixture
+def series(tmp_path: Path) -> Series:
+    return new_series(tmp_path, "scenario-1", "thesis", "ideal")

@@ -129,7 +129,7 @@ class MessageFleet(Fleet, Protocol):
     """One drone, that is asked and listened to message by message."""
 
     tells_faster: bool
-    """Whether states come at the vehicle's own rates, which are not those that `tell` asks for."""
+    """Whether states come at the vehicle's own rates, which are not those that `request_state` asks for."""
 
     async def call(self, call: int, name: str) -> Result:
         """One API call of a command by its name, returning when the autopilot has acknowledged it or the call failed.
@@ -143,14 +143,14 @@ class MessageFleet(Fleet, Protocol):
     def follows(self, armed: bool) -> bool:
         """Whether the ground station knows that the drone is in hold, and armed or not."""
 
-    async def quieten(self) -> None:
+    async def stop_fixed_rates(self) -> None:
         """End the states that the arm has at a fixed rate; raises MissionError."""
 
-    async def tell(self, name: str) -> asyncio.Queue[Told]:
+    async def request_state(self, name: str) -> asyncio.Queue[Told]:
         """Ask for a state at 1 Hz; returns where its values arrive. Raises MissionError."""
 
-    async def untell(self, name: str) -> None:
-        """End what `tell` began."""
+    async def stop_state(self, name: str) -> None:
+        """End what `request_state` began."""
 
 
 class MissionError(Exception):

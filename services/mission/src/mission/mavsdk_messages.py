@@ -85,12 +85,12 @@ class MavsdkMessageFleet(MavsdkFleet):
         status = self.status(self._number)
         return status.armed is armed and status.mode == "hold"
 
-    async def quieten(self) -> None:
+    async def stop_fixed_rates(self) -> None:
         if not self.tells_faster:
             for name in ("battery", "location", "groundspeed"):
                 await self._ask_rate(name, 0.0)
 
-    async def tell(self, name: str) -> asyncio.Queue[Told]:
+    async def request_state(self, name: str) -> asyncio.Queue[Told]:
         await self._end_telling()
         told: asyncio.Queue[Told] = asyncio.Queue()
         values, form = self._subscription(name)
@@ -99,7 +99,7 @@ class MavsdkMessageFleet(MavsdkFleet):
             await self._ask_rate(name, FIVE_STATES_HZ)
         return told
 
-    async def untell(self, name: str) -> None:
+    async def stop_state(self, name: str) -> None:
         await self._end_telling()
         try:
             if not self.tells_faster:

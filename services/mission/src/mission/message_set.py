@@ -70,7 +70,7 @@ class MessageSet:
         """All kinds; raises MissionError at the end, naming every kind of which nothing succeeded."""
         tallies = {name: await self._calls(name) for name in COMMANDS}
         await self._reset(HOVERING)
-        await self._fleet.quieten()
+        await self._fleet.stop_fixed_rates()
         tallies |= {name: await self._values(name) for name in STATES}
         await self._reset(ON_GROUND)
         silent = [f"{name}: none of {self._count} ({tally})" for name, tally in tallies.items() if not tally.received]
@@ -99,7 +99,7 @@ class MessageSet:
         """COUNT values of a state, which comes at 1 Hz meanwhile."""
         tally = Tally()
         try:
-            values = await self._fleet.tell(name)
+            values = await self._fleet.request_state(name)
         except MissionError as error:
             self._began(name, "state")
             tally.reasons[str(error)] = self._count
@@ -120,7 +120,7 @@ class MessageSet:
                 self._log.write("value", name=name, number=number, value=value, age_ms=age_ms)
             taken_s = clock()
         self._done(name, tally)
-        await self._fleet.untell(name)
+        await self._fleet.stop_state(name)
         return tally
 
     async def _align(self, values: asyncio.Queue[Told]) -> None:

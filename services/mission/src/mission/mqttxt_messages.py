@@ -90,19 +90,19 @@ class MqttxtMessageFleet(MqttxtFleet):
         known = self._drone().state(Armed)
         return known is not None and known.state.armed == armed
 
-    async def quieten(self) -> None:
+    async def stop_fixed_rates(self) -> None:
         if self._at_fixed_rate:
             for name in FIVE_STATES:
                 await self._ask_rate(name, 0.0)
 
-    async def tell(self, name: str) -> asyncio.Queue[Told]:
+    async def request_state(self, name: str) -> asyncio.Queue[Told]:
         await _end(self._telling)
         self._told = asyncio.Queue()
         self._telling = asyncio.create_task(self._take(name, self._told))
         await self._ask_rate(name, FIVE_STATES_HZ)
         return self._told
 
-    async def untell(self, name: str) -> None:
+    async def stop_state(self, name: str) -> None:
         await _end(self._telling)
         try:
             await self._ask_rate(name, 0.0)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from itertools import pairwise
+from typing import Any
 
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.messages import Word
@@ -11,7 +13,7 @@ from . import shapes
 from .activator_signed_kit import PATIENCE_S, QUIET_S, Drone, SignedActivatorKit
 from .readings import KIND, OTHER_KIND, SENSOR, Sensor
 from .registry import RULES, Rule, expect, rule
-from .sealed import parts
+from .sealed import STATION, parts
 from .tap import Heard, Tap
 
 ROLE = "signed activator"
@@ -169,6 +171,24 @@ async def passes_on_readings_that_are_signed(kit: SignedActivatorKit) -> str:
     kit.cloud.publish(kit.topics.drone_sensor_ack(1), signed)
     await _comes(drone.tap, down, signed, "the station's acknowledgement")
     return "unsigned, of a drone, of another kind: nothing; its own, and the station's word on it"
+
+
+@rule(ROLE, "R12.17")
+async def orders_its_leases_and_names_the_holder(kit: SignedActivatorKit) -> str:
+    """Each lease has a higher counter than the one before, what the drone's clock read, and who is in control."""
+    topic = kit.fog_side.init_connect(1)
+
+    def leases() -> list[dict[str, Any]]:
+        return [shapes.read("drone-lease", heard.payload) for heard in kit.drones[1].tap.since(0, topic)]
+
+    def is_whole(lease: dict[str, Any]) -> bool:
+        return (lease.get("holder"), lease.get("holder_session")) == (STATION, kit.gs_session) and "heard_ms" in lease
+
+    found = await kit.drones[1].tap.until(lambda: any(is_whole(lease) for lease in leases()), PATIENCE_S)
+    expect(found, f"no lease with heard_ms that names {STATION}; the last one is {leases()[-1:]}")
+    counters = [lease.get("counter") or 0 for lease in leases()]
+    expect(all(before < after for before, after in pairwise([0, *counters])), f"counters {counters}")
+    return f"counters {counters}; {STATION} is named"
 
 
 @rule(ROLE, "R12.1", "R12.2", "R12.4", "R12.5")

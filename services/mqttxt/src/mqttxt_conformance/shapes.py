@@ -168,6 +168,7 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "counter": _U32,
         "heard_ms": _MS,
         "anew": _flag,
+        "holder": _name,
     },
     "command": {
         **_ID,

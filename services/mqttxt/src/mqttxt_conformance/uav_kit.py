@@ -20,7 +20,7 @@ from mqttxt.security.seal import Seal
 from . import shapes
 from .autopilot import HOLD_MODE, Autopilot, Written
 from .registry import Broken, expect
-from .sealed import Folder
+from .sealed import STATION, Folder
 from .secured import SecuredUav
 from .subject import Subject
 from .tap import Heard, Tap, clear_retained
@@ -132,7 +132,7 @@ class UavKit:
         """Publish a lease for the session under test, with its station's grant; returns its nonce."""
         nonce = secrets.randbelow(2**32)
         self.nonces[nonce] = self.clock.now_ms()
-        fields = {
+        fields: dict[str, Any] = {
             "activator_session": self.activator_session,
             "drone_session": self.session,
             "nonce": nonce,
@@ -142,6 +142,8 @@ class UavKit:
         if self.secured is not None:
             self.secured.counter += 1
             fields |= {"counter": self.secured.counter, "heard_ms": self._newest_ms}
+            if changed.get("holder_session") is not None:
+                fields["holder"] = STATION
         lease = DroneLease(**{**fields, **changed})
         self._holder = lease.holder_session
         if lease.holder_session is not None and granted:

@@ -63,17 +63,22 @@ def _spoiled(kit: UavKit, secured: SecuredUav, message: CommandMessage, what: st
     return payload
 
 
-@rule("uav", "R12.7", "R12.9")
+@rule("uav", "R12.7", "R12.9", "R12.17")
 async def leaves_a_session_to_its_owner(kit: UavKit) -> str:
-    """A session is its first station's: another one's birth does not take it, and its command is not heard."""
+    """A session is its first station's, or whose the lease says: another's birth does not take it, nor its command."""
     secured = kit.signing
     await kit.calm()
-    guest = secured.folder.guest()
-    message = kit.command(Arm())
-    kit.introduce(message.gs_session, guest)
-    stolen = secured.envelope(kit.topics.commands(kit.drone), encode(message), guest)
-    await _unheard(kit, message, stolen.encode(), f"signed by {guest.name} in a session of {secured.station.name}")
-    return f"{guest.name} in a session of {secured.station.name}: no word, nothing written"
+    guest, station = secured.folder.guest(), secured.station.name
+    first = kit.command(Arm())
+    kit.introduce(first.gs_session, guest)
+    session = kit.command().gs_session + 1
+    kit.introduce(session, guest)
+    kit.lead(session)
+    cases = ((f"in a session of {station}", first), ("which a lease gives to it", kit.command(gs_session=session)))
+    for what, message in cases:
+        stolen = secured.envelope(kit.topics.commands(kit.drone), encode(message), guest)
+        await _unheard(kit, message, stolen.encode(), f"signed by {guest.name} {what}")
+    return f"{guest.name} in sessions of {station}, one of which it named first: no word, nothing written"
 
 
 @rule("uav", "R12.9")

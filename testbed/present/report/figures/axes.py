@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ....plan import wording
@@ -69,6 +69,30 @@ def legend(drawing: Drawing, protocols: Sequence[str], x: float, y: float) -> fl
         drawing.text(x + 13, y, wording.name_of(protocol), protocol, bold=True)
         x += 13 + width_of(wording.name_of(protocol)) + 22
     return x
+
+
+def shade_legend(drawing: Drawing, shades: Mapping[str, str], y: float = 0.0) -> None:
+    """A square of its shade before each name, from `y` down."""
+    for name, x, line in _placed(shades, drawing.width):
+        drawing.rect(x, y + 4 + 20 * line, 11, 11, shades[name])
+        drawing.text(x + 17, y + 14 + 20 * line, name)
+
+
+def lines_of(shades: Mapping[str, str], width: float) -> int:
+    """How many lines of 20 pixels `shade_legend` takes."""
+    return _placed(shades, width)[-1][2] + 1
+
+
+def _placed(names: Iterable[str], width: float) -> list[tuple[str, float, int]]:
+    """Where each name goes: its x and its line; as many on a line as fit."""
+    found, x, line = [], 0.0, 0
+    for name in names:
+        needed = 17 + width_of(name) + 18
+        if x + needed > width and x:
+            x, line = 0.0, line + 1
+        found.append((name, x, line))
+        x += needed
+    return found
 
 
 def bottom(drawing: Drawing, scale: Scale, ticks: Sequence[Tick], y: float, top: float | None = None) -> None:

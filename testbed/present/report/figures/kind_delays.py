@@ -8,7 +8,7 @@ from typing import Any
 from ....numbers import words
 from ....plan import wording
 from .axes import Scale, decades, log_bounds, quantile, side
-from .delays import rows_by_number
+from .delays import medians, middle_half, rows_by_number
 from .draw import TEXT, Drawing, Point, width_of
 from .figure import Figure
 from .panels import Panel, begin, lay_out
@@ -66,7 +66,7 @@ def kind_delays(kinds: Kinds) -> Figure | None:
     return Figure(
         name="delay-by-kind",
         title="Delay of each message in its order",
-        shows=f"One-way delay of every message, kind by kind. {_said(kinds)}",
+        shows=f"One-way delay of every message, kind by kind. {medians(kinds)}",
         note=(
             "One way, by capture, from leaving its origin to its first copy at the far end; the first message is left, "
             "the last one right, and below each panel is how many there were. All panels have one logarithmic scale. "
@@ -84,18 +84,6 @@ def kind_delays(kinds: Kinds) -> Figure | None:
         rows=rows_by_number(kinds),
         sources=("pcap", "events.jsonl"),
     )
-
-
-def _said(kinds: Kinds) -> str:
-    parts = []
-    for name, by in kinds.items():
-        medians = [
-            f"{words.milliseconds(quantile(one.arrived, 0.5))} over {wording.name_of(p)}"
-            for p, one in by.items()
-            if one.arrived
-        ]
-        parts.append(f"{name}: median {' and '.join(medians)}")
-    return f"{'; '.join(parts)}."
 
 
 def _draw(kinds: Kinds, width: float) -> Drawing:
@@ -139,15 +127,9 @@ def _draw_side(drawing: Drawing, panel: Panel, protocol: str, one: Series, up: S
                 drawing.dot((across(number), up(value)), protocol, 2.2 if len(one.values) > 40 else 2.8, tip=tip)
     else:
         _draw_groups(drawing, panel, protocol, one, up, lost_y)
-    ordered = one.arrived
-    if not ordered:
-        return
-    x = across.end + 10 + 13 * order
-    ends = [up(quantile(ordered, part)) for part in (0.25, 0.75)]
-    median = quantile(ordered, 0.5)
-    tip = f"{wording.name_of(protocol)}, {panel.name}: median {words.milliseconds(median)} of {len(ordered):,}"
-    drawing.rect(x - 3, min(ends), 6, max(abs(ends[0] - ends[1]), 1.5), protocol, 0.45, tip)
-    drawing.line((x - 5, up(median)), (x + 5, up(median)), protocol, 2.4)
+    if one.arrived:
+        about = f"{wording.name_of(protocol)}, {panel.name}"
+        middle_half(drawing, across.end + 10 + 13 * order, up, one.arrived, protocol, about)
 
 
 def _draw_groups(drawing: Drawing, panel: Panel, protocol: str, one: Series, up: Scale, lost_y: float) -> None:

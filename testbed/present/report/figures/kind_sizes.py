@@ -10,7 +10,7 @@ from .axes import Scale
 from .draw import TEXT, Drawing
 from .figure import Figure
 from .panels import begin, lay_out
-from .sizes import BINS
+from .sizes import BINS, name_of_bin
 
 Counts = dict[str, dict[str, tuple[int, ...]]]
 """By kind and protocol the frames in each of BINS."""
@@ -59,13 +59,9 @@ def kind_sizes(counts: Counts) -> Figure | None:
 def _said(counts: Counts) -> str:
     parts = []
     for name, by in counts.items():
-        most = [f"{_name(bins.index(max(bins)))} bytes over {wording.name_of(p)}" for p, bins in by.items()]
+        most = [f"{name_of_bin(bins.index(max(bins)))} bytes over {wording.name_of(p)}" for p, bins in by.items()]
         parts.append(f"{name} most {wording.listed(most)}")
     return "; ".join(parts)
-
-
-def _name(place: int) -> str:
-    return f"{BINS[place][0]}–{BINS[place][1]}"
 
 
 def _draw(counts: Counts, places: list[int], width: float) -> Drawing:
@@ -84,13 +80,13 @@ def _draw(counts: Counts, places: list[int], width: float) -> Drawing:
         for number, place in enumerate(places):
             y = panel.y + number * row
             if panel.first:
-                drawing.text(_LEFT - 8, y + row / 2, f"{_name(place)} B", "soft", "end", size=TEXT - 1)
+                drawing.text(_LEFT - 8, y + row / 2, f"{name_of_bin(place)} B", "soft", "end", size=TEXT - 1)
             for order, protocol in enumerate(protocols):
                 bins = counts[panel.name].get(protocol)
                 if bins is None or not bins[place]:
                     continue
                 part = bins[place] / sum(bins)
-                tip = f"{wording.name_of(protocol)}, {panel.name}, {_name(place)} bytes: {bins[place]:,} packets"
+                tip = f"{wording.name_of(protocol)}, {panel.name}, {name_of_bin(place)} bytes: {bins[place]:,} packets"
                 at = y + order * (_BAR + 1)
                 drawing.rect(
                     panel.x, at, max(share(part) - panel.x, 1), _BAR, protocol, 0.85,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ....numbers import words
 from ....plan import wording
-from .axes import Scale, bottom, legend, steps
+from .axes import Scale, bottom, legend, lines_of, shade_legend, steps
 from .draw import TEXT, Drawing, width_of
 from .figure import Figure
 
@@ -77,15 +77,15 @@ def losses(sides: Links, since_start: bool) -> Figure | None:
 
 
 def said(sides: Links) -> str:
-    """'MQTT-XT lost 12 of 1,742 frames (8 in the queue, 4 at random).'"""
+    """'Frames lost: over MQTT-XT 12 of 1,742 (8 no room in the queue and 4 drawn at random).'"""
     parts = []
     for protocol, links in sides.items():
         entered = sum(one.entered for one in links.values())
         sums = {cause: sum(one.by_cause.get(cause, 0) for one in links.values()) for cause in CAUSES}
         each = wording.listed([f"{count:,} {CAUSES[cause]}" for cause, count in sums.items() if count])
         detail = f" ({each})" if each else ""
-        parts.append(f"over {wording.name_of(protocol)} {sum(sums.values()):,} of {entered:,} frames{detail}")
-    return f"Lost were {wording.listed(parts)}."
+        parts.append(f"over {wording.name_of(protocol)} {sum(sums.values()):,} of {entered:,}{detail}")
+    return f"Frames lost: {wording.listed(parts)}."
 
 
 def _names(sides: Links) -> list[str]:
@@ -95,14 +95,11 @@ def _names(sides: Links) -> list[str]:
 def _draw(sides: Links, names: list[str], causes: list[str], width: float) -> Drawing:
     bar, left = 13.0, 128.0
     row = len(sides) * (bar + 2) + 10
-    lines = _legend_lines(causes, width)
-    top = 30.0 + 20 * len(lines)
+    shades = {CAUSES[cause]: _SHADES[cause] for cause in causes}
+    top = 30.0 + 20 * lines_of(shades, width)
     drawing = Drawing(width, top + row * len(names) + 22)
     legend(drawing, list(sides), 0, 13)
-    for number, line in enumerate(lines, 1):
-        for cause, x in line:
-            drawing.rect(x, 4 + 20 * number, 11, 11, _SHADES[cause])
-            drawing.text(x + 17, 14 + 20 * number, CAUSES[cause])
+    shade_legend(drawing, shades, 20)
     most = max(links[name].share for links in sides.values() for name in names if name in links)
     room = width_of("100 % (10,000 of 100,000)" if width > 600 else "0 of 10,000", TEXT - 1)
     share = Scale(0, most, left, width - room)
@@ -128,17 +125,3 @@ def _draw(sides: Links, names: list[str], causes: list[str], width: float) -> Dr
             drawing.text(x + 6, at + bar - 2.5, told, "soft", size=TEXT - 1)
         drawing.line((left, y - 3), (left, y + row - 7), "faint")
     return drawing
-
-
-def _legend_lines(causes: list[str], width: float) -> list[list[tuple[str, float]]]:
-    """Which cause goes where: as many on a line as fit."""
-    lines: list[list[tuple[str, float]]] = [[]]
-    x = 0.0
-    for cause in causes:
-        needed = 17 + width_of(CAUSES[cause]) + 18
-        if x + needed > width and lines[-1]:
-            lines.append([])
-            x = 0.0
-        lines[-1].append((cause, x))
-        x += needed
-    return lines

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from ....numbers import words
 from ....plan import wording
-from .axes import Scale
-from .draw import TEXT, Drawing, width_of
+from .axes import Scale, lines_of, shade_legend
+from .draw import Drawing, width_of
 from .figure import Figure
 
 Parts = dict[str, dict[str, int]]
@@ -43,12 +43,10 @@ def parts(name: str, title: str, note: str, order: Sequence[str], sides: Parts) 
 def _draw(sides: Parts, totals: dict[str, int], order: list[str], used: list[str], width: float) -> Drawing:
     bar, gap = 30.0, 30.0
     most = max(totals.values())
-    rows = _legend(used, width)
-    top = 10.0 + 20 * (rows[-1][2] + 1)
+    shades = {part: f"l{order.index(part)}" for part in used}
+    top = 10.0 + 20 * lines_of(shades, width)
     drawing = Drawing(width, top + len(totals) * (bar + gap + 14) - 12)
-    for part, x, line in rows:
-        drawing.rect(x, 4 + 20 * line, 11, 11, f"l{order.index(part)}")
-        drawing.text(x + 17, 14 + 20 * line, part)
+    shade_legend(drawing, shades)
     for number, (protocol, total) in enumerate(totals.items()):
         y = top + number * (bar + gap + 14) + 18
         drawing.text(0, y - 6, wording.name_of(protocol), protocol, bold=True)
@@ -68,15 +66,3 @@ def _draw(sides: Parts, totals: dict[str, int], order: list[str], used: list[str
             done += count
         drawing.rect(0, y + bar + 4, max(width * total / most, 1.5), 3, protocol)
     return drawing
-
-
-def _legend(used: list[str], width: float) -> list[tuple[str, float, int]]:
-    """Where each part's name goes: its x and its line."""
-    found, x, line = [], 0.0, 0
-    for part in used:
-        needed = 17 + width_of(part, TEXT) + 18
-        if x + needed > width and x:
-            x, line = 0.0, line + 1
-        found.append((part, x, line))
-        x += needed
-    return found

@@ -19,7 +19,7 @@ def histogram(counts: dict[str, tuple[int, ...]]) -> Figure | None:
     places = range(used[0], used[-1] + 1)
     sums = {protocol: sum(by_bin) for protocol, by_bin in counts.items()}
     most = {p: max(places, key=lambda place: counts[p][place]) for p in counts if sums[p]}
-    said = [f"most over {wording.name_of(p)} are {_name(place)} bytes" for p, place in most.items()]
+    said = [f"most over {wording.name_of(p)} are {name_of_bin(place)} bytes" for p, place in most.items()]
     return Figure(
         name="packet-sizes",
         title="Packet sizes",
@@ -39,7 +39,7 @@ def histogram(counts: dict[str, tuple[int, ...]]) -> Figure | None:
     )
 
 
-def _name(place: int) -> str:
+def name_of_bin(place: int) -> str:
     return f"{BINS[place][0]}–{BINS[place][1]}"
 
 
@@ -53,11 +53,11 @@ def _draw(counts: dict[str, tuple[int, ...]], places: list[int], sums: dict[str,
     share = Scale(0, most, left, width - room)
     for number, place in enumerate(places):
         y = top + number * row
-        drawing.text(left - 8, y + row / 2 - 2, f"{_name(place)} B", "soft", "end")
+        drawing.text(left - 8, y + row / 2 - 2, f"{name_of_bin(place)} B", "soft", "end")
         for order, (protocol, by_bin) in enumerate(counts.items()):
             part = by_bin[place] / sums[protocol] if sums[protocol] else 0.0
             at = y + order * (bar + 2)
-            tip = f"{wording.name_of(protocol)}, {_name(place)} bytes: {by_bin[place]:,} packets"
+            tip = f"{wording.name_of(protocol)}, {name_of_bin(place)} bytes: {by_bin[place]:,} packets"
             if by_bin[place]:
                 drawing.rect(left, at, max(share(part) - left, 1), bar, protocol, 0.85, tip)
             said = f"{by_bin[place]:,} ({words.percent(100 * part)})" if by_bin[place] else "0"

@@ -306,18 +306,21 @@ def test_what_shapes_the_links_and_their_seed_are_in_the_manifest(tmp_path: Path
     assert json.loads(plan.read_text())["plan"]["seed"] == manifest["seeds"]["links"]
 
 
-@pytest.mark.parametrize("broken", ["usage", "stop", "save_logs"])
+@pytest.mark.parametrize(
+    ("broken", "ending"), [("usage", ["stop net", "logs"]), ("stop", ["logs"]), ("save_logs", ["stop net"])]
+)
 def test_the_containers_end_although_the_disk_is_full(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str, ending: list[str]
 ) -> None:
     def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
+        raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(Fleet, broken, fail)
     fleet = Fleet([TAKEOFF])
-    with pytest.raises(TestbedError, match="No space left"):
+    with pytest.raises(TestbedError, match=r"attempt-01: No space left on device; the containers are ended") as full:
         _fly(tmp_path, fleet)
-    assert fleet.did[-1] == "down"
+    assert full.value.exit_code == 1
+    assert fleet.did[4:] == [*ending, "down"]
     assert _manifest(tmp_path)["status"] == "failed"
 
 
@@ -446,18 +449,6 @@ def test_the_manifest_has_the_versions_of_what_carried_the_protocol(tmp_path: Pa
     assert mavlink["mavsdk"] == "4.1.0"
     assert "mavp2p" in mavlink
     assert mavlink.keys() & {"mosquitto", "paho-mqtt"} == set()
-
-
-def test_a_full_disk_leaves_no_container_behind(tmp_path: Path) -> None:
-    class Full(Fleet):
-        def save_logs(self, folder: Path) -> None:
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-    fleet = Full([TAKEOFF])
-    with pytest.raises(TestbedError, match=r"attempt-01: No space left on device; the containers are ended") as full:
-        _fly(tmp_path, fleet)
-    assert full.value.exit_code == 1
-    assert fleet.did[-2:] == ["stop net", "down"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common
 
-from testbed.fly.results import Series, new_series
+from testbed.fly.results import Series
 from testbed.numbers.metrics import measure_series
 from tests.handmade.attempts import SECOND, T0, make_attempt
 from tests.handmade.mavlink_attempts import (
@@ -27,11 +26,6 @@ pytestmark = pytest.mark.long
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 SEEN = 2 * HOP + HOP // 2
 """From leaving the one end to the capture of the last link at the other."""
-
-
-@pytest.fixture
-def series(tmp_path: Path) -> Series:
-    return new_series(tmp_path, "scenario-1", "thesis", "ideal")
 
 
 def call(number: int, name: str, drone: int, t_ns: int) -> dict[str, Any]:

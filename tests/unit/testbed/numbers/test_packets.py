@@ -43,11 +43,6 @@ from tests.handmade.mavlink_attempts import (
 HEARTBEAT = common.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 
 
-@pytest.fixture
-def series(tmp_path: Path) -> Series:
-    return new_series(tmp_path, "scenario-1", "thesis", "ideal")
-
-
 def table_of(series: Series, chain: Chain, mac: bool = True) -> Packets:
     return load(make_mavlink_attempt(series, 1, chain, [], 1.0, mac))
 

@@ -120,7 +120,7 @@ def test_loss_is_named_by_its_cause_and_none_draws_nothing() -> None:
     lost = losses.Lost(200, {"queue": 18, "random": 2})
     sides = {"mavlink": {"air:uav1:up": lost, "air:uav1:down": losses.Lost(10, {})}}
     assert losses.said(sides) == (
-        "Lost were over MAVLink 20 of 210 frames (2 drawn at random and 18 no room in the queue)."
+        "Frames lost: over MAVLink 20 of 210 (2 drawn at random and 18 no room in the queue)."
     )
     assert losses.losses({"mavlink": {"air:uav1:down": losses.Lost(10, {})}}, True) is None
     figure = losses.losses(sides, False)

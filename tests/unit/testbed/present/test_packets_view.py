@@ -19,7 +19,7 @@ from testbed.errors import UserError
 from testbed.fly.results import Series, point_latest
 from testbed.numbers.dissect import mqtt5
 from testbed.present.packets_view.choice import find_attempts
-from testbed.present.packets_view.frames import dissect
+from testbed.present.packets_view.dissected import dissect
 from testbed.present.packets_view.words import payload_class, said_by_publish
 from tests.handmade.attempts import SECOND, T0, frame, make_attempt, publish
 from tests.handmade.mavlink_attempts import Chain, long_command, make_mavlink_attempt, packed, sender, stream_message

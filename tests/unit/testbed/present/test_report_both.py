@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
-from testbed.fly.results import Series, new_series, write_json
+from testbed.fly.results import Series, write_json
 from testbed.present.report import comparison, details, factors, sentences
 from testbed.present.report.attempt_page import with_losses
 from testbed.present.report.html import write_report
@@ -15,11 +14,6 @@ from tests.handmade.both_sides import entry, failed, make_series, messages, rich
 from tests.handmade.pages import page_of, terminal_of
 
 ROUTER_DIED = "router-fog1 ended with exit code 1; its last log lines:\n    chain of uav2: mavp2p <ended>"
-
-
-@pytest.fixture
-def series(tmp_path: Path) -> Series:
-    return new_series(tmp_path, "scenario-1", "thesis", "ideal")
 
 
 def test_the_finding_says_which_by_how_much_on_what(series: Series) -> None:

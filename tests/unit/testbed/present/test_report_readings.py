@@ -9,7 +9,7 @@ import pytest
 
 from testbed.fly.results import Series, new_series
 from testbed.numbers.metrics.readings import Measured
-from testbed.present.report import beside, comparison, readings, thesis
+from testbed.present.report import comparison, readings, thesis, thesis_rows
 from testbed.present.report.figures import readings as figures
 from tests.handmade.both_sides import entry, make_series
 from tests.handmade.pages import page_of, terminal_of
@@ -114,7 +114,7 @@ def test_frames_that_found_a_sensors_link_closed_are_not_among_the_lost(series: 
     lost = comparison.rows(metrics)["wire_loss"].cells["mqttxt"]
     assert (lost.text, lost.brief, lost.counts) == ("0 of 1,500 (< 0.2 %)", "0 (< 0.2 %)", "0 of 1,500")
     assert metrics["statistics"]["losses"]["frames"]["mqttxt"] == {"sent": 1500, "lost": 0, "share": 0, "below": 0.002}
-    (packets,) = [row for row in beside.rows(metrics) if row.name == "packets lost"]
+    (packets,) = [row for row in thesis_rows.rows(metrics) if row.name == "packets lost"]
     assert packets.cells["mqttxt"].here == "0"
 
 
@@ -142,12 +142,12 @@ def test_only_a_fleet_of_its_size_has_the_thesiss_figures_beside_it(series: Seri
     metrics = make_series(series, ("mqttxt", entry("mqttxt", **other)), ("mavlink", entry("mavlink", **other)))
     page = page_of(series, metrics)
     alike = (fogs, drones) == (2, 6)
-    assert bool(beside.rows(metrics)) is alike
+    assert bool(thesis_rows.rows(metrics)) is alike
     assert {"thesis", "scenarios"} & set(page.sections) == ({"thesis", "scenarios"} if alike else set())
 
 
 def test_a_printed_size_that_is_a_slip_makes_no_ratio_of_the_thesis(series: Series) -> None:
-    rows = {row.name: row for row in beside.rows(both(series))}
+    rows = {row.name: row for row in thesis_rows.rows(both(series))}
     size, packets = rows["bytes"].ratio, rows["packets"].ratio
     assert size is not None
     assert packets is not None

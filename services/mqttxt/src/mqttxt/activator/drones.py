@@ -6,11 +6,11 @@ import secrets
 from dataclasses import dataclass, field, replace
 
 from ..core.channel import Channel
-from ..core.clock import Beacon, RemoteClock, stamp, stamp_supersedes
+from ..core.clock import Beacon, RemoteClock, stamp_supersedes
 from ..core.effects import Effect, Log, Publish
 from ..core.settings import Rebirth
 from ..protocol.messages import BeaconMessage, DroneLease, DroneRecord, Presence, RosterEntry
-from ..protocol.state_payload import StampedState
+from ..protocol.state_payload import PlainState
 from ..protocol.topics import CloudSide, FogSide
 from .leases import Key, Leases
 
@@ -25,11 +25,11 @@ STATE_KEPT_MS = 600_000
 """A stamp's span is 655 s: older states are not published any more."""
 
 
-@dataclass
+@dataclass(slots=True)
 class Known:
     """A state as it came, and when; `said_ms` is a lower bound of when the drone sent it, once its clock is known."""
 
-    state: StampedState
+    state: PlainState
     received_ms: int
     said_ms: int | None = None
 
@@ -172,23 +172,15 @@ class Drones:
                 out.append(self._lease(link, now_ms))
         return out
 
-    def keep_state(self, link: DroneLink, name: str, state: StampedState, now_ms: int) -> bool:
+    def keep_state(self, link: DroneLink, state: PlainState, now_ms: int) -> bool:
         """Keep a state if it is newer than what is known, and say whether it is."""
         if link.clock is None:
             return False
-        known = link.states.get(name)
+        known = link.states.get(state.name)
         if known is not None and not stamp_supersedes(state.stamp, known.state.stamp, now_ms - known.received_ms):
             return False
-        link.states[name] = Known(state, now_ms)
+        link.states[state.name] = Known(state, now_ms)
         return True
-
-    def relayed(self, link: DroneLink, name: str, now_ms: int) -> StampedState | None:
-        """The state for the ground stations, with a conservative stamp in front; None before an echo."""
-        said_ms = link.said_ms(name, now_ms)
-        if said_ms is None:
-            return None
-        known = link.states[name].state
-        return StampedState(known.state, known.stamp, stamp(said_ms), known.origin)
 
     def records(self) -> list[Effect]:
         """Every drone's record, in this session's words; none before it is the fog's."""
@@ -325,6 +317,7 @@ class Drones:
                 nonce=nonce,
                 bound=True,
                 epoch=self._leases.epoch(link.number),
+                holder=holder.key[0] if holder is not None and has_control and self._to_fog.seal is not None else None,
                 holder_session=holder.key[1] if holder is not None and has_control else None,
                 deadline_ms=deadline_ms if has_control else None,
                 offboard_until_ms=max(0, offboard_ms) if offboard_ms is not None else None,

@@ -54,6 +54,8 @@ class Leases:
         self._epochs: dict[int, int] = {}
         self._restored: dict[int, Restored] = {}
         self._epoch = 0
+        self.want_topics = self.want_bundles = False
+        """In which form stations want states."""
 
     def __bool__(self) -> bool:
         """Whether the gate is open: any station is registered."""
@@ -67,14 +69,6 @@ class Leases:
 
     def __contains__(self, key: Key) -> bool:
         return key in self._leases
-
-    @property
-    def want_topics(self) -> bool:
-        return any(not lease.bundles for lease in self._leases.values())
-
-    @property
-    def want_bundles(self) -> bool:
-        return any(lease.bundles for lease in self._leases.values())
 
     def holder(self, drone: int) -> Lease | None:
         """The lease of the station that controls a drone."""
@@ -92,6 +86,11 @@ class Leases:
     def held(self, key: Key) -> frozenset[int]:
         """The drones that a station controls."""
         return frozenset(drone for drone, holder in self._holders.items() if holder == key)
+
+    def names(self, gs_session: int) -> bool:
+        """Whether a session is registered, or an earlier one of this activator had it in control of a drone."""
+        restored = (each.key for each in self._restored.values())
+        return any(session == gs_session for keys in (self._leases, restored) for _, session in keys)
 
     def station(self, gs_session: int) -> str | None:
         """The station that a session is registered for, as certificates name stations."""
@@ -126,6 +125,7 @@ class Leases:
         self._leases[key] = Lease(
             key, until_ms, sent_ms, Control.WANT if taking else control, bool(message.bundles), wanted
         )
+        self._look_at_forms()
         changed = {drone for drone, holder in self._holders.items() if holder == key and not self._may_keep(drone)}
         for drone in changed:
             del self._holders[drone]
@@ -137,6 +137,7 @@ class Leases:
         """A station is gone; what it controlled goes to the next one that wants it."""
         if self._leases.pop(key, None) is None:
             return set()
+        self._look_at_forms()
         freed = {drone for drone, holder in self._holders.items() if holder == key}
         for drone in freed:
             del self._holders[drone]
@@ -165,6 +166,10 @@ class Leases:
         self._epoch = max(self._epoch, epoch)
         if key is not None and drone not in self._holders:
             self._restored[drone] = Restored(key, now_ms + RESTORED_MS)
+
+    def _look_at_forms(self) -> None:
+        self.want_topics = any(not lease.bundles for lease in self._leases.values())
+        self.want_bundles = any(lease.bundles for lease in self._leases.values())
 
     def _may_keep(self, drone: int) -> bool:
         holder = self.holder(drone)

@@ -56,7 +56,7 @@ class Activator:
         self.leases = Leases(drones)
         self._to_cloud = Channel(CLOUD, self.cloud.prefix, settings, seal)
         self._to_fog = Channel(FOG, self.fog_side.root, settings, seal)
-        self.owners = SessionOwners()
+        self.owners = SessionOwners(self.leases.names)
         topics, channels = (self.cloud, self.fog_side), (self._to_cloud, self._to_fog)
         self.drones = Drones(session, *channels, *topics, drones, self.leases)
         self.relay = Relay(session, *channels, *topics, self.drones, self.leases, self.owners)

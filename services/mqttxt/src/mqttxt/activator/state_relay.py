@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from ..core.channel import Channel
 from ..core.clock import STAMP_MODULUS, STAMP_TICK_MS, stamp
 from ..core.effects import Effect
 from ..core.settings import next_turn_ms
-from ..protocol.bundles import DroneBundle, fog_bundles
-from ..protocol.codec import decode, encode
+from ..protocol.bundles import encode_fog_bundles, plain_states
+from ..protocol.codec import encode
 from ..protocol.policies import URGENT
 from ..protocol.rankings import QodsMessage
-from ..protocol.state_payload import StampedState, decode_state, encode_state
-from ..protocol.states import AutopilotText
-from ..protocol.topics import MAVLINK_STATE, CloudSide
+from ..protocol.state_payload import PlainState, encode_relayed, plain_state
+from ..protocol.states import CODES
+from ..protocol.topics import CloudSide
 from . import qods
 from .drones import DroneLink, Drones
 from .leases import Leases
 
 PATIENCE = 0.75
 """Of a bundle's interval: a state that comes no more often than that comes as often as bundles leave."""
+
+
+@dataclass(slots=True)
+class Waiting:
+    """Values of a state that wait for the next bundle, each with its relay stamp, and when the newest came."""
+
+    came_ms: int
+    states: list[tuple[int, PlainState]]
 
 
 class StateRelay:
@@ -34,21 +43,18 @@ class StateRelay:
         self._cloud = cloud
         self._drones = drones
         self._leases = leases
-        self._bundled: dict[tuple[int, str], list[StampedState]] = {}
-        self._came_ms: dict[tuple[int, str], int] = {}
+        self._bundled: dict[tuple[int, str], Waiting] = {}
         self._paces: dict[tuple[int, str], tuple[int, bool]] = {}
         self._next_bundle_ms = 0
         self._is_urgent = False
 
     def on_state(self, link: DroneLink | None, name: str, payload: bytes, now_ms: int) -> list[Effect]:
         """`droneY/state/Z`."""
-        return self._take(link, decode_state(name, payload, relayed=False), now_ms)
+        return self._take(link, plain_state(name, payload), now_ms)
 
     def on_bundle(self, link: DroneLink | None, payload: bytes, now_ms: int) -> list[Effect]:
         """`droneY/states`."""
-        bundle = decode(DroneBundle, payload)
-        states = [StampedState(bundled.state, bundle.stamp) for bundled in bundle.states]
-        return [effect for state in states for effect in self._take(link, state, now_ms)]
+        return [effect for state in plain_states(payload) for effect in self._take(link, state, now_ms)]
 
     def relay_all(self, links: Iterable[DroneLink], now_ms: int) -> list[Effect]:
         """The last known states of reachable drones, for those who did not hear them."""
@@ -61,7 +67,6 @@ class StateRelay:
         """Bundles and rankings that are due."""
         if not self._leases:
             self._bundled.clear()
-            self._came_ms.clear()
             self._paces.clear()
             return []
         out: list[Effect] = []
@@ -76,30 +81,35 @@ class StateRelay:
             out.append(self._channel.dated(self._cloud.qods, payload, self._session, now_ms))
         return out
 
-    def _take(self, link: DroneLink | None, state: StampedState, now_ms: int) -> list[Effect]:
-        name = state.state.name
-        known = link.states.get(name) if link is not None else None
-        if link is None or not self._drones.keep_state(link, name, state, now_ms):
+    def _take(self, link: DroneLink | None, state: PlainState, now_ms: int) -> list[Effect]:
+        if link is None:
             return []
-        if name in URGENT and (known is None or known.state.state != state.state):
+        name = state.name
+        known = link.states.get(name)
+        if not self._drones.keep_state(link, state, now_ms):
+            return []
+        if name in URGENT and (known is None or known.state.item != state.item):
             self._is_urgent = True
         if name in qods.USED:
             self.qods.touched = True
         return self._relay(link, name, now_ms) if self._leases else []
 
     def _relay(self, link: DroneLink, name: str, now_ms: int) -> list[Effect]:
-        relayed = self._drones.relayed(link, name, now_ms)
-        if relayed is None:
+        """A state for the stations, with a conservative stamp in front; nothing before an echo."""
+        said_ms = link.said_ms(name, now_ms)
+        if said_ms is None:
             return []
-        bundles = name != AutopilotText.name and not name.startswith(MAVLINK_STATE)
-        out = self._bundle((link.number, name), relayed, now_ms) if bundles and self._leases.want_bundles else []
-        if bundles and not self._leases.want_topics:
-            return out
-        payload = encode_state(relayed, self._settings.encoding)
-        topic = self._cloud.drone_state(link.number, name)
-        return [*out, self._channel.state(topic, payload, self._session, now_ms)]
+        state, relay_stamp, out = link.states[name].state, stamp(said_ms), []
+        if name in CODES:
+            if self._leases.want_bundles:
+                out = self._bundle((link.number, name), state, relay_stamp, now_ms)
+            if not self._leases.want_topics:
+                return out
+        payload = encode_relayed(state, relay_stamp, self._settings.encoding)
+        out.append(self._channel.state(self._cloud.drone_state(link.number, name), payload, self._session, now_ms))
+        return out
 
-    def _bundle(self, key: tuple[int, str], state: StampedState, now_ms: int) -> list[Effect]:
+    def _bundle(self, key: tuple[int, str], state: PlainState, relay_stamp: int, now_ms: int) -> list[Effect]:
         """Keep a state for the next bundle.
 
         One that comes about as often as bundles leave must not be overtaken by its next value because the two clocks
@@ -108,16 +118,20 @@ class StateRelay:
         """
         out: list[Effect] = []
         interval_ms = self._settings.bundle_ms
-        if key in self._bundled and now_ms - self._came_ms[key] >= PATIENCE * interval_ms:
+        waiting = self._bundled.get(key)
+        if waiting is not None and now_ms - waiting.came_ms >= PATIENCE * interval_ms:
             self._next_bundle_ms = now_ms + interval_ms // 2
             out = self._bundles(now_ms)
-        waiting = self._bundled.setdefault(key, [])
+            waiting = None
         is_slow = self._is_slow(key, state.stamp)
-        is_change = bool(waiting) and state.state.name in URGENT and waiting[-1].state != state.state
-        if waiting and not (is_slow or is_change):
-            waiting.pop()
-        waiting.append(state)
-        self._came_ms[key] = now_ms
+        if waiting is None:
+            self._bundled[key] = Waiting(now_ms, [(relay_stamp, state)])
+            return out
+        newest = waiting.states[-1][1]
+        if not is_slow and not (state.name in URGENT and newest.item != state.item):
+            waiting.states.pop()
+        waiting.states.append((relay_stamp, state))
+        waiting.came_ms = now_ms
         return out
 
     def _is_slow(self, key: tuple[int, str], origin: int) -> bool:
@@ -132,10 +146,11 @@ class StateRelay:
         return is_slow or was_slow
 
     def _bundles(self, now_ms: int) -> list[Effect]:
-        pairs = [(drone, state) for (drone, _), waiting in self._bundled.items() for state in waiting]
+        relayed = (
+            (drone, relay_stamp, state)
+            for (drone, _), waiting in self._bundled.items()
+            for relay_stamp, state in waiting.states
+        )
+        payloads = encode_fog_bundles(relayed, self._settings.encoding)
         self._bundled.clear()
-        self._came_ms.clear()
-        return [
-            self._channel.state(self._cloud.states, encode(bundle, self._settings.encoding), self._session, now_ms)
-            for bundle in fog_bundles(pairs)
-        ]
+        return [self._channel.state(self._cloud.states, payload, self._session, now_ms) for payload in payloads]

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import ConfigurationError
-from .common import errors_as_lines
-from .plan import DroneNumber, FogNumber, TakeOver, run_with_drone
-from .station import StationOptions, of_a_station
+from .station import Job, with_a_drone
 
 if TYPE_CHECKING:
     from ..protocol.logs import FlightLog
@@ -26,13 +24,8 @@ LEAST_KIB_S, MOST_KIB_S = 1, 128
 
 
 @logs_app.command("list")
-@of_a_station
-def list_(
-    options: StationOptions,
-    drone: DroneNumber,
-    fog: FogNumber = 1,
-    take_over: TakeOver = False,
-) -> None:
+@with_a_drone
+def list_() -> Job:
     """Print the logs that a drone's autopilot has now: number, bytes and time (UTC, by the autopilot's clock)."""
 
     async def job(there: Drone) -> int:
@@ -40,21 +33,21 @@ def list_(
             typer.echo(f"{log.number:>5} {log.size:>11} {_time_of(log)}")
         return 0
 
-    run_with_drone(job, options, drone, fog, take_over)
+    return job
 
 
 @logs_app.command()
-@of_a_station
+@with_a_drone
 def get(
-    options: StationOptions,
     number: Annotated[int, typer.Argument(help="The log's number in the list.")],
     file: Annotated[Path, typer.Argument(help="The file to write: ULog of a PX4, DataFlash of an ArduPilot.")],
-    drone: DroneNumber,
     most_kib_s: Annotated[int, typer.Option(help="KiB that are carried in a second at most.")] = MOST_KIB_S,
-    fog: FogNumber = 1,
-    take_over: TakeOver = False,
-) -> None:
+) -> Job:
     """Write a log into a file, and say how far it is; what broke off goes on where it was."""
+    if most_kib_s < LEAST_KIB_S:
+        raise ConfigurationError(f"--most-kib-s {most_kib_s}: expected {LEAST_KIB_S} or more")
+    if not file.parent.is_dir():
+        raise ConfigurationError(f"{file}: expected a file in a folder that exists")
 
     async def job(there: Drone) -> int:
         found = {log.number: log for log in await there.logs()}
@@ -66,12 +59,7 @@ def get(
         typer.echo(f"{file}: {log.size} bytes")
         return 0
 
-    with errors_as_lines():
-        if most_kib_s < LEAST_KIB_S:
-            raise ConfigurationError(f"--most-kib-s {most_kib_s}: expected {LEAST_KIB_S} or more")
-        if not file.parent.is_dir():
-            raise ConfigurationError(f"{file}: expected a file in a folder that exists")
-    run_with_drone(job, options, drone, fog, take_over)
+    return job
 
 
 class _Told:

@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import ConfigurationError, PayloadError
-from .common import errors_as_lines
-from .plan import DroneNumber, FogNumber, TakeOver, run_with_drone
-from .station import StationOptions, of_a_station
+from .station import Job, with_a_drone
 
 if TYPE_CHECKING:
     from ..protocol.parameters import Parameter
@@ -32,38 +30,26 @@ TTL_S = 30.0
 
 
 @params_app.command("list")
-@of_a_station
-def list_(
-    options: StationOptions,
-    drone: DroneNumber,
-    pattern: Annotated[str, typer.Argument(help="Names, as 'MPC_*'.")] = "*",
-    fog: FogNumber = 1,
-    take_over: TakeOver = False,
-) -> None:
+@with_a_drone
+def list_(pattern: Annotated[str, typer.Argument(help="Names, as 'MPC_*'.")] = "*") -> Job:
     """Print the parameters that a drone's autopilot has now: name, value and type."""
 
     async def job(there: Drone) -> int:
-        found = [one for one in (await _fetched(there, fog)).content if fnmatchcase(one.name, pattern)]
+        found = [one for one in (await _fetched(there)).content if fnmatchcase(one.name, pattern)]
         for one in found:
             typer.echo(f"{one.name:<16} {one!s:<16} {one.type.label}")
         return 0 if found else 1
 
-    run_with_drone(job, options, drone, fog, take_over)
+    return job
 
 
 @params_app.command()
-@of_a_station
-def get(
-    options: StationOptions,
-    names: Annotated[list[str], typer.Argument(help="Names of parameters.")],
-    drone: DroneNumber,
-    fog: FogNumber = 1,
-    take_over: TakeOver = False,
-) -> None:
+@with_a_drone
+def get(names: Annotated[list[str], typer.Argument(help="Names of parameters.")]) -> Job:
     """Print the values of parameters, a line each, in the order of the names."""
 
     async def job(there: Drone) -> int:
-        known = (await _fetched(there, fog)).content.parameters
+        known = (await _fetched(there)).content.parameters
         for name in names:
             if name not in known:
                 raise ConfigurationError(f"{name}: drone {there.number} has no such parameter")
@@ -71,91 +57,68 @@ def get(
             typer.echo(str(known[name]))
         return 0
 
-    run_with_drone(job, options, drone, fog, take_over)
+    return job
 
 
 @params_app.command("set")
-@of_a_station
+@with_a_drone
 def set_(
-    options: StationOptions,
     name: Annotated[str, typer.Argument(help="The parameter's name.")],
     value: Annotated[str, typer.Argument(help="The number to set it to; behind -- where it is negative.")],
-    drone: DroneNumber,
-    fog: FogNumber = 1,
-    take_over: TakeOver = False,
-) -> None:
+) -> Job:
     """Set a parameter; exit code 0 only if the drone read it back as that value."""
+    number = _number(name, value)
 
     async def job(there: Drone) -> int:
         last = await there.set_parameter(name, number)
         typer.echo(str(last))
         return 0 if last.completed else 1
 
-    with errors_as_lines():
-        number = _number(name, value)
-    run_with_drone(job, options, drone, fog, take_over)
+    return job
 
 
 @params_app.command()
-@of_a_station
-def save(
-    options: StationOptions,
-    file: File,
-    drone: DroneNumber,
-    fog: FogNumber = 1,
-    take_over: TakeOver = False,
-) -> None:
+@with_a_drone
+def save(file: File) -> Job:
     """Write the parameters that a drone's autopilot has now into a file, which QGroundControl opens."""
 
     async def job(there: Drone) -> int:
-        found = await _fetched(there, fog)
+        found = await _fetched(there)
         found.save(file, there.number)
         typer.echo(f"{file}: {len(found)} parameters")
         return 0
 
-    run_with_drone(job, options, drone, fog, take_over)
+    return job
 
 
 @params_app.command()
-@of_a_station
-def load(
-    options: StationOptions,
-    file: File,
-    drone: DroneNumber,
-    fog: FogNumber = 1,
-    take_over: TakeOver = False,
-) -> None:
+@with_a_drone
+def load(file: File) -> Job:
     """Set each parameter whose value in a file is another than the drone's; exit code 0 only if all of them were set.
 
     Nothing is set where the drone does not have one of them, or has it with another type.
     """
+    wanted = _loaded(file)
 
     async def job(there: Drone) -> int:
-        return await _set_all(there, _to_set(file, wanted, await _fetched(there, fog)))
+        return await _set_all(there, _to_set(file, wanted, await _fetched(there)))
 
-    wanted = _loaded(file)
-    run_with_drone(job, options, drone, fog, take_over)
+    return job
 
 
 @params_app.command()
-@of_a_station
-def diff(
-    options: StationOptions,
-    file: File,
-    drone: DroneNumber,
-    fog: FogNumber = 1,
-    take_over: TakeOver = False,
-) -> None:
+@with_a_drone
+def diff(file: File) -> Job:
     """Print where a file and the drone have different values, the file's first; exit code 1 if they do."""
+    wanted = _loaded(file)
 
     async def job(there: Drone) -> int:
-        found = wanted.differences(await _fetched(there, fog))
+        found = wanted.differences(await _fetched(there))
         for one in found:
             typer.echo(str(one))
         return 1 if found else 0
 
-    wanted = _loaded(file)
-    run_with_drone(job, options, drone, fog, take_over)
+    return job
 
 
 def _to_set(file: Path, wanted: Parameters, found: Parameters) -> list[Parameter]:
@@ -190,13 +153,13 @@ async def _set_all(there: Drone, wanted: Sequence[Parameter]) -> int:
     return 0 if done == len(wanted) else 1
 
 
-async def _fetched(there: Drone, fog: int) -> Parameters:
+async def _fetched(there: Drone) -> Parameters:
     """The drone's parameters: those that were fetched before, and what has changed since."""
     from ..protocol.parameters import ParameterSet
     from ..station.parameters import Parameters
 
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    path = Path(cache) / "mqttxt" / "parameters" / f"fog{fog}-drone{there.number}"
+    path = Path(cache) / "mqttxt" / "parameters" / f"fog{there.fog}-drone{there.number}"
     known = None
     try:
         known = Parameters(ParameterSet.unpacked(path.read_bytes()))
@@ -215,11 +178,9 @@ async def _fetched(there: Drone, fog: int) -> Parameters:
 
 
 def _loaded(path: Path) -> Parameters:
-    """A file of parameters; what is wrong with it is said before anything is connected to."""
     from ..station.parameters import Parameters
 
-    with errors_as_lines():
-        return Parameters.load(path)
+    return Parameters.load(path)
 
 
 def _number(name: str, text: str) -> float:

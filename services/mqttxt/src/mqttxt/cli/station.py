@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Awaitable, Callable
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
 from ..core.settings import CONNECT_S, Settings
-from .common import INSECURE_HELP, SIGNED_HELP, SIGNED_READINGS_HELP, SIGNED_STATES_HELP
+from ..protocol.topics import MAX_DRONE, check_number
+from .advice import connect
+from .common import (
+    INSECURE_HELP,
+    SIGNED_HELP,
+    SIGNED_READINGS_HELP,
+    SIGNED_STATES_HELP,
+    errors_as_lines,
+    run_coroutine,
+    set_up_logging,
+)
 
 if TYPE_CHECKING:
     from ..station.ground_station import GroundStation
@@ -23,6 +34,11 @@ Timeout = Annotated[float, typer.Option(help="Seconds to wait for the fog's acti
 IDENTITY = typer.Option(
     help="The folder of the station's identity, for mqtts:// (`mqttxt keys issue`).", envvar="MQTTXT_IDENTITY"
 )
+DroneNumber = Annotated[int, typer.Option("--drone", help="The drone's number.")]
+FogNumber = Annotated[int, typer.Option("--fog", help="The fog's number.")]
+TakeOver = Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")]
+Job = Callable[[Any], Awaitable[int]]
+"""Takes a `Drone`, does something with it, and returns the exit code."""
 
 
 @dataclass(frozen=True)
@@ -62,23 +78,73 @@ class StationOptions:
         )
 
 
+@dataclass(frozen=True)
+class DroneOptions:
+    """Which drone a subcommand is for."""
+
+    drone: DroneNumber
+    fog: FogNumber = 1
+    take_over: TakeOver = False
+
+
 def of_a_station(command: Callable[..., None]) -> Callable[..., None]:
     """Make a subcommand of a function whose first parameter is the station's options: those stand behind its own."""
-    names = [field.name for field in fields(StationOptions)]
+    return _with_options(command, command, StationOptions)
+
+
+def with_a_drone(command: Callable[..., Job]) -> Callable[..., None]:
+    """Make a subcommand of a function that returns its job with one drone, which this station controls if it may.
+
+    The options of drone and station stand behind its own. What it raises is said before anything is connected to.
+    """
+
+    def run(which: DroneOptions, options: StationOptions, **own: Any) -> None:
+        with errors_as_lines():
+            job = command(**own)
+        run_with_drone(job, which, options)
+
+    return _with_options(run, command, DroneOptions, StationOptions)
+
+
+def run_with_drone(job: Job, which: DroneOptions, options: StationOptions) -> None:
+    """Do something with a drone that this station controls, as far as it may."""
+    set_up_logging(verbose=False)
+
+    async def with_drone() -> int:
+        number = check_number("--drone", which.drone, MAX_DRONE)
+        async with options.station() as station:
+            (fog,) = await connect(station, [which.fog], options.timeout)
+            there = fog.drone(number)
+            if which.take_over:
+                await there.take_over(options.timeout)
+            with contextlib.suppress(TimeoutError):  # who controls it instead is in the word, or in the error
+                await station.wait_until(lambda: there.is_controlled, options.timeout)
+            return await job(there)
+
+    run_coroutine(with_drone())
+
+
+def _with_options(run: Callable[..., None], command: Callable[..., Any], *kinds: type[Any]) -> Callable[..., None]:
+    """A subcommand with the parameters of `command`, then the fields of `kinds`, of which `run` takes instances."""
 
     @functools.wraps(command)
     def with_options(**given: Any) -> None:
-        own = {name: given.pop(name) for name in names}
-        command(StationOptions(**own), **given)
+        taken = [kind(**{field.name: given.pop(field.name) for field in fields(kind)}) for kind in kinds]
+        run(*taken, **given)
 
-    _, *own = inspect.signature(command, eval_str=True).parameters.values()
-    hints = get_type_hints(StationOptions, include_extras=True)
-    options = [
-        inspect.Parameter(
-            field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
-        )
-        for field in fields(StationOptions)
+    own = [
+        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for parameter in inspect.signature(command, eval_str=True).parameters.values()
+        if parameter.annotation not in kinds
     ]
-    keywords = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
-    with_options.__signature__ = inspect.Signature([*keywords, *options])  # type: ignore[attr-defined]
+    for kind in kinds:
+        hints = get_type_hints(kind, include_extras=True)
+        for field in fields(kind):
+            default = inspect.Parameter.empty if field.default is MISSING else field.default
+            own.append(
+                inspect.Parameter(
+                    field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[field.name]
+                )
+            )
+    with_options.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
     return with_options

@@ -6,7 +6,7 @@ import os
 import shutil
 import sys
 
-from ..security.broker import LIMITS, MOST_CONNECTIONS
+from ..security.broker import ALIASES, LIMITS, MOST_CONNECTIONS
 
 PROGRAM = "mosquitto"
 RUNNING = " running"
@@ -31,4 +31,4 @@ def how_to_get() -> str:
 
 def configuration(host: str, port: int) -> str:
     """The configuration of a broker that takes every client; with identities, see `security.broker`."""
-    return f"{LIMITS}listener {port} {host}\nmax_connections {MOST_CONNECTIONS}\nallow_anonymous true\n"
+    return f"{LIMITS}listener {port} {host}\nmax_connections {MOST_CONNECTIONS}\n{ALIASES}allow_anonymous true\n"

@@ -70,7 +70,7 @@ class Control:
         if not is_own or not signed.certificate.rights.may_command(self._drone):
             raise PayloadError(f"grant of {signed.signer}: expected its own session and the right", "foreign_session")
         if grant.drone_session == self._session:
-            self._grants.take(grant)
+            self._grants.take(signed.signer, grant)
             self._apply()
         return []
 
@@ -79,11 +79,16 @@ class Control:
         lease = self.lease
         if lease is None:
             return
-        until_ms, offboard_ms = lease.deadline_ms, lease.offboard_until_ms
+        until_ms, offboard_ms, holder_session = lease.deadline_ms, lease.offboard_until_ms, lease.holder_session
         if self._channel.seal is not None:
-            until_ms, offboard_ms = self._grants.bound(lease.holder_session, until_ms, offboard_ms)
+            station = f"gs-{lease.holder}" if lease.holder is not None else None
+            if station is None:
+                holder_session = None
+            elif holder_session is not None:
+                self._owners.restore(holder_session, station)
+            until_ms, offboard_ms = self._grants.bound(station, holder_session, until_ms, offboard_ms)
         self._desk.epoch = lease.epoch
         self._desk.held_until_ms = lease.deadline_ms
         self._desk.executor.lease_until_ms = until_ms
         self._desk.executor.offboard_until_ms = offboard_ms
-        self._desk.executor.holder_session = lease.holder_session
+        self._desk.executor.holder_session = holder_session

@@ -66,7 +66,7 @@ class UavClient:
         self._channel = Channel(LINK, self.topics.root, settings, seal)
         self._activator = f"fog{fog}"
         self._signed_clock = CloudSide(fog).signed_drone_clock(drone) if seal is not None else None
-        owners, staged = SessionOwners(), BulkStore()
+        owners, staged = SessionOwners(lambda session: session == self.desk.executor.holder_session), BulkStore()
         self.desk = CommandDesk(
             drone,
             session,

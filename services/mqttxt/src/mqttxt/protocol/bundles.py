@@ -6,12 +6,22 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated
 
+from .codec import encode, encode_plain, is_whole, layout_of, plain_of
 from .fields import DroneNumber, Items, Stamp
-from .state_payload import StampedState
+from .state_payload import PlainState, StampedState
 from .states import STATE, State
+from .values import Encoding, Plain
 
 MAX_DRONES = 50
 """Entries of one fog bundle, so that it stays below the longest payload with every state of each, in JSON too."""
+
+
+_MOST_STATES = 64
+_STAMPS = range(2**16)
+_ITEMS = {
+    code: (frozenset({code}), *whole) for code, _, cls in STATE.codes if (whole := layout_of(cls).whole) is not None
+}
+"""What the fields of a state in a bundle may be, its code in front, where all are whole numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +36,7 @@ class DroneBundle:
     """States that left a drone together, on `droneY/states`."""
 
     stamp: Stamp
-    states: Annotated[tuple[BundledState, ...], Items(64)]
+    states: Annotated[tuple[BundledState, ...], Items(_MOST_STATES)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +46,7 @@ class RelayedStates:
     drone: DroneNumber
     relay_stamp: Stamp
     stamp: Stamp
-    states: Annotated[tuple[BundledState, ...], Items(64)]
+    states: Annotated[tuple[BundledState, ...], Items(_MOST_STATES)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +61,24 @@ def drone_bundle(states: Iterable[State], stamp: int) -> DroneBundle:
     return DroneBundle(stamp=stamp, states=tuple(BundledState(state=state) for state in states))
 
 
+def plain_states(payload: bytes) -> list[PlainState]:
+    """The states in a drone's bundle; raises PayloadError."""
+    own_stamp, items = plain_of(DroneBundle, payload, _is_plainly_right)
+    return [PlainState(STATE.by_code[item[0]].name, own_stamp, item) for item in items]
+
+
+def _is_plainly_right(plain: Plain) -> bool:
+    """Whether all that a drone's bundle says are whole numbers that may be there; False where in doubt."""
+    if type(plain) is not list or len(plain) != 2 or type(plain[0]) is not int or plain[0] not in _STAMPS:
+        return False
+    items = plain[1]
+    if type(items) is not list or len(items) > _MOST_STATES:
+        return False
+    return all(
+        type(item) is list and item and type(item[0]) is int and is_whole(_ITEMS.get(item[0]), item) for item in items
+    )
+
+
 def fog_bundles(relayed: Iterable[tuple[int, StampedState]]) -> list[FogBundle]:
     """The bundles of (drone, relayed state) pairs: one entry for each drone and pair of stamps, in their order."""
     grouped: dict[tuple[int, int, int], list[BundledState]] = {}
@@ -63,6 +91,18 @@ def fog_bundles(relayed: Iterable[tuple[int, StampedState]]) -> list[FogBundle]:
         for (drone, relay_stamp, stamp), states in grouped.items()
     ]
     return [FogBundle(drones=tuple(entries[i : i + MAX_DRONES])) for i in range(0, len(entries), MAX_DRONES)]
+
+
+def encode_fog_bundles(relayed: Iterable[tuple[int, int, PlainState]], encoding: Encoding) -> list[bytes]:
+    """The payloads of what `fog_bundles` would make of (drone, relay stamp, state)."""
+    if encoding is Encoding.JSON:
+        pairs = [(drone, StampedState(state.state, state.stamp, relay_stamp)) for drone, relay_stamp, state in relayed]
+        return [encode(bundle, encoding) for bundle in fog_bundles(pairs)]
+    grouped: dict[tuple[int, int, int], list[list[Plain]]] = {}
+    for drone, relay_stamp, state in relayed:
+        grouped.setdefault((drone, relay_stamp, state.stamp), []).append(state.item)
+    entries = [[*key, items] for key, items in grouped.items()]
+    return [encode_plain([entries[i : i + MAX_DRONES]]) for i in range(0, len(entries), MAX_DRONES)]
 
 
 def states_of(bundle: FogBundle) -> list[tuple[int, StampedState]]:

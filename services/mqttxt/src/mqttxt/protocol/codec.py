@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import MISSING, dataclass, fields, replace
 from io import BytesIO
 from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -17,7 +17,7 @@ import cbor2
 
 from ..errors import PayloadError
 from .fields import Integer, Items, Variant
-from .values import Converters, Encoding, Plain, converters, item_of, mark_of, refuse
+from .values import Converters, Encoding, Plain, converters, item_of, mark_of, refuse, whole_numbers
 
 MAX_PAYLOAD = 61_440
 """Bytes; a longer payload is refused unread. The rankings of 250 drones in JSON are shorter."""
@@ -53,12 +53,16 @@ class FieldLayout:
 
 @dataclass(frozen=True)
 class Layout:
-    """A message's fields in order, and its variant where it ends in one."""
+    """A message's fields in order, and its variant where it ends in one.
+
+    `whole` has what each field may be in CBOR where all of them are whole numbers.
+    """
 
     cls: type[Any]
     fields: tuple[FieldLayout, ...]
     variant: tuple[str, Variant] | None
     required: int
+    whole: tuple[Container[int], ...] | None
 
 
 def encode(message: object, encoding: Encoding = Encoding.CBOR) -> bytes:
@@ -75,10 +79,7 @@ def decode(cls: type[Message], payload: bytes) -> Message:
 
 def decode_values(cls: type[Any], payload: bytes) -> dict[str, Any]:
     """The checked values of a message's fields, by name, where the message itself is not needed."""
-    if not payload:
-        raise PayloadError("payload: expected CBOR or JSON, got nothing", "empty")
-    if len(payload) > MAX_PAYLOAD:
-        raise PayloadError(f"payload: expected at most {MAX_PAYLOAD} bytes, got {len(payload)}", "too_long")
+    _check_length(payload)
     if payload[:1] != _JSON:
         return _values_of_array(cls, _parse_cbor(payload), "")
     try:
@@ -88,9 +89,52 @@ def decode_values(cls: type[Any], payload: bytes) -> dict[str, Any]:
     return _values_of_object(cls, plain, "")
 
 
+def encode_plain(plain: Plain) -> bytes:
+    """CBOR of what is an array of a message already."""
+    return cbor2.dumps(plain, canonical=True)
+
+
+def plain_of(
+    cls: type[Any], payload: bytes, is_plainly_right: Callable[[Plain], bool] = lambda plain: False
+) -> list[Plain]:
+    """The array of a message of type `cls` as CBOR has it, checked but not made into a message; raises PayloadError.
+
+    `is_plainly_right` may say so of an array that needs no closer look.
+    """
+    if payload[:1] == _JSON:
+        return _to_array(decode(cls, payload))
+    _check_length(payload)
+    plain: list[Plain] = _parse_cbor(payload)
+    if not is_whole(_LAYOUTS[cls].whole, plain) and not is_plainly_right(plain):
+        _values_of_array(cls, plain, "")
+    return plain
+
+
+def values_of_plain(cls: type[Any], plain: list[Plain]) -> dict[str, Any]:
+    """The values of a message's fields, by name, in its array; raises PayloadError."""
+    return _values_of_array(cls, plain, "")
+
+
+def is_whole(fields: tuple[Container[int], ...] | None, plain: Plain) -> bool:
+    """Whether an array has in each field a whole number that may be there; False where in doubt."""
+    if fields is None or type(plain) is not list or len(plain) != len(fields):
+        return False
+    for value, allowed in zip(plain, fields, strict=True):
+        if type(value) is not int or value not in allowed:
+            return False
+    return True
+
+
 def encoding_of(payload: bytes) -> Encoding:
     """Which form a payload has, by its first byte."""
     return Encoding.JSON if payload[:1] == _JSON else Encoding.CBOR
+
+
+def _check_length(payload: bytes) -> None:
+    if not payload:
+        raise PayloadError("payload: expected CBOR or JSON, got nothing", "empty")
+    if len(payload) > MAX_PAYLOAD:
+        raise PayloadError(f"payload: expected at most {MAX_PAYLOAD} bytes, got {len(payload)}", "too_long")
 
 
 def layout_of(cls: type[Any]) -> Layout:
@@ -128,7 +172,9 @@ def _make_layout(cls: type[Any]) -> Layout:
         as_is = range(own.low, own.high + 1) if isinstance(own, Integer) else range(0)
         laid_out.append(FieldLayout(field.name, optional, own, as_is, to_plain, from_plain))
     required = max((i + 1 for i, field in enumerate(laid_out) if not field.optional), default=0)
-    return Layout(cls, tuple(laid_out), variant, required)
+    whole = tuple(whole_numbers(field.mark) or () for field in laid_out if not field.optional)
+    is_whole = variant is None and len(whole) == len(laid_out) and all(whole)
+    return Layout(cls, tuple(laid_out), variant, required, whole if is_whole else None)
 
 
 def _reject_constant(text: str) -> NoReturn:

@@ -10,15 +10,13 @@ from dataclasses import dataclass, field, fields, make_dataclass
 from functools import cache
 from typing import Any, get_type_hints
 
-import cbor2
-
 from ..errors import PayloadError
-from .codec import decode_values, encode
+from .codec import decode_values, encode, encode_plain, plain_of, values_of_plain
 from .fields import Stamp
 from .mavlink_states import fields_of, kind_of
-from .states import STATES, MavlinkState, State
+from .states import CODES, STATES, MavlinkState, State
 from .topics import MAVLINK_STATE
-from .values import Encoding
+from .values import Encoding, Plain
 
 _SHORT_ARRAYS = range(0x80, 0x97)
 """First bytes of CBOR arrays of at most 22 items: one more fits into the same byte (RFC 8949, 3)."""
@@ -26,15 +24,32 @@ _SHORT_ARRAYS = range(0x80, 0x97)
 
 @dataclass(frozen=True)
 class StampedState:
-    """A state with its origin's stamp and, behind an activator, the activator's own.
-
-    `origin` is the CBOR that it was decoded from on the fog side, of which a relay can make its own.
-    """
+    """A state with its origin's stamp and, behind an activator, the activator's own."""
 
     state: State
     stamp: int
     relay_stamp: int | None = None
-    origin: bytes | None = field(default=None, compare=False, repr=False)
+
+
+@dataclass(slots=True)
+class PlainState:
+    """A state that passes an activator: checked, and otherwise left as it came.
+
+    `item` is as bundles have it, its code (None where it has none) and its fields in CBOR. `origin` is the payload that
+    it came in by itself, where that is CBOR to which a stamp is easily added.
+    """
+
+    name: str
+    stamp: int
+    item: list[Plain]
+    origin: bytes | None = None
+
+    @property
+    def state(self) -> State:
+        """What it says."""
+        values = values_of_plain(message_class(self.name, False), [self.stamp, *self.item[1:]])
+        del values["stamp"]
+        return _state_of(self.name, values)
 
 
 @cache
@@ -57,8 +72,6 @@ def _fields_of(name: str) -> list[Any]:
 
 def encode_state(message: StampedState, encoding: Encoding) -> bytes:
     """The payload of a state."""
-    if message.origin is not None and message.relay_stamp is not None and encoding is Encoding.CBOR:
-        return _relayed(message.origin, message.relay_stamp)
     cls = message_class(message.state.name, message.relay_stamp is not None)
     stamps = {"stamp": message.stamp}
     if message.relay_stamp is not None:
@@ -71,11 +84,25 @@ def decode_state(name: str, payload: bytes, relayed: bool) -> StampedState:
     """The state `name` in a payload; raises PayloadError."""
     values = decode_values(message_class(name, relayed), payload)
     relay_stamp, own_stamp = values.pop("relay_stamp", None), values.pop("stamp")
-    origin = payload if not relayed and payload[0] in _SHORT_ARRAYS else None
-    state = STATES[name](**values) if name in STATES else MavlinkState(name, values)
-    return StampedState(state, own_stamp, relay_stamp, origin)
+    return StampedState(_state_of(name, values), own_stamp, relay_stamp)
 
 
-def _relayed(origin: bytes, relay_stamp: int) -> bytes:
-    """A fog-side array with one more item in front; its head is one byte, and stays one."""
-    return bytes((origin[0] + 1,)) + cbor2.dumps(relay_stamp) + origin[1:]
+def plain_state(name: str, payload: bytes) -> PlainState:
+    """The state `name` in a drone's payload; raises PayloadError."""
+    plain = plain_of(message_class(name, False), payload)
+    own_stamp, plain[0] = plain[0], CODES.get(name)
+    return PlainState(name, own_stamp, plain, payload if payload[0] in _SHORT_ARRAYS else None)
+
+
+def encode_relayed(message: PlainState, relay_stamp: int, encoding: Encoding) -> bytes:
+    """The payload of a drone's state with an activator's stamp in front."""
+    if encoding is Encoding.JSON:
+        return encode_state(StampedState(message.state, message.stamp, relay_stamp), encoding)
+    if message.origin is None:
+        return encode_plain([relay_stamp, message.stamp, *message.item[1:]])
+    # An array with one more item in front; its head is one byte, and stays one.
+    return bytes((message.origin[0] + 1,)) + encode_plain(relay_stamp) + message.origin[1:]
+
+
+def _state_of(name: str, values: dict[str, Any]) -> State:
+    return STATES[name](**values) if name in STATES else MavlinkState(name, values)

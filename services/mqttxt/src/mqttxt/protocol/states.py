@@ -341,6 +341,8 @@ STATE = Variant(
     tuple((code, cls.name, cls) for code, cls in enumerate(STATES.values(), start=1) if cls is not AutopilotText),
 )
 """A state by its code (CBOR) or its name (JSON), where no topic names it: in bundles, which carry no text."""
+CODES: dict[str, int] = {name: code for code, name, _ in STATE.codes}
+"""The code of each state that bundles carry."""
 
 
 @cache

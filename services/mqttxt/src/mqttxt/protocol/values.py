@@ -51,6 +51,17 @@ def item_of(hint: Any) -> Any:
     return get_args(get_args(hint)[0])[0]
 
 
+def whole_numbers(mark: Any) -> range | frozenset[int] | None:
+    """What a field may be in CBOR, where that is whole numbers alone; None for any other field."""
+    if isinstance(mark, Integer):
+        return range(mark.low, mark.high + 1)
+    if isinstance(mark, Scaled):
+        return range(round(mark.low * mark.per_unit), round(mark.high * mark.per_unit) + 1)
+    if isinstance(mark, type) and issubclass(mark, Named):
+        return frozenset(int(member) for member in mark)
+    return None
+
+
 def converters(hint: Any, nested: Callable[[type[Any]], Converters]) -> Converters:
     """The way of a value of type `hint` into both forms and out of them; `nested` does it for messages."""
     mark = mark_of(hint)

@@ -26,8 +26,6 @@ set_tcp_nodelay true
 max_packet_size 65536
 # The longest payload (R3.4).
 message_size_limit 61440
-# A topic for each state of 250 drones and more: one connection, the activator's, may publish them all.
-max_topic_alias 4096
 # The default, 20 unacknowledged messages a connection, would hold back broadcasts on slow links.
 max_inflight_messages 1000
 max_queued_messages 1000
@@ -40,6 +38,11 @@ log_type information
 connection_messages true
 """
 """What every broker of ours has, with identities or without."""
+ALIASES = """\
+# A topic for each state of 250 drones and more: one connection, the activator's, may publish them all.
+max_topic_alias 4096
+"""
+"""What its listener has: before a listener's line Mosquitto takes this for another one."""
 _CONFIGURATION = """\
 # Made by `mqttxt broker`: make it again instead of changing it.
 {limits}\
@@ -48,6 +51,7 @@ max_queued_bytes 16777216
 {user}\
 listener {port} {host}
 max_connections {connections}
+{aliases}\
 allow_anonymous false
 require_certificate true
 use_identity_as_username true
@@ -107,6 +111,7 @@ class BrokerFiles:
         text = _CONFIGURATION.format(
             limits=LIMITS,
             connections=MOST_CONNECTIONS,
+            aliases=ALIASES,
             user=_user_of(folder / KEY_FILE),
             host=host,
             port=port,

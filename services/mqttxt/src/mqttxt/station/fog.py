@@ -27,6 +27,14 @@ NOT_SHOWN_MS = 1000
 """How long a subscribed station waits to be shown the activator's birth before it asks for it."""
 
 
+@dataclass(frozen=True)
+class Asked:
+    """A registration: when it was sent, and the how-manieth of this station it is."""
+
+    at_ms: int
+    number: int
+
+
 @dataclass
 class HeardState:
     """A state with its stamps, when it came in the station's own time, and the clock that its relay stamp is of.
@@ -89,8 +97,10 @@ class FogView:
         self._lease_s = lease_s
         self.channel = channel
         self._settings = channel.settings
-        self._nonces: dict[int, int] = {}
+        self._nonces: dict[int, Asked] = {}
         self._counter = 0
+        self._given_up: dict[int, int] = {}
+        """Drones that were given up, with the number of the registration that said so, until that is answered."""
         self._confirmed_ms = 0
         self._next_registration_ms = 0
         self._registered_ms = 0
@@ -105,12 +115,24 @@ class FogView:
         return max((view.record.epoch or 0 for view in self.drones.values() if view.record is not None), default=0)
 
     def controls(self, number: int) -> bool:
-        """Whether this station controls a drone, in the words of the activator's live session."""
+        """Whether this station controls a drone, in the words of the activator's live session; what it has given up
+        it controls again once the activator has answered that it wants it anew.
+        """
         view = self.drones.get(number)
         record = view.record if view is not None else None
-        if record is None or record.activator_session != self.session:
+        if record is None or record.activator_session != self.session or number in self._given_up:
             return False
         return record.holder_session == self._own_session
+
+    def claim(self, number: int, wanted: bool, now_ms: int) -> list[Publish]:
+        """Want a drone from now on, or no longer."""
+        if (number in self.claimed) == wanted:
+            return []
+        (self.claimed.add if wanted else self.claimed.discard)(number)
+        out = [self.registration(now_ms)] if self.up and self.subscribed else []
+        if not wanted:
+            self._given_up[number] = self._counter
+        return out
 
     def is_live(self, now_ms: int) -> bool:
         """Whether the activator says so, and a beacon of it came within three intervals."""
@@ -146,11 +168,14 @@ class FogView:
         """`fogX/clock`. The flag tells whether the registration is confirmed by it, for the first time."""
         if self.clock is None or message.session != self.session:
             return [], False
-        asked_ms = self._nonces.get(message.nonce) if message.nonce is not None else None
+        asked = self._nonces.get(message.nonce) if message.nonce is not None else None
+        asked_ms = asked.at_ms if asked is not None else None
         if asked_ms is not None and message.nonce is not None and self.channel.seal is not None:
             del self._nonces[message.nonce]  # a nonce answers once: a beacon that is repeated confirms nothing
         beacon = Beacon(message.session, message.now_ms, message.nonce, message.held_ms)
         self.clock.observe(beacon, now_ms, asked_ms)
+        if asked is not None:
+            self._given_up = {drone: said for drone, said in self._given_up.items() if said >= asked.number}
         if asked_ms is not None and asked_ms == self._questioned_ms:
             self._next_registration_ms = now_ms  # now the clock is known that a signed registration needs
             return self._review(now_ms), False
@@ -176,6 +201,8 @@ class FogView:
         if record.up and (drone.record is None or drone.record.drone_session != record.drone_session):
             drone.states.clear()
         drone.record = record
+        if record.holder_session != self._own_session:
+            self._given_up.pop(number, None)
         drone.session = record.drone_session or drone.session
         events = self._review(now_ms)
         if record.holder != drone.holder:
@@ -261,7 +288,8 @@ class FogView:
         Before a birth of the activator was heard a `lease_s` of 0 asks for it.
         """
         nonce = secrets.randbelow(2**32)
-        self._nonces[nonce] = now_ms
+        self._counter += 1
+        self._nonces[nonce] = Asked(now_ms, self._counter)
         while len(self._nonces) > 8:
             del self._nonces[next(iter(self._nonces))]
         self._registered_ms = now_ms
@@ -270,7 +298,6 @@ class FogView:
         until_ms = self.clock.deadline_ms(now_ms, self._lease_s * 1000) if self.clock is not None else None
         if is_signed and until_ms is None:
             lease_s, self._questioned_ms = 0, now_ms
-        self._counter += 1
         control = self.control
         if control is Control.NONE and self.claimed:
             control, drones = Control.WANT, drones or tuple(sorted(self.claimed))

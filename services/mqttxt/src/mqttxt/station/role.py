@@ -146,10 +146,7 @@ class StationRole:
         fog = self.fog(fog_number)
         if fog.control is not Control.NONE:
             raise ConfigurationError(f"drone {drone}: expected a station with control=False; this one wants all drones")
-        if (drone in fog.claimed) == wanted:
-            return []
-        (fog.claimed.add if wanted else fog.claimed.discard)(drone)
-        return [fog.registration(now_ms)] if fog.up and fog.subscribed else []
+        return [*fog.claim(drone, wanted, now_ms)]
 
     def fog(self, number: int, unsent: str | None = None) -> FogView:
         """A fog that this station takes part in; raises FogUnreachable for another, naming what was not sent."""

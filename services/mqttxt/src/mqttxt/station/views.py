@@ -195,13 +195,18 @@ class Drone:
         return self._number
 
     @property
+    def fog(self) -> int:
+        """The number of the drone's fog."""
+        return self._fog.number
+
+    @property
     def is_reachable(self) -> bool:
         """Whether its fog is live and says that the drone is there."""
         return self._view.reachable
 
     @property
     def is_controlled(self) -> bool:
-        """Whether this station is in control of it."""
+        """Whether this station is in control of it; not from `release` on, until its fog has answered a new `claim`."""
         return self._fog.controls(self.number)
 
     @property

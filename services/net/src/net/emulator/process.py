@@ -20,9 +20,9 @@ from .control import Channel
 from .network import Network, Step
 from .nfqueue import Queues
 from .plan import ShapedPlan
+from .priority import raise_priority
 from .shaper import Shaper
 from .timing import Lateness
-from .urgency import hurry
 
 
 def shape(
@@ -75,7 +75,7 @@ def shape(
         try:
             tick()
             if channel is not None:
-                channel.send({"ready": {"queues": len(ways), "rules": len(ways) + 1, "urgency": hurry()}})
+                channel.send({"ready": {"queues": len(ways), "rules": len(ways) + 1, "urgency": raise_priority()}})
             elif isinstance(said, Path):
                 with _written("--ready-file", said):
                     said.touch()

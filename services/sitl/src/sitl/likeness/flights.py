@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .pilot import Pilot
-from .procedures import FLIGHT_S, HEIGHT_M, Procedures, case, down, near, up
+from .procedures import FLIGHT_S, HEIGHT_M, Procedures, case, down, go, near, up
 
 FLIGHTS: Procedures = {}
 
@@ -19,9 +19,7 @@ def _takeoff_and_land(pilot: Pilot) -> None:
 
 @case(FLIGHTS, "goto and return")
 def _goto_and_return(pilot: Pilot) -> None:
-    pilot.track()
-    up(pilot)
-    pilot.goto(60, 0, HEIGHT_M)
+    go(pilot, 60)
     pilot.until("goto half way", lambda: pilot.position[0] > 30, FLIGHT_S)
     pilot.until("goto to 1 m", near(pilot, 60, HEIGHT_M, 1), FLIGHT_S)
     pilot.until("goto at rest", lambda: pilot.speed_m_s < 0.2, FLIGHT_S)
@@ -33,9 +31,7 @@ def _goto_and_return(pilot: Pilot) -> None:
 
 @case(FLIGHTS, "return from near")
 def _return_from_near(pilot: Pilot) -> None:
-    pilot.track()
-    up(pilot)
-    pilot.goto(4, 0, HEIGHT_M)
+    go(pilot, 4)
     pilot.until("goto to 1 m", near(pilot, 4, HEIGHT_M, 1), FLIGHT_S)
     pilot.wait(3)
     pilot.set_mode("return")
@@ -48,9 +44,7 @@ def _return_at_flight_height(pilot: Pilot) -> None:
     before = {name: pilot.parameter(name) for name in pilot.manners.experiments}
     for name, value in pilot.manners.experiments.items():
         pilot.set_parameter(name, value)
-    pilot.track()
-    up(pilot)
-    pilot.goto(100, 0, HEIGHT_M)
+    go(pilot, 100)
     pilot.until("goto to 1 m", near(pilot, 100, HEIGHT_M, 1), FLIGHT_S)
     pilot.until("goto at rest", lambda: pilot.speed_m_s < 0.2, FLIGHT_S)
     pilot.set_mode("return")
@@ -80,9 +74,7 @@ def _climb_and_descend(pilot: Pilot) -> None:
 
 @case(FLIGHTS, "stop in a goto")
 def _stop_in_a_goto(pilot: Pilot) -> None:
-    pilot.track()
-    up(pilot)
-    pilot.goto(150, 0, HEIGHT_M)
+    go(pilot, 150)
     pilot.wait(8)
     pilot.rest()
     pilot.wait(3)

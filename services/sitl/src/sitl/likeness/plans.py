@@ -11,7 +11,7 @@ from ..plans import FENCE, MISSION, RALLY, Item
 from .channel import Heard
 from .pilot import Pilot
 from .planner import Planner
-from .procedures import FLIGHT_S, Procedures, case, down
+from .procedures import FLIGHT_S, Procedures, arm, case, down
 
 PLANS: Procedures = {}
 _NAN = math.nan
@@ -61,6 +61,21 @@ def _fence(pilot: Pilot) -> list[Item]:
 
 def _rally(pilot: Pilot) -> list[Item]:
     return [_place(pilot, mavlink.MAV_CMD_NAV_RALLY_POINT, north, 0, 15) for north in (20, 40)]
+
+
+def _begin(pilot: Pilot, planner: Planner, items: list[Item]) -> None:
+    """Upload a mission and start it on the ground, armed."""
+    planner.upload(items)
+    planner.follow()
+    arm(pilot)
+    pilot.set_mode(pilot.manners.mission)
+    pilot.begin_mission()
+
+
+def _end(pilot: Pilot, planner: Planner) -> None:
+    down(pilot)
+    planner.unfollow()
+    planner.clear()
 
 
 @case(PLANS, "plans up and down")
@@ -154,14 +169,8 @@ def _flown(pilot: Pilot) -> None:
     """Armed and started in the air of its own takeoff; paused, continued, and flown to its end."""
     pilot.track()
     planner, items = Planner(pilot), _mission(pilot)
-    planner.upload(items)
-    planner.follow()
     first = len(items) - 6
-    pilot.arm()
-    pilot.until("armed", lambda: pilot.armed, 10)
-    pilot.wait(1.5)
-    pilot.set_mode(pilot.manners.mission)
-    pilot.begin_mission()
+    _begin(pilot, planner, items)
     pilot.until("mission", lambda: pilot.mode == pilot.manners.mission, 5)
     pilot.until("takeoff reached", lambda: planner.reached >= first, FLIGHT_S)
     pilot.mark()
@@ -176,42 +185,24 @@ def _flown(pilot: Pilot) -> None:
     planner.set_current(first + 1)
     pilot.until("back at the first", lambda: planner.current > first + 1, FLIGHT_S)
     pilot.mark()
-    down(pilot)
-    planner.unfollow()
-    planner.clear()
+    _end(pilot, planner)
 
 
 @case(PLANS, "a mission that ends in the air")
 def _ends_in_the_air(pilot: Pilot) -> None:
     planner = Planner(pilot)
     items = _mission(pilot)[:-4]
-    planner.upload(items)
-    planner.follow()
-    pilot.arm()
-    pilot.until("armed", lambda: pilot.armed, 10)
-    pilot.wait(1.5)
-    pilot.set_mode(pilot.manners.mission)
-    pilot.begin_mission()
+    _begin(pilot, planner, items)
     pilot.until("last reached", lambda: planner.reached >= len(items) - 1, FLIGHT_S)
     pilot.wait(4)
     pilot.land()
-    down(pilot)
-    planner.unfollow()
-    planner.clear()
+    _end(pilot, planner)
 
 
 @case(PLANS, "a mission that lands")
 def _lands(pilot: Pilot) -> None:
     planner = Planner(pilot)
     items = [*_mission(pilot)[:-5], _place(pilot, mavlink.MAV_CMD_NAV_LAND, 5, 0, 0)]
-    planner.upload(items)
-    planner.follow()
-    pilot.arm()
-    pilot.until("armed", lambda: pilot.armed, 10)
-    pilot.wait(1.5)
-    pilot.set_mode(pilot.manners.mission)
-    pilot.begin_mission()
+    _begin(pilot, planner, items)
     pilot.until("in the air", lambda: not pilot.landed, FLIGHT_S)
-    down(pilot)
-    planner.unfollow()
-    planner.clear()
+    _end(pilot, planner)

@@ -38,11 +38,16 @@ def case(
     return enter
 
 
-def up(pilot: Pilot, height_m: float = HEIGHT_M) -> None:
-    """Armed and hovering."""
+def arm(pilot: Pilot) -> None:
+    """Armed, its motors at their speed."""
     pilot.arm()
     pilot.until("armed", lambda: pilot.armed, 10)
     pilot.wait(SPOOL_UP_S)
+
+
+def up(pilot: Pilot, height_m: float = HEIGHT_M) -> None:
+    """Armed and hovering."""
+    arm(pilot)
     pilot.takeoff(height_m)
     pilot.until("takeoff half way", lambda: pilot.position[2] > height_m / 2, FLIGHT_S)
     pilot.until("takeoff", lambda: pilot.position[2] > height_m - 0.5, FLIGHT_S)
@@ -55,6 +60,13 @@ def down(pilot: Pilot) -> None:
     pilot.until("landed", lambda: pilot.landed, FLIGHT_S)
     pilot.until("disarmed", lambda: not pilot.armed, 30)
     pilot.wait(4)
+
+
+def go(pilot: Pilot, north_m: float) -> None:
+    """Tracked from the ground up, and flown north."""
+    pilot.track()
+    up(pilot)
+    pilot.goto(north_m, 0, HEIGHT_M)
 
 
 def near(pilot: Pilot, north_m: float, up_m: float, within_m: float) -> Callable[[], bool]:

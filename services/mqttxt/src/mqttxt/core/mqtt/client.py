@@ -7,13 +7,14 @@ import contextlib
 import socket
 import ssl
 import threading
-from typing import Any
+from typing import Any, cast
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 
 from ..address import BrokerAddress
 from ..effects import Will
+from .buffered import Buffered
 from .properties import connect_properties
 
 KEEPALIVE_S = 15
@@ -23,11 +24,18 @@ CONNECT_TIMEOUT_S = 5.0
 CONNECT_THREAD = "mqttxt-connect"
 
 
+class _Client(Client):
+    """paho's client on a socket that is read and written in bulk."""
+
+    def _create_socket(self) -> Any:
+        return Buffered(cast(socket.socket, super()._create_socket()))
+
+
 def make_client(
     address: BrokerAddress, client_id: str, will: Will | None, manual_ack: bool, ssl_context: ssl.SSLContext | None
 ) -> Client:
     """A client that has yet to connect, and never connects again by itself."""
-    client = Client(
+    client = _Client(
         CallbackAPIVersion.VERSION2,
         client_id=client_id,
         protocol=MQTTProtocolVersion.MQTTv5,
@@ -82,10 +90,3 @@ def start_connecting(client: Client, address: BrokerAddress, session_expiry_s: i
 def _on_socket_open(_client: Client, _userdata: Any, sock: Any) -> None:
     """Without it Nagle's algorithm holds small publishes back and is what one measures."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-
-def cork(sock: Any, closed: bool) -> None:
-    """Hold segments back while packets are written one by one (tcp(7)); elsewhere each packet is a segment."""
-    if hasattr(socket, "TCP_CORK"):
-        with contextlib.suppress(OSError):  # closed in between
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, closed)

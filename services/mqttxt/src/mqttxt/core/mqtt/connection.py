@@ -1,7 +1,8 @@
 """One connection to a broker, from CONNECT to its end: paho-mqtt inside the event loop, without its thread.
 
-paho's callbacks only take notes. What they noted is delivered after paho has returned, so that a role may
-publish, and fail, without paho being half-way through a packet.
+Messages at QoS 0, of which there may be thousands a second, pass paho by. Its callbacks only take notes. What is noted
+is delivered after paho has returned, so that a role may publish, and fail, without paho being half-way through a
+packet.
 """
 
 from __future__ import annotations
@@ -27,19 +28,21 @@ from ...errors import BrokerRefused
 from ..address import BrokerAddress
 from ..effects import Inbound, Publish, Receipt, Unsubscribe, Will
 from .aliases import AliasTable
-from .client import CONNECT_TIMEOUT_S, cork, make_client, start_connecting
+from .client import CONNECT_TIMEOUT_S, make_client, start_connecting
 from .events import LinkEvents
-from .properties import BrokerLimits, publish_properties
+from .packets import PINGREQ, PINGRESP, end_of, message_of, publish
+from .properties import LARGEST_PACKET, BrokerLimits, expiry_properties
 from .subscriptions import Subscriptions
 
 if TYPE_CHECKING:
     from ...security.identity import Identity
+    from .buffered import Buffered
 
 logger = logging.getLogger("mqttxt.mqtt")
 
 MOST_HELD = 10_000
 """Publishes that wait while the broker takes no bytes or, at QoS 1, acknowledges none; further ones are dropped."""
-_READ_AT_ONCE = 64
+_TAKEN_AT_ONCE = 256
 _VOID_BYTES = 65_536
 _SERIALS = count(1)
 _MISC_S = 1.0
@@ -71,7 +74,6 @@ class Connection:
         """The reason code of the connection's end, BrokerRefused where a subscription was refused."""
         self._accepted: asyncio.Future[int] = self._loop.create_future()
         self._notes: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
-        self._noted = 0
         self.refusal: str | None = None
         """Why this connection was given up though the broker had accepted it."""
         self._refs: dict[int, Hashable] = {}
@@ -80,9 +82,10 @@ class Connection:
         self._settled: asyncio.Future[int] | None = None
         self._aliases = AliasTable(0)
         self._limits = BrokerLimits()
-        self._flush_is_due = False
-        self._is_blocked = False
+        self._flush_is_due = self._is_blocked = self._take_is_due = False
         self._held = 0
+        self._last_in_s = self._last_out_s = 0.0
+        self._pinged_s: float | None = None
         self._serial = next(_SERIALS) if manual_ack else None
         self._client = client = make_client(address, client_id, will, manual_ack, ssl_context)
         self._subscriptions = Subscriptions(client, events.subscribed, self._refused)
@@ -102,14 +105,15 @@ class Connection:
         except asyncio.CancelledError:
             connecting.add_done_callback(self._abandon)
             raise
-        sock = self._client.socket()
+        sock = self._socket
         if sock is None:
             raise ConnectionResetError("connection closed")
-        self._client.on_socket_register_write = self._on_register_write
-        self._client.on_socket_unregister_write = self._on_unregister_write
+        self._client.on_socket_register_write = lambda *_: self._flush_soon()
         self._client.on_socket_close = self._on_socket_close
-        self._loop.add_reader(cast(socket.socket, sock), self._readable)
+        self._last_in_s = self._last_out_s = self._loop.time()
+        self._loop.add_reader(sock, self._readable)
         self._loop.call_later(_MISC_S, self._look_after)
+        self._flush()
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
             return await asyncio.shield(self._accepted)
 
@@ -130,14 +134,25 @@ class Connection:
             else:
                 self._events.count("held_up", f"{self.name}: {effect.topic}: {self.address} acknowledges nothing")
             return
-        topic, alias = self._aliases.shorten(effect.topic) if effect.qos == 0 else (effect.topic, None)
+        if effect.qos == 0:
+            if self._socket is not None:
+                if self._client.want_write():  # what paho has yet to write comes first
+                    self._client.loop_write()
+                self._socket.send(publish(effect, *self._aliases.shorten(effect.topic)))
+                self._flush_soon()
+            return
         info = self._client.publish(
-            topic, effect.payload, effect.qos, effect.retain, publish_properties(alias, effect.expiry_s)
+            effect.topic, effect.payload, effect.qos, effect.retain, expiry_properties(effect.expiry_s)
         )
-        if effect.qos > 0 and info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
+        if info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
             self._unacknowledged.add(info.mid)
             if effect.ref is not None:
                 self._refs[info.mid] = effect.ref
+
+    @property
+    def _socket(self) -> Buffered | None:
+        """None where it is closed."""
+        return cast("Buffered | None", self._client.socket())
 
     def unsubscribe(self, effect: Unsubscribe) -> None:
         self._client.unsubscribe(list(effect.filters))
@@ -152,7 +167,7 @@ class Connection:
         """Why the broker's certificate is not good now, in words; None while it is."""
         from .tls import wrong_with
 
-        sock = self._client.socket()
+        sock = self._socket.sock if self._socket is not None else None
         return wrong_with(identity, sock.getpeercert(binary_form=True)) if isinstance(sock, ssl.SSLSocket) else None
 
     def give_up(self, reason: str) -> None:
@@ -176,8 +191,8 @@ class Connection:
         reason = _WITH_WILL if with_will or self._waiting else None
         if self._client.disconnect(reason) == MQTTErrorCode.MQTT_ERR_SUCCESS:
             self._flush()
-        sock = self._client.socket()
-        if sock is not None:  # the broker takes no bytes
+        sock = self._socket
+        if sock is not None:  # paho has not done it
             self._on_socket_close(self._client, None, sock)
             sock.close()
         _resolve(self.ended, 0)
@@ -188,7 +203,7 @@ class Connection:
         A socket that is closed over unread bytes is reset at once (RFC 2525, section 2.17): the DISCONNECT behind what
         was handed over would be lost, and the broker would publish the will of a client that stopped cleanly.
         """
-        sock = self._client.socket()
+        sock = self._socket
         if sock is None:
             self.close()
             return
@@ -209,28 +224,56 @@ class Connection:
     # What the event loop calls.
 
     def _readable(self) -> None:
-        """Read what is there, up to a number of packets, and deliver what it was.
+        """Read what is there, and take it."""
+        sock = self._socket
+        if sock is not None and not self._take_is_due:
+            if sock.fetch():
+                self._last_in_s = self._loop.time()
+            self._take()
 
-        One call of paho reads one packet, or as many as there are publishes of ours without their PUBACK.
-        """
-        limit = self._noted + _READ_AT_ONCE
-        while (before := self._noted) < limit:
+    def _take(self) -> None:
+        """Take what has come, up to a number of packets, and deliver what it was; the rest in the next turn."""
+        self._take_is_due = False
+        for _ in range(_TAKEN_AT_ONCE):
+            sock = self._socket
+            if sock is None:
+                break
             try:
-                self._client.loop_read()
+                if not self._take_packet(sock):
+                    break
             except _UNPARSABLE as error:
                 logger.error("%s: %s sent what is not MQTT: %s", self.name, self.address, error)
                 self.close(with_will=True)
                 break
-            if self._noted == before and not self._has_decrypted():
-                break
         else:
-            if self._has_decrypted():  # the socket itself will not become readable for these
-                self._loop.call_soon(self._readable)
+            self._take_is_due = True
+            self._loop.call_soon(self._take)
         self._deliver()
 
-    def _has_decrypted(self) -> bool:
-        sock = self._client.socket()
-        return isinstance(sock, ssl.SSLSocket) and sock.pending() > 0
+    def _take_packet(self, sock: Buffered) -> bool:
+        """Take the first packet of what has come; False where none is whole."""
+        came, start = sock.came, sock.start
+        body, end = end_of(came, start)
+        if end - start > LARGEST_PACKET:
+            raise ValueError(f"a packet of {end - start} bytes; expected at most {LARGEST_PACKET}")
+        if end == 0 or end > len(came):
+            if sock.failure is not None:
+                self._client.loop_read()
+            return False
+        sock.start = end
+        try:
+            message = message_of(came, start, body, end)
+        except UnicodeDecodeError:
+            self._note(self._events.count, "topic", f"{self.name}: a topic that is not UTF-8")
+            return True
+        if message is not None:
+            self._note(self._events.received, self.name, message)
+        elif came[start] == PINGRESP:
+            self._pinged_s = None
+        else:
+            sock.for_paho = came[start:end]
+            self._client.loop_read()
+        return True
 
     def _deliver(self) -> None:
         try:
@@ -241,53 +284,58 @@ class Connection:
             if self._notes:  # a role failed: the loop reports it, and the rest is delivered all the same
                 self._loop.call_soon(self._deliver)
 
-    def _flush(self) -> None:
-        """Write what waits, in as few segments as the system can make of it."""
-        self._flush_is_due = False
-        sock = self._client.socket()
-        if sock is None:
-            return
-        cork(sock, True)
-        # paho makes a reason code and properties for each QoS 0 publish that it reports; nobody asks for them.
-        self._client.on_publish = None
-        try:
-            self._client.loop_write()
-        finally:
-            self._client.on_publish = self._on_publish
-            cork(sock, False)
-        if self._client.want_write() and not self._is_blocked and self._client.socket() is sock:
-            self._is_blocked = True
-            self._loop.add_writer(cast(socket.socket, sock), self._flush)
-
-    def _look_after(self) -> None:
-        """Keep-alive."""
-        if self.ended.done():
-            return
-        self._client.loop_misc()
-        self._loop.call_later(_MISC_S, self._look_after)
-
-    # What paho calls. Only while one of its loop functions runs, so in the event loop's thread.
-
-    def _on_register_write(self, _client: Client, _userdata: Any, _sock: Any) -> None:
-        if not self._flush_is_due:
+    def _flush_soon(self) -> None:
+        """Write what was handed over when this turn of the event loop is over, or when the system takes bytes again."""
+        if not self._flush_is_due and not self._is_blocked:
             self._flush_is_due = True
             self._loop.call_soon(self._flush)
 
-    def _on_unregister_write(self, _client: Client, _userdata: Any, sock: Any) -> None:
-        if self._is_blocked:
-            self._is_blocked = False
-            self._held = 0
+    def _flush(self) -> None:
+        """Write what waits; where the system does not take all, the rest when it does."""
+        self._flush_is_due = False
+        if self._socket is not None:
+            self._client.loop_write()
+        sock = self._socket
+        if sock is None:
+            return
+        has_left = sock.flush()
+        self._last_out_s = self._loop.time()
+        if not has_left and not self._is_blocked:
+            self._is_blocked = True
+            self._loop.add_writer(sock, self._flush)
+        elif has_left and self._is_blocked:
+            self._is_blocked, self._held = False, 0
             self._loop.remove_writer(sock)
+        if has_left:
             self._check_settled()
+        if sock.failure is not None:
+            self._loop.call_soon(self._take)
+
+    def _look_after(self) -> None:
+        """Keep-alive: ask a broker that was not spoken to, or said nothing; give it up where it does not answer."""
+        sock, now_s = self._socket, self._loop.time()
+        if self.ended.done() or sock is None:
+            return
+        if self._pinged_s is not None and now_s - self._pinged_s >= self._client.keepalive:
+            logger.info("%s: %s does not answer", self.name, self.address)
+            self.close(with_will=True)
+            return
+        quiet_s = now_s - min(self._last_in_s, self._last_out_s)
+        if self._pinged_s is None and quiet_s >= self._client.keepalive:
+            self._pinged_s = now_s
+            sock.send(PINGREQ)
+            self._flush_soon()
+        self._loop.call_later(_MISC_S, self._look_after)
+
+    # What paho calls. Only while one of its loop functions runs, so in the event loop's thread.
 
     def _on_socket_close(self, _client: Client, _userdata: Any, sock: Any) -> None:
         if sock.fileno() < 0:  # `close` was faster than paho
             return
         self._loop.remove_reader(sock)
-        self._on_unregister_write(_client, None, sock)
+        self._loop.remove_writer(sock)
 
     def _on_connect(self, _client: Client, _userdata: Any, _flags: Any, code: Any, properties: Any) -> None:
-        self._noted += 1
         self._limits = BrokerLimits.of(properties)
         self._aliases = AliasTable(self._limits.aliases)
         _resolve(self._accepted, code.value)
@@ -310,14 +358,12 @@ class Connection:
         self._note(self._subscriptions.on_suback, mid, [code.value for code in codes])
 
     def _on_publish(self, _client: Client, _userdata: Any, mid: int, code: Any, _properties: Any) -> None:
-        self._noted += 1
         self._unacknowledged.discard(mid)
         if mid in self._refs:
             self._note(self._events.published, self.name, self._refs.pop(mid), code.value)
         self._note(self._go_on)
 
     def _note(self, act: Callable[..., None], *args: Any) -> None:
-        self._noted += 1
         self._notes.append((act, args))
 
     def _go_on(self) -> None:
@@ -327,7 +373,8 @@ class Connection:
         self._check_settled()
 
     def _check_settled(self) -> None:
-        if self._settled is not None and not self._unacknowledged and not self._client.want_write():
+        has_left = not self._client.want_write() and not self._is_blocked
+        if self._settled is not None and not self._unacknowledged and has_left:
             _resolve(self._settled, 0)
 
     def _refused(self, topic: str, code: int, for_good: bool) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from typing import cast
 
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
@@ -20,33 +18,12 @@ _OVERHEAD = 32
 """Bytes of a PUBLISH beside topic and payload, at most: header 5, lengths 3, packet id 2, alias 3, expiry 5."""
 
 
-class _Packed:
-    """Stands where paho takes properties, of which it only asks their bytes: packed once, small to keep."""
-
-    __slots__ = ("_bytes",)
-
-    def __init__(self, properties: Properties) -> None:
-        self._bytes = bytes(properties.pack())  # type: ignore[no-untyped-call]
-
-    def pack(self) -> bytes:
-        return self._bytes
-
-
-@cache
-def _alias_properties(alias: int) -> Properties:
-    properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
-    properties.TopicAlias = alias
-    return cast(Properties, _Packed(properties))
-
-
-def publish_properties(alias: int | None, expiry_s: int | None) -> Properties | None:
-    """Those of a PUBLISH, None where it needs none."""
+def expiry_properties(expiry_s: int | None) -> Properties | None:
+    """Those of a PUBLISH that expires, None where it does not."""
     if expiry_s is None:
-        return _alias_properties(alias) if alias is not None else None
+        return None
     properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
     properties.MessageExpiryInterval = expiry_s
-    if alias is not None:
-        properties.TopicAlias = alias
     return properties
 
 

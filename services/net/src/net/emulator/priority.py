@@ -13,7 +13,7 @@ import os
 NICE = -15
 
 
-def hurry() -> str:
+def raise_priority() -> str:
     """What was to be had: `fifo`, `nice -15` or `none`."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(1))

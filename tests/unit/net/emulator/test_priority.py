@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from net.emulator.urgency import hurry
+from net.emulator.priority import raise_priority
 
 
 def _refuse(*_: object) -> None:
@@ -26,4 +26,4 @@ def test_real_time_before_a_nice_value_before_nothing(
 ) -> None:
     monkeypatch.setattr(os, "sched_setscheduler", real_time)
     monkeypatch.setattr(os, "setpriority", nice)
-    assert hurry() == said
+    assert raise_priority() == said

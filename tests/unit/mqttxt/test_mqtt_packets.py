@@ -1,0 +1,139 @@
+"""PUBLISH at QoS 0 as it passes paho by: written so that a broker reads it, read as paho reads it, however it comes."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from mqttxt.core.effects import Inbound, Publish
+from mqttxt.core.mqtt import packets
+from mqttxt.core.mqtt.packets import PINGREQ, end_of, message_of
+from mqttxt.core.mqtt.properties import LARGEST_PACKET
+from tests.examples import examples
+from tests.rigs import mqtt_server
+from tests.rigs.linked import linked, state
+from tests.rigs.mqtt_server import DISCONNECT, PUBLISH, Packet, Server, encoded
+from tests.rigs.processes import eventually
+
+PING = 12
+TOPICS = st.text("abcé/1", min_size=1, max_size=200)
+PAYLOADS = st.binary(max_size=300)
+
+
+def taken(data: bytes) -> tuple[list[Inbound | None], int]:
+    """The messages of the whole packets in some bytes, None for what is left to paho; and where the last ends."""
+    found, start = [], 0
+    while True:
+        body, end = end_of(data, start)
+        if end == 0 or end > len(data):
+            return found, start
+        found.append(message_of(data, start, body, end))
+        start = end
+
+
+@given(TOPICS, PAYLOADS, st.booleans(), st.none() | st.integers(1, 65_535), st.none() | st.integers(1, 2**32 - 1))
+def test_a_broker_reads_what_was_published(
+    topic: str, payload: bytes, retain: bool, alias: int | None, expiry_s: int | None
+) -> None:
+    data = packets.publish(Publish("cloud", topic, payload, 0, retain, expiry_s), topic, alias)
+    body, end = end_of(data, 0)
+    assert end == len(data)
+    packet = Packet(data[0] >> 4, data[0] & 15, data[body:])
+    properties = {identifier: value for identifier, value in ((2, expiry_s), (35, alias)) if value is not None}
+    assert (packet.kind, packet.flags) == (PUBLISH, int(retain))
+    assert packet.publish() == (topic, properties, payload, 0)
+
+
+@examples(100)
+@given(st.lists(st.tuples(TOPICS, PAYLOADS), max_size=5), st.integers(0, 2000))
+def test_messages_are_taken_once_they_are_whole(said: list[tuple[str, bytes]], cut: int) -> None:
+    data = b"".join(_published(topic, payload) for topic, payload in said)
+    first, end = taken(data[:cut])
+    second, rest = taken(data[end:])
+    assert first + second == [Inbound(topic, payload) for topic, payload in said]
+    assert end + rest == len(data)
+
+
+def _published(topic: str, payload: bytes) -> bytes:
+    name = topic.encode()
+    return encoded(Packet(PUBLISH, 0, len(name).to_bytes(2, "big") + name + b"\0" + payload))
+
+
+@given(st.binary(max_size=60))
+@example(b"\x30\x02\x00\x00")
+@example(b"\x30\x03\x00\x00\x00")
+@example(b"\x30\x05\x00\x01t\x7f\x00")
+@example(b"\x32\x06\x00\x01t\x00\x01\x00")
+@example(b"\x30\x04\x00\x02t\x00")
+def test_what_is_anything_else_is_left_to_paho(data: bytes) -> None:
+    try:
+        found, end = taken(data)
+    except (UnicodeDecodeError, ValueError):
+        return
+    assert end <= len(data)
+    assert all(message is None or message.topic for message in found)
+
+
+def test_a_retained_message_is_one() -> None:
+    assert message_of(b"\x31\x05\x00\x01t\x00x", 0, 2, 7) == Inbound("t", b"x", 0, retain=True)
+
+
+async def test_messages_come_in_order_whoever_reads_them_and_in_whatever_pieces() -> None:
+    """QoS 0 with and without properties, QoS 1, and many at once: more than are taken in one turn."""
+    user_property = b"\x26\x00\x01a\x00\x01b"
+    with_properties = b"\x00\x01t" + bytes([len(user_property)]) + user_property + b"properties"
+    said = [
+        mqtt_server.publish("t", b"plain"),
+        encoded(Packet(PUBLISH, 0, with_properties)),
+        mqtt_server.publish("t", b"acknowledged", qos=1, mid=3),
+        mqtt_server.publish("t", bytes(40_000)),
+        *(mqtt_server.publish("t", str(number).encode()) for number in range(1000)),
+        mqtt_server.publish("t", b"last", qos=1, mid=4),
+    ]
+    expected = [b"plain", b"properties", b"acknowledged", bytes(40_000), *(str(n).encode() for n in range(1000))]
+    async with Server() as server, linked(server) as (_, heard):
+        data, (session,) = b"".join(said), server.sessions
+        places = [*range(60), *range(60, len(data), 997)]
+        for start, end in zip(places, [*places[1:], len(data)], strict=True):
+            session.send(data[start:end])
+            await asyncio.sleep(0)
+        await eventually(lambda: len(heard.messages) == len(said), "all of them")
+        assert [message.payload for message in heard.messages] == [*expected, b"last"]
+
+
+async def test_a_packet_that_is_longer_than_was_announced_ends_the_connection() -> None:
+    async with Server() as server, linked(server) as (_, heard):
+        server.sessions[0].send(mqtt_server.publish("t", bytes(LARGEST_PACKET))[:100])
+        await eventually(lambda: heard.connections == 2, "connected again")
+        assert heard.messages == []
+
+
+@pytest.mark.parametrize("answers", [True, False])
+async def test_a_broker_that_says_nothing_is_asked_and_given_up_where_it_does_not_answer(answers: bool) -> None:
+    keepalive_1 = b"\x13\x00\x01"
+    async with Server(keepalive_1) as server, linked(server) as (_, heard):
+        (session,) = server.sessions
+        await eventually(lambda: len(session.of(PING)) == 1, "a question")
+        for count in range(2, 4 if answers else 2):
+            session.send(b"\xd0\x00")
+            await eventually(lambda count=count: len(session.of(PING)) == count, "the next")  # type: ignore[misc]
+        if answers:
+            assert heard.losses == 0
+            return
+        await eventually(lambda: heard.connections == 2, "connected again")
+        assert [packet.kind for packet in session.packets[1:]] == [PING, DISCONNECT]
+
+
+async def test_who_speaks_and_is_spoken_to_asks_nothing() -> None:
+    keepalive_1 = b"\x13\x00\x01"
+    async with Server(keepalive_1) as server, linked(server) as (link, heard):
+        (session,) = server.sessions
+        for _ in range(30):
+            link.publish(state("battery"))
+            session.send(mqtt_server.publish("t", b"x"))
+            await asyncio.sleep(0.1)
+        assert len(heard.messages) == 30
+        assert PINGREQ not in [encoded(packet) for packet in session.packets]
