@@ -8,7 +8,9 @@ from __future__ import annotations
 import asyncio
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from mqttxt import Arm, Disarm, Drone, Goto, Land, Outcome, Takeoff, Word
@@ -29,6 +31,16 @@ WATCHED_S = 5.0
 """A PX4 in takeoff mode has left the ground by then."""
 
 
+@dataclass(frozen=True, slots=True)
+class Stop:
+    after_s: float
+    """Until it is still after a hold in a goto; LIMIT_S where it is not."""
+    way_m: float
+    """North or east."""
+    word: str
+    """The hold's last one."""
+
+
 def measure() -> Iterator[str]:
     for speed_m_s in GOALS:
         yield from asyncio.run(_measure(speed_m_s))
@@ -41,7 +53,7 @@ async def _measure(speed_m_s: float) -> list[str]:
         flight.pilot.set_parameter("MPC_XY_CRUISE", speed_m_s)
         flight.pilot.set_parameter("MPC_XY_VEL_MAX", max(12.0, speed_m_s))
         flight.pilot.set_parameter("SIM_BAT_DRAIN", 86_400.0)
-        stops: list[tuple[float, float]] = []
+        stops: list[Stop] = []
         while len(stops) < COUNT:
             async with flight.drone() as drone:
                 await fly(drone, Arm(), Takeoff(15.0))
@@ -51,17 +63,18 @@ async def _measure(speed_m_s: float) -> list[str]:
         for _ in range(COUNT):
             async with flight.drone() as drone:
                 stayed += await _stays(drone, flight.pilot)
-    longest, farthest = max(after for after, _ in stops), max(way for _, way in stops)
     goal_s, goal_m = GOALS[speed_m_s]
+    longest, farthest = max(stop.after_s for stop in stops), max(stop.way_m for stop in stops)
+    words = ", ".join(f"{count} {word}" for word, count in Counter(stop.word for stop in stops).items())
     return [
-        f"hold at {speed_m_s:g} m/s: {sum(after <= goal_s and way <= goal_m for after, way in stops)} of {len(stops)}"
-        f" still within {goal_s:g} s and {goal_m:g} m; after {longest:.2f} s and {farthest:.1f} m at most",
+        f"hold at {speed_m_s:g} m/s: {sum(stop.after_s <= goal_s and stop.way_m <= goal_m for stop in stops)}"
+        f" of {len(stops)} still within {goal_s:g} s and {goal_m:g} m ({words});"
+        f" after {longest:.2f} s and {farthest:.1f} m at most",
         f"takeoff while disarmed, then arm: {stayed} of {COUNT} denied, and on the ground",
     ]
 
 
-async def _stop(drone: Drone, pilot: Pilot, speed_m_s: float) -> tuple[float, float]:
-    """Seconds until it is still after a hold in a goto, LIMIT_S where it is not; and metres north or east."""
+async def _stop(drone: Drone, pilot: Pilot, speed_m_s: float) -> Stop:
     north = AWAY_DEG if pilot.position_m[0] <= 0 else -AWAY_DEG
     _, going = await start(drone, Goto(HOME[0] + north, HOME[1], 15.0))
     await eventually(lambda: pilot.speed_m_s > 0.9 * speed_m_s, "it flies", 60)
@@ -72,9 +85,10 @@ async def _stop(drone: Drone, pilot: Pilot, speed_m_s: float) -> tuple[float, fl
         await asyncio.sleep(0.02)
         if pilot.mode == HOLD and pilot.speed_m_s < STILL_M_S:
             after = time.monotonic() - began
-    await holding
+    said = await holding
     await going
-    return after, max(abs(now - then) for now, then in zip(pilot.position_m[:2], there[:2], strict=True))
+    way_m = max(abs(now - then) for now, then in zip(pilot.position_m[:2], there[:2], strict=True))
+    return Stop(after, way_m, said.word.label)
 
 
 async def _stays(drone: Drone, pilot: Pilot) -> bool:

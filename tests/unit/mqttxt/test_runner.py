@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ class Role:
         self.fails: Exception | None = None
         self.links = links
         self.connected: set[str] = set()
+        self.ticks = 0
 
     def on_connected(self, link: str, now_ms: int) -> list[Any]:
         self.connected.add(link)
@@ -57,6 +59,7 @@ class Role:
         return []
 
     def tick(self, now_ms: int) -> list[Any]:
+        self.ticks += 1
         if self.fails is not None:
             raise self.fails
         return []
@@ -143,6 +146,30 @@ async def test_a_disk_that_takes_no_ready_file_ends_nobody(
         assert running.cancelled()
         assert runner.counts["ready_file"] >= 2
         await eventually(lambda: said(server) == [[b"up", b"down", CLEAN]], "the goodbye")
+
+
+async def test_a_disk_that_takes_its_time_for_the_ready_file_holds_nothing_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_asked, goes_on = threading.Event(), threading.Event()
+
+    def wait(path: Path) -> None:
+        is_asked.set()
+        goes_on.wait(10)
+
+    monkeypatch.setattr(Path, "touch", wait)
+    async with Server() as server:
+        role = Role("fog")
+        _, running = started(role, server, tmp_path / "ready")
+        await eventually(is_asked.is_set, "the ready file is asked for")
+        ticks = role.ticks
+        await eventually(lambda: role.ticks > ticks + 3, "it ticks", 2)
+        assert not goes_on.is_set()
+        running.cancel()
+        await eventually(lambda: said(server) == [[b"up", b"down", CLEAN]], "the goodbye")
+        goes_on.set()
+        await asyncio.wait({running})
+        assert running.cancelled()
 
 
 TAKES_LEAVE = """

@@ -7,6 +7,7 @@ import contextlib
 import logging
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping
+from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -79,6 +80,7 @@ class Runner:
         self.counts: Counter[str] = Counter()
         self._ready_file = ready_file
         self._ready_touched_ms = -10_000
+        self._marking: asyncio.Future[None] | None = None
         self._stopped: asyncio.Future[None] | None = None
         self._is_to_keep = asyncio.Event()
 
@@ -262,27 +264,30 @@ class Runner:
             now_ms = self.clock.now_ms()
             self.carry_out(self.role.tick(now_ms))
             self.carry_out(self.lists.tick(now_ms))
-            if self._ready_file is not None and now_ms - self._ready_touched_ms >= READY_TOUCH_S * 1000:
+            is_marked = self._marking is None or self._marking.done()
+            if self._ready_file is not None and is_marked and now_ms - self._ready_touched_ms >= READY_TOUCH_S * 1000:
                 self._ready_touched_ms = now_ms
-                self._mark(self._ready_file, self.role.is_ready(now_ms))
+                self._marking = asyncio.create_task(self._mark(self._ready_file, self.role.is_ready(now_ms)))
             due_s = next_tick(due_s, loop.time())
             await asyncio.sleep(due_s - loop.time())
 
     async def _say_goodbye(self) -> None:
         self.carry_out(self.role.goodbye(self.clock.now_ms()))
         await asyncio.gather(*(link.close() for link in self.links.values()))
-        if self._ready_file is not None:
-            self._mark(self._ready_file, False)
+        ready_file, self._ready_file = self._ready_file, None
+        if self._marking is not None:
+            await self._marking
+        if ready_file is not None:
+            await self._mark(ready_file, False)
         if self.counts:
             logger.info("counted: %s", ", ".join(f"{kind} {n}" for kind, n in sorted(self.counts.items())))
 
-    def _mark(self, path: Path, ready: bool) -> None:
-        """A fresh modification time says ready; an old one, or no file, says not. A disk that fails ends nothing."""
+    async def _mark(self, path: Path, ready: bool) -> None:
+        """A fresh modification time says ready; an old one, or no file, says not. A disk that fails ends nothing, and
+        one that takes seconds holds nothing up.
+        """
         try:
-            if ready:
-                path.touch()
-            else:
-                path.unlink(missing_ok=True)
+            await asyncio.to_thread(path.touch if ready else partial(path.unlink, missing_ok=True))
         except OSError as error:
             self.count("ready_file", f"{path}: {error.strerror or error}")
 
