@@ -32,6 +32,8 @@ class MissionProgress:
     total: int = 0
     _stale: int = 0
     """What was reached last before the mission was started anew, until another item is."""
+    _read: bytes | None = None
+    """The hash of the mission that was read last."""
     _is_told: bool = False
     _breached: bool | None = None
 
@@ -68,14 +70,16 @@ class MissionProgress:
         return self.lands and self.is_over
 
     def read(self, hash: bytes, commands: Sequence[int]) -> None:
-        """The mission was read: its hash, and the MAV_CMDs of its items."""
-        self.hashes[PlanList.MISSION] = hash
+        """The mission was read: its hash, and the MAV_CMDs of its items. Of one that is new nothing was reached."""
+        if self._read not in (None, hash):
+            self.begin()
+        self._read = self.hashes[PlanList.MISSION] = hash
         self.lands = bool(commands) and commands[-1] in _TO_THE_GROUND
         self.total = len(commands)
 
     def begin(self) -> None:
         """The mission is started anew: what was reached before is of an earlier flight."""
-        self._stale, self.reached = self.reached, 0
+        self._stale, self.reached = self.reached or self._stale, 0
 
     def _reach(self, number: int) -> None:
         """PX4 repeats the item that was reached last, ten times, also when the mission was started anew meanwhile."""
