@@ -7,7 +7,9 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from mqttxt import BrokerRefused, Event, GroundStation, StationEnded
+from mqttxt import BrokerRefused, Event, GroundStation, StationEnded, TransferFailed
+from mqttxt.protocol.plans import PLAN
+from mqttxt.station.transfers import Staging
 from tests.rigs.mqtt_server import Server
 from tests.rigs.processes import eventually
 
@@ -56,3 +58,12 @@ async def test_listening_no_longer_leaves_no_task_behind() -> None:
         await asyncio.wait({listening}, timeout=10)
         await asyncio.sleep(0)
         assert asyncio.all_tasks() == before
+
+
+@pytest.mark.timeout(20)
+async def test_an_object_whose_way_nobody_follows_leaves_the_station_its_time() -> None:
+    async with Server() as server, GroundStation(f"mqtt://127.0.0.1:{server.port}") as station:
+        runner = station._runner
+        runner.carry_out(runner.station.add_fogs([1]))
+        with pytest.raises(TransferFailed, match="not within"):
+            await runner.transfer(Staging(runner.station.fog(1), 1, PLAN, b"plan"), 0.2)

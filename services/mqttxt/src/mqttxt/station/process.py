@@ -230,7 +230,9 @@ class StationRunner(Runner):
         try:
             async with asyncio.timeout(timeout_s):
                 while not transfer.is_over:
-                    await self.wait_until(lambda: transfer.has_news, float("inf"))
+                    await self.wait_until(
+                        lambda: transfer.is_over if on_news is None else transfer.has_news, float("inf")
+                    )
                     if on_news is not None:
                         await on_news()
         except TimeoutError:
