@@ -82,7 +82,7 @@ lint: venv
 	@.venv/bin/mypy
 	@PYTHONPATH=. .venv/bin/lint-imports --no-cache > .cache/imports.log || (cat .cache/imports.log; exit 1)
 
-bench: venv ## Measure speed and load, as shares and ratios of one run
+bench: containers tools ## Measure speed and load, as shares and ratios of one run
 	@$(PYTHON) -m tests.bench
 
 docs: venv ## Make schemas, tables and pictures anew from the code, and the site from docs/

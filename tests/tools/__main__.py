@@ -8,6 +8,7 @@ from testbed.bootstrap.steps import command, print_rows
 
 from .axe import AXE, ensure_axe
 from .machine import ensure_machine, has_qemu, machine_is_current
+from .node_programs import ensure_node_programs, node_programs_are_current
 from .programs import chromium, ensure_chromium, ensure_tshark, has_tshark, tshark_version
 
 
@@ -16,6 +17,7 @@ def make() -> None:
     ensure_tshark()
     ensure_chromium()
     ensure_axe()
+    ensure_node_programs()
     ensure_machine()
 
 
@@ -26,6 +28,7 @@ def doctor() -> None:
             ("tshark, for tests", has_tshark(), tshark_version() if has_tshark() else "", "apt-get install tshark"),
             ("Chromium, for tests", chromium() is not None, chromium() or "", "apt-get install chromium"),
             ("axe-core, for tests", AXE.exists(), AXE.name, "make tools"),
+            ("the nodes' programs", node_programs_are_current(), ".cache/node-programs", "make tools"),
             ("QEMU, for tests", has_qemu(), "", "apt-get install qemu-system-x86"),
             ("kernel for tests", machine_is_current(), ".cache/machine", "make tools"),
         ]
