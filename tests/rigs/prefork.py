@@ -18,6 +18,8 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -37,6 +39,7 @@ IMPORTED = (
 """What takes the programs long to import; each imports the rest itself."""
 _LONGEST = 2**18
 """Bytes of a request: the arguments and the environment."""
+_ASKING = threading.Lock()
 
 
 class Running(Protocol):
@@ -94,23 +97,32 @@ class Forked:
         return True
 
 
-def start(module: str, arguments: list[str], stdout: IO[bytes], stderr: IO[bytes]) -> Forked:
+def start(
+    module: str,
+    arguments: list[str],
+    stdout: IO[bytes],
+    stderr: IO[bytes],
+    environment: Mapping[str, str] | None = None,
+) -> Forked:
     """Start a module, whose __main__ is run, with files for what it says."""
     ended, ends = os.pipe()
-    request = json.dumps([module, arguments, str(ROOT), dict(os.environ)]).encode()
+    request = json.dumps([module, arguments, str(ROOT), dict(os.environ if environment is None else environment)])
     assert len(request) < _LONGEST
-    server = _server()
-    socket.send_fds(server, [request], [stdout.fileno(), stderr.fileno(), ends])
+    with _ASKING:
+        server = _server()
+        socket.send_fds(server, [request.encode()], [stdout.fileno(), stderr.fileno(), ends])
+        answer = server.recv(16)
     os.close(ends)
-    answer = server.recv(16)
     assert answer, "the process that forks programs has ended"
     return Forked(int(answer), ended)
 
 
-def run(module: str, *arguments: str, timeout_s: float = 60) -> subprocess.CompletedProcess[str]:
+def run(
+    module: str, *arguments: str, timeout_s: float = 60, environment: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
     """Run a module until it ends, with what it said; raises subprocess.TimeoutExpired, and ends it then."""
     with tempfile.TemporaryFile() as stdout, tempfile.TemporaryFile() as stderr:
-        process = start(module, [*arguments], stdout, stderr)
+        process = start(module, [*arguments], stdout, stderr, environment)
         try:
             code = process.wait(timeout_s)
         finally:
