@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Self
 
 from mqttxt.core import mosquitto
-from tests.rigs.processes import Broker, free_port, wait_until
+from tests.rigs.processes import Broker, as_this_user, free_port
 
 _TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 
@@ -17,20 +16,15 @@ class BenchBroker(Broker):
 
     def __init__(self, folder: Path, name: str, more: str = "") -> None:
         super().__init__(folder, name)
-        self.configuration.write_text(mosquitto.configuration("127.0.0.1", self.port) + more)
-
-    @property
-    def pid(self) -> int:
-        """Its process, as the host sees it."""
-        self._container.reload()
-        return int(self._container.attrs["State"]["Pid"])
+        configuration = mosquitto.configuration("127.0.0.1", self.port)
+        self.configuration.write_text(as_this_user() + configuration + more)
 
 
 class TwoWayBroker(BenchBroker):
     """The same with a second listener in TLS, with an identity; whoever connects there shows one of the fleet."""
 
     def __init__(self, folder: Path, name: str, identity: Path) -> None:
-        self._identity, self._tls_port = identity, free_port()
+        self._tls_port = free_port()
         files = {"cafile": "fleet", "certfile": "certificate", "keyfile": "identity", "crlfile": "revoked"}
         tls = "".join(f"{option} {identity}/{file}.pem\n" for option, file in files.items())
         listener = f"listener {self._tls_port} 127.0.0.1\nrequire_certificate true\ntls_version tlsv1.3\n"
@@ -39,14 +33,6 @@ class TwoWayBroker(BenchBroker):
     @property
     def tls_url(self) -> str:
         return f"mqtts://localhost:{self._tls_port}"
-
-    def start(self) -> Self:
-        folder = str(self._identity.parents[1])
-        volumes = {folder: {"bind": folder, "mode": "ro"}}
-        user = f"{os.getuid()}:{os.getgid()}"  # whose the key is
-        self.run(["-c", str(self.configuration)], entrypoint="mosquitto", user=user, volumes=volumes)
-        wait_until(self._listens, f"broker on port {self.port}")
-        return self
 
 
 def cpu_s(*pids: int) -> float:
@@ -62,6 +48,3 @@ def rss_mb(pid: int) -> float:
     """Resident memory of a process, in megabytes (10^6 bytes)."""
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-__all__ = ["BenchBroker", "cpu_s", "rss_mb", "wait_until"]

@@ -9,7 +9,8 @@ from typing import Any, Self
 
 import docker
 
-from tests.rigs.processes import NODE_IMAGE, wait_until
+from testbed.bootstrap.images import NODE
+from tests.rigs.processes import wait_until
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Capture:
             "/capture/lo.pcap",
         ]
         self._container = docker.from_env().containers.run(
-            NODE_IMAGE,
+            NODE,
             [*options, wanted],
             entrypoint="tcpdump",
             network_mode="host",

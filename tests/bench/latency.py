@@ -25,7 +25,7 @@ from mqttxt import GroundStation
 from tests.bench.always_armed import AlwaysArmed
 from tests.bench.brokers import BenchBroker
 from tests.bench.raw_mqtt import RawClient
-from tests.rigs.processes import NODE_IMAGE, Process, eventually, free_port
+from tests.rigs.processes import Process, eventually, free_port
 from tests.rigs.routers import chain
 
 COMMANDS, COMMANDS_ON_DISK = 2000, 500
@@ -151,8 +151,8 @@ async def _bare(on: ExitStack, cloud_port: int, fog_port: int) -> Turn:
 async def _mavlink() -> AsyncIterator[tuple[Turn, AlwaysArmed]]:
     """An arming by MAVSDK through a chain of routers."""
     ports = [free_port(socket.SOCK_DGRAM) for _ in range(ROUTERS + 1)]
-    with ExitStack() as on:
-        for router in chain(NODE_IMAGE, ports):
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as on:
+        for router in chain(Path(folder), ports):
             on.callback(router.start().kill)
         autopilot = AlwaysArmed(ports[0])
         on.callback(autopilot.close)

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 
+from tests.rigs.container import Container
 from tests.rigs.gateway import Client, Ground
-from tests.rigs.processes import Broker, Container, System
+from tests.rigs.processes import Broker, System
 from tests.rigs.shaped_link import ShapedLink
 
 MOST_SHOWN = 4000

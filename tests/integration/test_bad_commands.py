@@ -17,7 +17,8 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from mqttxt import Arm, Goto, GroundStation, Word
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import CommandMessage, FogResultMessage, ResultMessage
-from tests.rigs.processes import ROOT, Process, System, eventually
+from tests.rigs import prefork
+from tests.rigs.processes import Process, System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -177,8 +178,8 @@ async def test_a_station_that_is_not_in_control_is_told_who_is(system: System) -
         await eventually(lambda: seen.drone(1).is_reachable and fog.drone(1).is_reachable, "drone 1 is reachable")
         denied = await seen.drone(1).send(Arm())
         assert (denied.word, denied.reason) == (Word.DENIED, "not_in_control, alpha")
-        command = [sys.executable, "-m", "mqttxt", "gs", "send", "arm", "--drone", "1", "--cloud", system.cloud.url]
-        told = await asyncio.to_thread(subprocess.run, command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+        where = ["--drone", "1", "--cloud", system.cloud.url]
+        told = await asyncio.to_thread(prefork.run, "mqttxt", "gs", "send", "arm", *where)
         assert told.returncode == 1
         assert told.stdout.startswith("drone 1: arm denied(not_in_control, alpha). ")
         assert told.stdout.endswith("--take-over takes control from it.\n")

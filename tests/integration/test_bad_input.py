@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 import socket
 import subprocess
-import sys
 from pathlib import Path
 
 import cbor2
@@ -14,7 +13,8 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 
 from mqttxt import GroundStation, Word
-from tests.rigs.processes import ROOT, Broker, System, eventually
+from tests.rigs import prefork
+from tests.rigs.processes import Broker, System, eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -86,8 +86,7 @@ async def test_a_malformed_command_with_an_id_is_denied(system: System) -> None:
 
 
 def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mqttxt", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    return prefork.run("mqttxt", *arguments)
 
 
 def _last_line(done: subprocess.CompletedProcess[str]) -> str:

@@ -18,8 +18,7 @@ from mqttxt_conformance.broker import BrokerTarget
 from mqttxt_conformance.broker_kit import BrokerKit
 from mqttxt_conformance.registry import RULES, Finding, Verdict, check_all
 from tests.rigs.faulty_broker import FAULTS, FAULTS_OF_NODES, FaultyBroker
-from tests.rigs.local_broker import LocalBroker
-from tests.rigs.processes import free_port
+from tests.rigs.processes import Broker, free_port
 from tests.rigs.secure import WITNESS, SecureBroker
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(180)]
@@ -31,8 +30,8 @@ SOAK = pytest.mark.soak(
 
 
 @pytest.fixture(scope="module")
-def mosquitto(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalBroker]:
-    broker = LocalBroker(tmp_path_factory.mktemp("mosquitto"), "cloud").start()
+def mosquitto(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Broker]:
+    broker = Broker(tmp_path_factory.mktemp("mosquitto"), "cloud").start()
     yield broker
     broker.kill()
 
@@ -48,7 +47,7 @@ async def check(rule: str, *urls: str) -> Finding:
         await kit.end()
 
 
-def test_mosquitto_has_everything_that_is_needed_and_useful_and_nothing_is_left_there(mosquitto: LocalBroker) -> None:
+def test_mosquitto_has_everything_that_is_needed_and_useful_and_nothing_is_left_there(mosquitto: Broker) -> None:
     result = CliRunner().invoke(app, ["conformance", "broker", mosquitto.url, "--format", "json", "--name", "M"])
     assert result.exit_code == 0, result.output
     report = json.loads(result.stdout)
@@ -62,7 +61,7 @@ def test_mosquitto_has_everything_that_is_needed_and_useful_and_nothing_is_left_
 
 @SOAK
 @pytest.mark.parametrize("rule", FAULTS)
-async def test_what_a_broker_lacks_is_found_by_its_rule(rule: str, mosquitto: LocalBroker) -> None:
+async def test_what_a_broker_lacks_is_found_by_its_rule(rule: str, mosquitto: Broker) -> None:
     async with FaultyBroker(mosquitto.port, FAULTS[rule]) as faulty:
         found = await check(rule, faulty.url)
     assert found.verdict is Verdict.FAIL, found.evidence
@@ -70,7 +69,7 @@ async def test_what_a_broker_lacks_is_found_by_its_rule(rule: str, mosquitto: Lo
 
 @SOAK
 @pytest.mark.parametrize("rule", FAULTS_OF_NODES)
-async def test_what_nodes_do_not_share_is_found_by_its_rule(rule: str, mosquitto: LocalBroker) -> None:
+async def test_what_nodes_do_not_share_is_found_by_its_rule(rule: str, mosquitto: Broker) -> None:
     async with FaultyBroker(mosquitto.port) as node, FaultyBroker(mosquitto.port, FAULTS_OF_NODES[rule]) as faulty:
         assert (await check(rule, mosquitto.url, node.url)).verdict is Verdict.PASS
         found = await check(rule, mosquitto.url, faulty.url)
@@ -78,7 +77,7 @@ async def test_what_nodes_do_not_share_is_found_by_its_rule(rule: str, mosquitto
 
 
 @pytest.mark.parametrize(("side", "code"), [("cloud", 0), ("fog", 1)])
-async def test_what_a_side_needs_decides(side: str, code: int, mosquitto: LocalBroker) -> None:
+async def test_what_a_side_needs_decides(side: str, code: int, mosquitto: Broker) -> None:
     """A broker that shows nothing retained by wildcard serves as the cloud's, and not as a fog's."""
     async with FaultyBroker(mosquitto.port, FAULTS["shows-retained-by-wildcard"]) as faulty:
         kit = [sys.executable, "-m", "mqttxt", "conformance", "broker", faulty.url, "--side", side]
@@ -89,8 +88,8 @@ async def test_what_a_side_needs_decides(side: str, code: int, mosquitto: LocalB
     assert f"needed of a {side} broker, and missing: {missing}" in out.decode()
 
 
-def test_what_cannot_be_checked_is_one_line(mosquitto: LocalBroker, tmp_path: Path) -> None:
-    closed = LocalBroker(tmp_path, "closed")
+def test_what_cannot_be_checked_is_one_line(mosquitto: Broker, tmp_path: Path) -> None:
+    closed = Broker(tmp_path, "closed")
     text = closed.configuration.read_text().replace("allow_anonymous true", "allow_anonymous false")
     closed.configuration.write_text(text)
     closed.start()

@@ -21,7 +21,8 @@ from mqttxt_conformance.gs import GsTarget, check_gs
 from mqttxt_conformance.registry import Finding, Verdict
 from mqttxt_conformance.sealed import Folder
 from mqttxt_conformance.uav import UavTarget, check_uav
-from tests.rigs.processes import ROOT, Broker, free_port
+from tests.rigs import prefork
+from tests.rigs.processes import Broker, free_port
 from tests.rigs.secure import SecureBroker
 
 pytestmark = [
@@ -283,8 +284,7 @@ def test_what_needs_an_implementation_that_the_kit_starts_says_so(checks: Checks
 
 
 def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mqttxt", "conformance", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    return prefork.run("mqttxt", "conformance", *arguments)
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from uuid import uuid4
 
 import pytest
 
 from mqttxt.demo.process import CLOUD_PORT
-from tests.rigs.mosquitto_program import MosquittoProgram
 from tests.rigs.processes import ROOT, System, free_port, wait_until
+from tests.tools.node_programs import MOSQUITTO
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -71,7 +70,7 @@ class Laptop:
         tools, self.temporary = self.folder / "bin", self.folder / "tmp"
         for made in (tools, self.temporary):
             made.mkdir()
-        self.mosquitto = MosquittoProgram(tools, f"mqttxt-tutorial-{uuid4().hex}")
+        (tools / "mosquitto").symlink_to(MOSQUITTO)
         (tools / "mqttxt").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mqttxt "$@"\n')
         (tools / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
         for tool in (tools / "mqttxt", tools / "python"):
@@ -118,7 +117,6 @@ class Laptop:
                 os.killpg(terminal.pid, signal.SIGTERM)
         for terminal in self.terminals:
             terminal.wait(30)
-        self.mosquitto.close()
 
 
 @pytest.fixture

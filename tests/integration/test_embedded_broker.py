@@ -14,7 +14,8 @@ from mqttxt.core import mosquitto
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import SessionClock
 from mqttxt_conformance.tap import Tap
-from tests.rigs.processes import Broker, Container, System, eventually, free_port, wait_until
+from tests.rigs.container import Container
+from tests.rigs.processes import Broker, System, eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.rigs.mavproxy import MavProxy
-from tests.rigs.processes import NODE_IMAGE, ROOT, Process, free_port, wait_until
+from tests.rigs.processes import ROOT, Process, free_port, wait_until
 from tests.rigs.routers import Router
 
 pytestmark = pytest.mark.integration
@@ -27,16 +27,16 @@ def station(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[MavProxy
     with ExitStack() as stack:
         here, gs, cloud = (free_port(socket.SOCK_DGRAM) for _ in range(3))
         routers = [
-            Router(NODE_IMAGE, 201, f"udps:127.0.0.1:{gs}", f"udpc:127.0.0.1:{here}"),
-            Router(NODE_IMAGE, 211, f"udps:127.0.0.1:{cloud}", f"udpc:127.0.0.1:{gs}"),
+            Router(tmp_path, 201, f"udps:127.0.0.1:{gs}", f"udpc:127.0.0.1:{here}"),
+            Router(tmp_path, 211, f"udps:127.0.0.1:{cloud}", f"udpc:127.0.0.1:{gs}"),
         ]
         sitls = []
         for fog, drones in FOGS.items():
             fog_port = free_port(socket.SOCK_DGRAM)
-            routers.append(Router(NODE_IMAGE, 220 + fog, f"udps:127.0.0.1:{fog_port}", f"udpc:127.0.0.1:{cloud}"))
+            routers.append(Router(tmp_path, 220 + fog, f"udps:127.0.0.1:{fog_port}", f"udpc:127.0.0.1:{cloud}"))
             for drone in drones:
                 port = free_port(socket.SOCK_DGRAM)
-                routers.append(Router(NODE_IMAGE, 230 + drone, f"udps:127.0.0.1:{port}", f"udpc:127.0.0.1:{fog_port}"))
+                routers.append(Router(tmp_path, 230 + drone, f"udps:127.0.0.1:{port}", f"udpc:127.0.0.1:{fog_port}"))
                 sitls.append(_sitl(tmp_path, drone, port))
         for router in routers:
             stack.callback(router.start().kill)

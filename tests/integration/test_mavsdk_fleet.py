@@ -19,7 +19,7 @@ from mission.events import EventLog
 from mission.fleet import MissionError, Result
 from mission.mavsdk_fleet import MavsdkFleet
 from mission.steps import Steps
-from tests.rigs.processes import NODE_IMAGE, ROOT, Process, ask_autopilot, eventually, free_port
+from tests.rigs.processes import ROOT, Process, ask_autopilot, eventually, free_port
 from tests.rigs.routers import Router, chain
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
@@ -52,7 +52,7 @@ class Sky:
     def chain(self, drone: int, port: int, hops: int = 3) -> int:
         """A chain of routers that ends at a port; returns where the drone's autopilot sends to."""
         ports = [*(free_port(socket.SOCK_DGRAM) for _ in range(hops)), port]
-        routers = chain(NODE_IMAGE, ports, 190 + 10 * drone)
+        routers = chain(self.folder, ports, 190 + 10 * drone)
         self.routers += [router.start() for router in routers]
         return ports[0]
 

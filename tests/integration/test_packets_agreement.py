@@ -17,10 +17,12 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from pymavlink.dialects.v20 import development as dialect
 
+from testbed.bootstrap.images import NODE
 from testbed.fly.results import Attempt, write_json
 from testbed.numbers.packets.table import load
 from tests.e2e.agreement import Nodes, assert_pymavlink_agrees, assert_tshark_agrees, count_by_tshark, kind_of
-from tests.rigs.processes import NODE_IMAGE, ROOT, Process, listens, wait_until
+from tests.rigs.processes import ROOT, Process, Program, as_this_user, listens, wait_until
+from tests.tools.node_programs import MOSQUITTO
 
 pytestmark = pytest.mark.integration
 
@@ -41,7 +43,7 @@ def capturing(attempt: Attempt) -> Iterator[None]:
     sizes = ["-s", "66000", "-B", "65536"]
     options = ["-i", "lo", "-U", "--immediate-mode", "--time-stamp-precision=nano", *sizes, "-Z", "root"]
     container = docker.from_env().containers.run(
-        NODE_IMAGE,
+        NODE,
         [*options, "-w", "/pcap/all", wanted],
         entrypoint="tcpdump",
         network_mode="host",
@@ -79,23 +81,15 @@ def attempt(tmp_path: Path) -> Attempt:
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[str]:
     """The address of a real Mosquitto on MQTT's own port, at the cloud's address."""
+    host = ADDRESSES["cloud"]
     configuration = tmp_path / "broker.conf"
-    configuration.write_text(f"persistence false\nlistener {PORT} {ADDRESSES['cloud']}\nallow_anonymous true\n")
-    configuration.chmod(0o644)
-    container = docker.from_env().containers.run(
-        NODE_IMAGE,
-        ["-c", "/etc/broker.conf"],
-        entrypoint="mosquitto",
-        network_mode="host",
-        user="1000:1000",
-        volumes={str(configuration): {"bind": "/etc/broker.conf", "mode": "ro"}},
-        detach=True,
-    )
+    configuration.write_text(f"{as_this_user()}persistence false\nlistener {PORT} {host}\nallow_anonymous true\n")
+    program = Program(tmp_path, "broker", str(MOSQUITTO), "-c", str(configuration)).start()
     try:
-        wait_until(lambda: listens(PORT, ADDRESSES["cloud"]), "the broker listens")
-        yield ADDRESSES["cloud"]
+        wait_until(lambda: listens(PORT, host), "the broker listens")
+        yield host
     finally:
-        container.remove(force=True)
+        program.kill()
 
 
 def _client(name: str, address: str, received: list[bytes]) -> paho.Client:

@@ -15,7 +15,6 @@ import pytest
 
 from mqttxt import GroundStation
 from tests.rigs.live_page import ARMED, CONTROL, HEIGHT, REACHABLE, LivePage, cell, done, is_ready
-from tests.rigs.local_broker import LocalBroker
 from tests.rigs.processes import System
 from tests.rigs.served_page import Served
 from tests.tools.axe import AXE
@@ -34,7 +33,6 @@ PICTURES = os.environ.get("PAGE_PICTURES")
 @pytest.fixture(scope="module")
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     made = System(tmp_path_factory.mktemp("page"))
-    made.cloud, made.fog = LocalBroker.like(made.cloud), LocalBroker.like(made.fog)
     try:
         yield made.start()
     finally:

@@ -10,7 +10,6 @@ import pytest
 
 from mqttxt import Plan
 from tests.rigs.live_page import LivePage, done, is_ready
-from tests.rigs.local_broker import LocalBroker
 from tests.rigs.processes import System, wait_until
 from tests.rigs.served_page import Served
 from tests.tools.axe import AXE
@@ -28,7 +27,6 @@ METRE_DEG = 360 / 40_030_000
 @pytest.fixture(scope="module")
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     made = System(tmp_path_factory.mktemp("missions"))
-    made.cloud, made.fog = LocalBroker.like(made.cloud), LocalBroker.like(made.fog)
     try:
         yield made.start()
     finally:

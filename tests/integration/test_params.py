@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from mqttxt import Parameters
+from tests.rigs import prefork
 from tests.rigs.processes import System
 
 pytestmark = [pytest.mark.integration]
@@ -25,10 +25,7 @@ def params(shared_system: System, tmp_path: Path) -> Typed:
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
 
     def typed(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "mqttxt", "gs", "params", *words, "--drone", "1", *cloud]
-        return subprocess.run(
-            command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60, check=False
-        )
+        return prefork.run("mqttxt", "gs", "params", *words, "--drone", "1", *cloud, environment=environment)
 
     return typed
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from mqttxt import Plan
+from tests.rigs import prefork
 from tests.rigs.processes import System, wait_until
 
 pytestmark = [pytest.mark.integration]
@@ -21,8 +22,7 @@ SURVEY = ROOT / "tests" / "unit" / "mqttxt" / "plans" / "survey.plan"
 
 
 def gs(shared_system: System, *words: str, timeout_s: float = 60) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mqttxt", "gs", *words, "--cloud", shared_system.cloud.url]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=timeout_s, check=False)
+    return prefork.run("mqttxt", "gs", *words, "--cloud", shared_system.cloud.url, timeout_s=timeout_s)
 
 
 @pytest.fixture
@@ -81,10 +81,8 @@ def test_a_mission_is_started_followed_and_watched(shared_system: System, short:
 def test_a_mistake_is_one_line_before_anything_is_sent(tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.plan"
     wrong.write_text(SURVEY.read_text().replace('"command": 206', '"command": 31999'))
-    nobody = [sys.executable, "-m", "mqttxt", "gs", "plan", "upload", str(wrong), "--drone", "1", "--cloud"]
-    done = subprocess.run(
-        [*nobody, "mqtt://127.0.0.1:1"], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
-    )
+    nobody = ["--cloud", "mqtt://127.0.0.1:1"]
+    done = prefork.run("mqttxt", "gs", "plan", "upload", str(wrong), "--drone", "1", *nobody)
     assert done.returncode == 2
     line = f"mqttxt: {wrong}: mission item 3 (survey): command: expected a MAV_CMD of common.xml, got 31999\n"
     assert (done.stdout, done.stderr) == ("", line)

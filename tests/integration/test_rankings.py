@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import socket
 import subprocess
-import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -15,7 +14,8 @@ import pytest
 from mqttxt import Arm, Fog, Goto, GroundStation, Hold, Outcome, PsmiList, Takeoff, Word
 from mqttxt.protocol.rankings import SelectMode
 from mqttxt.protocol.states import Armed
-from tests.rigs.processes import ROOT, Broker, Process, System, eventually, free_port
+from tests.rigs import prefork
+from tests.rigs.processes import Broker, Process, System, eventually, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -166,7 +166,4 @@ async def test_the_command_line_sends_the_best_of_several_fogs_and_shows_rank_an
 
 
 async def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mqttxt", "gs", *arguments]
-    return await asyncio.to_thread(
-        subprocess.run, command, capture_output=True, text=True, timeout=60, cwd=ROOT, check=False
-    )
+    return await asyncio.to_thread(prefork.run, "mqttxt", "gs", *arguments)

@@ -24,8 +24,9 @@ from mission.options import Options
 from mission.points import all_points
 from mqttxt.protocol.commands import haversine_m
 from mqttxt.protocol.readings import UNITS
+from testbed.bootstrap.images import NODE
 from tests.quick import FLYING, quick_fleet
-from tests.rigs.processes import NODE_IMAGE, ROOT, Broker, Process, System, eventually, free_port, wait_until
+from tests.rigs.processes import ROOT, Broker, Process, System, eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 DRONES = (1, 2)
@@ -170,7 +171,7 @@ class PlainChain:
     def _start(self, name: str, program: str, *arguments: str) -> str:
         volumes = {str(ROOT / "services"): {"bind": "/opt/services", "mode": "ro"}}
         run = docker.from_env().containers.run
-        container = run(NODE_IMAGE, list(arguments), entrypoint=program, detach=True, volumes=volumes)
+        container = run(NODE, list(arguments), entrypoint=program, detach=True, volumes=volumes)
         self._running[name] = container
         container.reload()
         (network,) = container.attrs["NetworkSettings"]["Networks"].values()

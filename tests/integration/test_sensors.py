@@ -20,7 +20,8 @@ from mqttxt.core.clock import SessionClock
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.readings import ReadingAck, ReadingKey
 from mqttxt_conformance.tap import Tap
-from tests.rigs.processes import NODE_IMAGE, ROOT, Broker, Process, Proxy, System, eventually, free_port
+from testbed.bootstrap.images import NODE
+from tests.rigs.processes import ROOT, Broker, Process, Proxy, System, eventually, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -217,7 +218,7 @@ def _contained_uav(fog: str, autopilot_port: int, sensors: str) -> Any:
     options = ["--drone", "1", "--broker", fog, "--autopilot", f"udp:127.0.0.1:{autopilot_port}"]
     files = ["--journal", "/tmp/uav1.journal", "--sensor-store", "/tmp/uav1.sensors"]
     return docker.from_env().containers.run(
-        NODE_IMAGE,
+        NODE,
         ["mqttxt", "uav", *options, *files, "--sensors", sensors],
         network_mode="host",
         init=True,

@@ -32,7 +32,7 @@ async def test_a_drone_is_armed_over_tls_by_whom_the_authority_vouches_for(tmp_p
     with system.cloud.configuration.open("a") as configuration:
         configuration.write(f"listener {port} 127.0.0.1\nrequire_certificate true\n")
         for option, file in (("cafile", "ca.pem"), ("certfile", "broker.pem"), ("keyfile", "broker.key")):
-            configuration.write(f"{option} {system.cloud.folder_inside}/{file}\n")
+            configuration.write(f"{option} {tmp_path / file}\n")
     url = f"mqtts://localhost:{port}"
     unknown = ssl.create_default_context(cafile=str(tmp_path / "ca.pem"))
     known = ssl.create_default_context(cafile=str(tmp_path / "ca.pem"))

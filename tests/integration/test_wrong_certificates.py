@@ -6,6 +6,8 @@ The certificate is wrong, the node does not look at its own, and one line says w
 from __future__ import annotations
 
 import asyncio
+import shutil
+import subprocess
 from collections.abc import Callable, Hashable
 from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
@@ -87,6 +89,40 @@ def theirs(acme: Authority) -> Authority:
     return authority
 
 
+_SELF_SIGNED = """\
+[req]
+distinguished_name = nobody
+x509_extensions = own
+[nobody]
+[own]
+basicConstraints = critical, CA:FALSE
+extendedKeyUsage = {usage}
+subjectAltName = URI:mqttxt:fleet/acme, IP:127.0.0.1
+"""
+
+
+def self_signed(acme: Authority, name: str, usage: str) -> Path:
+    """A node of the fleet whose certificate says all that it should, and is signed by its own key."""
+    folder = acme.folder.parent / f"self-signed-{name}"
+    shutil.copytree(acme.folder / name, folder)
+    (folder / "openssl.cnf").write_text(_SELF_SIGNED.format(usage=usage))
+    command = [
+        "openssl",
+        "req",
+        "-x509",
+        "-config",
+        "openssl.cnf",
+        "-newkey",
+        "ed25519",
+        "-nodes",
+        "-subj",
+        f"/CN={name}",
+    ]
+    files = ["-keyout", "identity.pem", "-out", "certificate.pem"]
+    subprocess.run([*command, *files], cwd=folder, check=True, capture_output=True)
+    return folder
+
+
 def test_the_broker_refuses_a_nodes_certificate(acme: Authority, theirs: Authority, tmp_path: Path) -> None:
     stranger = theirs.folder / "drone1"
     for file in ("fleet.pem", "revoked.pem"):
@@ -106,6 +142,7 @@ def test_the_broker_refuses_a_nodes_certificate(acme: Authority, theirs: Authori
         assert said(acme.folder / "drone3") == f"{refused}bad certificate"  # not yet valid, in TLS's words
         assert said(acme.folder / "drone4") == f"{refused}certificate revoked"
         assert (said(stranger) or "").startswith(refused)
+        assert (said(self_signed(acme, "drone1", "clientAuth")) or "").startswith(refused)
         assert (said(acme.folder / "broker-cloud") or "").startswith(refused)  # a broker is no client
 
 
@@ -129,6 +166,7 @@ def wrong_broker(stack: ExitStack, acme: Authority, certified: Path, host: str =
         ("broker-revoked", "its certificate (broker-revoked) is revoked"),
         ("drone1", "certificate verify failed: unsuitable certificate purpose"),
         ("theirs", "certificate verify failed"),
+        ("self-signed", "certificate verify failed: self-signed certificate"),
         ("elsewhere", "certificate verify failed: IP address mismatch"),
         ("broker-good", None),
     ],
@@ -138,6 +176,8 @@ def test_a_node_refuses_a_brokers_certificate(acme: Authority, theirs: Authority
     with ExitStack() as stack:
         if name == "theirs":
             folder = theirs.folder / "broker-cloud"
+        elif name == "self-signed":
+            folder = self_signed(acme, "broker-cloud", "serverAuth")
         elif name == "elsewhere":
             folder = acme.folder / "broker-cloud"
         elif name.startswith("broker-"):

@@ -10,10 +10,9 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from uuid import uuid4
 
-from tests.rigs.mosquitto_program import MosquittoProgram
 from tests.rigs.processes import ROOT, wait_until
+from tests.tools.node_programs import MOSQUITTO
 
 READY = "Ctrl-C here ends everything"
 START_S = 150.0
@@ -28,7 +27,7 @@ class Demonstration:
         self.temporary, tools = folder / "tmp", folder / "bin"
         for made in (self.temporary, tools):
             made.mkdir()
-        self._mosquitto = MosquittoProgram(tools, f"mqttxt-demo-{uuid4().hex}")
+        (tools / "mosquitto").symlink_to(MOSQUITTO)
         if mqttxt is None:
             mqttxt = tools / "mqttxt"
             mqttxt.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mqttxt "$@"\n')
@@ -123,4 +122,3 @@ class Demonstration:
                 with contextlib.suppress(ProcessLookupError):  # it has ended since
                     os.kill(pid, signal.SIGKILL)
             self._process.wait()
-        self._mosquitto.close()

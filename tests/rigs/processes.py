@@ -14,14 +14,13 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Self
-
-import docker
+from typing import IO, Any, Self
 
 from tests.quick import LANDING, quick_fleet
+from tests.rigs import prefork
+from tests.rigs.prefork import ROOT, Running
+from tests.tools.node_programs import MOSQUITTO
 
-ROOT = Path(__file__).resolve().parents[2]
-NODE_IMAGE = "mqttxt-testbed/node:latest"
 PATIENCE_S = 30.0
 _WORKER, _WORKERS = (
     int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]),
@@ -87,106 +86,22 @@ def ask_autopilot(control: Path, request: dict[str, Any]) -> dict[str, Any]:
         return answer
 
 
-class Container:
-    """A container of the testbed's image on the host's network; `log` is where what it said is kept."""
+class Program:
+    """A process that a test starts and ends; `log` has what it said."""
 
-    def __init__(self, log: Path) -> None:
-        self.log = log
-        self._said_before = b""
-        self._docker = docker.from_env()
-        self._container: Any = None
-
-    def run(self, command: list[str], **options: Any) -> None:
-        self._container = self._docker.containers.run(NODE_IMAGE, command, network_mode="host", detach=True, **options)
-
-    def execute(self, command: list[str], user: str) -> tuple[int, bytes]:
-        code, output = self._container.exec_run(command, user=user)
-        return code, output
-
-    def kill(self) -> None:
-        """End it at once, as a power loss would."""
-        self.save_log()
-        container, self._container = self._container, None
-        if container is not None:
-            self._said_before = self.log.read_bytes()
-            container.remove(force=True)
-
-    def signal(self, name: str) -> None:
-        self._container.kill(signal=name)
-
-    def stall(self) -> None:
-        self.signal("SIGSTOP")
-
-    def go_on(self) -> None:
-        self.signal("SIGCONT")
-
-    def ended(self) -> int | None:
-        """Its exit code, None while it runs."""
-        self._container.reload()
-        return int(self._container.attrs["State"]["ExitCode"]) if self._container.status == "exited" else None
-
-    def save_log(self) -> None:
-        if self._container is not None:
-            self.log.write_bytes(self._said_before + self._container.logs())
-
-    def said(self) -> str:
-        self.save_log()
-        return self.log.read_text(errors="replace")
-
-
-class Broker(Container):
-    """A real Mosquitto on a loopback port, from the testbed's own image; it sees the test's folder."""
-
-    folder_inside = "/etc/broker"
-
-    def __init__(self, folder: Path, name: str) -> None:
-        super().__init__(folder / f"{name}.log")
-        self.port = free_port()
-        self.configuration = folder / f"{name}.conf"
-        self.configuration.write_text(
-            f"persistence false\nlistener {self.port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
-        )
-        self.configuration.chmod(0o644)
-        folder.chmod(0o755)
-
-    @property
-    def url(self) -> str:
-        return f"mqtt://127.0.0.1:{self.port}"
-
-    def start(self) -> Self:
-        volumes = {str(self.configuration.parent): {"bind": self.folder_inside, "mode": "ro"}}
-        configuration = f"{self.folder_inside}/{self.configuration.name}"
-        self.run(["-c", configuration], entrypoint="mosquitto", user="1000:1000", volumes=volumes)
-        wait_until(lambda: listens(self.port), f"broker on port {self.port}")
-        return self
-
-
-class Process:
-    """A Python module of the repository as a process of its own; mqttxt with `ppm` has a clock of its own too."""
-
-    def __init__(self, folder: Path, name: str, module: str, *arguments: str, ppm: int | None = None) -> None:
+    def __init__(self, folder: Path, name: str, *command: str) -> None:
         self.name = name
-        self.ready_file = folder / f"{name}.ready"
         self.log = folder / f"{name}.log"
-        how = ["-m", module] if ppm is None else [str(Path(__file__).with_name("odd_clock.py")), str(ppm)]
-        self._command = [sys.executable, *how, *arguments]
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def with_more(self, *arguments: str) -> Self:
-        """The same, with more arguments."""
-        self._command += arguments
-        return self
+        self._command = [*command]
+        self._process: Running | None = None
 
     def start(self) -> Self:
-        self.ready_file.unlink(missing_ok=True)
         with self.log.open("ab") as log:
-            self._process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=ROOT)
+            self._process = self._start(log)
         return self
 
-    def wait_ready(self) -> Self:
-        wait_until(lambda: self.ready_file.exists() or self.exit_code is not None, f"{self.name} ready")
-        assert self.exit_code is None, f"{self.name} ended: {self.log.read_text()[-2000:]}"
-        return self
+    def _start(self, log: IO[bytes]) -> Running:
+        return subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=ROOT)
 
     @property
     def pid(self) -> int:
@@ -197,6 +112,9 @@ class Process:
     def exit_code(self) -> int | None:
         return self._process.poll() if self._process is not None else None
 
+    def said(self) -> str:
+        return self.log.read_text(errors="replace")
+
     def wait(self, limit_s: float = PATIENCE_S) -> int:
         assert self._process is not None
         return self._process.wait(limit_s)
@@ -204,8 +122,6 @@ class Process:
     def kill(self) -> None:
         """SIGKILL, as a crash would end it."""
         if self._process is not None:
-            with contextlib.suppress(ProcessLookupError):
-                self._process.send_signal(signal.SIGCONT)
             self._process.kill()
             self._process.wait()
 
@@ -214,18 +130,73 @@ class Process:
         self._process.terminate()
         return self._process.wait(PATIENCE_S)
 
-    def step_clock(self) -> None:
-        """Its session clock jumps ahead (`odd_clock`)."""
-        assert self._process is not None
-        os.kill(self._process.pid, signal.SIGUSR1)
+    def signal(self, number: signal.Signals) -> None:
+        os.kill(self.pid, number)
 
     def stall(self) -> None:
-        assert self._process is not None
-        os.kill(self._process.pid, signal.SIGSTOP)
+        self.signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
-        assert self._process is not None
-        os.kill(self._process.pid, signal.SIGCONT)
+        self.signal(signal.SIGCONT)
+
+
+class Broker(Program):
+    """A real Mosquitto on a loopback port, of the nodes' version."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.port = free_port()
+        self.configuration = folder / f"{name}.conf"
+        self.configuration.write_text(
+            f"{as_this_user()}persistence false\nlistener {self.port} 127.0.0.1\nallow_anonymous true\n"
+            "set_tcp_nodelay true\n"
+        )
+        super().__init__(folder, name, str(MOSQUITTO), "-c", str(self.configuration))
+
+    @property
+    def url(self) -> str:
+        return f"mqtt://127.0.0.1:{self.port}"
+
+    def start(self) -> Self:
+        super().start()
+        wait_until(lambda: listens(self.port) or self.exit_code is not None, f"broker on port {self.port}")
+        assert self.exit_code is None, self.said()
+        return self
+
+
+def as_this_user() -> str:
+    """A line for Mosquitto's configuration: as root it would change to a user who cannot read a test's folder."""
+    return "user root\n" if os.geteuid() == 0 else ""
+
+
+class Process(Program):
+    """A Python module of the repository as a process of its own; mqttxt with `ppm` has a clock of its own too."""
+
+    def __init__(self, folder: Path, name: str, module: str, *arguments: str, ppm: int | None = None) -> None:
+        odd_clock = [sys.executable, str(Path(__file__).with_name("odd_clock.py")), str(ppm)]
+        super().__init__(folder, name, *(odd_clock if ppm is not None else ()), *arguments)
+        self.ready_file = folder / f"{name}.ready"
+        self._module = module if ppm is None else None
+
+    def _start(self, log: IO[bytes]) -> Running:
+        return super()._start(log) if self._module is None else prefork.start(self._module, self._command, log, log)
+
+    def with_more(self, *arguments: str) -> Self:
+        """The same, with more arguments."""
+        self._command += arguments
+        return self
+
+    def start(self) -> Self:
+        self.ready_file.unlink(missing_ok=True)
+        return super().start()
+
+    def wait_ready(self) -> Self:
+        wait_until(lambda: self.ready_file.exists() or self.exit_code is not None, f"{self.name} ready")
+        assert self.exit_code is None, f"{self.name} ended: {self.said()[-2000:]}"
+        return self
+
+    def step_clock(self) -> None:
+        """Its session clock jumps ahead (`odd_clock`)."""
+        self.signal(signal.SIGUSR1)
 
 
 class Proxy:

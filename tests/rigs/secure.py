@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import signal
-import subprocess
 from typing import Self
 
 from paho.mqtt.client import Client, MQTTMessage
@@ -16,14 +13,15 @@ from mqttxt.core.mqtt.tls import client_context
 from mqttxt.security.authority import Authority
 from mqttxt.security.broker import ACCESS_FILE, BrokerFiles
 from mqttxt.security.identity import Identity
-from tests.rigs.processes import Container, free_port, listens, wait_until
+from tests.rigs.processes import Program, free_port, listens, wait_until
+from tests.tools.node_programs import MOSQUITTO
 
 WITNESS = "gs-witness"
 """Has no rights; a test lets it publish and hear everything, to see what is delivered."""
 
 
-class SecureBroker:
-    """Mosquitto with the configuration of a broker's identity: the program on the PATH, else the testbed's image."""
+class SecureBroker(Program):
+    """Mosquitto with the configuration of a broker's identity, which may be changed before it starts."""
 
     def __init__(
         self,
@@ -38,9 +36,7 @@ class SecureBroker:
         self.files = BrokerFiles(authority.folder / name, prefix, fogs=fogs)
         self.out = authority.folder.parent / f"files-{name}"
         self.configuration = self.files.write(self.out, host, self.port)
-        self._log = self.out / "log"
-        self._process: subprocess.Popen[bytes] | None = None
-        self._container: Container | None = None
+        super().__init__(self.out, name, str(MOSQUITTO), "-c", str(self.configuration))
 
     @property
     def address(self) -> BrokerAddress:
@@ -52,38 +48,13 @@ class SecureBroker:
         path.write_text(f"{path.read_text()}\nuser {WITNESS}\ntopic readwrite #\ntopic read $SYS/#\n")
 
     def start(self) -> Self:
-        program = shutil.which("mosquitto")
-        if program is not None:
-            with self._log.open("ab") as log:
-                self._process = subprocess.Popen([program, "-c", str(self.configuration)], stdout=log, stderr=log)
-        else:
-            folder = str(self.out.parent)
-            self._container = Container(self._log)
-            volumes = {folder: {"bind": folder, "mode": "ro"}}
-            command = ["-c", str(self.configuration)]
-            self._container.run(command, entrypoint="mosquitto", user=f"{os.getuid()}:{os.getgid()}", volumes=volumes)
-        wait_until(lambda: listens(self.port, self.host), f"broker on port {self.port}")
+        super().start()
+        wait_until(lambda: listens(self.port, self.host) or self.exit_code is not None, f"broker on port {self.port}")
+        assert self.exit_code is None, self.said()
         return self
 
     def reload(self) -> None:
-        """SIGHUP."""
-        if self._process is not None:
-            self._process.send_signal(signal.SIGHUP)
-        else:
-            assert self._container is not None
-            self._container.signal("SIGHUP")
-
-    def said(self) -> str:
-        if self._container is not None:
-            self._container.save_log()
-        return self._log.read_text(errors="replace")
-
-    def kill(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-        if self._container is not None:
-            self._container.kill()
+        self.signal(signal.SIGHUP)
 
 
 class Node:

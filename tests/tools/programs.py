@@ -23,6 +23,13 @@ def chromium() -> str | None:
     return next((found for name in CHROMIUM if (found := shutil.which(name))), None)
 
 
+def ensure_checkers() -> None:
+    """Make sure that what checks deploy/ is installed: systemd-analyze, and kubectl, which puts manifests together."""
+    for program, package in (("systemd-analyze", "systemd"), ("kubectl", "kubernetes-client")):
+        if shutil.which(program) is None:
+            apt_install([package], f"the tests check deploy/ with {program}, which is not installed")
+
+
 def ensure_tshark() -> None:
     """Make sure that tshark is installed."""
     if not has_tshark():

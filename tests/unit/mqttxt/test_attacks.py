@@ -206,6 +206,12 @@ def lease_of_the_last_epoch(attacker: Attacker) -> None:
     attacker.say(FOG, "drone1/init_connect", _lease(attacker, bound=True, epoch=LAST))
 
 
+def lease_without_a_holder(attacker: Attacker) -> None:
+    """Fog: nobody controls the drone, so that an offboard command ends."""
+    attacker.say(FOG, "drone1/init_connect", _lease(attacker, bound=True))
+    _note(attacker, not attacker.world.uav.is_controlled(attacker.world.now_ms))
+
+
 def drone_down(attacker: Attacker) -> None:
     """Fog: the drone's will."""
     attacker.say(FOG, "drone1/reachable", Presence(session=UAV_SESSION, up=False), retain=True)
@@ -232,8 +238,8 @@ def fake_drones(attacker: Attacker) -> None:
 ATTACKS: tuple[Callable[[Attacker], None], ...] = (
     *(take_over, command_in_the_stations_name, result_of_the_fog, result_of_the_drone, activator_impersonated),
     *(beacons_ahead, station_down, fog_down, drone_record, a_thousand_registrations, a_filled_ledger, a_forged_state),
-    *(retained_garbage, command_past_the_activator, second_client_of_the_drone, lease_of_the_last_epoch, drone_down),
-    *(stored_readings, fake_drones),
+    *(retained_garbage, command_past_the_activator, second_client_of_the_drone, lease_of_the_last_epoch),
+    *(lease_without_a_holder, drone_down, stored_readings, fake_drones),
 )
 SEEN = "seen"
 

@@ -194,6 +194,9 @@ class Files:
     def write_access(self, out: Path, newest: object = None) -> None:
         """Nothing."""
 
+    def take_outlived(self) -> set[str]:
+        return set()
+
 
 @pytest.fixture
 def sighup_is_heard() -> Iterator[None]:

@@ -190,6 +190,46 @@ async def test_no_broker_reads_a_list_that_would_let_everybody_in(
     assert not files.is_list_readable
 
 
+@pytest.mark.parametrize("cuts", [True, False])
+async def test_a_broker_is_started_anew_where_a_revoked_certificates_name_stays_in_use(
+    acme: Authority, tmp_path: Path, cuts: bool
+) -> None:
+    """SIGHUP cuts no connection, and the name's entry stays: the old key would go on under it."""
+    folder = acme.issue("broker-fog1")
+    for name in ("drone1", "drone2"):
+        acme.issue(name)
+    lives, program = tmp_path / "lives", tmp_path / "mosquitto"
+    running_line = "echo '1: mosquitto version 2.0.21 running' >&2"
+    program.write_text(f"#!/bin/sh\ntrap '' HUP\necho life >> {lives}\n{running_line}\nexec sleep 600\n")
+    program.chmod(0o755)
+    broker = EmbeddedBroker("127.0.0.1", 18832, program=str(program), files=BrokerFiles(folder), cuts=cuts)
+    running = asyncio.create_task(broker.run())
+
+    async def begun() -> int:
+        await asyncio.sleep(1.0)
+        return lives.read_text().count("life")
+
+    try:
+        await until(lambda: lives.exists() and lives.read_text() != "")
+        before = (folder / "members.pem").read_bytes()
+        acme.revoke("drone2")
+        await asyncio.to_thread(broker.reload, acme.fleet.revoked)
+        assert await begun() == 1, "who has no entry is silent"
+        acme.renew("drone1")
+        acme.revoke("drone1", only_old=True)
+        renewed = (folder / "members.pem").read_bytes()
+        (folder / "members.pem").write_bytes(before)
+        await asyncio.to_thread(broker.reload, acme.fleet.revoked)
+        assert await begun() == 1, "the name has no entry until the new certificate is there"
+        (folder / "members.pem").write_bytes(renewed)
+        for _ in range(2):
+            await asyncio.to_thread(broker.reload, acme.fleet.revoked)
+            assert await begun() == (2 if cuts else 1)
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
 async def test_an_embedded_broker_with_an_identity(acme: Authority, tmp_path: Path) -> None:
     folder = acme.issue("broker-fog1")
     acme.issue("fog1")

@@ -22,18 +22,30 @@ class BrokerKind(StrEnum):
     DRONE = "drone"
 
 
+class Server(StrEnum):
+    """Which program is the broker."""
+
+    MOSQUITTO = "mosquitto"
+    RABBITMQ = "rabbitmq"
+
+
 def broker(
     kind: Annotated[BrokerKind, typer.Argument(help="Whose broker: the cloud's, a fog's, or a drone's for sensors.")],
     identity: Annotated[Path, typer.Option(help="The broker's identity, of `mqttxt keys issue broker`.")],
-    out: Annotated[Path, typer.Option(help="The folder for mosquitto.conf and access.acl.")],
+    out: Annotated[Path, typer.Option(help="The folder for what the broker reads.")],
     listen: Annotated[str, typer.Option(help="HOST:PORT at which it is to listen.")] = "0.0.0.0:8883",
     prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
     fogs: Annotated[str, typer.Option(help="Fogs that share the cloud's broker (fogX/local/), as 1-3,7.")] = "",
+    server: Annotated[
+        Server, typer.Option(help="The program: mosquitto, or rabbitmq as the cloud's.")
+    ] = Server.MOSQUITTO,
 ) -> None:
     """Write a complete configuration for Mosquitto 2: mutual TLS 1.3, who may publish and hear what, limits.
 
-    Run it again when somebody was issued or revoked, and send Mosquitto SIGHUP.
+    Run it again when somebody was issued or revoked, and send Mosquitto SIGHUP. For RabbitMQ 4 it writes the users
+    and what each may publish and hear, definitions.json.
     """
+    from ..security import rabbitmq
     from ..security.broker import BrokerFiles
     from ..security.rights import parse_numbers
 
@@ -51,7 +63,9 @@ def broker(
             raise ConfigurationError(f"--fogs {fogs!r}: fog {min(unknown)} is none of the fleet's")
         if fogs and kind is not BrokerKind.CLOUD:
             raise ConfigurationError(f"--fogs {fogs!r}: expected at the cloud broker alone")
-        typer.echo(files.write(out, host, port))
+        if server is Server.RABBITMQ and kind is not BrokerKind.CLOUD:
+            raise ConfigurationError(f"--server {server}: expected at the cloud broker alone")
+        typer.echo(rabbitmq.write(files, out) if server is Server.RABBITMQ else files.write(out, host, port))
 
 
 def address_of(text: str, option: str) -> tuple[str, int]:

@@ -128,7 +128,8 @@ def on_signal(number: int, act: Callable[[], object]) -> None:
 def run_role(make: Callable[[], Runner]) -> None:
     """Run a role until SIGTERM or SIGINT, which end it cleanly (exit code 0).
 
-    With an identity SIGHUP reads the revocation list anew; without, it ends the process as always.
+    With an identity SIGHUP reads the revocation list anew; without, it ends the process as always. systemd is told how
+    it is.
     """
     # A message makes many objects that live for microseconds, in no cycles: looking for those less often saves a tenth
     # of an activator's time. What the imports made stays for good.
@@ -141,8 +142,11 @@ def run_role(make: Callable[[], Runner]) -> None:
 async def _until_signal(make: Callable[[], Runner]) -> None:
     import asyncio
 
+    from ..core.service import Service
+
     loop = asyncio.get_running_loop()
     runner = make()
+    runner.service = Service.of()
     task = asyncio.create_task(runner.run())
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, task.cancel)

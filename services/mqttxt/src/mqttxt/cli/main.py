@@ -140,7 +140,7 @@ def activator(
         embedded = None
         if fog_broker is None:
             where = listen or ("0.0.0.0:8883" if transport.identity is not None else "0.0.0.0:1883")
-            embedded = _embedded(where, transport, broker_identity)
+            embedded = _embedded(where, transport, broker_identity, cuts=not signed)
         elif broker_identity is not None:
             raise ConfigurationError(f"--broker-identity {broker_identity}: expected none beside --fog-broker")
         fog_url = fog_broker if fog_broker is not None else embedded.url if embedded is not None else ""
@@ -329,6 +329,7 @@ def _embedded(
     broker_identity: Path | None,
     option: str = "--listen",
     instead: str = "--fog-broker",
+    cuts: bool = True,
 ) -> EmbeddedBroker:
     """A broker of this node's own; with an identity of the node it has one too, raises ConfigurationError without."""
     from ..core.embedded_broker import EmbeddedBroker
@@ -348,7 +349,7 @@ def _embedded(
         raise ConfigurationError(f"--broker-identity {folder}: {files.identity.name}; expected {name}")
     if files.identity.fleet.key_hash != identity.fleet.key_hash:
         raise ConfigurationError(f"--broker-identity {folder}: of another fleet; expected that of {identity.folder}")
-    return EmbeddedBroker(host, port, instead=instead, files=files)
+    return EmbeddedBroker(host, port, instead=instead, files=files, cuts=cuts)
 
 
 def _drone_numbers(text: str) -> tuple[int, ...]:

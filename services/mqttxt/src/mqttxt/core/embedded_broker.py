@@ -26,7 +26,10 @@ STEADY_S = 10.0
 
 
 class EmbeddedBroker:
-    """One Mosquitto on `host:port`, with `files` as a broker of the fleet. `run` keeps it running until cancelled."""
+    """One Mosquitto on `host:port`, with `files` as a broker of the fleet. `run` keeps it running until cancelled.
+
+    `cuts`: it is started anew where a certificate was revoked whose name stays in use, which ends that connection.
+    """
 
     def __init__(
         self,
@@ -35,10 +38,12 @@ class EmbeddedBroker:
         program: str = mosquitto.PROGRAM,
         instead: str = "--fog-broker",
         files: BrokerFiles | None = None,
+        cuts: bool = True,
     ) -> None:
         self.host = host
         self.port = port
         self._files = files
+        self._cuts = cuts
         self._scheme = "mqtt" if files is None else "mqtts"
         self._newest: RevocationList | None = None
         self._directory: Path | None = None
@@ -125,8 +130,19 @@ class EmbeddedBroker:
         try:
             self._files.write_access(self._directory, newest)
         finally:
-            self._owes_reload = self._files.is_list_readable
-            self._signal()
+            outlived = self._files.take_outlived() if self._cuts else set()
+            if not (outlived and self._kill(outlived)):
+                self._owes_reload = self._files.is_list_readable
+                self._signal()
+
+    def _kill(self, names: set[str]) -> bool:
+        """End Mosquitto, which is started anew, because SIGHUP cuts no connection; whether it ran."""
+        process = self._process
+        if process is None or process.returncode is not None:
+            return False
+        logger.warning("embedded broker: a certificate of %s is revoked: it is started anew", ", ".join(sorted(names)))
+        process.kill()
+        return True
 
     def _signal(self) -> None:
         """Send the SIGHUP that is owed: one that comes before Mosquitto runs would end it."""

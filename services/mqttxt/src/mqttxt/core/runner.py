@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..security.identity import Identity
     from ..security.revocation import RevocationList
     from .audit_log import AuditLog
+    from .service import Service
 
 logger = logging.getLogger("mqttxt")
 
@@ -74,13 +75,14 @@ class Runner:
         self.clock = clock
         self.identity = identity
         self._audit = audit
+        self.service: Service | None = None
         self.links: dict[str, MqttLink] = {}
         fleet = identity.fleet if identity is not None else None
         self.lists = SharedLists(fleet, lists or {}, patience_ms, told)
         self.counts: Counter[str] = Counter()
         self._ready_file = ready_file
-        self._ready_touched_ms = -10_000
         self._marking: asyncio.Future[None] | None = None
+        self._told_ms = -10_000
         self._stopped: asyncio.Future[None] | None = None
         self._is_to_keep = asyncio.Event()
 
@@ -264,14 +266,21 @@ class Runner:
             now_ms = self.clock.now_ms()
             self.carry_out(self.role.tick(now_ms))
             self.carry_out(self.lists.tick(now_ms))
-            is_marked = self._marking is None or self._marking.done()
-            if self._ready_file is not None and is_marked and now_ms - self._ready_touched_ms >= READY_TOUCH_S * 1000:
-                self._ready_touched_ms = now_ms
-                self._marking = asyncio.create_task(self._mark(self._ready_file, self.role.is_ready(now_ms)))
+            if now_ms - self._told_ms >= READY_TOUCH_S * 1000:
+                self._told_ms = now_ms
+                self._tell(self.role.is_ready(now_ms))
             due_s = next_tick(due_s, loop.time())
             await asyncio.sleep(due_s - loop.time())
 
+    def _tell(self, is_ready: bool) -> None:
+        if self._ready_file is not None and (self._marking is None or self._marking.done()):
+            self._marking = asyncio.create_task(self._mark(self._ready_file, is_ready))
+        if self.service is not None:
+            self.service.alive(is_ready)
+
     async def _say_goodbye(self) -> None:
+        if self.service is not None:
+            self.service.ending()
         self.carry_out(self.role.goodbye(self.clock.now_ms()))
         await asyncio.gather(*(link.close() for link in self.links.values()))
         ready_file, self._ready_file = self._ready_file, None

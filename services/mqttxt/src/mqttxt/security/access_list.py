@@ -123,17 +123,23 @@ def _is_watched(row: TopicRow) -> bool:
 
 
 def access_list(place: Place, members: Iterable[Certificate]) -> str:
-    """The file, for the certificates of those who may use the broker.
+    """The file, for the certificates of those who may use the broker."""
+    lines = ["# Made by `mqttxt broker`: make it again instead of changing it.", ""]
+    for node, given in entries_of_all(place, members):
+        lines += [f"user {node}", *(str(entry) for entry in given), ""]
+    return "\n".join(lines)
+
+
+def entries_of_all(place: Place, members: Iterable[Certificate]) -> Iterator[tuple[NodeName, list[Entry]]]:
+    """Each member that may do anything at the broker, by name.
 
     While two certificates of a name are valid, the rights of the newer one count.
     """
     rights = {each.node: each.rights for each in sorted(members, key=lambda each: each.not_before_s)}
     fogs = [node for node in rights if node.kind is Kind.FOG]
-    lines = ["# Made by `mqttxt broker`: make it again instead of changing it.", ""]
     for node in sorted(rights, key=str):
         if given := entries(place, node, rights[node], fogs):
-            lines += [f"user {node}", *(str(entry) for entry in given), ""]
-    return "\n".join(lines)
+            yield node, given
 
 
 def _filters(row: TopicRow, node: NodeName, rights: Rights, fogs: Iterable[NodeName]) -> Iterator[str]:

@@ -82,7 +82,7 @@ class BrokerFiles:
         if self.identity.certificate.node.kind is not Kind.BROKER:
             raise ConfigurationError(f"{folder}: the identity of {self.identity.name}; expected a broker's")
         self.place = Place.of_broker(self.identity.certificate.node, prefix, fogs)
-        self.members()
+        self._served = {each.serial: each.name for each in self.members()}
 
     def members(self) -> list[Certificate]:
         """Those who may use the broker: whose certificates are of this fleet, valid now or later, and not revoked."""
@@ -137,6 +137,16 @@ class BrokerFiles:
             whatever_is_wrong.callback(fleet.keep)
             fleet.take(fleet.in_folder())
 
+    def take_outlived(self) -> set[str]:
+        """Names in use of which a certificate was revoked since the broker's start, or since this said so.
+
+        Their entry stays, and with it the connection that the revoked one has.
+        """
+        revoked = self._served.keys() & self.identity.fleet.revoked.serials
+        in_use = {name for serial, name in self._served.items() if serial not in revoked}
+        taken = {serial for serial in revoked if self._served[serial] in in_use}
+        return {self._served.pop(serial) for serial in taken}
+
     @property
     def is_list_readable(self) -> bool:
         """Whether Mosquitto can read the revocation list: without one it would accept everybody."""
@@ -147,9 +157,11 @@ class BrokerFiles:
         return True
 
     def _write_members(self, out: Path) -> None:
-        found = access_list(self.place, self.members()).encode()
+        members = self.members()
+        found = access_list(self.place, members).encode()
         # Readable for those who may read the key, and nobody else: Mosquitto is to refuse other lists one day.
         files.write(out / ACCESS_FILE, found, 0o600, like=self.identity.folder / KEY_FILE)
+        self._served |= {each.serial: each.name for each in members}
 
 
 def _user_of(key: Path) -> str:
