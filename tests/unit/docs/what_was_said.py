@@ -188,7 +188,16 @@ def _real_px4s(found: Findings) -> Iterator[str]:
     ours = [found.both(name, "ideal", "rate")[0] for name in (real["direct"], "direct")]
     yield f"{ours[0]} a second in `direct` instead of {ours[1]}"
     times = [" and ".join(found.both(name, "ideal", "mission")) for name in (real[BUNDLED], BUNDLED)]
-    yield f"{times[0]} in `{BUNDLED}` instead of {times[1]}"
+    longer = [
+        words.share(_mission_s(found, side, real[BUNDLED]) / _mission_s(found, side, BUNDLED) - 1) for side in SIDES
+    ]
+    yield f"{times[0]} in `{BUNDLED}` instead of {times[1]}, which is {' and '.join(longer)} more"
+    yield f"({found.both('direct', 'ideal', 'mission')[0]} in `direct`)"
+
+
+def _mission_s(found: Findings, side: str, arm: str) -> float:
+    """The median of completed missions on `ideal`."""
+    return median(one["mission_s"] for one in completed(found.cell(arm, "ideal").metrics["protocols"][side]))
 
 
 def _layers(found: Findings) -> Iterator[str]:
