@@ -231,9 +231,18 @@ async def test_a_broker_that_never_answers_does_not_hold_up_the_event_loop(monke
 
 async def test_where_messages_are_signed_a_broker_that_says_so_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mqtt_module, "FIRST_PAUSE_S", 0.01)
-    async with Server() as server, linked(server, ends_when_taken_over=False) as (_, heard):
+    async with Server(granted=[0x87]) as server, linked(server, may_be_ended=False) as (link, heard):
         server.sessions[0].send(b"\xe0\x02\x8e\x00")
         await eventually(lambda: heard.connections == 2, "connected again")
+        link.subscribe(Subscribe("fog", ("drone1/commands",)))
+        await eventually(lambda: heard.connections == 3, "connected again")
+    async with Server(code=0x87) as server:
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard(), may_be_ended=False)
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: len(server.sessions) == 2, "asked again")
+        assert link.failure == "refused with reason code 0x87"
+        await link.close()
+        await running
 
 
 def test_a_client_id_is_a_secret_where_nodes_have_identities(tmp_path: Path) -> None:
