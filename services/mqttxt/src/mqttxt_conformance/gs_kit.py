@@ -43,23 +43,14 @@ LONGEST_LEASE_S = 60
 
 
 @dataclass(frozen=True)
-class Command:
-    """A command as it came, and the latest deadline that R4.4 allows it, None where it could not be read."""
+class Timed:
+    """A command or a registration as it came, with the latest deadline that R4.4 allows it and whom it is for."""
 
     heard: Heard
     fields: dict[str, Any]
     latest_ms: float
     session: int
-
-
-@dataclass(frozen=True)
-class Enrolment:
-    """A registration as it came, under which session of the kit's activator."""
-
-    heard: Heard
-    fields: dict[str, Any]
-    latest_ms: float
-    session: int
+    """Of the kit's activator or, for a command where messages are signed, of its drone."""
 
 
 class GsKit:
@@ -88,8 +79,8 @@ class GsKit:
         self.ttl_ms = round(ttl_s * 1000)
         self.activator = SessionClock()
         self.sessions: list[int] = []
-        self.enrolments: list[Enrolment] = []
-        self.commands: list[Command] = []
+        self.enrolments: list[Timed] = []
+        self.commands: list[Timed] = []
         self.malformed: list[str] = []
         self.grants: list[tuple[Heard, dict[str, Any], float]] = []
         self.forged_ms: int | None = None
@@ -161,13 +152,13 @@ class GsKit:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def answer(self, command: Command, *words: Word) -> None:
+    def answer(self, command: Timed, *words: Word) -> None:
         """The drone's words about a command."""
         self.answered[command.heard.payload] = self.clock.now_ms()
         for word in words:
             self.tap.publish(*self._word(command, word))
 
-    def _word(self, command: Command, word: Word) -> tuple[str, bytes]:
+    def _word(self, command: Timed, word: Word) -> tuple[str, bytes]:
         now = stamp(self.activator.now_ms())
         result = ResultMessage(
             gs_session=command.fields["gs_session"],
@@ -207,7 +198,7 @@ class GsKit:
             return
         is_first = not self.enrolments
         latest_ms = self.latest(heard.at_ms, fields["lease_s"] * 1000)
-        self.enrolments.append(Enrolment(heard, fields, latest_ms, self.activator.session))
+        self.enrolments.append(Timed(heard, fields, latest_ms, self.activator.session))
         if is_first:
             self.presence_topic = f"{self.prefix}gs/{fields['name']}/reachable"
             self._later(self._probe())
@@ -218,7 +209,7 @@ class GsKit:
     def _on_command(self, heard: Heard, fields: dict[str, Any]) -> None:
         latest_ms = self.latest(heard.at_ms, self.ttl_ms)
         named = self.activator.session if self.secured is None else self.drone_session
-        self.commands.append(Command(heard, fields, latest_ms, named))
+        self.commands.append(Timed(heard, fields, latest_ms, named))
 
     async def _probe(self) -> None:
         """Whom the broker reaches right after the first registration: PUBACK 0x10 says nobody, if it says so at all."""
