@@ -36,6 +36,7 @@ from tests.simulation.signed import (
     meet,
     said,
     signed_command,
+    signed_world,
     to_drone,
 )
 from tests.simulation.signing import seal
