@@ -281,6 +281,27 @@ async def test_tls_carries_bursts_in_both_directions(tmp_path: Path, monkeypatch
             await eventually(lambda: len(session.of(PUBLISH)) == len(STATES), "all states")
 
 
+async def test_what_came_before_the_end_is_taken_where_both_are_read_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By TLS the end comes with what was said before: acknowledgements, a message, why the connection ends."""
+    taken_over = b"\xe0\x01\x8e"
+    with certificate(tmp_path) as (context, chain):
+        monkeypatch.setenv("SSL_CERT_FILE", str(chain))
+        async with Server(acknowledges=False, tls=context) as server, linked(server, "mqtts") as (link, heard):
+            (session,) = server.sessions
+            for number in range(3):
+                link.publish(state("armed", qos=1, ref=number))
+            await eventually(lambda: len(session.of(PUBLISH)) == 3, "three in flight")
+            mids = [packet.publish()[3] for packet in session.of(PUBLISH)]
+            acknowledged = b"".join(b"\x40\x02" + mid.to_bytes(2, "big") for mid in mids)
+            session.send(acknowledged + publish("drone1/commands", b"last", qos=1, mid=1) + taken_over)
+            session.end()
+            await eventually(lambda: heard.losses == 1, "ended")
+            assert heard.acknowledged == [(0, 0), (1, 0), (2, 0)]
+            assert [message.payload for message in heard.messages] == [b"last"]
+
+
 async def test_a_station_trusts_whom_its_own_context_trusts(tmp_path: Path) -> None:
     with certificate(tmp_path) as (context, chain):
         own = create_default_context(cafile=str(chain))
