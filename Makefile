@@ -22,6 +22,10 @@ SECURITY ?=
 STATION ?=
 # Not empty: the flights are shown on the live page, and do not count.
 PAGE ?=
+# Campaigns on many machines: where the scheduler is, and what makes machines those of one campaign.
+SCHEDULER ?=
+CERTIFICATE ?= campaign.pem
+PORT ?= 8786
 FACTORS = --streams '$(STREAMS)' --commanding '$(COMMANDING)' --qos '$(QOS)' --chain '$(CHAIN)' --states '$(STATES)' --security '$(SECURITY)' --station '$(STATION)'
 # One fleet can be up at a time: where nobody chose a protocol it is MQTT-XT's.
 ONE_PROTOCOL = $(if $(filter file,$(origin PROTOCOLS)),mqttxt,$(PROTOCOLS))
@@ -32,7 +36,7 @@ export PYTHONPYCACHEPREFIX ?= $(CURDIR)/.cache/pycache
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 scenario-5 all summary arms links up down report test check soak bench docs sitl doctor lock upgrade clean venv containers tools
+.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 scenario-5 all certificate scheduler worker summary arms links up down report test check soak bench docs sitl doctor lock upgrade clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -46,8 +50,17 @@ scenario-5: ## Upload a survey of 100 items to each drone and fly it (ATTEMPTS= 
 messages scenario-1 scenario-2 scenario-3 scenario-4 scenario-5: containers
 	@$(PYTHON) -m testbed run $@ --attempts '$(ATTEMPTS)' --arm '$(ARM)' --profile '$(PROFILE)' --shaper '$(SHAPER)' --protocols '$(PROTOCOLS)' --samples '$(SAMPLES)' --count '$(COUNT)' $(FACTORS) $(if $(PAGE),--page)
 
-all: containers ## Fly everything, or go on where that was broken off (ATTEMPTS= EXPERIMENTS= ARMS= PROFILES= FOGS= DRONES=)
-	@$(PYTHON) -m testbed all --attempts '$(ATTEMPTS)' --experiments '$(EXPERIMENTS)' --arms '$(ARMS)' --profiles '$(PROFILES)' --shaper '$(SHAPER)' --samples '$(SAMPLES)' --count '$(COUNT)'
+all: containers ## Fly everything, or go on where that was broken off (ATTEMPTS= EXPERIMENTS= ARMS= PROFILES= FOGS= DRONES= SCHEDULER=)
+	@$(PYTHON) -m testbed all --attempts '$(ATTEMPTS)' --experiments '$(EXPERIMENTS)' --arms '$(ARMS)' --profiles '$(PROFILES)' --shaper '$(SHAPER)' --samples '$(SAMPLES)' --count '$(COUNT)' --scheduler '$(SCHEDULER)' --certificate '$(CERTIFICATE)'
+
+certificate: venv ## Make the certificate of a campaign on many machines, for all of them (CERTIFICATE=campaign.pem)
+	@$(PYTHON) -m testbed certificate '$(CERTIFICATE)'
+
+scheduler: venv ## Run the scheduler of a campaign on many machines (CERTIFICATE= PORT=8786)
+	@$(PYTHON) -m testbed scheduler --port '$(PORT)' --certificate '$(CERTIFICATE)'
+
+worker: containers ## Fly for campaigns on many machines (SCHEDULER=tls://host:8786 CERTIFICATE= MACHINE=)
+	@$(PYTHON) -m testbed worker --scheduler '$(SCHEDULER)' --certificate '$(CERTIFICATE)'
 
 summary: venv ## All experiments, arms and profiles beside each other, from the results folder: a page
 	@$(PYTHON) -m testbed summary

@@ -6,6 +6,7 @@ TestbedError            something that ends a command with one line and exit cod
 │   └── FleetError      Docker works, the fleet does not: the attempt fails, the next one may not
 │       ├── ContainerDied       a container ended that should run; names it, with its last log lines
 │       └── ContainerUnhealthy  a container did not become healthy in time; likewise
+├── SchedulerEnded      a campaign's scheduler on another machine is gone
 └── ResultsError        a results folder that cannot be read
 """
 
@@ -43,6 +44,10 @@ class ContainerUnhealthy(FleetError):
 
 class ProbesLate(FleetError):
     """The machine was too busy for the links to be measured, which says nothing about what was to fly on them."""
+
+
+class SchedulerEnded(TestbedError):
+    """A campaign's scheduler is gone, and with it who flies for it."""
 
 
 class ResultsError(TestbedError):

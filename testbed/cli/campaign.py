@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,9 +12,9 @@ from rich.console import Console
 
 from net.link_plan import SHAPERS
 
-from ..errors import DockerError
+from ..errors import DockerError, SchedulerEnded
 from ..fly.campaign.run import fly_all
-from ..fly.campaign.targets import Wish, plans_of
+from ..fly.campaign.targets import CERTIFICATE, Wish, plans_of
 from ..fly.flights import settings_of
 from ..fly.only_run import only_run
 from ..fly.progress import ConsoleProgress
@@ -24,6 +25,7 @@ from ..plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS
 from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker
 from ..present.summary.cells import find_cells
 from ..present.summary.page import PAGE, write_summary
+from .machines import STEPS, quiet
 
 
 def fly_everything(
@@ -34,6 +36,10 @@ def fly_everything(
     samples: Annotated[str, typer.Option(help="Scenario 4: values of each series.")] = str(DEFAULT_SAMPLES),
     count: Annotated[str, typer.Option(help="messages: how many of each kind.")] = str(DEFAULT_COUNT),
     shaper: Annotated[str, typer.Option(help=f"What shapes the links: {', '.join(SHAPERS)}.")] = SHAPERS[0],
+    scheduler: Annotated[str, typer.Option(help="On many machines: a scheduler's address, tls://HOST:PORT.")] = "",
+    certificate: Annotated[Path, typer.Option(help="On many machines: the campaign's certificate.")] = Path(
+        CERTIFICATE
+    ),
     results: Annotated[Path, typer.Option(help="Folder for the results.")] = RESULTS,
 ) -> None:
     """Fly all experiments in all arms on all profiles; what is in the results folder is not flown again.
@@ -41,30 +47,58 @@ def fly_everything(
     Broken off, it goes on where it stopped. Exit code 0 if every attempt counts, completed or failed.
     """
     named = {name.lower(): os.environ.get(name, "") for name in ("FLEET", "FOGS", "DRONES")}
-    wish = Wish(attempts, experiments, arms, profiles, samples, count, shaper, **named)
+    wish = Wish(
+        attempts,
+        experiments,
+        arms,
+        profiles,
+        samples,
+        count,
+        shaper,
+        **named,
+        scheduler=scheduler,
+        certificate=str(certificate),
+    )
     plans = plans_of(wish)
     for plan in plans:
         for protocol in PROTOCOLS:
             settings_of(plan, protocol)  # its errors are raised before anything is written
-    only_run()
     console = make_console()
-
-    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
-        with reported_without_docker(series, console):
-            return run_series(plan, series, ConsoleProgress(console), begun=begun)
-
     root = results.absolute()
+    campaign = _on_machines(scheduler, certificate) if scheduler else _here
     again = f"to go on, type: {wish.typed()}"
     try:
         with signals_interrupt("what was flown is kept"):
-            counted = fly_all(plans, root, console, fly, lambda path: report_series(path, console))
-    except (Interrupted, DockerError) as error:
+            counted = campaign(plans, root, console)
+    except (Interrupted, DockerError, SchedulerEnded) as error:
         _write_page(root, console)
         raise type(error)(f"{error}\n{again}") from None
     _write_page(root, console)
     if not counted:
         console.print(again, markup=False, soft_wrap=True)
         raise typer.Exit(1)
+
+
+def _here(plans: Sequence[Plan], root: Path, console: Console) -> bool:
+    """On this machine alone."""
+    only_run()
+
+    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
+        with reported_without_docker(series, console):
+            return run_series(plan, series, ConsoleProgress(console), begun=begun)
+
+    return fly_all(plans, root, console, fly, lambda path: report_series(path, console))
+
+
+def _on_machines(address: str, certificate: Path) -> Callable[[Sequence[Plan], Path, Console], bool]:
+    """On the workers of a scheduler. Dask is imported here alone. Raises UserError where no scheduler answers."""
+    from ..fly.campaign.certificate import check_scheduler, security_of
+    from ..fly.campaign.machines import fly_on_machines
+
+    quiet()
+    security = security_of(certificate)
+    check_scheduler(address, security)
+    return lambda plans, root, console: fly_on_machines(plans, root, console, STEPS, address, security)
 
 
 def _write_page(root: Path, console: Console) -> None:

@@ -41,6 +41,7 @@ from ..present.reporting import RESULTS, make_console, report_series, reported_w
 from . import profiles as profiles
 from .campaign import fly_everything
 from .live import PROFILE_HELP, SHAPER_HELP, down, factor_help, link, page, up
+from .machines import certificate, scheduler, worker
 from .packets import packets
 from .summary import summary
 
@@ -214,6 +215,8 @@ for live in (up, link, page, down):
 app.command()(_errors_as_lines()(packets))
 app.command()(_errors_as_lines()(summary))
 app.command(name="all")(_errors_as_lines()(fly_everything))
+for command in (certificate, scheduler, worker):
+    app.command()(_errors_as_lines()(command))
 _profiles = typer.Typer(invoke_without_command=True, callback=_errors_as_lines()(profiles.profiles))
 _profiles.command()(_errors_as_lines()(profiles.show))
 app.add_typer(_profiles, name="profiles")

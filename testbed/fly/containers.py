@@ -44,11 +44,7 @@ class Containers:
         self._profiles = (profile, *settings.get("SENSOR_PROFILES", "").split())
         self._files = compose_files(settings, fleet, run_dir)
         self._timeout_s = max(HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE * len(fleet.fog_of))
-        try:
-            self._client = docker.from_env()
-            self._client.ping()
-        except DockerException as error:
-            raise DockerError(f"Docker does not answer: {error}; type: make doctor") from error
+        self._client = connect_docker()
         self._environment = {
             **os.environ,
             **settings,
@@ -221,6 +217,16 @@ class Containers:
             reasons = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()
             failure = FleetError if words[0] == "up" else DockerError
             raise failure(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
+
+
+def connect_docker() -> docker.DockerClient:
+    """Raises DockerError where Docker does not answer."""
+    try:
+        client = docker.from_env()
+        client.ping()
+    except DockerException as error:
+        raise DockerError(f"Docker does not answer: {error}; type: make doctor") from error
+    return client
 
 
 def start_network(containers: Containers, nodes: Sequence[str]) -> None:

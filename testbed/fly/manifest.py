@@ -43,6 +43,7 @@ def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: Link
         "seeds": {"sitl": SITL_SEED, "links": links.seed},
         "shaper": "none",  # until `net` says what shapes the links
         "host": {
+            "name": machine_name(),
             "kernel": platform.release(),
             "machine": platform.machine(),
             "cores": os.cpu_count(),
@@ -55,6 +56,11 @@ def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: Link
             "links": [asdict(link) for link in plan.topology.links],
         },
     }
+
+
+def machine_name() -> str:
+    """What this machine is called in results: MACHINE, or its host name."""
+    return os.environ.get("MACHINE") or platform.node()
 
 
 def configuration_of(plan: Plan, settings: dict[str, str]) -> dict[str, Any]:

@@ -12,11 +12,14 @@ from ..errors import DockerError
 LOCK = Path(tempfile.gettempdir()) / "mqttxt-testbed.lock"
 
 
-def only_run() -> None:
-    """Keep other runs out until this process ends: a fleet's addresses exist once. Raises DockerError naming them."""
+def only_run(*, wait: bool = False) -> None:
+    """Keep other runs out until this process ends: a fleet's addresses exist once.
+
+    Raises DockerError naming a run that is going on; with `wait`, waits for its end instead.
+    """
     handle = os.open(LOCK, os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError:
         pid = os.read(handle, 20).decode() or "unknown"
         raise DockerError(f"another run is going on (process {pid}); only one fleet can fly at a time") from None

@@ -14,7 +14,7 @@ from ..plan.profiles.run_plan import run_plan
 from ..plan.sensors import gates_of
 from .flights import settings_of
 from .links import plan_links
-from .manifest import configuration_of, revision
+from .manifest import configuration_of, machine_name, revision
 from .results import LINKS, LINKS_PLAN, METRICS, Attempt, Series, read_json, write_json
 from .runner import MOST_REPEATS, Begun, write_paired
 from .validity import CUT_OFF, NOT_ENDED, Verdict, as_measured, written
@@ -118,6 +118,8 @@ def otherwise(series: Series, plan: Plan) -> str | None:
             continue
         if manifest["revision"] != now:
             return "it was flown at another revision"
+        if manifest["host"].get("name", machine_name()) != machine_name():
+            return "it was flown on another machine"
         if manifest["configuration"] != configurations.get(attempt.protocol, manifest["configuration"]):
             return "it was configured otherwise"
         if not _same_links(attempt, plan):

@@ -1,9 +1,12 @@
-"""Runs the benchmarks and prints their figures: all of them, or those named as `python -m tests.bench activator`."""
+"""Runs the benchmarks and prints their figures: all of them, or those named as `python -m tests.bench activator`.
+
+`load` takes options: `python -m tests.bench load --minutes 10`.
+"""
 
 from __future__ import annotations
 
+import argparse
 import importlib
-import sys
 
 FIGURES = (
     "activator",
@@ -19,14 +22,29 @@ FIGURES = (
     "emulator",
     "start",
     "page",
+    "load",
 )
 """Modules of this folder; each has `measure`, which returns lines of text."""
 
 
-def main(names: list[str]) -> None:
-    for name in names or FIGURES:
-        for line in importlib.import_module(f"tests.bench.{name}").measure():
+LOAD = {"fogs": int, "drones": int, "minutes": float, "every_s": float}
+"""What may be said of the load: fogs, drones at each, how long it lasts, and how often each drone has a command."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(FIGURES))
+    for option, kind in LOAD.items():
+        parser.add_argument(f"--{option.replace('_', '-')}", type=kind, help="of `load`")
+    given = vars(parser.parse_args())
+    names = given.pop("names") or FIGURES
+    if unknown := [name for name in names if name not in FIGURES]:
+        parser.error(f"{unknown[0]}: expected one of {', '.join(FIGURES)}")
+    load = {option: value for option, value in given.items() if value is not None}
+    for name in names:
+        module = importlib.import_module(f"tests.bench.{name}")
+        for line in module.measure(**load) if name == "load" else module.measure():
             print(line, flush=True)
 
 
-main(sys.argv[1:])
+main()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from testbed.fly.results import METRICS, REPORT, Series, write_json
+from testbed.fly.results import METRICS, REPORT, Series, open_series, write_json
 from testbed.numbers.metrics.series import METRICS_VERSION, schema_error
 from testbed.numbers.observed import observe
 from testbed.numbers.quantities import ratios, statistics
@@ -85,3 +85,14 @@ def finished(
 def both(number: int = 1) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """One completed attempt of each side."""
     return [attempt("mqttxt", number)], [attempt("mavlink", number)]
+
+
+def count_attempts(path: Path) -> None:
+    """Write metrics that only say which attempts count."""
+    sides: dict[str, Any] = {}
+    for attempt in open_series(path).attempts():
+        side = sides.setdefault(attempt.protocol, {"attempts": [], "void": []})
+        told = attempt.manifest()
+        entry = {"attempt": attempt.number, "repeat": attempt.repeat, "reason": told["reason"]}
+        side["void" if told["status"] == "void" else "attempts"].append(entry)
+    write_json(path / METRICS, {"protocols": sides})

@@ -21,8 +21,9 @@ from mqttxt.cli.main import app
 from mqttxt.security.authority import Authority
 from mqttxt.security.rights import Rights
 from testbed.bootstrap.docker import compose_command
-from tests.rigs.processes import NODE_IMAGE, ROOT, Process, free_port, wait_until
+from tests.rigs.processes import ROOT, Process, free_port, wait_until
 from tests.rigs.secure import SecureBroker
+from tests.rigs.shaped_nodes import IMAGE
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 DEPLOY = ROOT / "deploy"
@@ -120,7 +121,7 @@ class Cloud:
         self._project = f"mqttxt-cloud-{self.port}"
         self._environment = {
             **os.environ,
-            **{"IMAGE": NODE_IMAGE, "IDENTITY": str(self.identity), "LISTEN": f"127.0.0.1:{self.port}"},
+            **{"IMAGE": IMAGE, "IDENTITY": str(self.identity), "LISTEN": f"127.0.0.1:{self.port}"},
             "COMPOSE_PROJECT_NAME": self._project,
         }
 

@@ -50,8 +50,8 @@ class Step:
 def steps() -> list[Step]:
     """The tutorial's blocks, each port replaced by one that nobody uses."""
     text = (DOCS / "tutorial.md").read_text()
-    ports = {old: str(free_port()) for old in ("1894", "1895")}
-    ports |= {old: str(free_port(socket.SOCK_DGRAM)) for old in ("14540", "14580")}
+    ports = {old: str(free_port()) for old in ("1892", "1893", "1894", "1895")}
+    ports |= {old: str(free_port(socket.SOCK_DGRAM)) for old in ("14540", "14541", "14542", "14580", "14581", "14582")}
     for old, new in ports.items():
         text = re.sub(rf"\b{old}\b", new, text)
     return [Step(block["how"], block["text"]) for block in BLOCK.finditer(text)]
@@ -128,7 +128,7 @@ def laptop(tmp_path: Path) -> Iterator[Laptop]:
         made.close()
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(400)
 def test_the_tutorial_is_true(laptop: Laptop) -> None:
     found = steps()
     assert {step.how.split(",")[0] for step in found} == {"by hand", "terminal", "run"}

@@ -16,19 +16,26 @@ from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
+from tests.rigs.far_link import Far
 from tests.rigs.processes import PATIENCE_S, Process, System, free_port, wait_until
+from tests.simulation.far import FarLink
 
 NAN = math.nan
 
 
 class Ground(System):
-    """Two drones that publish every state, and a gateway: a UDP client listens on `udp`, TCP clients go to `tcp`."""
+    """Two drones that publish every state, and a gateway: a UDP client listens on `udp`, TCP clients go to `tcp`.
 
-    def __init__(self, folder: Path, *options: str) -> None:
+    The gateway is as far from the cloud broker as `link` says, where there is one.
+    """
+
+    def __init__(self, folder: Path, *options: str, link: FarLink | None = None) -> None:
         super().__init__(folder)
+        self._far = Far(self.cloud.port, link) if link is not None else None
         self.udp, self.tcp = free_port(socket.SOCK_DGRAM), free_port()
         where = ["--to", f"udp:127.0.0.1:{self.udp}", "--listen", f"tcp:127.0.0.1:{self.tcp}"]
-        station = ["gs", "mavlink", "--fog", "1", "--cloud", self.cloud.url]
+        cloud = self.cloud.url if self._far is None else f"mqtt://127.0.0.1:{self._far.port}"
+        station = ["gs", "mavlink", "--fog", "1", "--cloud", cloud]
         self.gateway = Process(folder, "gateway", "mqttxt", *station, *where, *options)
 
     def make_uav(self, drone: int, broker: str, *more: Any, **how: Any) -> Process:
@@ -36,12 +43,16 @@ class Ground(System):
 
     def start(self) -> Ground:
         super().start()
+        if self._far is not None:
+            self._far.start()
         self.gateway.start()
         wait_until(lambda: "drone 2: is there" in self.gateway.log.read_text(), "the gateway shows both drones")
         return self
 
     def close(self) -> None:
         self.gateway.kill()
+        if self._far is not None:
+            self._far.close()
         super().close()
 
 

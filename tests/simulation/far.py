@@ -11,6 +11,27 @@ from tests.simulation.flight import Flight
 
 HEADERS_BYTES = 60
 """Ethernet, IP and TCP around a message."""
+AGAIN = 2.2
+"""How many one-way delays later it comes, if it is lost: a round trip and some."""
+
+
+@dataclass(frozen=True)
+class FarLink:
+    """All hops of a profile from the ground station to the drone in one: how long one way takes, and its loss."""
+
+    name: str
+    one_way_ms: float
+    loss: float
+    is_in_time: bool
+    """Whether clients, which wait for 2 to 3 s, have an answer by then."""
+
+
+FAR_LINKS = (
+    FarLink("lte", 70, 0.004, True),
+    FarLink("geo", 300, 0.0, True),
+    FarLink("thesis", 550, 0.003, True),
+    FarLink("geo-2s", 993, 0.05, False),
+)
 
 
 @dataclass
@@ -29,7 +50,7 @@ class Direction:
         self.free_ms = max(now_ms, self.free_ms) + size * 8000 / self.bits_s
         arrives_ms = self.free_ms + self.delay_ms
         while rng.random() < self.loss:
-            arrives_ms += 2.2 * self.delay_ms
+            arrives_ms += AGAIN * self.delay_ms
         self.arrived_ms = max(self.arrived_ms, arrives_ms)
         self.under_way.append((self.arrived_ms, name, publish))
 

@@ -26,6 +26,14 @@ Report = Callable[[Path], object]
 
 
 @dataclass(frozen=True)
+class Steps:
+    """What flies a series and what measures it: functions of modules, for other processes and machines."""
+
+    fly: Fly
+    report: Report
+
+
+@dataclass(frozen=True)
 class Job:
     """A plan, the series that is to be gone on with (None: a new one), and what of it there is.
 
@@ -66,25 +74,25 @@ def fly_all(plans: Sequence[Plan], root: Path, console: Console, fly: Fly, repor
     jobs = [job_of(plan, root) for plan in plans]
     waiting = [job for job in jobs if not job.done]
     done = len(jobs) - len(waiting)
-    console.print(_begin(jobs, done, root), soft_wrap=True, markup=False)
-    troubles = [said for job in jobs if job.done for said in _given_up(job.plan, job.begun)]
+    console.print(said_first(jobs, done, root), soft_wrap=True, markup=False)
+    troubles = [said for job in jobs if job.done for said in said_given_up(job.plan, job.begun)]
     for place, job in enumerate(waiting):
-        left = in_words(_seconds(waiting[place:], root))
+        left = in_words(seconds_of(waiting[place:], root))
         console.print(
-            f"\nseries {done + place + 1} of {len(jobs)}, {left} left: {_name(job.plan)}{_how(job)}", markup=False
+            f"\nseries {done + place + 1} of {len(jobs)}, {left} left: {name_of(job.plan)}{_how(job)}", markup=False
         )
         try:
-            troubles += _fly_job(job, root, fly, report)
+            troubles += fly_job(job, root, fly, report)[1]
         except (UserError, ResultsError) as error:
-            troubles.append(f"{_name(job.plan)}: {error}")
+            troubles.append(f"{name_of(job.plan)}: {error}")
             console.print(str(error), soft_wrap=True, markup=False)
     for said in troubles:
         console.print(f"not counted: {said}", soft_wrap=True, markup=False)
     return not troubles
 
 
-def _fly_job(job: Job, root: Path, fly: Fly, report: Report) -> list[str]:
-    """Fly and measure until every number counts or was given up; returns a line for each of those given up."""
+def fly_job(job: Job, root: Path, fly: Fly, report: Report) -> tuple[Series, list[str]]:
+    """Fly and measure until every number counts or was given up; returns a line for each of those given up, too."""
     plan, begun = job.plan, job.begun
     series = job.series or new_series(root, plan.experiment, _label(plan), plan.profile.name)
     while True:
@@ -93,10 +101,10 @@ def _fly_job(job: Job, root: Path, fly: Fly, report: Report) -> list[str]:
         report(series.path)
         begun = begun_of(series, plan)  # a completed attempt may be void once it is measured
         if next_number(begun, plan) is None:
-            return _given_up(plan, begun)
+            return series, said_given_up(plan, begun)
 
 
-def _begin(jobs: Sequence[Job], done: int, root: Path) -> str:
+def said_first(jobs: Sequence[Job], done: int, root: Path) -> str:
     """What there is to fly, what of it is done, and about how long the rest takes."""
     plans = [job.plan for job in jobs]
     kinds = {
@@ -106,11 +114,12 @@ def _begin(jobs: Sequence[Job], done: int, root: Path) -> str:
     }
     of = ", ".join(wording.plural(len(names), kind) for kind, names in kinds.items())
     attempts = wording.plural(plans[0].attempts, "attempt")
-    left = f"; {in_words(_seconds(jobs, root))} to go" if done < len(jobs) else ""
+    left = f"; {in_words(seconds_of(jobs, root))} to go" if done < len(jobs) else ""
     return f"{len(jobs)} series ({of}), {attempts} over each protocol: {done} done{left}"
 
 
-def _seconds(jobs: Sequence[Job], root: Path) -> float:
+def seconds_of(jobs: Sequence[Job], root: Path) -> float:
+    """How long flying what they lack takes on one machine."""
     durations = Durations(root)
     lacking = [(job.plan, to_fly(job.begun, job.plan)) for job in jobs if not job.done]
     return sum(count * durations.of(plan, protocol) for plan, counts in lacking for protocol, count in counts.items())
@@ -124,9 +133,10 @@ def _how(job: Job) -> str:
     return ", flown and not measured yet" if number is None else f", goes on with attempt {number}"
 
 
-def _given_up(plan: Plan, begun: dict[int, Begun]) -> list[str]:
+def said_given_up(plan: Plan, begun: dict[int, Begun]) -> list[str]:
+    """A line for each number that was void as often as it may be."""
     return [
-        f"{_name(plan)}, attempt {number}: void each time, at last: {wording.first_line(reason)}"
+        f"{name_of(plan)}, attempt {number}: void each time, at last: {wording.first_line(reason)}"
         for number, reason in given_up(begun).items()
     ]
 
@@ -135,5 +145,6 @@ def _label(plan: Plan) -> str:
     return plan.label + suffix(os.environ)
 
 
-def _name(plan: Plan) -> str:
+def name_of(plan: Plan) -> str:
+    """A plan's series, as people say it."""
     return f"{wording.short_name(plan.experiment)}, arm {plan.label}, profile {plan.profile.name}"

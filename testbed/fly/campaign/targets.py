@@ -14,6 +14,10 @@ from ...plan.fleets import fleet_of
 from ...plan.order import FIRST_PROFILES, arms_in_order, experiments_in_order, profiles_in_order
 from ...plan.profiles.reading import profile_names
 
+PORT = 8786
+"""Where a campaign's scheduler listens, unless somebody says otherwise."""
+CERTIFICATE = "campaign.pem"
+"""What makes machines those of one campaign, unless another file is named."""
 _ASKED_FIRST = FIRST_PROFILES[:2]
 
 
@@ -31,6 +35,8 @@ class Wish:
     fleet: str = ""
     fogs: str = ""
     drones: str = ""
+    scheduler: str = ""
+    certificate: str = CERTIFICATE
 
     def typed(self) -> str:
         """What to type for it again."""

@@ -34,6 +34,12 @@ def common_revision(flown: Sequence[Flown]) -> str | None:
     return commits.pop() if len(commits) == 1 else None
 
 
+def common_machine(flown: Sequence[Flown]) -> str | None:
+    """The machine on which every attempt was flown; None where there is not one, or it is not said."""
+    names = {manifest["host"].get("name") for _, manifest in flown}
+    return names.pop() if len(names) == 1 else None
+
+
 def differences(flown: Sequence[Flown]) -> list[str]:
     """One line for each thing that is not the same in all attempts, though it should be."""
     said = []
@@ -43,7 +49,7 @@ def differences(flown: Sequence[Flown]) -> list[str]:
     dirty = [attempt for attempt, manifest in flown if manifest["revision"].get("dirty")]
     if dirty:
         said.append(f"flown with changes that are in no revision: {', '.join(map(_name, dirty))}")
-    for field in ("kernel", "machine"):
+    for field in ("name", "kernel", "machine"):
         values = _told(flown, lambda manifest, field=field: manifest["host"].get(field))
         if len(values) > 1:
             said.append(f"flown on several hosts: {field} {_listed(values)}")

@@ -16,7 +16,7 @@ from ...fly.validity import Verdict, paired, unmeasured, unread
 from ..observed import observe
 from ..quantities import ratios, statistics
 from .attempt import NOT_FLOWN, measure_attempt
-from .conditions import Flown, check_same, common_revision, differences
+from .conditions import Flown, check_same, common_machine, common_revision, differences
 from .shaping import read_shaping
 
 METRICS_VERSION = 2
@@ -38,6 +38,7 @@ def measure_series(series: Series) -> dict[str, Any]:
         "version": METRICS_VERSION,
         **{name: first[name] for name in ("experiment", "arm", "profile")},
         "revision": common_revision(flown),
+        "machine": common_machine(flown),
         "shaper": first["shaper"],
         "protocols": {},
         "ratios": {},

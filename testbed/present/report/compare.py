@@ -190,7 +190,12 @@ def _attempts(one: Result) -> str:
 
 
 def _host(one: Result) -> str:
-    return _each(f"{m['host'].get('cores')} cores, Linux {m['host'].get('kernel', '?')}" for m in one.manifests)
+    hosts = [manifest["host"] for manifest in one.manifests]
+    names = [f"{host['name']}, " if "name" in host else "" for host in hosts]
+    return _each(
+        f"{name}{host.get('cores')} cores, Linux {host.get('kernel', '?')}"
+        for name, host in zip(names, hosts, strict=True)
+    )
 
 
 def _version(name: str) -> Callable[[Result], str]:

@@ -42,6 +42,11 @@ class Cell:
         return "/".join(self.series.path.parts[-3:])
 
     @property
+    def machine(self) -> str:
+        """The machine that flew it; nothing where that is not known, or is not one."""
+        return self.metrics.get("machine") or ""
+
+    @property
     def both(self) -> bool:
         """Whether an attempt of each protocol counts."""
         return _sides_of(self.metrics) == len(SIDES)

@@ -117,12 +117,15 @@ def kinds_of(overview: Overview) -> Iterator[str]:
 
 
 def series_of(overview: Overview) -> Iterator[str]:
-    """From which series the numbers are, of which revision, and what is to know of it."""
+    """From which series the numbers are, of which revision, flown where, and what is to know of it."""
     rows = []
+    named = any(cell.machine for cell in overview.cells)
     for cell in overview.cells:
-        told = [(cell.metrics["revision"] or "several")[:12], cell.metrics["shaper"], str(numbers.completed_of(cell))]
+        told = [(cell.metrics["revision"] or "several")[:12], *([_plain(cell.machine)] if named else [])]
+        told += [cell.metrics["shaper"], str(numbers.completed_of(cell))]
         rows.append([f"`{cell.name}`", *told, "; ".join(map(_plain, cell.metrics["notes"]))])
-    yield _table(["series", "revision", "shaper", "completed", ""], rows) if rows else NOT_FLOWN
+    headings = ["series", "revision", *(["machine"] if named else []), "shaper", "completed", ""]
+    yield _table(headings, rows) if rows else NOT_FLOWN
 
 
 @dataclass(frozen=True)

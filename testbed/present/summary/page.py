@@ -51,6 +51,7 @@ def write_summary(found: Found, target: Path, experiments: Sequence[str] = ()) -
             claims=[claim.heading for claim in claims.claims()],
             readings={"numbers": numbers.READING, "claims": claims.READING, "bytes": traffic.READING},
             completed=numbers.completed_of,
+            machines=any(cell.machine for cell in found.cells),
             report=lambda cell: _report(cell, target),
             beside=target.stem,
             unread=found.unread,

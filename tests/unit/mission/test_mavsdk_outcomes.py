@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from mavsdk.plugins.action import ActionResult
+from mavsdk.plugins.mission_raw import MissionRawResult
 from mavsdk.plugins.offboard import OffboardResult
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
@@ -20,13 +21,17 @@ from mission.mavsdk_outcomes import (
     land_goal,
     landed_of,
     mode_of,
-    offboard_refusal,
     refusal,
     return_goal,
     takeoff_goal,
 )
 from mqttxt import FlightModeName, Landed, Word
 
+RESULTS: tuple[type[ActionResult] | type[MissionRawResult] | type[OffboardResult], ...] = (
+    ActionResult,
+    MissionRawResult,
+    OffboardResult,
+)
 ASKED_S = 100.0
 LATER = ASKED_S + 1
 
@@ -47,21 +52,21 @@ def view(tells_landed: bool = True, **told: Told[object]) -> View:
         (ActionResult.NO_SYSTEM, Word.UNREACHABLE, "no_system"),
         (ActionResult.UNSUPPORTED, Word.UNSUPPORTED, None),
         (ActionResult.FAILED, Word.FAILED, "autopilot"),
+        (MissionRawResult.DENIED, Word.DENIED, "autopilot"),
+        (OffboardResult.NO_SETPOINT_SET, Word.FAILED, "no_setpoint_set"),
         (ActionResult.NO_VTOL_TRANSITION_SUPPORT, Word.FAILED, "no_vtol_transition_support"),
     ],
 )
-def test_a_refusal_in_mqttxts_words(result: ActionResult, word: Word, reason: str | None) -> None:
+def test_a_refusal_in_mqttxts_words(
+    result: ActionResult | MissionRawResult | OffboardResult, word: Word, reason: str | None
+) -> None:
     assert refusal(result) == (word, reason)
 
 
-@pytest.mark.parametrize("result", [result for result in OffboardResult if result is not OffboardResult.SUCCESS])
-def test_every_refusal_of_offboard_is_a_last_word(result: OffboardResult) -> None:
-    assert offboard_refusal(result)[0].is_last
-    assert offboard_refusal(result)[0] is not Word.COMPLETED
-
-
-@pytest.mark.parametrize("result", [result for result in ActionResult if result is not ActionResult.SUCCESS])
-def test_every_refusal_is_a_last_word(result: ActionResult) -> None:
+@pytest.mark.parametrize(
+    "result", [result for kind in RESULTS for result in kind if result.name not in ("SUCCESS", "NEXT")]
+)
+def test_every_refusal_is_a_last_word(result: ActionResult | MissionRawResult | OffboardResult) -> None:
     assert refusal(result)[0].is_last
     assert refusal(result)[0] is not Word.COMPLETED
 

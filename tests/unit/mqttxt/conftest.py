@@ -1,4 +1,4 @@
-"""A disk that a test can fill, and a group for the tasks of a gateway."""
+"""A disk that a test can fill, a group for the tasks of a gateway, a fleet, and a fog that signs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from mqttxt.security.authority import Authority
 from tests.rigs.small_disk import SmallDisk
+from tests.simulation.signed import signed_world
+from tests.simulation.world import World
 
 
 @pytest.fixture
@@ -28,3 +31,13 @@ async def group() -> AsyncIterator[asyncio.TaskGroup]:
         yield made
         for task in list(made._tasks):
             task.cancel()
+
+
+@pytest.fixture
+def acme(tmp_path: Path) -> Authority:
+    return Authority.create(tmp_path / "acme", "acme")
+
+
+@pytest.fixture
+def world() -> World:
+    return signed_world()

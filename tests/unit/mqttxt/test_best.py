@@ -115,16 +115,9 @@ async def test_the_first_that_does_not_refuse_is_sent_in_the_order_of_arrival_ov
     assert station.reserved == {}
 
 
-@pytest.mark.parametrize("last", [Word.FAILED, Word.UNCONFIRMED, Word.OVERTAKEN, Word.SUPERSEDED])
-async def test_behind_anything_but_a_definite_no_nobody_else_is_sent(last: Word) -> None:
-    station = Station(FLEET, {1: [last], 4: FLIES, 2: FLIES})
-    await choose(station)
-    assert station.sent == [1]
-    assert station.reserved == {}
-
-
-async def test_behind_silence_nobody_else_is_sent() -> None:
-    station = Station(FLEET, {1: [], 4: FLIES})
+@pytest.mark.parametrize("said", [[Word.FAILED], [Word.UNCONFIRMED], [Word.OVERTAKEN], [Word.SUPERSEDED], []])
+async def test_behind_silence_and_anything_but_a_definite_no_nobody_else_is_sent(said: list[Word]) -> None:
+    station = Station(FLEET, {1: said, 4: FLIES, 2: FLIES})
     await choose(station)
     assert station.sent == [1]
     assert station.reserved == {}

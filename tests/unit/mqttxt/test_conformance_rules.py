@@ -31,6 +31,7 @@ from mqttxt.protocol.readings import ReadingAck, ReadingKey
 from mqttxt.protocol.states import STATES, Armed, Battery, Mission
 from mqttxt.protocol.values import Encoding
 from mqttxt_conformance import activator, gs, shapes, uav
+from mqttxt_conformance import fields as shape_fields
 from mqttxt_conformance.registry import Broken, Finding, Rule, Verdict, check_all, expect
 from mqttxt_conformance.report import as_json, count
 
@@ -68,18 +69,18 @@ def test_rule_names_are_unique_within_a_role() -> None:
     assert len(names) == len(set(names))
 
 
-@pytest.mark.parametrize("kind", sorted(shapes.MESSAGES))
+@pytest.mark.parametrize("kind", sorted(shape_fields.MESSAGES))
 def test_the_kit_knows_every_field_in_its_place(kind: str) -> None:
-    own = [name for name in shapes.MESSAGES[kind] if name != shapes.OPEN_ENDED.get(kind)]
+    own = [name for name in shape_fields.MESSAGES[kind] if name != shape_fields.OPEN_ENDED.get(kind)]
     assert own == [field.name for field in layout_of(type(MESSAGES[kind])).fields]
 
 
 def test_the_kit_knows_every_state_and_command() -> None:
-    assert {name: [*fields] for name, fields in shapes.STATES.items()} == {
+    assert {name: [*fields] for name, fields in shape_fields.STATES.items()} == {
         name: [field.name for field in layout_of(cls).fields] for name, cls in STATES.items()
     }
-    assert shapes.COMMANDS[1:] == tuple(COMMANDS)
-    assert shapes.WORDS[1:] == tuple(word.label for word in Word)
+    assert shape_fields.COMMANDS[1:] == tuple(COMMANDS)
+    assert shape_fields.WORDS[1:] == tuple(word.label for word in Word)
 
 
 @pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.JSON])
@@ -112,7 +113,7 @@ def test_a_bundle_that_is_none_is_broken(payload: bytes) -> None:
 
 
 @pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.JSON])
-@pytest.mark.parametrize("kind", sorted(shapes.MESSAGES))
+@pytest.mark.parametrize("kind", sorted(shape_fields.MESSAGES))
 def test_what_the_codec_writes_is_read_as_it_was_meant(kind: str, encoding: Encoding) -> None:
     message = MESSAGES[kind]
     fields = shapes.read(kind, encode(message, encoding))
@@ -127,7 +128,7 @@ def test_what_the_codec_writes_is_read_as_it_was_meant(kind: str, encoding: Enco
         assert fields["answer"] == "refused"
 
 
-@pytest.mark.parametrize("kind", sorted(set(shapes.MESSAGES) - set(shapes.OPEN_ENDED)))
+@pytest.mark.parametrize("kind", sorted(set(shape_fields.MESSAGES) - set(shape_fields.OPEN_ENDED)))
 def test_what_the_codec_refuses_is_broken_here_too(kind: str) -> None:
     row = cbor2.loads(encode(MESSAGES[kind]))
     spoilt = [[*row, *[1] * 20], row[:1], [-1, *row[1:]], [*row[:1], 1.5, *row[2:]], {"a": 1}]

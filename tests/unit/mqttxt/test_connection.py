@@ -231,9 +231,18 @@ async def test_a_broker_that_never_answers_does_not_hold_up_the_event_loop(monke
 
 async def test_where_messages_are_signed_a_broker_that_says_so_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mqtt_module, "FIRST_PAUSE_S", 0.01)
-    async with Server() as server, linked(server, ends_when_taken_over=False) as (_, heard):
+    async with Server(granted=[0x87]) as server, linked(server, may_be_ended=False) as (link, heard):
         server.sessions[0].send(b"\xe0\x02\x8e\x00")
         await eventually(lambda: heard.connections == 2, "connected again")
+        link.subscribe(Subscribe("fog", ("drone1/commands",)))
+        await eventually(lambda: heard.connections == 3, "connected again")
+    async with Server(code=0x87) as server:
+        link = MqttLink("fog", BrokerAddress("127.0.0.1", server.port), "client-1", None, Heard(), may_be_ended=False)
+        running = asyncio.create_task(link.run())
+        await eventually(lambda: len(server.sessions) == 2, "asked again")
+        assert link.failure == "refused with reason code 0x87"
+        await link.close()
+        await running
 
 
 def test_a_client_id_is_a_secret_where_nodes_have_identities(tmp_path: Path) -> None:
@@ -270,6 +279,27 @@ async def test_tls_carries_bursts_in_both_directions(tmp_path: Path, monkeypatch
             for name in STATES:
                 link.publish(state(name))
             await eventually(lambda: len(session.of(PUBLISH)) == len(STATES), "all states")
+
+
+async def test_what_came_before_the_end_is_taken_where_both_are_read_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By TLS the end comes with what was said before: acknowledgements, a message, why the connection ends."""
+    taken_over = b"\xe0\x01\x8e"
+    with certificate(tmp_path) as (context, chain):
+        monkeypatch.setenv("SSL_CERT_FILE", str(chain))
+        async with Server(acknowledges=False, tls=context) as server, linked(server, "mqtts") as (link, heard):
+            (session,) = server.sessions
+            for number in range(3):
+                link.publish(state("armed", qos=1, ref=number))
+            await eventually(lambda: len(session.of(PUBLISH)) == 3, "three in flight")
+            mids = [packet.publish()[3] for packet in session.of(PUBLISH)]
+            acknowledged = b"".join(b"\x40\x02" + mid.to_bytes(2, "big") for mid in mids)
+            session.send(acknowledged + publish("drone1/commands", b"last", qos=1, mid=1) + taken_over)
+            session.end()
+            await eventually(lambda: heard.losses == 1, "ended")
+            assert heard.acknowledged == [(0, 0), (1, 0), (2, 0)]
+            assert [message.payload for message in heard.messages] == [b"last"]
 
 
 async def test_a_station_trusts_whom_its_own_context_trusts(tmp_path: Path) -> None:

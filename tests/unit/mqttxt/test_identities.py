@@ -28,11 +28,6 @@ DAY_S = 86_400.0
 OPS = Rights(frozenset({1, 2, 3, 7}), take_over=True, observe=True)
 
 
-@pytest.fixture
-def acme(tmp_path: Path) -> Authority:
-    return Authority.create(tmp_path / "acme", "acme")
-
-
 def now_s() -> float:
     return datetime.now(UTC).timestamp()
 

@@ -14,34 +14,22 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt import ConfigurationError, FlightLog, LogProgress, TransferFailed
-from mqttxt.core import disk
 from mqttxt.drone.log_work import (
     BLOCK_BYTES,
-    FinishLog,
-    LoadLog,
-    LogFault,
-    LogFinished,
-    LogLoaded,
-    LogOpened,
-    LogWritten,
-    OpenLog,
-    WriteLog,
 )
 from mqttxt.drone.logs import reader
 from mqttxt.drone.logs.files import LogFiles
 from mqttxt.drone.logs.reader import MOST_BYTES_S, MOST_MESSAGES, WAY_MS
-from mqttxt.drone.mavlink.log_protocol import DATA_BYTES, SILENT_ASKS, Listing, Window
-from mqttxt.errors import PayloadError
-from mqttxt.protocol.bulk import MOST_BYTES, BulkAsk, Get, Have, Making
+from mqttxt.drone.mavlink.log_protocol import DATA_BYTES, SILENT_ASKS
+from mqttxt.protocol.bulk import MOST_BYTES, Have, Making
 from mqttxt.protocol.commands import Arm, SetParameter
-from mqttxt.protocol.logs import LOGS, MOST_LOGS, pack_logs, unpack_logs
+from mqttxt.protocol.logs import LOGS, unpack_logs
 from mqttxt.protocol.plans import hash_of
 from mqttxt.station.log_download import LogDownload
 from mqttxt.station.transfers import Fetching
 from sitl.logs import Log, made_up
 from tests.simulation.far import FarFlight
 from tests.simulation.flight import Flight
-from tests.simulation.world import from_autopilot
 
 KINDS = ("px4", "ardupilot")
 LONG = made_up(1_767_230_000, 6 * BLOCK_BYTES + 1234)
@@ -445,133 +433,7 @@ def test_a_log_that_nobody_asks_for_any_more_is_read_no_further(
     assert ground.asked() == []
 
 
-# -- what an autopilot may say ----------------------------------------------------------------------------------------
-
-
-def entry(number: int, count: int, size: int = 100) -> Any:
-    return from_autopilot(mavlink.MAVLink_log_entry_message(number, count, count, 5, size))
-
-
-def data(number: int, offset: int, count: int, fill: int = 7) -> Any:
-    return from_autopilot(mavlink.MAVLink_log_data_message(number, offset, count, [fill] * DATA_BYTES))
-
-
-def test_a_list_is_bounded_and_empty_logs_are_left_out() -> None:
-    listing = Listing(1)
-    listing.begin(0)
-    listing.on_entry(entry(2, 2, 0), 0)
-    listing.on_entry(entry(2, 2, 0), 0)
-    assert not listing.is_over
-    listing.on_entry(entry(1, 2), 0)
-    assert listing.found == (FlightLog(1, 100, 5),)
-    listing = Listing(1)
-    listing.on_entry(entry(1, MOST_LOGS + 1), 0)
-    assert (listing.found, listing.error) == (None, f"too_many, {MOST_LOGS + 1}")
-
-
-def test_only_the_bytes_that_were_asked_for_count() -> None:
-    log = FlightLog(3, 1000, None)
-    window = Window(1, log, 180, 450)
-    window.ask(0)
-    for odd in (data(4, 180, 90), data(3, 181, 90), data(3, 90, 90), data(3, 450, 90), data(3, 2**32 - 1, 90)):
-        assert window.on_data(odd, 0) == []
-    window.on_data(data(3, 180, 255, 1), 0)
-    window.on_data(data(3, 180, 90, 2), 0)  # the first counts
-    asked = window.on_data(data(3, 360, 90, 3), 0)
-    assert [(one.ofs, one.count) for one in asked] == [(270, 90)]
-    assert not window.is_whole
-    window.on_data(data(3, 270, 90, 4), 0)
-    assert window.data == bytes([1] * 90 + [4] * 90 + [3] * 90)
-
-
-def test_a_log_that_ends_too_soon_has_changed() -> None:
-    window = Window(1, FlightLog(3, 1000, None), 0, 180)
-    window.ask(0)
-    for _ in range(3):
-        window.on_data(data(3, 90, 12), 0)
-    assert window.error == "changed_meanwhile"
-
-
-@pytest.mark.parametrize(
-    "kind",
-    ["log", "logs", "log.1.2", "log.65536.5.0", "log.1.0.0", "log.01.5.0", "log.1.5.4294967296", "log.1.5.0.part"],
-)
-def test_other_names_are_no_logs(kind: str) -> None:
-    assert FlightLog.of_kind(kind) is None
-
-
-def test_a_log_is_named_by_what_the_list_has_of_it() -> None:
-    for log in (FlightLog(0, 1, None), FlightLog(65535, 2**32 - 1, 2**32 - 1)):
-        assert FlightLog.of_kind(log.kind) == log
-
-
-def test_a_list_has_each_number_once() -> None:
-    twice = [FlightLog(1, 5, None), FlightLog(1, 6, None)]
-    with pytest.raises(PayloadError, match="each number once"):
-        unpack_logs(pack_logs(twice))
-
-
-# -- the drone's disk -------------------------------------------------------------------------------------------------
-
-A_LOG = FlightLog(1, 2 * BLOCK_BYTES, 5)
-
-
-def written(files: LogFiles, log: FlightLog, plain: bytes) -> Any:
-    """Write a log in blocks; the last answer."""
-    done: Any = None
-    for offset in range(0, len(plain), BLOCK_BYTES):
-        done = files.carry_out(WriteLog(1, log, offset, plain[offset : offset + BLOCK_BYTES]))
-    return done
-
-
-def test_a_whole_log_is_known_by_its_hash_and_outlives_the_process(tmp_path: Path) -> None:
-    files, plain = LogFiles(tmp_path, reserve_bytes=0), os.urandom(A_LOG.size)
-    assert isinstance(written(files, A_LOG, plain), LogWritten)
-    finished = files.carry_out(FinishLog(2, A_LOG))
-    assert isinstance(finished, LogFinished)
-    opened = LogFiles(tmp_path).carry_out(OpenLog(3, A_LOG))
-    assert isinstance(opened, LogOpened)
-    assert opened.whole == finished.whole
-    (path,) = tmp_path.iterdir()
-    assert hash_of(path.read_bytes()) == finished.whole.hash
-    assert zlib.decompress(path.read_bytes()) == plain
-    get = Get(5, 20, finished.whole.hash)
-    ask = BulkAsk(gs_session=1, kind=A_LOG.kind, nonce=1, ask=get)
-    loaded = files.carry_out(LoadLog(ask, get, finished.whole.hash, A_LOG))
-    assert isinstance(loaded, LogLoaded)
-    assert (loaded.data, loaded.size) == (path.read_bytes()[5:25], finished.whole.size)
-    gone = files.carry_out(LoadLog(ask, get, bytes(16), A_LOG))
-    assert isinstance(gone, LogLoaded)
-    assert gone.data is None
-
-
-@pytest.mark.parametrize("there", [0, 1, 89, BLOCK_BYTES - 1, BLOCK_BYTES, BLOCK_BYTES + 1, 2 * BLOCK_BYTES])
-def test_the_last_block_of_a_log_in_part_does_not_count(there: int, tmp_path: Path) -> None:
-    files, plain = LogFiles(tmp_path, reserve_bytes=0), os.urandom(A_LOG.size)
-    (tmp_path / f"{A_LOG.kind}.part").write_bytes(plain[:there])
-    opened = files.carry_out(OpenLog(1, A_LOG))
-    assert isinstance(opened, LogOpened)
-    assert opened.done in range(max(0, there - BLOCK_BYTES), max(1, there))
-    assert opened.done % BLOCK_BYTES == 0
-    assert opened.tail == plain[max(0, opened.done - 900) : opened.done]
-
-
-def test_a_disk_that_is_full_is_one_word_and_keeps_room_for_the_journal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    files = LogFiles(tmp_path, reserve_bytes=2**60)
-    fault = files.carry_out(WriteLog(1, A_LOG, 0, b"x"))
-    assert isinstance(fault, LogFault)
-    assert (fault.reason, [*tmp_path.iterdir()]) == ("disk_full", [])
-
-    def full(*_: Any) -> int:
-        raise OSError(28, "No space left on device")
-
-    files = LogFiles(tmp_path, reserve_bytes=0)
-    monkeypatch.setattr(disk.os, "write", full)
-    fault = files.carry_out(WriteLog(1, A_LOG, 0, b"x"))
-    assert isinstance(fault, LogFault)
-    assert fault.reason == "disk_full"
+# -- full disks and memory --------------------------------------------------------------------------------------------
 
 
 def test_a_full_disk_ends_a_reading_with_that_word(tmp_path: Path) -> None:
@@ -584,25 +446,6 @@ def test_a_full_disk_ends_a_reading_with_that_word(tmp_path: Path) -> None:
     assert [one.kind for one in ground.flight.logs][-2:] == ["logs", "object_refused"]
     ground.files._reserve_bytes = 0
     assert ground.get(log) == ground.kept[0].data
-
-
-def test_a_folder_that_cannot_be_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(ConfigurationError, match=r"--logs .*file: File exists; expected a folder"):
-        LogFiles(tmp_path / "file")
-
-
-def test_what_was_touched_longest_ago_makes_room_and_no_log_takes_more_than_half(tmp_path: Path) -> None:
-    files = LogFiles(tmp_path, 10_000, reserve_bytes=0)
-    for number in range(1, 5):
-        log = FlightLog(number, 2000, 5)
-        assert isinstance(written(files, log, os.urandom(2000)), LogWritten)
-        files.carry_out(FinishLog(1, log))
-        os.utime(next(tmp_path.glob(f"{log.kind}.*.z")), (number, number))
-    assert sorted(path.name.split(".")[1] for path in tmp_path.iterdir()) == ["2", "3", "4"]
-    fault = files.carry_out(WriteLog(1, FlightLog(9, 5001, 5), 0, b"x"))
-    assert isinstance(fault, LogFault)
-    assert fault.reason == "too_long, 5000"
 
 
 def test_a_list_that_is_longer_than_memory_allows_is_not_taken(tmp_path: Path) -> None:

@@ -144,31 +144,29 @@ def test_a_value_out_of_no_parameters_is_no_whole_set() -> None:
     assert [one.name for one in reading.found] == ["A"]
 
 
-def test_another_number_of_parameters_begins_the_list_anew() -> None:
+@pytest.mark.parametrize(
+    ("read", "other", "names"),
+    [
+        ([value(b"A", 1.0, 0, 2)], value(b"C", 1.0, 1, 3), (b"A", b"B", b"C")),
+        # NEW has come in front of B, and C has gone.
+        ([value(b"A", 1.0, 0, 3), value(b"B", 1.0, 1, 3)], value(b"B", 1.0, 2, 3), (b"A", b"NEW", b"B")),
+    ],
+    ids=["another number of parameters", "places that move"],
+)
+def test_a_list_that_changes_while_it_is_read_begins_anew(
+    read: list[Any], other: Any, names: tuple[bytes, ...]
+) -> None:
     reading = Reading(1, bytewise=True)
     reading.begin(0)
-    reading.on_value(value(b"A", 1.0, 0, 2), 0)
-    (again,) = reading.on_value(value(b"C", 1.0, 1, 3), 10)
+    for one in read:
+        reading.on_value(one, 0)
+    (again,) = reading.on_value(other, 10)
     assert again.get_type() == "PARAM_REQUEST_LIST"
-    for index, name in enumerate((b"A", b"B", b"C")):
+    for index, name in enumerate(names):
         assert reading.found is None
         reading.on_value(value(name, 2.0, index, 3), 20)
     assert reading.found is not None
-    assert [one.name for one in reading.found] == ["A", "B", "C"]
-
-
-def test_places_that_move_while_they_are_read_leave_no_parameter_out() -> None:
-    reading = Reading(1, bytewise=True)
-    reading.begin(0)
-    reading.on_value(value(b"A", 1.0, 0, 3), 0)
-    reading.on_value(value(b"B", 1.0, 1, 3), 0)
-    (again,) = reading.on_value(value(b"B", 1.0, 2, 3), 10)  # NEW has come in front of it, and C has gone
-    assert again.get_type() == "PARAM_REQUEST_LIST"
-    for index, name in enumerate((b"A", b"NEW", b"B")):
-        assert reading.found is None
-        reading.on_value(value(name, 2.0, index, 3), 20)
-    assert reading.found is not None
-    assert [one.name for one in reading.found] == ["A", "B", "NEW"]
+    assert [one.name for one in reading.found] == sorted(name.decode() for name in names)
 
 
 def test_more_names_than_parameters_begin_the_list_anew_and_are_not_kept() -> None:

@@ -10,7 +10,7 @@ from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Goto, Hold
 from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Control, DroneRecord, FogResultMessage, Word
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMode
-from mqttxt.protocol.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed
+from mqttxt.protocol.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed, State
 from tests.simulation.fogs import BORN_MS, ActivatorBench, of, words
 from tests.simulation.world import FOG_SESSION, UAV_SESSION
 
@@ -113,14 +113,17 @@ def test_what_is_not_known_leaves_a_drone_out_by_name() -> None:
     assert sent_to(effects) == []
 
 
-def test_old_figures_leave_a_drone_out() -> None:
+@pytest.mark.parametrize(
+    ("told", "stale"), [((), "location"), ((place(1), Armed(armed=True)), "landed_state")], ids=["place", "landed"]
+)
+def test_old_figures_leave_a_drone_out(told: tuple[State, ...], stale: str) -> None:
     bench = flock(1)
     for _ in range(5):
         bench.until(bench.now_ms + 10_000)
         bench.echo(session=UAV_SESSION + 1)
         bench.register()
-        bench.tell(Battery(90), MaxGroundspeed(10), Endurance(900, 10))
-    assert reasons(psmi(bench.select(TARGET))[0]) == {1: "stale(location)"}
+        bench.tell(*told, Battery(90), MaxGroundspeed(10), Endurance(900, 10))
+    assert reasons(psmi(bench.select(TARGET))[0]) == {1: f"stale({stale})"}
 
 
 @pytest.mark.parametrize(
@@ -138,16 +141,6 @@ def test_a_drone_that_cannot_go_as_it_is_is_left_out_however_near_it_is(state: d
     (message,) = psmi(effects)
     assert (numbers(message.listed), reasons(message)) == ([2], {1: reason})
     assert sent_to(effects) == [2]
-
-
-def test_what_a_drone_said_of_itself_long_ago_is_not_how_it_is() -> None:
-    bench = flock(1)
-    for _ in range(5):
-        bench.until(bench.now_ms + 10_000)
-        bench.echo(session=UAV_SESSION + 1)
-        bench.register()
-        bench.tell(place(1), Battery(90), MaxGroundspeed(10), Endurance(900, 10), Armed(armed=True))
-    assert reasons(psmi(bench.select(TARGET))[0]) == {1: "stale(landed_state)"}
 
 
 def test_an_offer_that_names_an_earlier_one_leaves_out_whom_that_was_for() -> None:

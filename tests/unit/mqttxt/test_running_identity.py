@@ -49,11 +49,6 @@ class Clock:
         return datetime.now(UTC).timestamp() + self.ahead_s
 
 
-@pytest.fixture
-def acme(tmp_path: Path) -> Authority:
-    return Authority.create(tmp_path / "acme", "acme")
-
-
 def runner_of(identity: Identity) -> Runner:
     clock = SessionClock()
     return Runner(UavClient(1, clock.session, Settings()), clock, identity=identity, lists={"fog": "fleet/revoked"})

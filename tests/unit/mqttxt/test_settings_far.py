@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import statistics
-from dataclasses import dataclass
 
 import pytest
 
 from mqttxt.protocol.commands import SetParameter
 from mqttxt.protocol.messages import Word
-from tests.simulation.far import Direction, FarFlight
+from tests.simulation.far import FAR_LINKS, Direction, FarFlight, FarLink
 
 pytestmark = pytest.mark.long
 SETTINGS = 40
@@ -17,26 +16,8 @@ CLIENTS_MS = 3000
 """How long MAVSDK, QGroundControl and pymavlink wait for a PARAM_VALUE, their repetitions included."""
 
 
-@dataclass(frozen=True)
-class Link:
-    """All hops from the ground station to the drone in one: how long one way takes, and what is lost on it."""
-
-    name: str
-    one_way_ms: float
-    loss: float
-    is_in_time: bool
-
-
-LINKS = [
-    Link("lte", 70, 0.004, True),
-    Link("geo", 300, 0.0, True),
-    Link("thesis", 550, 0.003, True),
-    Link("geo-2s", 993, 0.05, False),
-]
-
-
-@pytest.mark.parametrize("link", LINKS, ids=lambda link: link.name)
-def test_a_value_is_there_in_time_for_clients(link: Link, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("link", FAR_LINKS, ids=lambda link: link.name)
+def test_a_value_is_there_in_time_for_clients(link: FarLink, capsys: pytest.CaptureFixture[str]) -> None:
     flight = FarFlight()
     flight.up, flight.down = (Direction(link.one_way_ms, rate, link.loss) for rate in (256e3, 1e6))
     flight.begin("px4")

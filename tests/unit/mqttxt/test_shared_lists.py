@@ -16,11 +16,6 @@ from mqttxt.security.fleet import Fleet
 TOPIC = "fleet/revoked"
 
 
-@pytest.fixture
-def acme(tmp_path: Path) -> Authority:
-    return Authority.create(tmp_path / "acme", "acme")
-
-
 def numbered(acme: Authority, *numbers: int) -> list[bytes]:
     """The fleet's lists of these numbers."""
     found = {1: acme.fleet.revoked.der}

@@ -33,7 +33,6 @@ from tests.simulation.signed import (
     outcomes,
     said,
     signed_command,
-    signed_world,
     to_drone,
     word,
 )
@@ -47,12 +46,6 @@ from tests.simulation.world import (
     command_payload,
     heartbeat,
 )
-
-
-@pytest.fixture
-def world() -> World:
-    return signed_world()
-
 
 # Commands and their words, all the way.
 

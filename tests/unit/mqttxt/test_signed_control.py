@@ -50,12 +50,6 @@ from tests.simulation.world import (
     position,
 )
 
-
-@pytest.fixture
-def world() -> World:
-    return signed_world()
-
-
 # Registrations, control, leases, grants.
 
 

@@ -36,7 +36,6 @@ from tests.simulation.signed import (
     last_sent,
     outcomes,
     said,
-    signed_world,
     to_drone,
 )
 from tests.simulation.signing import seal
@@ -49,12 +48,6 @@ from tests.simulation.world import (
     landed,
     position,
 )
-
-
-@pytest.fixture
-def world() -> World:
-    return signed_world()
-
 
 # Births, presence, beacons.
 

@@ -43,7 +43,6 @@ from tests.simulation.signed import (
     outcomes,
     said,
     signed_command,
-    signed_world,
     to_drone,
     word,
 )
@@ -57,11 +56,6 @@ from tests.simulation.world import (
     landed,
     position,
 )
-
-
-@pytest.fixture
-def world() -> World:
-    return signed_world()
 
 
 def test_nobody_uses_another_stations_session(world: World) -> None:

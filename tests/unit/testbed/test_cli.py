@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -37,6 +39,40 @@ def _run(*words: str) -> tuple[int, str, str]:
 )
 def test_a_mistake_is_one_line(words: list[str], said: str) -> None:
     assert _run(*words) == (2, "", f"testbed: {said}\n")
+
+
+@pytest.mark.parametrize(
+    "words", [["scheduler"], ["worker", "--scheduler", "tls://lab:1"], ["all", "--scheduler", "x"]]
+)
+def test_many_machines_need_a_certificate(words: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "campaign.pem"
+    code, _, said = _run(*words, "--certificate", str(path))
+    assert code == 2
+    assert said.startswith(f"testbed: {path}: No such file or directory; expected the campaign's certificate")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", [["worker"], ["all"]])
+def test_many_machines_need_a_schedulers_address(words: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "campaign.pem"
+    assert _run("certificate", str(path))[0] == 0
+    said = "testbed: SCHEDULER=tcp://lab:8786: expected tls://HOST:PORT, as `make scheduler` prints it\n"
+    assert _run(*words, "--certificate", str(path), "--scheduler", "tcp://lab:8786") == (2, "", said)
+
+
+def test_a_machine_without_docker_flies_for_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "campaign.pem"
+    assert _run("certificate", str(path))[0] == 0
+    monkeypatch.setattr("testbed.fly.campaign.certificate.check_scheduler", lambda *_: None)
+    monkeypatch.setenv("DOCKER_HOST", f"unix://{tmp_path}/docker.sock")
+    code, _, said = _run("worker", "--scheduler", "tls://lab:8786", "--certificate", str(path))
+    assert (code, said.count("\n")) == (2, 1)
+    assert said.startswith("testbed: this machine cannot fly: Docker does not answer: ")
+
+
+def test_one_machine_alone_needs_no_dask() -> None:
+    alone = "import sys, testbed.cli.commands; sys.exit({'dask', 'distributed'} & set(sys.modules) != set())"
+    assert subprocess.run([sys.executable, "-c", alone], check=False).returncode == 0
 
 
 def test_arms_and_factors_are_shown() -> None:

@@ -61,5 +61,15 @@ def test_everything_is_flown_unless_somebody_names_some() -> None:
     options = _typed("all")
     assert [options[name] for name in ("--experiments", "--arms", "--profiles")] == ["", "", ""]
     assert options["--attempts"] == "1"
+    assert options["--scheduler"] == ""
     assert _typed("all", "ARMS=thesis,direct")["--arms"] == "thesis,direct"
     assert _typed("all", "EXPERIMENTS=scenario-3", "ATTEMPTS=2")["--experiments"] == "scenario-3"
+
+
+def test_a_campaign_on_many_machines_has_a_scheduler_and_a_certificate() -> None:
+    address = "tls://lab:8786"
+    for target in ("all", "worker"):
+        options = _typed(target, f"SCHEDULER={address}", "CERTIFICATE=other.pem")
+        assert (options["--scheduler"], options["--certificate"]) == (address, "other.pem")
+    assert _typed("scheduler", "PORT=9000")["--port"] == "9000"
+    assert _words("certificate")[-1] == "campaign.pem"

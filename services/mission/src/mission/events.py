@@ -9,6 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TextIO
 
+from mqttxt import Word
+
 from .fleet import Reading
 
 
@@ -28,6 +30,21 @@ class EventLog:
     def reading(self, fog: int, reading: Reading) -> None:
         """A sensor's value has arrived."""
         self.write("reading", fog=fog, **asdict(reading))
+
+    def outcome(
+        self,
+        call: int,
+        command: str,
+        fog: int,
+        drone: int | None,
+        word: Word,
+        reason: str | None,
+        command_id: str | None = None,
+        settled: bool = False,
+    ) -> None:
+        """A word about a call; `settled`: it tells what became of an `unconfirmed`, and is no last word."""
+        said = {"id": command_id, "word": word.label, "reason": reason, "final": word.is_last and not settled}
+        self.write("outcome", call=call, command=command, fog=fog, drone=drone, **said)
 
     def next_call(self) -> int:
         """The number of a new API call; its retries and its outcomes belong to it."""

@@ -27,7 +27,6 @@ from .mavsdk_outcomes import (
     arm_goal,
     goto_goal,
     land_goal,
-    raw_refusal,
     refusal,
     return_goal,
     survey_goal,
@@ -271,25 +270,13 @@ class MavsdkFleet:
         self._log.write("command", call=call, command=command, fog=drone.fog, drone=drone.number)
         try:
             await self._calls.run(ask(drone))
-        except ActionError as error:
+        except (ActionError, MissionRawError) as error:
             return self._note(call, command, drone, *refusal(error.result))
-        except MissionRawError as error:
-            return self._note(call, command, drone, *raw_refusal(error.result))
         self._note(call, command, drone, Word.ACCEPTED, None)
         return _Accepted(call, asked_s)
 
     def _note(self, call: int, command: str, drone: MavsdkDrone, word: Word, reason: str | None) -> Result:
-        self._log.write(
-            "outcome",
-            call=call,
-            command=command,
-            fog=drone.fog,
-            drone=drone.number,
-            id=None,
-            word=word.label,
-            reason=reason,
-            final=word.is_last,
-        )
+        self._log.outcome(call, command, drone.fog, drone.number, word, reason)
         return Result(drone.number, word.label, reason)
 
 

@@ -19,7 +19,7 @@ from .fleet import MissionError, Result, Told
 from .mavsdk_calls import go_to, take_off
 from .mavsdk_drone import FIVE_STATES_HZ, MavsdkDrone
 from .mavsdk_fleet import Ask, MavsdkFleet
-from .mavsdk_outcomes import mode_of, offboard_refusal, place_of
+from .mavsdk_outcomes import mode_of, place_of, refusal
 from .message_set import HOVER_M
 from .points import points_of
 
@@ -64,7 +64,7 @@ class MavsdkMessageFleet(MavsdkFleet):
             try:
                 accepted = await self._call_as(call, self._drone, name, asks[name])
             except OffboardError as error:
-                return self._note(call, name, self._drone, *offboard_refusal(error.result))
+                return self._note(call, name, self._drone, *refusal(error.result))
             return accepted if isinstance(accepted, Result) else Result(self._number, Word.ACCEPTED.label)
 
     async def settle(self) -> bool:

@@ -19,35 +19,18 @@ from .fleet import Point, Status
 
 Value = TypeVar("Value")
 
-_WORDS: Final[dict[ActionResult, tuple[Word, str | None]]] = {
-    ActionResult.NO_SYSTEM: (Word.UNREACHABLE, "no_system"),
-    ActionResult.CONNECTION_ERROR: (Word.UNREACHABLE, "connection_error"),
-    ActionResult.BUSY: (Word.FAILED, "busy"),
-    ActionResult.COMMAND_DENIED: (Word.DENIED, "autopilot"),
-    ActionResult.COMMAND_DENIED_LANDED_STATE_UNKNOWN: (Word.DENIED, "landed_state_unknown"),
-    ActionResult.COMMAND_DENIED_NOT_LANDED: (Word.DENIED, "not_landed"),
-    ActionResult.TIMEOUT: (Word.UNCONFIRMED, "timeout"),
-    ActionResult.PARAMETER_ERROR: (Word.FAILED, "parameter_error"),
-    ActionResult.UNSUPPORTED: (Word.UNSUPPORTED, None),
-    ActionResult.FAILED: (Word.FAILED, "autopilot"),
-    ActionResult.INVALID_ARGUMENT: (Word.FAILED, "invalid_argument"),
+_WORDS: Final[dict[str, tuple[Word, str | None]]] = {
+    "NO_SYSTEM": (Word.UNREACHABLE, "no_system"),
+    "CONNECTION_ERROR": (Word.UNREACHABLE, "connection_error"),
+    "DENIED": (Word.DENIED, "autopilot"),
+    "COMMAND_DENIED": (Word.DENIED, "autopilot"),
+    "COMMAND_DENIED_LANDED_STATE_UNKNOWN": (Word.DENIED, "landed_state_unknown"),
+    "COMMAND_DENIED_NOT_LANDED": (Word.DENIED, "not_landed"),
+    "TIMEOUT": (Word.UNCONFIRMED, "timeout"),
+    "UNSUPPORTED": (Word.UNSUPPORTED, None),
+    "FAILED": (Word.FAILED, "autopilot"),
 }
-
-_OFFBOARD_WORDS: Final[dict[OffboardResult, tuple[Word, str | None]]] = {
-    OffboardResult.NO_SYSTEM: (Word.UNREACHABLE, "no_system"),
-    OffboardResult.CONNECTION_ERROR: (Word.UNREACHABLE, "connection_error"),
-    OffboardResult.BUSY: (Word.FAILED, "busy"),
-    OffboardResult.COMMAND_DENIED: (Word.DENIED, "autopilot"),
-    OffboardResult.TIMEOUT: (Word.UNCONFIRMED, "timeout"),
-    OffboardResult.NO_SETPOINT_SET: (Word.FAILED, "no_setpoint_set"),
-    OffboardResult.FAILED: (Word.FAILED, "autopilot"),
-}
-
-_RAW_WORDS: Final[dict[MissionRawResult, tuple[Word, str | None]]] = {
-    MissionRawResult.NO_SYSTEM: (Word.UNREACHABLE, "no_system"),
-    MissionRawResult.DENIED: (Word.DENIED, "autopilot"),
-    MissionRawResult.TIMEOUT: (Word.UNCONFIRMED, "timeout"),
-}
+"""By the names that results of MAVSDK's plugins have; any other is `failed`, with the name as the reason."""
 
 _MODES: Final[dict[FlightMode, FlightModeName]] = {
     FlightMode.TAKEOFF: FlightModeName.TAKEOFF,
@@ -73,22 +56,12 @@ _LANDED: Final[dict[LandedState, Landed]] = {
 }
 
 
-def refusal(result: ActionResult) -> tuple[Word, str | None]:
-    """The last word for a result of MAVSDK's Action other than success, and its reason.
+def refusal(result: ActionResult | MissionRawResult | OffboardResult) -> tuple[Word, str | None]:
+    """The last word for a result of a plugin of MAVSDK's other than success, and its reason.
 
     MAVSDK says COMMAND_DENIED for MAV_RESULT_DENIED and MAV_RESULT_TEMPORARILY_REJECTED alike.
     """
-    return _WORDS.get(result, (Word.FAILED, result.name.lower()))
-
-
-def raw_refusal(result: MissionRawResult) -> tuple[Word, str | None]:
-    """The same for a result of MAVSDK's MissionRaw."""
-    return _RAW_WORDS.get(result, (Word.FAILED, result.name.lower()))
-
-
-def offboard_refusal(result: OffboardResult) -> tuple[Word, str | None]:
-    """The same for a result of MAVSDK's Offboard."""
-    return _OFFBOARD_WORDS.get(result, (Word.FAILED, result.name.lower()))
+    return _WORDS.get(result.name, (Word.FAILED, result.name.lower()))
 
 
 def mode_of(mode: FlightMode) -> FlightModeName:

@@ -232,17 +232,8 @@ class MqttxtFleet:
         return results
 
     def _note(self, call: int, outcome: Outcome) -> None:
-        self._log.write(
-            "outcome",
-            call=call,
-            command=outcome.command,
-            fog=outcome.fog,
-            drone=outcome.drone,
-            id=str(outcome.id),
-            word=outcome.word.label,
-            reason=outcome.reason,
-            final=outcome.is_last,
-        )
+        about = (call, outcome.command, outcome.fog, outcome.drone)
+        self._log.outcome(*about, outcome.word, outcome.reason, str(outcome.id), outcome.settled)
 
     async def _listen(self) -> None:
         async for event in self._station.events():

@@ -137,8 +137,7 @@ class MqttxtMessageFleet(MqttxtFleet):
     def _own_word(self, call: int, name: str, word: Word, reason: str) -> Result:
         """The ground station's own word about a call that got none."""
         fog = self._fog_of(self._number).number
-        told = {"id": None, "word": word.label, "reason": reason, "final": word.is_last}
-        self._log.write("outcome", call=call, command=name, fog=fog, drone=self._number, **told)
+        self._log.outcome(call, name, fog, self._number, word, reason)
         return Result(self._number, word.label, reason)
 
     async def _take(self, name: str, told: asyncio.Queue[Told]) -> None:

@@ -13,6 +13,7 @@ from mqttxt.protocol.messages import Word
 
 from . import shapes
 from .activator_kit import PATIENCE_S, QUIET_S, ActivatorKit
+from .fields import FIRST_WORDS
 from .registry import expect, rule
 
 _GRACE_MS = 5000
@@ -245,7 +246,7 @@ async def broadcasts_to_its_roster(kit: ActivatorKit) -> str:
     for number in numbers:
         await kit.outcome(message, number)
         words = kit.words(message, number, mark)
-        last = [name for name in words.names if name not in shapes.FIRST_WORDS]
+        last = [name for name in words.names if name not in FIRST_WORDS]
         expect(len(last) == 1, f"drone {number}: came {words}")
         first = kit.words(message, number, place + 1)
         expect(len(first.words) == len(words.words), f"drone {number}: a word came before the roster")

@@ -11,6 +11,7 @@ from mqttxt.protocol.topics import CloudSide
 
 from . import gs_rules, gs_signed
 from .gs_kit import GsKit, GsTarget
+from .gs_script import play
 from .registry import RULES, Broken, Finding, Rule, check_all, unmet
 from .sealed import STATION
 from .secured import SecuredFog
@@ -47,7 +48,7 @@ async def check_gs(broker: BrokerAddress, target: GsTarget, on_finding: Callable
             commands += [topics.drone_control(target.drone), topics.drone_sensor_ack(target.drone)]
         await tap.subscribe(f"{target.prefix}gs/+/reachable", topics.init_connect, *commands)
         try:
-            await kit.play()
+            await play(kit)
         except Broken as broken:
             return unmet(rules(secured is not None), "registers-as-specified", str(broken), on_finding)
         return await check_all(rules(secured is not None), kit, on_finding)

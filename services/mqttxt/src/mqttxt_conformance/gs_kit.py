@@ -7,10 +7,8 @@ commands when its user says so, and ends.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import secrets
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +21,9 @@ from mqttxt.protocol.topics import CloudSide
 from mqttxt.protocol.values import Encoding
 
 from . import shapes
-from .readings import KIND, SENSOR, Sensor
-from .registry import Broken, NotTested
-from .sealed import STATION, Folder
+from .readings import Sensor
+from .registry import Broken
+from .sealed import Folder
 from .secured import SecuredFog
 from .subject import Subject
 from .tap import NOBODY_SUBSCRIBED, Heard, Tap, clear_retained
@@ -43,23 +41,14 @@ LONGEST_LEASE_S = 60
 
 
 @dataclass(frozen=True)
-class Command:
-    """A command as it came, and the latest deadline that R4.4 allows it, None where it could not be read."""
+class Timed:
+    """A command or a registration as it came, with the latest deadline that R4.4 allows it and whom it is for."""
 
     heard: Heard
     fields: dict[str, Any]
     latest_ms: float
     session: int
-
-
-@dataclass(frozen=True)
-class Enrolment:
-    """A registration as it came, under which session of the kit's activator."""
-
-    heard: Heard
-    fields: dict[str, Any]
-    latest_ms: float
-    session: int
+    """Of the kit's activator or, for a command where messages are signed, of its drone."""
 
 
 class GsKit:
@@ -88,8 +77,8 @@ class GsKit:
         self.ttl_ms = round(ttl_s * 1000)
         self.activator = SessionClock()
         self.sessions: list[int] = []
-        self.enrolments: list[Enrolment] = []
-        self.commands: list[Command] = []
+        self.enrolments: list[Timed] = []
+        self.commands: list[Timed] = []
         self.malformed: list[str] = []
         self.grants: list[tuple[Heard, dict[str, Any], float]] = []
         self.forged_ms: int | None = None
@@ -161,13 +150,13 @@ class GsKit:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def answer(self, command: Command, *words: Word) -> None:
+    def answer(self, command: Timed, *words: Word) -> None:
         """The drone's words about a command."""
         self.answered[command.heard.payload] = self.clock.now_ms()
         for word in words:
-            self.tap.publish(*self._word(command, word))
+            self.tap.publish(*self.word(command, word))
 
-    def _word(self, command: Command, word: Word) -> tuple[str, bytes]:
+    def word(self, command: Timed, word: Word) -> tuple[str, bytes]:
         now = stamp(self.activator.now_ms())
         result = ResultMessage(
             gs_session=command.fields["gs_session"],
@@ -207,7 +196,7 @@ class GsKit:
             return
         is_first = not self.enrolments
         latest_ms = self.latest(heard.at_ms, fields["lease_s"] * 1000)
-        self.enrolments.append(Enrolment(heard, fields, latest_ms, self.activator.session))
+        self.enrolments.append(Timed(heard, fields, latest_ms, self.activator.session))
         if is_first:
             self.presence_topic = f"{self.prefix}gs/{fields['name']}/reachable"
             self._later(self._probe())
@@ -218,7 +207,7 @@ class GsKit:
     def _on_command(self, heard: Heard, fields: dict[str, Any]) -> None:
         latest_ms = self.latest(heard.at_ms, self.ttl_ms)
         named = self.activator.session if self.secured is None else self.drone_session
-        self.commands.append(Command(heard, fields, latest_ms, named))
+        self.commands.append(Timed(heard, fields, latest_ms, named))
 
     async def _probe(self) -> None:
         """Whom the broker reaches right after the first registration: PUBACK 0x10 says nobody, if it says so at all."""
@@ -237,120 +226,6 @@ class GsKit:
         found = {topic: await future for topic, future in futures.items()}
         if found.pop(nowhere) == NOBODY_SUBSCRIBED:
             self.unheard = [topic for topic, code in found.items() if code == NOBODY_SUBSCRIBED]
-
-    # The script.
-
-    async def play(self) -> None:
-        """From a registration to the end; raises Broken when no station registers."""
-        await self.appear()
-        if self.subject.is_ours:
-            await self.subject.start()
-        await self.tap.until(lambda: self.enrolments, APPEAR_S)
-        if not self.enrolments:
-            raise Broken(f"no registration on {self.topics.init_connect} within {APPEAR_S:g} s")
-        await self.tap.until(lambda: self.commands, APPEAR_S)
-        self._say_nonsense()
-        self._forge()
-        self._measure()
-        self._upset()
-        await self._wait_for_renewal()
-        before = len(self.enrolments)
-        self.anew_ms = self.clock.now_ms()
-        await self.appear()
-        await self.tap.until(lambda: len(self.enrolments) > before, 5)
-        if self.enrolments[before:]:
-            await asyncio.sleep(2 * BEACON_HELD_S)
-        await self._answer_all()
-        await self._end()
-
-    def _say_nonsense(self) -> None:
-        for topic in (self.topics.clock, self.topics.drone_result(self.drone, "arm"), self.topics.drone_state(1, "x")):
-            for payload in (b"{", b"\xff\xff", b"\x81\x01", b""):
-                self.tap.publish(topic, payload, as_it_is=True)
-
-    def _forge(self) -> None:
-        """Last words about the first command that its drone has not signed."""
-        if self.secured is None or not self.commands:
-            return
-        self.forged_ms = self.clock.now_ms()
-        topic, word = self._word(self.commands[0], Word.COMPLETED)
-        self.tap.publish(topic, word, as_it_is=True)
-        by_activator = self.secured.activator.sign(topic.removeprefix(self.prefix), word).encode()
-        by_station = self.secured.word(topic, word, self.secured.folder.seal(f"gs-{STATION}"))
-        for payload in (by_activator, by_station):
-            self.tap.publish(topic, payload, as_it_is=True)
-
-    def _measure(self) -> None:
-        """Readings that their sensor has signed, and others."""
-        if self.secured is None or not self.commands:
-            return
-        with contextlib.suppress(NotTested):  # the rule says why
-            self.sensor = sensor = Sensor(self.secured.folder)
-            self.measured = [3, 4]
-            readings = (sensor.measured(1), sensor.said(2, by=self.secured.activator), sensor.said(3), sensor.said(4))
-            for payload in readings:
-                topic = self.topics.drone_sensor(self.drone, SENSOR, KIND)
-                self.tap.publish(topic, payload, as_it_is=True)
-
-    def _upset(self) -> None:
-        """Another session's `down` on the station's retained topic."""
-        if self.presence_topic is not None:
-            self.upset_ms = self.clock.now_ms()
-            other = Presence(session=secrets.randbelow(2**32 - 1) + 1, up=False)
-            if self.secured is not None:
-                self.secured.speech.own.add(encode(other))
-            self.twin.publish(self.presence_topic, encode(other), retain=True)
-
-    async def _wait_for_renewal(self) -> None:
-        """Until a third of the lease has passed, and a command that nobody answers came again."""
-        first = self.enrolments[0]
-        lease_ms = min(first.fields["lease_s"], LONGEST_LEASE_S) * 1000
-        due_ms = first.heard.at_ms + lease_ms / 3 * 1.25 + 1000
-        payloads = [command.heard.payload for command in self.commands]
-        if payloads:
-            due_ms = max(due_ms, self.commands[0].heard.at_ms + self.ttl_ms + 2500)
-
-        def seen() -> bool:
-            again = not payloads or sum(c.heard.payload == payloads[0] for c in self.commands) > 1
-            return len(self.enrolments) > 1 and again
-
-        while not seen() and self.clock.now_ms() < due_ms:
-            await self.tap.until(seen, (due_ms - self.clock.now_ms()) / 1000)
-
-    async def _answer_all(self) -> None:
-        """Every command is completed, until no more come."""
-        while True:
-            known = len(self.commands)
-            for command in self.commands:
-                if command.heard.payload not in self.answered:
-                    self.answer(command, Word.ACCEPTED, Word.COMPLETED)
-            await self.tap.until(partial(self._has_more, known), NEXT_S)
-            if len(self.commands) == known:
-                return
-
-    def _has_more(self, known: int) -> bool:
-        """Whether another command came, or none can come any more."""
-        return len(self.commands) > known or self.subject.exit_code is not None
-
-    async def _end(self) -> None:
-        """A clean stop; then, of an implementation that the kit starts, a crash."""
-        if not self.subject.is_ours:
-            return
-        self.subject.terminate()
-        self.exit_code = await self.subject.ended()
-        await asyncio.sleep(0.3)
-        self.stopped_mark = len(self.tap.heard)
-        await self.subject.kill()
-        count = len(self.enrolments)
-        await self.subject.start()
-        await self.tap.until(lambda: len(self.enrolments) > count or self.subject.exit_code is not None, APPEAR_S)
-        if len(self.enrolments) > count:
-            name = self.enrolments[-1].fields["name"]
-            self.presence_topic = f"{self.prefix}gs/{name}/reachable"
-            await asyncio.sleep(0.2)
-            self.killed_mark = len(self.tap.heard)
-            await self.subject.kill()
-            await self.tap.until(self.last_words, 5)
 
     def last_words(self) -> list[dict[str, Any]]:
         """What its last session said after it was killed; the will of the session before may still be on its way."""

@@ -7,20 +7,20 @@ from itertools import pairwise
 from mqttxt.core.clock import expiry_s
 
 from . import shapes
-from .gs_kit import EPOCH, LONGEST_LEASE_S, Command, Enrolment, GsKit
+from .gs_kit import EPOCH, LONGEST_LEASE_S, GsKit, Timed
 from .registry import NotTested, expect, rule
 
 CONFIRMED_MS = 5000
 """Within this the kit's beacon has confirmed a registration."""
 
 
-def _live(kit: GsKit) -> list[Enrolment]:
+def _live(kit: GsKit) -> list[Timed]:
     """The registrations of the first run, without the one that ends the lease."""
     session = kit.enrolments[0].fields["session"]
     return [one for one in kit.enrolments if one.fields["session"] == session and one.fields["lease_s"] > 0]
 
 
-def _commands(kit: GsKit) -> list[Command]:
+def _commands(kit: GsKit) -> list[Timed]:
     """The commands of the first run; raises NotTested where none came."""
     session = kit.enrolments[0].fields["session"]
     found = [command for command in kit.commands if command.fields["gs_session"] == session]
@@ -29,15 +29,15 @@ def _commands(kit: GsKit) -> list[Command]:
     return found
 
 
-def _first(kit: GsKit) -> list[Command]:
+def _first(kit: GsKit) -> list[Timed]:
     """Each command once, as it came first."""
-    found: dict[bytes, Command] = {}
+    found: dict[bytes, Timed] = {}
     for command in _commands(kit):
         found.setdefault(command.heard.payload, command)
     return [*found.values()]
 
 
-def _is_repeated(kit: GsKit, earlier: Command, later: Command) -> bool:
+def _is_repeated(kit: GsKit, earlier: Timed, later: Timed) -> bool:
     """Whether the later one is the earlier one again: the same command, and that had no answer yet."""
     answered_ms = kit.answered.get(earlier.heard.payload, later.heard.at_ms)
     return earlier.fields["command"] == later.fields["command"] and later.heard.at_ms <= answered_ms
@@ -193,7 +193,7 @@ async def sets_the_expiry(kit: GsKit) -> str:
 @rule("gs", "R5.1")
 async def counts_by_one(kit: GsKit) -> str:
     """`seq` rises by one with each command of a session."""
-    different: list[Command] = []
+    different: list[Timed] = []
     for command in _first(kit):
         known = [one for one in different if one.fields["seq"] == command.fields["seq"]]
         same = [one for one in known if _is_repeated(kit, one, command)]

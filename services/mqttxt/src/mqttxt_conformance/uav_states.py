@@ -9,6 +9,7 @@ from mqttxt.core.clock import STAMP_MODULUS, STAMP_TICK_MS
 
 from . import shapes
 from .autopilot import GCS
+from .fields import FIRST_WORDS
 from .registry import NotTested, expect, rule
 from .tap import Heard
 from .uav_kit import UavKit
@@ -102,7 +103,7 @@ async def says_one_last_word(kit: UavKit) -> str:
         if words[-1:] != [word["word"]]:
             words.append(word["word"])
     for (gs_session, seq), words in said.items():
-        last = [word for word in words if word not in shapes.FIRST_WORDS]
+        last = [word for word in words if word not in FIRST_WORDS]
         expect(len(last) <= 1, f"of {gs_session}:{seq} came {', '.join(words)}")
         expect(not last or words[-1] == last[0], f"of {gs_session}:{seq} came {', '.join(words)}")
     return f"{len(said)} ids, none with two last words"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from . import shapes
+from .fields import FIRST_WORDS
 from .registry import Broken
 from .tap import Heard
 
@@ -24,7 +25,7 @@ class Words:
 
     @property
     def last(self) -> dict[str, Any] | None:
-        return next((word for word in self.words if word["word"] not in shapes.FIRST_WORDS), None)
+        return next((word for word in self.words if word["word"] not in FIRST_WORDS), None)
 
     def __str__(self) -> str:
         shown = [word["word"] + (f"({word['reason']})" if "reason" in word else "") for word in self.words]

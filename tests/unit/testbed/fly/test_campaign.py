@@ -22,13 +22,13 @@ from testbed.fly.campaign import run
 from testbed.fly.campaign.estimate import Durations, in_words
 from testbed.fly.campaign.run import fly_all, job_of
 from testbed.fly.campaign.targets import Wish, plans_of
-from testbed.fly.results import METRICS, Series, open_series, read_json, write_json
+from testbed.fly.results import METRICS, Series, read_json, write_json
 from testbed.fly.runner import Begun, Interrupted, run_series
 from testbed.fly.validity import Verdict
 from testbed.plan.experiments import ARMS, EXPERIMENTS, Plan
 from testbed.plan.fleets import FLEET_FILE
 from testbed.plan.profiles.reading import profile_names
-from tests.handmade.finished import both, finished
+from tests.handmade.finished import both, count_attempts, finished
 from tests.handmade.made_up_fleet import CALIBRATED, Fleet, Quiet
 from tests.handmade.pages import sketched_papers
 
@@ -42,17 +42,6 @@ def _flights(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "calibrate", lambda *_: CALIBRATED)
     for module in (manifest, resume):
         monkeypatch.setattr(module, "revision", lambda: HERE)
-
-
-def count_attempts(path: Path) -> None:
-    """Write metrics that only say which attempts count."""
-    sides: dict[str, Any] = {}
-    for attempt in open_series(path).attempts():
-        side = sides.setdefault(attempt.protocol, {"attempts": [], "void": []})
-        told = attempt.manifest()
-        entry = {"attempt": attempt.number, "repeat": attempt.repeat, "reason": told["reason"]}
-        side["void" if told["status"] == "void" else "attempts"].append(entry)
-    write_json(path / METRICS, {"protocols": sides})
 
 
 Flown = list[tuple[str, str, int]]

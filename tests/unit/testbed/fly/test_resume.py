@@ -143,6 +143,7 @@ def test_a_series_as_it_would_be_flown_now_can_be_gone_on_with(series: Series) -
         ({"revision": {"commit": "decaf", "dirty": False}}, "it was flown at another revision"),
         ({"revision": {"commit": "c0ffee", "dirty": True}}, "it was flown at another revision"),
         ({"configuration": {"qos": 1}}, "it was configured otherwise"),
+        ({"host": {"name": "another"}}, "it was flown on another machine"),
     ],
 )
 def test_a_series_flown_otherwise_is_left_as_it_is(series: Series, changed: dict[str, Any], said: str) -> None:

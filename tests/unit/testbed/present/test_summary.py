@@ -196,6 +196,19 @@ def test_the_series_behind_the_numbers_are_named_with_their_revision(tmp_path: P
     assert "| `scenario-1/thesis-ideal/20260101T000000Z` | c0ffee | none | 1 of 1 / 1 of 1 | flown with changes" in text
 
 
+def test_the_machine_of_each_series_is_named_where_one_is_known(tmp_path: Path) -> None:
+    finished(tmp_path, *both())
+    finished(tmp_path, *both(), arm="direct", machine="lab-2")
+    text = filled(tmp_path, "series:scenario-1")
+    assert "| series | revision | machine | shaper | completed |" in text
+    assert "| `scenario-1/direct-ideal/20260101T000000Z` | c0ffee | lab-2 | none | 1 of 1 / 1 of 1 |" in text
+    assert "| `scenario-1/thesis-ideal/20260101T000000Z` | c0ffee |  | none | 1 of 1 / 1 of 1 |" in text
+    write_summary(find_cells([tmp_path]), tmp_path / "summary.html")
+    page = (tmp_path / "summary.html").read_text()
+    assert '<th class="left">machine</th>' in page
+    assert '<td class="left">lab-2</td>' in page
+
+
 def test_the_bytes_of_each_side_are_shared_out_by_purpose_and_by_layer(tmp_path: Path) -> None:
     purposes = {"state": {"bytes": 300, "packets": 1}, "acknowledgement": {"bytes": 100, "packets": 1}}
     layers = {"payload": 200, "mqtt": 40, "tcp": 80, "ip": 48, "ethernet": 32}

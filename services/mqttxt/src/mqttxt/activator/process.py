@@ -75,10 +75,10 @@ class ActivatorRunner(Runner):
             self.activator.will,
             self,
             identity=identity,
-            ends_when_taken_over=seal is None,
+            may_be_ended=seal is None,
         )
         self.links[FOG] = MqttLink(
-            FOG, fog_broker, f"{client_id}-fog", None, self, identity=identity, ends_when_taken_over=seal is None
+            FOG, fog_broker, f"{client_id}-fog", None, self, identity=identity, may_be_ended=seal is None
         )
 
     def jobs(self) -> list[Any]:

@@ -97,7 +97,7 @@ class UavRunner(Runner):
         self._unknown_kind: Any = None
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
         self.links[LINK] = MqttLink(
-            LINK, broker, client_id, self.client.will, self, identity=identity, ends_when_taken_over=seal is None
+            LINK, broker, client_id, self.client.will, self, identity=identity, may_be_ended=seal is None
         )
         self._sensors: SensorPort | None = None
         if sensors is not None and self.client.carrier is not None:

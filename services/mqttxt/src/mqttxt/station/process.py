@@ -51,7 +51,7 @@ class StationRunner(Runner):
             *(LINK, address, client_id, station.will, self),
             ssl_context=ssl_context,
             identity=identity,
-            ends_when_taken_over=not station.signs,
+            may_be_ended=not station.signs,
         )
         self._open: dict[CommandId, Record[Any]] = {}
         self._streams: WeakSet[Record[Event]] = WeakSet()

@@ -12,8 +12,8 @@ _AT_ONCE_BYTES = 65_536
 class Buffered:
     """A connected socket with what has come and nobody has taken, and what was handed over and has not left.
 
-    `came` from `start` on is what has come. paho reads `for_paho`, and behind it, once all has been taken, the end of
-    the connection or what it failed with.
+    `came` from `start` on is what has come. paho reads `for_paho`, and `failure` once `is_over`: where the end comes
+    together with what was said before it, that is taken first.
     """
 
     def __init__(self, sock: socket) -> None:
@@ -22,6 +22,8 @@ class Buffered:
         self.for_paho = b""
         self.failure: OSError | None = None
         """What ends the connection, ConnectionResetError where the other side closed it."""
+        self.is_over = False
+        """All that came before the failure has been taken."""
         self._leaving: deque[bytes] = deque()
         self.setblocking, self.setsockopt, self.fileno = sock.setblocking, sock.setsockopt, sock.fileno
 
@@ -75,7 +77,7 @@ class Buffered:
     def recv(self, count: int) -> bytes:
         data, self.for_paho = self.for_paho[:count], self.for_paho[count:]
         if not data:
-            raise self.failure or BlockingIOError
+            raise self.failure if self.is_over and self.failure is not None else BlockingIOError()
         return data
 
     def send(self, data: bytes | bytearray) -> int:

@@ -258,6 +258,7 @@ class Connection:
             raise ValueError(f"a packet of {end - start} bytes; expected at most {LARGEST_PACKET}")
         if end == 0 or end > len(came):
             if sock.failure is not None:
+                sock.is_over = True
                 self._client.loop_read()
             return False
         sock.start = end
@@ -306,10 +307,10 @@ class Connection:
         elif has_left and self._is_blocked:
             self._is_blocked, self._held = False, 0
             self._loop.remove_writer(sock)
-        if has_left:
-            self._check_settled()
         if sock.failure is not None:
             self._loop.call_soon(self._take)
+        elif has_left:
+            self._check_settled()
 
     def _look_after(self) -> None:
         """Keep-alive: ask a broker that was not spoken to, or said nothing; give it up where it does not answer."""

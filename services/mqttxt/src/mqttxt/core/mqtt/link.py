@@ -43,8 +43,9 @@ class MqttLink:
     order of receipt (MQTT 5.0, 4.6). The broker sends again what was not on the next connection, if that comes
     within `session_expiry_s` with the same client id: for who only subscribes. `will` makes that of each connection.
     `longest_pause_s` is that between two attempts to connect. `identity` is this node's, for `mqtts://` to a broker of
-    its fleet; without, `ssl_context`, or the system's certificate authorities. Who took over the client id ends a link
-    only where `ends_when_taken_over`. Raises ConfigurationError for one of these with `mqtt://`.
+    its fleet; without, `ssl_context`, or the system's certificate authorities. A broker's refusal for good, or its
+    word that somebody took over the client id, ends a link only where `may_be_ended`: else it is tried again. Raises
+    ConfigurationError for one of these with `mqtt://`.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class MqttLink:
         longest_pause_s: float = LONGEST_PAUSE_S,
         ssl_context: ssl.SSLContext | None = None,
         identity: Identity | None = None,
-        ends_when_taken_over: bool = True,
+        may_be_ended: bool = True,
     ) -> None:
         for given, what in ((ssl_context, "ssl_context"), (identity, "identity")):
             if given is not None and not address.tls:
@@ -71,7 +72,7 @@ class MqttLink:
         """Why the last attempt to connect failed, None where it did not."""
         self._ssl_context = ssl_context
         self._identity = identity
-        self._ends_when_taken_over = ends_when_taken_over
+        self._may_be_ended = may_be_ended
         is_secret = identity is not None and session_expiry_s == 0
         self._client_id = f"{client_id}-{secrets.token_hex(SECRET_BYTES)}" if is_secret else client_id
         self._will = will
@@ -162,7 +163,7 @@ class MqttLink:
                 return "no answer in time"
             except OSError as error:
                 return f"{error.strerror or error}"
-            if code in _PERMANENT:
+            if code in _PERMANENT and self._may_be_ended:
                 raise BrokerRefused(f"{self.name}: {self.address} refused the connection with reason code 0x{code:02x}")
             if code != 0:
                 return f"refused with reason code 0x{code:02x}"
@@ -170,10 +171,15 @@ class MqttLink:
                 return None
             self._connection = connection
             self._events.connected(self.name)
-            code = await connection.ended
+            try:
+                code = await connection.ended
+            except BrokerRefused:
+                if self._may_be_ended:
+                    raise
+                return connection.refusal
             if code == SESSION_TAKEN_OVER:
                 reason = f"another client took over the id {self._client_id}"
-                if self._ends_when_taken_over:
+                if self._may_be_ended:
                     raise BrokerRefused(f"{self.name}: {self.address}: {reason}")
                 return reason
             return connection.refusal

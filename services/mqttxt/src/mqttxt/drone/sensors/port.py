@@ -97,7 +97,7 @@ class SensorPort:
             manual_ack=True,
             session_expiry_s=KEPT_BY_BROKER_S,
             identity=identity,
-            ends_when_taken_over=identity is None,
+            may_be_ended=identity is None,
         )
         self._receipts = Receipts(self.link.acknowledge)
 

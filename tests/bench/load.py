@@ -1,0 +1,179 @@
+"""A load of whole roles: fogs of drones at one Mosquitto, five states a second of each in bundles, and commands to all.
+
+Every drone is a real UAV client with a connection of its own, on a light autopilot (`load_drones`); every fog has its
+activator, a process; one process is the station of all fleets (`load_station`). MAVLink has 250 ids, so that more
+drones are several fleets, each below a prefix of its own. Everything is on this machine: one monotonic clock says when
+a command was sent, and when it was carried out.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import tempfile
+import time
+from collections import Counter
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mqttxt.protocol.topics import MAX_DRONE
+from tests.bench.brokers import BenchBroker, cpu_s, rss_mb
+from tests.bench.load_station import LAST_WORDS_S, REACHABLE_S, TTL_S
+from tests.rigs.processes import Process, eventually
+
+SETTLING_S = 5.0
+"""Before what counts: all drones have become reachable at once."""
+
+
+@dataclass(frozen=True)
+class Fogs:
+    """Fogs of as many drones each, in fleets of as many as have ids."""
+
+    fogs: int
+    drones: int
+
+    def plan(self) -> list[tuple[str, int, int, int]]:
+        """The prefix, number, first and last drone of each fog."""
+        together = MAX_DRONE // self.drones
+        found = []
+        for index in range(self.fogs):
+            fleet, place = divmod(index, together)
+            found.append((f"fleet{fleet + 1}/", index + 1, place * self.drones + 1, (place + 1) * self.drones))
+        return found
+
+    @property
+    def count(self) -> int:
+        return self.fogs * self.drones
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a run has shown. Shares are of one core, memory is in megabytes: a quarter into the run, and at its end."""
+
+    words: Counter[str]
+    lost: int
+    doubled: int
+    late: int
+    slowest_s: float
+    oldest_s: float
+    shares: dict[str, float]
+    rss_mb: dict[str, tuple[float, float]]
+
+    @property
+    def commands(self) -> int:
+        return self.words.total()
+
+
+def measure(fogs: int = 10, drones: int = 100, minutes: float = 0.5, every_s: float = 10.0) -> list[str]:
+    """Lines of figures; takes about a minute longer than `minutes`."""
+    of = Fogs(fogs, drones)
+    with tempfile.TemporaryDirectory() as folder:
+        found = asyncio.run(run(Path(folder), of, 60 * minutes, every_s))
+    per_250 = found.shares["activators"] * MAX_DRONE / of.count
+    memory = ", ".join(f"{name} {first:.0f} and {last:.0f}" for name, (first, last) in found.rss_mb.items())
+    return [
+        f"load: {of.count} drones at {fogs} fogs, 5 states a second each in bundles, {minutes:g} min: "
+        f"{found.commands} commands, {found.lost} lost, {found.late} late, {found.doubled} doubled "
+        f"({', '.join(f'{count} {word}' for word, count in found.words.most_common())}); from a call to the autopilot "
+        f"{1000 * found.slowest_s:.0f} ms at most; the oldest position at the station {found.oldest_s:.1f} s",
+        f"load: activators take {100 * per_250:.1f} % of a core per {MAX_DRONE} drones, the station "
+        f"{100 * found.shares['station']:.0f} %, Mosquitto {100 * found.shares['broker']:.0f} %, the UAV clients "
+        f"{100 * found.shares['drones']:.0f} %; MB after a quarter and at the end: {memory}",
+    ]
+
+
+async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float) -> Load:
+    """Start all, let them run, end them, and compare what was sent with what was carried out."""
+    plan = of.plan()
+    with ExitStack() as stack:
+        broker = BenchBroker(folder, "cloud")
+        broker.start()
+        stack.callback(broker.kill)
+        activators = [_activator(folder, broker.url, prefix, fog) for prefix, fog, _, _ in plan]
+        fleets = [_drones(folder, broker.url, prefix, plan) for prefix in dict.fromkeys(prefix for prefix, *_ in plan)]
+        arguments = [broker.url, json.dumps(plan), str(every_s), str(folder)]
+        station = Process(folder, "station", "tests.bench.load_station", *arguments)
+        for process in (*activators, *fleets, station):
+            stack.callback(process.start().kill)
+        await eventually(lambda: station.ready_file.exists() or station.exit_code is not None, "ready", REACHABLE_S)
+        assert station.exit_code is None, station.log.read_text()[-2000:]
+        await asyncio.sleep(SETTLING_S)
+        pids = {
+            "activators": [process.pid for process in activators],
+            "station": [station.pid],
+            "broker": [broker.pid],
+            "drones": [process.pid for process in fleets],
+        }
+        before_s, started_s = {name: cpu_s(*own) for name, own in pids.items()}, time.monotonic()
+        await asyncio.sleep(lasting_s / 4)
+        early = {name: sum(map(rss_mb, own)) for name, own in pids.items()}
+        await asyncio.sleep(lasting_s * 3 / 4)
+        wall_s = time.monotonic() - started_s
+        shares = {name: (cpu_s(*own) - before_s[name]) / wall_s for name, own in pids.items()}
+        memory = {name: (early[name], sum(map(rss_mb, own))) for name, own in pids.items()}
+        for processes in ([station], fleets):
+            for process in processes:
+                os.kill(process.pid, signal.SIGTERM)
+            for process in processes:
+                code = await asyncio.to_thread(process.wait, LAST_WORDS_S + 30)
+                assert code == 0, process.log.read_text()[-2000:]
+    return _judged(folder, plan, shares, memory)
+
+
+def _root(prefix: str, fog: int) -> str:
+    """Of a fog's side, where no station listens."""
+    return f"air/{prefix}fog{fog}/"
+
+
+def _activator(folder: Path, url: str, prefix: str, fog: int) -> Process:
+    options = [
+        "--fog",
+        str(fog),
+        "--prefix",
+        prefix,
+        "--cloud",
+        url,
+        "--fog-broker",
+        url,
+        "--fog-root",
+        _root(prefix, fog),
+    ]
+    return Process(folder, f"activator{fog}", "mqttxt", "activator", *options)
+
+
+def _drones(folder: Path, url: str, prefix: str, plan: list[tuple[str, int, int, int]]) -> Process:
+    own = [(_root(prefix, fog), first, last) for at, fog, first, last in plan if at == prefix]
+    name = f"drones-{prefix.rstrip('/')}"
+    return Process(folder, name, "tests.bench.load_drones", url, json.dumps(own), str(folder / f"{name}.json"))
+
+
+def _judged(
+    folder: Path,
+    plan: list[tuple[str, int, int, int]],
+    shares: dict[str, float],
+    memory: dict[str, tuple[float, float]],
+) -> Load:
+    said = json.loads((folder / "station.json").read_text())
+    reports = [json.loads(path.read_text()) for path in folder.glob("drones-*.json")]
+    failed = [error for report in reports for error in report["failed"]]
+    assert failed == [], failed[:3]
+    done: dict[str, list[Any]] = {name: times for report in reports for name, times in report["commanded"].items()}
+    words: Counter[str] = Counter()
+    lost, doubled, late, slowest_s = len(said["silent"]), 0, 0, 0.0
+    for prefix, fog, first, last in plan:
+        for drone in range(first, last + 1):
+            commands = said["commands"][f"{prefix}{fog}/{drone}"]
+            times = [at_s for _, at_s in done[f"{_root(prefix, fog)}{drone}"]]
+            ends = [*(sent_s for sent_s, _, _ in commands[1:]), float("inf")]
+            for (sent_s, word, reason), end_s in zip(commands, ends, strict=True):
+                own = [at_s for at_s in times if sent_s <= at_s < end_s]
+                words[word if reason is None else f"{word}({reason})"] += 1
+                lost += word == "unconfirmed" or (word == "completed" and not own)
+                doubled += max(0, len(own) - 1)
+                late += sum(at_s > sent_s + TTL_S for at_s in own)
+                slowest_s = max([slowest_s, *(at_s - sent_s for at_s in own)])
+    return Load(words, lost, doubled, late, slowest_s, said["ages_s"][-1], shares, memory)

@@ -1,0 +1,75 @@
+"""A campaign on several machines: real workers and a scheduler over TLS, of which some are killed in mid-flight."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from testbed.fly.campaign.pushing import INCOMING
+from testbed.fly.campaign.run import job_of
+from testbed.fly.campaign.targets import Wish, plans_of
+from testbed.fly.results import Series
+from tests.rigs.campaigns import ATTEMPT_BYTES, Campaign, Machines
+from tests.rigs.processes import wait_until
+
+pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(240)]
+FOUR = Wish(experiments="scenario-1,scenario-3", arms="thesis,direct", profiles="ideal")
+
+
+@pytest.fixture
+def machines(tmp_path: Path) -> Iterator[Machines]:
+    made = Machines(tmp_path)
+    try:
+        made.start_scheduler()
+        yield made
+    finally:
+        made.close()
+
+
+def flown_on(series: Series) -> set[str]:
+    return {attempt.manifest()["host"]["name"] for attempt in series.attempts()}
+
+
+def children_of(pid: int) -> list[int]:
+    """Of every thread."""
+    return [
+        int(child) for task in Path(f"/proc/{pid}/task").iterdir() for child in (task / "children").read_text().split()
+    ]
+
+
+def test_a_worker_that_is_killed_in_flight_loses_nothing_and_nothing_counts_twice(
+    tmp_path: Path, machines: Machines
+) -> None:
+    for name in ("first", "second"):
+        machines.start_worker(name)
+    plans, root = plans_of(FOUR), tmp_path / "results"
+    campaign = Campaign(plans, root, machines)
+    wait_until(lambda: list(machines.kept_by("first").glob("*/*/*/mavlink/attempt-01")), "the first flies its second")
+    flying = children_of(machines.processes["first"].pid)
+    (cut,) = {path.parts[-5:-2] for path in machines.kept_by("first").glob("*/*/*/mavlink/attempt-01")}
+    machines.kill("first")
+    campaign.wait()
+    assert campaign.raised is None
+    assert campaign.counted, campaign.said()
+    found = [Series(path) for path in root.glob("scenario-*/*-ideal/*")]
+    assert len(found) == len(plans) == 4
+    assert all(job_of(plan, root).done for plan in plans)
+    for series in found:
+        assert [(attempt.protocol, attempt.number, attempt.repeat) for attempt in series.attempts()] == [
+            ("mavlink", 1, 0),
+            ("mqttxt", 1, 0),
+        ]
+        assert len(flown_on(series)) == 1
+        assert [path.stat().st_size for path in series.path.glob("*/*/logs/big.log")] == [ATTEMPT_BYTES] * 2
+    (again,) = (root / cut[0] / cut[1]).glob("2*")
+    assert flown_on(Series(again)) == {"second"}
+    assert not list((root / INCOMING).glob("*"))
+    assert not list(machines.kept_by("second").glob("*/*/*/*"))
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in flying), "the killed worker's flight has ended")
+    assert "first: gone; what it did not push is flown elsewhere" in campaign.said()
+    assert "4 of 4 done" in campaign.said()
+    again_flown = Campaign(plans, root, machines)
+    again_flown.wait()
+    assert again_flown.said().strip().endswith("4 done")
