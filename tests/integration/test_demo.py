@@ -154,6 +154,20 @@ def test_a_station_without_what_linux_has_flies(demo: Demonstration) -> None:
     assert "on ground" in written
 
 
+def test_without_what_macos_lacks_it_flies_and_ends_clean(demo: Demonstration) -> None:
+    as_macos = ROOT / "tests" / "rigs" / "as_macos"
+    demo.start(PYTHONPATH=str(as_macos))
+    demo.wait_for(READY)
+    (export,) = [line for line in demo.printed() if line.startswith("export ")]
+    commands = [f"mqttxt gs send {command} --drone 1 --take-over" for command in ("arm", "takeoff 5", "land")]
+    written = demo.type([export, f"export PYTHONPATH={as_macos}", *commands])
+    assert "drone 1: land completed" in written
+    demo.signal(signal.SIGINT)
+    assert demo.wait() == 0
+    assert demo.nothing_is_left()
+    assert "Traceback" not in demo.said()
+
+
 def test_the_parts_of_a_demo_that_is_killed_end_by_themselves(demo: Demonstration) -> None:
     demo.start()
     demo.wait_for(READY)

@@ -90,6 +90,8 @@ def test_first_flight_by_mouse_alone(system: System, page: Served, browser: Live
     browser.until("document.querySelector('#orders > li:first-child .left').textContent !== ''", "time left")
     take_picture(browser, "page", DESK)
     take_picture(browser, "page-dark", DESK, dark=True)
+    take_picture(browser, "page-phone", PHONE)
+    take_picture(browser, "page-phone-dark", PHONE, dark=True)
     done(browser, "goto latitude")
     browser.click("#to-fog-1")
     browser.click("#send-land")
@@ -148,6 +150,27 @@ def test_first_flight_by_keyboard_alone(system: System, page: Served, browser: L
     assert browser.inputs()[0] == 0, "no button of the mouse was pressed"
 
 
+def test_a_place_is_chosen_on_the_map_by_keyboard_alone(page: Served, browser: LivePage) -> None:
+    browser.open(page.url)
+    is_ready(browser, 1, 2)
+    browser.watch_inputs()
+    browser.tab_to("tr[data-drone='1/1'] input")
+    browser.press(" ")
+    browser.tab_to("#map")
+    for _ in range(2):
+        browser.press("ArrowUp", shift=True)
+    browser.press("Enter")
+    place = "['latitude_deg', 'longitude_deg'].map(name => Number(document.getElementById(`goto-${name}`).value))"
+    north, east = browser.value(place)
+    browser.press("ArrowLeft")
+    browser.press("Enter")
+    assert browser.value(place)[0] == north
+    assert browser.value(place)[1] < east
+    browser.until_text("#goto-distance", " m from drone 1")
+    assert browser.value("[...document.querySelectorAll('.middle')].every(cross => cross.checkVisibility())")
+    assert browser.inputs()[0] == 0, "no button of the mouse was pressed"
+
+
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize("width", [PHONE, DESK])
 def test_the_page_fits_and_keeps_nobody_out(page: Served, browser: LivePage, width: int, dark: bool) -> None:
@@ -156,8 +179,13 @@ def test_the_page_fits_and_keeps_nobody_out(page: Served, browser: LivePage, wid
     browser.until_text("#who", "Drone 1")
     assert browser.value("document.documentElement.scrollWidth") == width
     assert browser.wider() == []
-    table = "document.querySelector('#fleet .scroll')"
-    assert browser.value(f"{table}.scrollWidth <= {table}.clientWidth"), "every value of a drone is seen"
+    browser.until_text("#rankings", "best first (QoDS)")
+    for table in ("#fleet .scroll", "#rankings"):
+        box = f"document.querySelector('{table}')"
+        assert browser.value(f"{box}.scrollWidth <= {box}.clientWidth"), f"every value of {table} is seen"
+    apart = "[...document.querySelectorAll('.field > [type=checkbox]')].filter(e => e.checkVisibility()"
+    apart += " && e.getBoundingClientRect().bottom < e.labels[0].getBoundingClientRect().top).map(e => e.id)"
+    assert browser.value(apart) == [], "a box stands beside its words"
     cut = "[...document.querySelectorAll('#fleet :is(th, td)')].filter(e => e.scrollWidth > e.clientWidth)"
     assert browser.value(f"{cut}.map(e => e.textContent)") == [], "no heading and no value is cut"
     assert browser.violations() == []
@@ -291,6 +319,9 @@ def test_the_log_is_searched_and_exported(page: Served, browser: LivePage) -> No
     events = [json.loads(line) for line in lines]
     assert any(event["kind"] == "Outcome" and event["event"]["word"] == "completed" for event in events)
     assert all("hold" in line.lower() for line in lines)
+    browser.type("#search", "longitude")
+    every = browser.value("fetch(document.getElementById('export-all').href).then(answer => answer.text())")
+    assert "StateUpdate" in {json.loads(line)["kind"] for line in every.splitlines()}, "positions are in it"
 
 
 def answer_of(page: Served, path: str, **headers: str) -> int:
@@ -338,6 +369,22 @@ def test_the_cloud_broker_dies_in_flight_and_comes_back(system: System, page: Se
     browser.until_text(cell(1, CONTROL), "this station", 90)
     browser.press("l")
     done(browser, "land to drone 1")
+
+
+def test_the_page_of_a_system_without_what_linux_has_flies(system: System, browser: LivePage) -> None:
+    served = Served(system.folder, system.cloud, "windows", program=("tests.rigs.other_system", "mqttxt"))
+    try:
+        browser.open(served.url)
+        browser.until_text(cell(2, REACHABLE), "yes")
+        browser.click("tr[data-drone='1/2'] input")
+        browser.click("#take-over")
+        browser.until_text(cell(2, CONTROL), "this station")
+        browser.click("#send-hold")
+        done(browser, "hold to drone 2")
+        assert served.process.stop() == 128 + signal.SIGTERM
+        assert "Traceback" not in served.process.log.read_text()
+    finally:
+        served.process.kill()
 
 
 def test_the_page_comes_back_with_its_program(system: System, browser: LivePage) -> None:

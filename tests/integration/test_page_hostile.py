@@ -82,6 +82,23 @@ async def test_texts_of_others_are_only_text() -> None:
         assert browser.said == []
 
 
+@pytest.mark.parametrize("width", [400, 1400, 1600])
+async def test_every_figure_of_a_choice_is_seen(width: int) -> None:
+    station = FakeStation()
+    figures = {"max_groundspeed_m_s": 12.5, "remaining_pct": 88, "range_m": 12_345.0, "age_s": 1.5}
+    listed = Candidate(drone=1, distance_m=1234.0, arrival_s=98.7, **figures)
+    left_out = Candidate(drone=2, reason="busy: the drone is reserved for another choice", distance_m=9876.0)
+    async with shown(station) as browser:
+        await station.heard.put(PsmiList(1, CommandId(7, 1), (listed,), (left_out,), 1))
+        await asyncio.to_thread(browser.until_text, "#rankings", "98.7 s")
+        for text in ("1234 m", "12.5 m/s", "88 %", "12345 m", "1.5 s", "busy: the drone is reserved"):
+            assert text in await asyncio.to_thread(browser.text, "#rankings")
+        await asyncio.to_thread(browser.resize, width, False)
+        box = "document.querySelector('#rankings')"
+        assert await asyncio.to_thread(browser.value, f"{box}.scrollWidth <= {box}.clientWidth")
+        assert await asyncio.to_thread(browser.violations) == []
+
+
 async def test_a_flood_of_events_leaves_the_page_answering() -> None:
     station = FakeStation()
     async with shown(station) as browser:

@@ -17,7 +17,7 @@ from mqttxt.page.process import serve
 from mqttxt.page.tiles import opened
 from tests.rigs.live_page import LivePage
 from tests.rigs.processes import eventually, free_port
-from tests.simulation.map_tiles import pmtiles, png, shapes
+from tests.simulation.map_tiles import named, pmtiles, png, shapes
 from tests.simulation.page_fleet import FakeStation
 from tests.tools.axe import AXE
 from tests.tools.programs import chromium
@@ -78,6 +78,20 @@ async def test_a_file_of_shapes_is_painted_in_the_pages_colours_light_and_dark(t
         await asyncio.to_thread(browser.resize, 1600, True)
         await middle_is(browser, (0x14, 0x28, 0x3A))
         assert browser.said == []
+
+
+async def test_names_of_places_and_what_points_of_interest_are_stand_on_the_map(tmp_path: Path) -> None:
+    church = named("pois", "St. Martin", "place_of_worship")
+    hill = named("places", "Oak <b>Hill</b>", "village")
+    found = "[...new Set([...document.querySelectorAll('#map .names text')].map(e => e.textContent))].join()"
+    for tile, name in ((church, "St. Martin, place of worship"), (church + hill, "Oak <b>Hill</b>")):
+        async with shown(str(pmtiles(tmp_path / "map.pmtiles", tile, TileType.MVT, *PLACE))) as browser:
+            for _ in range(4):
+                await asyncio.to_thread(browser.click, "#map-out")
+            await asyncio.to_thread(browser.until, f"{found} !== ''", "names")
+            assert await asyncio.to_thread(browser.value, found) == name, "alone, where two are at one place"
+            assert await asyncio.to_thread(browser.violations) == []
+            assert browser.said == []
 
 
 async def test_a_tile_server_is_asked_by_the_page_alone() -> None:

@@ -11,63 +11,18 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, Self
 
 from tests.quick import LANDING, quick_fleet
 from tests.rigs import prefork
+from tests.rigs.loopback import PATIENCE_S as PATIENCE_S
+from tests.rigs.loopback import eventually as eventually
+from tests.rigs.loopback import free_port as free_port
+from tests.rigs.loopback import listens as listens
+from tests.rigs.loopback import wait_until as wait_until
 from tests.rigs.prefork import ROOT, Running
 from tests.tools.node_programs import MOSQUITTO
-
-PATIENCE_S = 30.0
-_WORKER, _WORKERS = (
-    int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]),
-    int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1)),
-)
-_PORTS = range(20_000 + _WORKER % _WORKERS, 32_000, _WORKERS)
-"""This process's own, where several workers run the tests."""
-_RANDOM = random.SystemRandom()
-_given: set[int] = set()
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """A port of loopback that nobody uses now, and that nobody was given before, by another worker neither.
-
-    Not one of those that the system gives to clients: a connection could take it before its owner does, or while
-    that is restarted.
-    """
-    while True:
-        port = _RANDOM.choice(_PORTS)
-        if port in _given:
-            continue
-        with socket.socket(socket.AF_INET, kind) as sock, contextlib.suppress(OSError):
-            sock.bind(("127.0.0.1", port))
-            _given.add(port)
-            return port
-
-
-def listens(port: int, host: str = "127.0.0.1") -> bool:
-    """Whether a TCP connection to a port is accepted."""
-    with socket.socket() as sock:
-        return sock.connect_ex((host, port)) == 0
-
-
-def wait_until(condition: Callable[[], object], what: str, limit_s: float = PATIENCE_S) -> None:
-    """Wait until something holds; fails the test with `what` when it does not."""
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
-        time.sleep(0.02)
-
-
-async def eventually(condition: Callable[[], object], what: str, limit_s: float = PATIENCE_S) -> None:
-    """`wait_until` for a test whose event loop has to go on."""
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
-        await asyncio.sleep(0.02)
 
 
 def commanded(events: Path, mav_cmd: int) -> list[dict[str, Any]]:

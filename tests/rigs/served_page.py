@@ -12,13 +12,15 @@ from tests.rigs.processes import Broker, Process, free_port, wait_until
 
 
 class Served:
-    """`mqttxt gs page` as a process."""
+    """`mqttxt gs page` as a process; `program` is the module that runs it, and what is typed before `gs`."""
 
-    def __init__(self, folder: Path, cloud: Broker, name: str, *more: str) -> None:
+    def __init__(
+        self, folder: Path, cloud: Broker, name: str, *more: str, program: tuple[str, ...] = ("mqttxt",)
+    ) -> None:
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}/"
         options = ["--fog", "1", "--cloud", cloud.url, "--listen", f"127.0.0.1:{self.port}"]
-        self.process = Process(folder, name, "mqttxt", "gs", "page", *options, *more).start()
+        self.process = Process(folder, name, *program, "gs", "page", *options, *more).start()
         wait_until(lambda: f"open {self.url}" in self.process.log.read_text(), f"{name} serves", 90)
 
     async def ask(self, **request: Any) -> dict[str, Any]:

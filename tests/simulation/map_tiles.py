@@ -25,17 +25,26 @@ def png(colour: tuple[int, int, int]) -> bytes:
     )
 
 
+def _field(number: int, body: bytes) -> bytes:
+    return bytes([number << 3 | 2, len(body)]) + body
+
+
 def shapes(layer: str) -> bytes:
     """A vector tile of which one area, in a layer, covers everything."""
-
-    def field(number: int, body: bytes) -> bytes:
-        return bytes([number << 3 | 2, len(body)]) + body
-
     move, lines, close = 1 << 3 | 1, 3 << 3 | 2, 1 << 3 | 7
     far, back = (b"\x80\x40", b"\xff\x3f")  # 4096 and -4096, as zigzag varints
     ring = bytes([move, 0, 0, lines]) + far + b"\0" + b"\0" + far + back + b"\0" + bytes([close])
-    area = b"\x18\x03" + field(4, ring)
-    return field(3, b"\x78\x02" + field(1, layer.encode()) + field(2, area) + b"\x28\x80\x20")
+    area = b"\x18\x03" + _field(4, ring)
+    return _field(3, b"\x78\x02" + _field(1, layer.encode()) + _field(2, area) + b"\x28\x80\x20")
+
+
+def named(layer: str, name: str, kind: str) -> bytes:
+    """A vector tile with one point, which has a name and a kind, a quarter from the left and the top."""
+    point = bytes([1 << 3 | 1]) + b"\x80\x10\x80\x10"  # 1024, twice
+    feature = _field(2, bytes([0, 0, 1, 1])) + b"\x18\x01" + _field(4, point)
+    keys = _field(3, b"name") + _field(3, b"kind")
+    values = _field(4, _field(1, name.encode())) + _field(4, _field(1, kind.encode()))
+    return _field(3, b"\x78\x02" + _field(1, layer.encode()) + _field(2, feature) + keys + values + b"\x28\x80\x20")
 
 
 def pmtiles(path: Path, tile: bytes, kind: TileType, latitude_deg: float, longitude_deg: float) -> Path:

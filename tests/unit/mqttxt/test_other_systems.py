@@ -24,10 +24,11 @@ AS_WINDOWS = (sys.executable, str(ROOT / "tests" / "rigs" / "other_system.py"))
 NOWHERE = ("--cloud", "mqtt://127.0.0.1:1", "--timeout", "0.2")
 EVERY_MODULE = """
 import importlib, pkgutil
-import mqttxt.cli, mqttxt.gateway, mqttxt.protocol, mqttxt.security, mqttxt.station
+import mqttxt.cli, mqttxt.gateway, mqttxt.page, mqttxt.protocol, mqttxt.security, mqttxt.station
+import mqttxt.homeassistant, mqttxt.metrics
 
 found = []
-for package in (mqttxt.cli, mqttxt.gateway, mqttxt.protocol, mqttxt.security, mqttxt.station):
+for package in (mqttxt.cli, mqttxt.gateway, mqttxt.page, mqttxt.protocol, mqttxt.security, mqttxt.station):
     for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
         found.append(importlib.import_module(module.name))
 print(len(found))

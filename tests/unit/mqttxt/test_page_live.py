@@ -32,7 +32,7 @@ from mqttxt import (
 from mqttxt.page.desk import KEPT
 from mqttxt.page.history import MOST_CHARTS, MOST_POINTS
 from mqttxt.page.live import Live, Viewer, now_ms
-from tests.rigs.processes import eventually
+from tests.rigs.loopback import eventually
 from tests.simulation.page_fleet import FakeLinks, FakeStation, outcome
 
 

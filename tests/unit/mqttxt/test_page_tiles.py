@@ -17,7 +17,7 @@ from mqttxt.cli.main import app
 from mqttxt.page.live import Live
 from mqttxt.page.server import Server
 from mqttxt.page.tiles import MOST_TILE_BYTES, Offer, TileError, Tiles, opened
-from tests.rigs.processes import free_port
+from tests.rigs.loopback import free_port
 from tests.simulation.map_tiles import HIGHEST_ZOOM, pmtiles, png, shapes
 from tests.simulation.page_fleet import FakeStation
 

@@ -12,6 +12,7 @@ from mqttxt import (
     Battery,
     ControlChanged,
     Event,
+    Location,
     QodsRanking,
     Ranked,
     Reachability,
@@ -88,6 +89,24 @@ def test_a_ranking_is_entered_when_its_order_changes() -> None:
 
     found = entries(ranking(1, 2), ranking(1, 2, age_s=3), ranking(2, 1))
     assert found == ["fog 1: QoDS ranking [1, 2]", "fog 1: QoDS ranking [2, 1]"]
+
+
+def test_every_event_is_exported_where_all_are_asked_for() -> None:
+    log = EventLog(kept=1)
+    for event in map(update, (Armed(True), Location(47.0, 8.0, 498.0, 10.0), Battery(50), Armed(True), Armed(False))):
+        log.on_event(event)
+    assert [json.loads(line)["text"] for line in log.lines()] == ["drone 1: disarmed"]
+    found = [json.loads(line) for line in log.lines(of_all=True)]
+    assert [entry["text"] for entry in found] == [
+        "drone 1: armed",
+        "drone 1: location: latitude_deg 47.0, longitude_deg 8.0, altitude_amsl_m 498.0, altitude_m 10.0",
+        "drone 1: battery: remaining_pct 50",
+        "drone 1: armed",
+        "drone 1: disarmed",
+    ]
+    assert found[1]["event"]["state"]["latitude_deg"] == 47.0
+    (line,) = log.lines("Remaining_PCT 50", of_all=True)
+    assert line in log.lines(of_all=True)
 
 
 def test_who_is_there_and_who_controls() -> None:

@@ -11,11 +11,13 @@ from typing import Any
 
 from ..core.printable import printable
 from ..protocol.fields import Named
-from ..protocol.states import Armed, AutopilotText, FlightMode, LandedState
+from ..protocol.states import Armed, AutopilotText, FlightMode, LandedState, State
 from ..station.outcomes import ControlChanged, Event, Outcome, QodsRanking, Reachability, StateUpdate
 from .words import in_plain_english
 
 KEPT = 10_000
+KEPT_OF_ALL = 20_000
+"""Events, also those that are no entries."""
 _WATCHED = (Armed, FlightMode, LandedState, AutopilotText)
 """States whose changes are entered; positions and the like would bury everything else."""
 
@@ -29,43 +31,63 @@ class EventLog:
 
     def __init__(self, kept: int = KEPT) -> None:
         self._entries: deque[dict[str, Any]] = deque(maxlen=kept)
+        self._all: deque[dict[str, Any] | tuple[datetime, Event]] = deque(maxlen=KEPT_OF_ALL)
         self._before: dict[tuple[int, int, str], object] = {}
         self.last = 0
 
     def on_event(self, event: Event) -> None:
-        """Enter an event; a state only where it is one of note and has changed, a ranking where its order has."""
-        if isinstance(event, StateUpdate):
-            if not isinstance(event.state, _WATCHED):
-                return
-            key = (event.fog, event.drone, event.state.name)
-            if self._before.get(key) == event.state and not isinstance(event.state, AutopilotText):
-                return
-            self._before[key] = event.state
-        if isinstance(event, QodsRanking):
-            order = [ranked.drone for ranked in event.ranking]
-            if self._before.get((event.fog, 0, "ranking")) == order:
-                return
-            self._before[event.fog, 0, "ranking"] = order
-        self.add(type(event).__name__, text_of(event), as_plain(event))
+        """Enter an event of note; any other is only in what is exported with all of them."""
+        if self._is_of_note(event):
+            self.add(type(event).__name__, text_of(event), as_plain(event))
+        else:
+            self._all.append((datetime.now(UTC), event))
 
     def add(self, kind: str, text: str, event: dict[str, Any] | None = None) -> None:
         """Enter an event with its fields, or something that this page did itself."""
         self.last += 1
-        at = datetime.now(UTC).isoformat(timespec="milliseconds")
-        self._entries.append({"number": self.last, "time": at, "kind": kind, "text": text, "event": event})
+        entry = {"number": self.last, **_entry(datetime.now(UTC), kind, text, event)}
+        self._entries.append(entry)
+        self._all.append(entry)
 
     def after(self, number: int, most: int) -> list[dict[str, Any]]:
         """The newest entries behind a number, at most so many, oldest first."""
         count = min(self.last - number, most, len(self._entries))
         return [self._entries[index] for index in range(-count, 0)]
 
-    def lines(self, search: str = "") -> Iterator[str]:
-        """Every entry that contains a text, whatever its case, as a line of JSON."""
+    def lines(self, search: str = "", of_all: bool = False) -> Iterator[str]:
+        """Every entry that contains a text, whatever its case, as a line of JSON; with `of_all` every event.
+
+        Events that are no entries have no number.
+        """
         wanted = search.casefold()
-        for entry in self._entries:
-            line = json.dumps(entry, ensure_ascii=False)
+        for kept in tuple(self._all if of_all else self._entries):  # more come meanwhile
+            line = json.dumps(kept if isinstance(kept, dict) else _entry_of(*kept), ensure_ascii=False)
             if wanted in line.casefold():
                 yield line + "\n"
+
+    def _is_of_note(self, event: Event) -> bool:
+        """Of states only some where they have changed, of rankings those whose order has; everything else is."""
+        key: tuple[int, int, str]
+        value: object
+        if isinstance(event, StateUpdate):
+            key, value = (event.fog, event.drone, event.state.name), event.state
+            if not isinstance(value, _WATCHED):
+                return False
+        elif isinstance(event, QodsRanking):
+            key, value = (event.fog, 0, "ranking"), [ranked.drone for ranked in event.ranking]
+        else:
+            return True
+        is_new = self._before.get(key) != value or isinstance(value, AutopilotText)
+        self._before[key] = value
+        return is_new
+
+
+def _entry_of(at: datetime, event: Event) -> dict[str, Any]:
+    return _entry(at, type(event).__name__, text_of(event), as_plain(event))
+
+
+def _entry(at: datetime, kind: str, text: str, event: dict[str, Any] | None) -> dict[str, Any]:
+    return {"time": at.isoformat(timespec="milliseconds"), "kind": kind, "text": text, "event": event}
 
 
 def text_of(event: Event) -> str:
@@ -84,15 +106,17 @@ def text_of(event: Event) -> str:
     return printable(str(event).replace("\n", "; "))
 
 
-def _text_of_state(state: object) -> str:
+def _text_of_state(state: State) -> str:
     if isinstance(state, Armed):
         return "armed" if state.armed else "disarmed"
     if isinstance(state, FlightMode):
         return f"flight mode {state.mode.label.replace('_', ' ')}"
     if isinstance(state, LandedState):
         return f"landed state {state.landed.label.replace('_', ' ')}"
-    assert isinstance(state, AutopilotText)
-    return f"autopilot, {state.severity.label}: {printable(state.text)}"
+    if isinstance(state, AutopilotText):
+        return f"autopilot, {state.severity.label}: {printable(state.text)}"
+    shown = ", ".join(f"{name} {value}" for name, value in as_plain(state).items())
+    return printable(f"{state.name.replace('_', ' ')}: {shown}")
 
 
 def as_plain(value: Any) -> Any:

@@ -130,8 +130,9 @@ class Server:
         return web.Response(body=found, content_type="application/octet-stream", headers=_KEEP)
 
     async def _log(self, request: web.Request) -> web.Response:
-        """Everything that the log holds, or what of it contains `search`."""
-        text = "".join(self._live.log.lines(request.query.get("search", "")))
+        """Everything that the log holds, or what of it contains `search`; with `all` every event."""
+        lines = self._live.log.lines(request.query.get("search", ""), "all" in request.query)
+        text = await asyncio.to_thread("".join, lines)  # thousands of them: events go on meanwhile
         response = web.Response(text=text, content_type="application/jsonl", charset="utf-8")
         response.headers["Content-Disposition"] = 'attachment; filename="mqttxt-log.jsonl"'
         return response

@@ -34,7 +34,9 @@ export class Log {
   show() {
     const search = byId("search").value;
     const wanted = search.toLowerCase();
-    byId("export").href = search ? `log.jsonl?search=${encodeURIComponent(search)}` : "log.jsonl";
+    const asked = search ? [`search=${encodeURIComponent(search)}`] : [];
+    byId("export").href = ["log.jsonl", ...asked].join("?");
+    byId("export-all").href = `log.jsonl?${["all", ...asked].join("&")}`;
     const found = this.entries.filter((entry) => entry.text.toLowerCase().includes(wanted)).slice(-SHOWN).reverse();
     byId("log").replaceChildren(
       ...found.map((entry) => el("li", {}, el("time", { datetime: entry.time }, localTime(entry.time)), " ", entry.text)),

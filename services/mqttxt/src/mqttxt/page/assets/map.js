@@ -13,6 +13,8 @@ const TRAIL = 240;
 const TRAIL_STEP_M = 0.5;
 const LEAST_M = 40;
 const DRAG_PX = 4;
+const KEY_PX = 10; // by which an arrow key moves the view, with Shift ten times that
+const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] }; // east and north
 const NEAR_PX = 14;
 const ROOM = 1.3; // the whole picture is this much larger than what it has
 const LEAST_ROOM = 1.05;
@@ -49,7 +51,7 @@ export class FleetMap {
     this.waypoints = shape("g", { class: "waypoints" });
     this.chosen = shape("g", { class: "chosen" });
     this.frame = shape("g", { class: "frame" });
-    this.svg.append(this.grid, this.metres, this.goals, this.chosen, this.drones, this.waypoints, this.frame);
+    this.svg.append(this.grid, this.tiles.names, this.metres, this.goals, this.chosen, this.drones, this.waypoints, this.frame);
     this.seen = new Map();
     this.changed = new Set();
     this.origin = null;
@@ -106,6 +108,22 @@ export class FleetMap {
     this.svg.addEventListener("pointercancel", () => {
       from = null;
     });
+    this.svg.addEventListener("keydown", (event) => this.onKey(event));
+  }
+
+  // Without a mouse: the arrow keys move what is in the middle of the map, Enter is a click there.
+  onKey(event) {
+    if (event.key === "Enter") {
+      this.click({ x: this.width / 2, y: this.height / 2 });
+    } else if (ARROWS[event.key] !== undefined) {
+      const [east, north] = ARROWS[event.key].map((way) => (way * (event.shiftKey ? 10 : 1) * KEY_PX) / this.perM);
+      this.isFitted = false;
+      this.centre = { x: this.centre.x + east, y: this.centre.y + north };
+      this.draw();
+    } else {
+      return;
+    }
+    event.preventDefault();
   }
 
   pixelsOf(event) {
@@ -306,7 +324,9 @@ export class FleetMap {
     this.grid.replaceChildren(...lines);
     const long = step >= 1000 ? `${step / 1000} km` : `${step} m`;
     const [bottom, length] = [this.height - 12, step * this.perM];
+    const [x, y] = [this.width / 2, this.height / 2];
     this.frame.replaceChildren(
+      shape("path", { class: "middle", d: `M${x - 12},${y} H${x + 12} M${x},${y - 12} V${y + 12}` }),
       shape("path", { d: `M12,${bottom - 6} V${bottom} H${12 + length} V${bottom - 6}` }),
       shape("text", { x: 16, y: bottom - 6 }, long),
       shape("path", { d: `M${this.width - 22},34 V12 M${this.width - 27},19 L${this.width - 22},12 L${this.width - 17},19` }),

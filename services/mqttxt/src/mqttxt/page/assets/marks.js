@@ -6,6 +6,7 @@ import { byId } from "./dom.js";
 const COLOURS = { ink: "--ink", soft: "--soft", accent: "--accent" };
 const WHOLE_MS = 30000; // how long a trail's end stays that is too old
 const FONT = "13px system-ui, sans-serif";
+const HOME_FONT = "22px system-ui, sans-serif"; // so large that it is seen below a drone that stands there
 
 export class Marks {
   constructor(map) {
@@ -43,12 +44,11 @@ export class Marks {
   paint(selected) {
     this.paintTrails(selected);
     const context = this.begin(this.marks, true);
-    context.font = FONT;
     context.fillStyle = this.colours.ink;
-    for (const { place, home, drone } of this.map.seen.values()) {
-      if (home !== null) this.text(context, "⌂", home, -6, 5);
-      this.text(context, `${drone}`, place, 11, 4);
-    }
+    [context.font, context.textAlign] = [HOME_FONT, "center"];
+    for (const { home } of this.map.seen.values()) if (home !== null) this.text(context, "⌂", home, 0, 8);
+    [context.font, context.textAlign] = [FONT, "left"];
+    for (const { place, drone } of this.map.seen.values()) this.text(context, `${drone}`, place, 11, 4);
   }
 
   paintTrails(selected) {

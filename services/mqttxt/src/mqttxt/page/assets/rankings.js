@@ -1,4 +1,5 @@
-// Rankings: the fogs' order of their drones (QoDS), and the newest choices (PSMI) with every figure and reason.
+// Rankings: the fogs' order of their drones (QoDS), and the newest choices (PSMI) with every figure and reason. Roles
+// are named, because page.css lays a table out as rows where it has no room.
 
 import { byId, el } from "./dom.js";
 
@@ -22,20 +23,22 @@ const PSMI = [
 ];
 
 function table(title, columns, rows) {
-  return el(
+  const head = columns.map(([heading]) => el("th", { role: "columnheader", scope: "col" }, heading));
+  const cell = (row) => ([heading, show]) => el("td", { role: "cell", "data-heading": heading }, show(row));
+  const shown = el(
     "table",
-    {},
-    el("caption", {}, title),
-    el("thead", {}, el("tr", {}, ...columns.map(([heading]) => el("th", { scope: "col" }, heading)))),
-    el("tbody", {}, ...rows.map((row) => el("tr", {}, ...columns.map(([, show]) => el("td", {}, show(row)))))),
+    { role: "table", "aria-label": title },
+    el("thead", { role: "rowgroup" }, el("tr", { role: "row" }, ...head)),
+    el("tbody", { role: "rowgroup" }, ...rows.map((row) => el("tr", { role: "row" }, ...columns.map(cell(row))))),
   );
+  return [el("h3", {}, title), shown];
 }
 
 export function showRankings({ fogs, lists }) {
-  const choices = lists.map((list) => {
+  const choices = lists.toReversed().flatMap((list) => {
     const sent = list.chosen === null ? "nobody" : `drone ${list.chosen}`;
     return table(`Choice of fog ${list.fog}: ${sent} (PSMI)`, PSMI, [...list.listed, ...list.left_out]);
   });
-  const orders = fogs.map((fog) => table(`Fog ${fog.fog}, best first (QoDS)`, QODS, fog.ranking));
-  byId("rankings").replaceChildren(...orders, ...choices.reverse());
+  const orders = fogs.flatMap((fog) => table(`Fog ${fog.fog}, best first (QoDS)`, QODS, fog.ranking));
+  byId("rankings").replaceChildren(...orders, ...choices);
 }

@@ -1,10 +1,11 @@
-// A vector tile as a picture in the page's colours: areas, ways and buildings, without names.
+// A vector tile as a picture in the page's colours, areas, ways and buildings, and the names that are written over it.
 
 import { PbfReader } from "./pbf.js";
 import { VectorTile } from "./vector-tile.js";
 
 const SIZE = 512;
-const [LINE, AREA] = [2, 3];
+const [POINT, LINE, AREA] = [1, 2, 3];
+const LONGEST = 60; // characters of a name
 // From the lowest up: the layers' names in Protomaps' and in OpenMapTiles' schema, and the colour's name in page.css.
 const PAINTED = [
   [["earth"], "--earth"],
@@ -14,10 +15,32 @@ const PAINTED = [
   [["roads", "transportation"], "--road"],
   [["boundaries", "boundary"], "--line"],
 ];
+// Places before points of interest, of which it is also written what they are.
+const NAMED = [["places", false], ["place", false], ["pois", true], ["poi", true]];
 const WIDE = new Set(["highway", "major_road", "motorway", "trunk", "primary", "secondary"]);
 
-export function paintShapes(bytes) {
+export function readShapes(bytes) {
   const layers = new VectorTile(new PbfReader(new Uint8Array(bytes))).layers;
+  return { picture: paintShapes(layers), names: NAMED.flatMap(([name, isOfInterest]) => named(layers[name], isOfInterest)) };
+}
+
+// Each name with where it is in the tile: 0 to 1, eastward and southward.
+function named(layer, isOfInterest) {
+  const found = [];
+  for (let index = 0; index < (layer?.length ?? 0); index += 1) {
+    const feature = layer.feature(index);
+    const { name, kind = feature.properties.class } = feature.properties;
+    if (feature.type !== POINT || name === undefined) continue;
+    const [[{ x, y }]] = feature.loadGeometry();
+    const [across, down] = [x / layer.extent, y / layer.extent];
+    if (Math.min(across, down) < 0 || Math.max(across, down) >= 1) continue; // the tile beside this one has it
+    const text = isOfInterest && kind !== undefined ? `${name}, ${kind}`.replaceAll("_", " ") : `${name}`;
+    found.push({ text: text.slice(0, LONGEST), across, down });
+  }
+  return found;
+}
+
+function paintShapes(layers) {
   const style = getComputedStyle(document.documentElement);
   const canvas = new OffscreenCanvas(SIZE, SIZE);
   const context = canvas.getContext("2d");

@@ -1,11 +1,12 @@
 // Tiles below the map, where the page's server has some: pictures, or shapes that are painted here.
 
-import { byId, setText } from "./dom.js";
-import { paintShapes } from "./shapes.js";
+import { byId, setText, shape } from "./dom.js";
+import { readShapes } from "./shapes.js";
 
 const TILE_PX = 256;
 const KEPT = 300;
 const RADIANS = Math.PI / 180;
+const [LETTER_PX, LINE_PX] = [6.5, 18]; // of a name
 const MOST_LATITUDE = 85.05; // where web maps end
 
 const eastOf = (longitude_deg) => (longitude_deg + 180) / 360;
@@ -26,6 +27,7 @@ export class Tiles {
     this.canvas = byId("tiles");
     this.offer = null;
     this.loaded = new Map(); // null: on its way, or there is none
+    this.names = shape("g", { class: "names" });
     this.isChanged = false;
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.begin(this.offer));
   }
@@ -35,6 +37,7 @@ export class Tiles {
     this.offer = offer;
     this.loaded.clear();
     this.canvas.hidden = offer === null;
+    this.names.replaceChildren();
     setText(byId("map-credit"), offer === null ? "" : `Map: ${offer.credit}.`);
     this.show();
   }
@@ -58,14 +61,34 @@ export class Tiles {
     const fitting = Math.round(Math.log2(map.width / across));
     const zoom = Math.max(offer.lowest, Math.min(offer.highest, fitting));
     if (zoom > fitting + 4) return; // a view this large would need too many of them
+    const names = [];
     const last = 2 ** zoom - 1;
     const index = (share) => Math.max(0, Math.min(last, Math.floor(share * 2 ** zoom)));
     for (let x = index(eastOf(from.longitude_deg)); x <= index(eastOf(to.longitude_deg)); x += 1) {
       for (let y = index(southOf(from.latitude_deg)); y <= index(southOf(to.latitude_deg)); y += 1) {
-        const picture = this.tile(zoom, x, y);
-        if (picture !== null) this.place(context, picture, zoom, x, y);
+        const tile = this.tile(zoom, x, y);
+        if (tile === null) continue;
+        this.place(context, tile.picture, zoom, x, y);
+        for (const { text, across, down } of tile.names) {
+          names.push({ text, ...map.toPixels(map.toPlace(cornerOf(zoom, x + across, y + down))) });
+        }
       }
     }
+    this.write(names);
+  }
+
+  // The names that are seen whole and do not cover each other, the first ones before the others.
+  write(names) {
+    const taken = [];
+    for (const { text, x, y } of names) {
+      const wide = text.length * LETTER_PX;
+      const isWithin = x > wide / 2 && x < this.map.width - wide / 2 && y > LINE_PX && y < this.map.height;
+      const covers = (other) => Math.abs(x - other.x) * 2 < wide + other.wide && Math.abs(y - other.y) < LINE_PX;
+      if (isWithin && !taken.some(covers)) taken.push({ text, x, y, wide });
+    }
+    this.names.replaceChildren(
+      ...taken.map(({ text, x, y }) => shape("text", { x: x.toFixed(1), y: y.toFixed(1), "text-anchor": "middle" }, text)),
+    );
   }
 
   place(context, picture, zoom, x, y) {
@@ -76,7 +99,7 @@ export class Tiles {
     context.drawImage(picture, left, top, Math.round(to.x) - left, Math.round(to.y) - top);
   }
 
-  // A tile's picture; null where it is on its way, and later where there is none.
+  // A tile's picture and names; null where it is on its way, and later where there is none.
   tile(zoom, x, y) {
     const name = `tiles/${zoom}/${x}/${y}`;
     const known = this.loaded.get(name);
@@ -90,9 +113,10 @@ export class Tiles {
   async load(name, offer) {
     const answer = await fetch(name);
     if (answer.status !== 200) return;
-    const picture = offer.shapes ? paintShapes(await answer.arrayBuffer()) : await createImageBitmap(await answer.blob());
+    const read = async () => ({ picture: await createImageBitmap(await answer.blob()), names: [] });
+    const tile = offer.shapes ? readShapes(await answer.arrayBuffer()) : await read();
     if (this.offer !== offer || !this.loaded.has(name)) return;
-    this.loaded.set(name, picture);
+    this.loaded.set(name, tile);
     this.show();
   }
 }
