@@ -125,11 +125,17 @@ export class Commands {
 
   choosePlace(place) {
     for (const [field, value] of Object.entries(place)) byId(`goto-${field}`).value = value.toFixed(7);
-    const height = byId("goto-altitude_m");
-    const chosen = [...this.page.selected].map((key) => this.page.drones.get(key)?.states.location?.altitude_m);
-    if (height.value === "" && chosen.length === 1 && chosen[0] > 1) height.value = Math.round(chosen[0]);
+    if (byId("goto-altitude_m").value === "") byId("goto-altitude_m").value = this.likelyHeight();
     this.page.forgetFound();
     this.showPlace();
+  }
+
+  // Of the one drone that is selected: where it is in the air, as high as it is, and before that, as it will take off.
+  likelyHeight() {
+    if (this.page.selected.size !== 1) return "";
+    const { landed_state, location } = this.page.drones.get([...this.page.selected][0]).states;
+    const isInAir = landed_state?.landed === "in_air" && location !== undefined;
+    return isInAir ? Math.round(location.altitude_m) : byId("takeoff-altitude_m").value;
   }
 
   showPlace() {
