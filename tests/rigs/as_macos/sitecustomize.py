@@ -13,6 +13,7 @@ import selectors
 import signal
 import socket
 import sys
+import sysconfig
 import time
 import types
 from collections.abc import Callable
@@ -48,6 +49,7 @@ def without(function: Callable[..., Any]) -> Callable[..., Any]:
     return find
 
 
+sysconfig.get_config_vars()  # of this Python: it looks for them by the name of the system
 for home, names in NAMES.items():
     for name in names:
         vars(home).pop(name, None)
