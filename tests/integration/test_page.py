@@ -7,6 +7,7 @@ import http.client
 import json
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -381,7 +382,8 @@ def test_the_cloud_broker_dies_in_flight_and_comes_back(system: System, page: Se
 
 
 def test_the_page_of_a_system_without_what_linux_has_flies(system: System, browser: LivePage) -> None:
-    served = Served(system.folder, system.cloud, "windows", program=("tests.rigs.other_system", "mqttxt"))
+    as_windows = (sys.executable, "tests/rigs/other_system.py", "mqttxt")
+    served = Served(system.folder, system.cloud, "windows", mqttxt=as_windows)
     try:
         browser.open(served.url)
         browser.until_text(cell(2, REACHABLE), "yes")

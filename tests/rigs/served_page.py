@@ -8,19 +8,19 @@ from typing import Any
 
 import aiohttp
 
-from tests.rigs.processes import Broker, Process, free_port, wait_until
+from tests.rigs.loopback import free_port, wait_until
+from tests.rigs.processes import Broker, Process, Program
 
 
 class Served:
-    """`mqttxt gs page` as a process; `program` is the module that runs it, and what is typed before `gs`."""
+    """`mqttxt gs page` as a process; `mqttxt` is the command that is typed, by default that of the repository."""
 
-    def __init__(
-        self, folder: Path, cloud: Broker, name: str, *more: str, program: tuple[str, ...] = ("mqttxt",)
-    ) -> None:
+    def __init__(self, folder: Path, cloud: Broker, name: str, *more: str, mqttxt: tuple[str, ...] = ()) -> None:
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}/"
-        options = ["--fog", "1", "--cloud", cloud.url, "--listen", f"127.0.0.1:{self.port}"]
-        self.process = Process(folder, name, *program, "gs", "page", *options, *more).start()
+        typed = ["gs", "page", "--fog", "1", "--cloud", cloud.url, "--listen", f"127.0.0.1:{self.port}", *more]
+        self.process = Program(folder, name, *mqttxt, *typed) if mqttxt else Process(folder, name, "mqttxt", *typed)
+        self.process.start()
         wait_until(lambda: f"open {self.url}" in self.process.log.read_text(), f"{name} serves", 90)
 
     async def ask(self, **request: Any) -> dict[str, Any]:
