@@ -293,23 +293,26 @@ def test_two_pages_compete_and_both_see_who_has_control(system: System, page: Se
     try:
         with LivePage(path) as second:
             browser.open(page.url)
-            is_ready(browser, 1)
+            is_ready(browser, 1, 2)
             second.open(other.url)
             ours, theirs = browser.text("#station"), second.text("#station")
             assert ours != theirs
             second.until_text(cell(1, CONTROL), ours)
-            second.click("tr[data-drone='1/1'] input")
+            second.click("#select-all")
             second.click("#take-over")
-            second.until_text(cell(1, CONTROL), "this station")
-            browser.until_text(cell(1, CONTROL), theirs)
-            browser.until_text("#notice", f"Control of drone 1 is lost: {theirs} has it.")
+            for drone in (1, 2):
+                second.until_text(cell(drone, CONTROL), "this station")
+                browser.until_text(cell(drone, CONTROL), theirs)
+            browser.until_text("#notice", f"Control of drone 1, 2 is lost: {theirs} has it.")
             browser.click("tr[data-drone='1/1'] input")
             browser.click("#send-arm")
             browser.until_text("#orders > li:first-child", "Another ground station controls the drone")
+            browser.click("#select-all")
             browser.click("#take-over")
-            browser.until_text(cell(1, CONTROL), "this station")
-            second.until_text(cell(1, CONTROL), ours)
-            second.until_text("#notice", f"Control of drone 1 is lost: {ours} has it.")
+            for drone in (1, 2):
+                browser.until_text(cell(drone, CONTROL), "this station")
+                second.until_text(cell(drone, CONTROL), ours)
+            second.until_text("#notice", f"Control of drone 1, 2 is lost: {ours} has it.")
             browser.until("document.getElementById('notice').textContent === ''", "the loss is over")
             assert (browser.said, second.said) == ([], [])
     finally:

@@ -108,9 +108,6 @@ class FakeDrone:
             raise self.upload_word
         return self.upload_word
 
-    async def take_over(self) -> None:
-        self.is_controlled, self.holder = True, "page"
-
 
 class FakeFog:
     number = 1
@@ -137,11 +134,18 @@ class FakeStation:
         self.heard: asyncio.Queue[Event | Exception | None] = asyncio.Queue()
         self.the_fog = FakeFog(self, drones)
         self.sent: list[tuple[int | None, FakeSent]] = []
+        self.taken: list[tuple[int, tuple[int, ...]]] = []
 
     def fog(self, number: int) -> FakeFog:
         if number != self.the_fog.number:
             raise FogUnreachable(f"fog {number}: not connected")
         return self.the_fog
+
+    async def take_over(self, fog: int, drones: tuple[int, ...]) -> None:
+        self.taken.append((fog, drones))
+        for number in drones:
+            drone = self.fog(fog).drone(number)
+            drone.is_controlled, drone.holder = True, "page"
 
     def best(self, command: Command, fogs: tuple[int, ...], *, ttl_s: float) -> FakeSent:
         return self.sent_to(None, command, ttl_s)

@@ -124,6 +124,16 @@ async def test_a_command_to_several_is_sent_to_all_of_them_at_once() -> None:
         assert bench.station.sent[-1][0] is None
 
 
+async def test_several_drones_are_taken_by_one_request() -> None:
+    async with Bench().running() as bench:
+        bench.ask(do="take_over", to={"drones": [[1, 2], [1, 1]]})
+        await eventually(lambda: bench.station.taken, "the takeover")
+        assert bench.station.taken == [(1, (2, 1))], "a second request would have the epoch of before the first"
+        order = newest(bench.viewer)
+        assert [word["word"] for word in order["words"]] == ["completed", "completed"]
+        assert not order["open"]
+
+
 async def test_what_cannot_be_sent_says_so_and_nothing_waits() -> None:
     async with Bench().running() as bench:
         bench.station.the_fog.is_live = False

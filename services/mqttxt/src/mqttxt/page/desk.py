@@ -89,8 +89,9 @@ class Desk:
         """Do what was asked, and return what shows how it goes; what cannot be sent is a word of it."""
         if isinstance(request, TakeOverRequest):
             order = self._new(f"take control of {_drones(request.drones)}", 0.0, 0.0)
-            for fog, drone in request.drones:
-                self._start(order, self._take_over(order, fog, drone))
+            for fog in sorted({fog for fog, _ in request.drones}):
+                drones = tuple(drone for of, drone in request.drones if of == fog)
+                self._start(order, self._take_over(order, fog, drones))
             return order
         if isinstance(request, UploadRequest):
             name, plan = printable(request.name), request.plan
@@ -176,12 +177,14 @@ class Desk:
             order.waiting -= 1
             self._changed(order)
 
-    async def _take_over(self, order: Order, fog: int, drone: int) -> None:
+    async def _take_over(self, order: Order, fog: int, drones: tuple[int, ...]) -> None:
+        """All of a fog at once: a takeover raises its epoch, and one with an older epoch takes nothing (R6.7)."""
         try:
-            await self._station.fog(fog).drone(drone).take_over()
-            self._say(order, "completed", f"drone {drone}: This station controls it.")
+            await self._station.take_over(fog, drones)
+            for drone in drones:
+                self._say(order, "completed", f"drone {drone}: This station controls it.")
         except MqttxtError as error:
-            self._say(order, "failed", f"drone {drone}: {printable(str(error))}")
+            self._say(order, "failed", f"drone {', '.join(map(str, drones))}: {printable(str(error))}")
         finally:
             order.waiting -= 1
             self._changed(order)
