@@ -80,8 +80,9 @@ async def _land_all(fleet: System, fog: Any) -> None:
         assert len(fleet.commanded(drone, LAND)) == 1
 
 
-@pytest.mark.parametrize("victim", ["uav", "activator", "fog broker", "cloud broker"])
+@pytest.mark.parametrize("victim", ["uav", "activator", "upgraded activator", "fog broker", "cloud broker"])
 async def test_kill_in_mid_flight_and_restart(fleet: System, victim: str) -> None:
+    """What is upgraded gets SIGTERM, and takes leave."""
     async with GroundStation(fleet.cloud.url, qos=fleet.qos) as station:
         (fog,) = await station.connect([1])
         await _all_back(fog)
@@ -90,10 +91,11 @@ async def test_kill_in_mid_flight_and_restart(fleet: System, victim: str) -> Non
         part = {
             "uav": fleet.uavs[1],
             "activator": fleet.activator,
+            "upgraded activator": fleet.activator,
             "fog broker": fleet.fog,
             "cloud broker": fleet.cloud,
         }[victim]
-        await asyncio.to_thread(part.kill)
+        await asyncio.to_thread(fleet.activator.stop if victim == "upgraded activator" else part.kill)
         await asyncio.to_thread(part.start)
         await _all_back(fog)
         async with asyncio.timeout(90):
