@@ -101,4 +101,5 @@ async def _until_a_signal(running: Coroutine[Any, Any, None]) -> None:
 
 def quiet() -> None:
     """Keep Dask's log off the terminal: what it is about is said in lines of the testbed's own."""
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)

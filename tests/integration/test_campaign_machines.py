@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from testbed.errors import TestbedError, UserError
+from testbed.fly.campaign.certificate import make_certificate, security_of
+from testbed.fly.campaign.machines import schedule
 from testbed.fly.campaign.pushing import INCOMING
 from testbed.fly.campaign.run import job_of
 from testbed.fly.campaign.targets import Wish, plans_of
+from testbed.fly.campaign.worker import work
 from testbed.fly.results import Series
 from tests.rigs.campaigns import ATTEMPT_BYTES, Campaign, Machines
-from tests.rigs.processes import wait_until
+from tests.rigs.processes import eventually, free_port, wait_until
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(240)]
 FOUR = Wish(experiments="scenario-1,scenario-3", arms="thesis,direct", profiles="ideal")
@@ -73,3 +80,26 @@ def test_a_worker_that_is_killed_in_flight_loses_nothing_and_nothing_counts_twic
     again_flown = Campaign(plans, root, machines)
     again_flown.wait()
     assert again_flown.said().strip().endswith("4 done")
+
+
+async def test_a_worker_ends_with_its_scheduler_or_when_asked_to_and_has_a_name_of_its_own(tmp_path: Path) -> None:
+    make_certificate(tmp_path / "campaign.pem")
+    security, port = security_of(tmp_path / "campaign.pem"), free_port()
+    said: list[str] = []
+
+    def start(name: str) -> asyncio.Task[None]:
+        return asyncio.create_task(work(f"tls://127.0.0.1:{port}", security, name, tmp_path / name, said.append))
+
+    scheduler = asyncio.create_task(schedule(port, security, said.append))
+    await eventually(lambda: said, "the scheduler is there")
+    first = start("first")
+    await eventually(lambda: len(said) == 2, "the first worker is there")
+    with pytest.raises(UserError, match="MACHINE=first: another worker has this name"):
+        await start("first")
+    os.kill(os.getpid(), signal.SIGTERM)
+    assert await first is None
+    second = start("second")
+    await eventually(lambda: len(said) == 3, "the second worker is there")
+    scheduler.cancel()
+    with pytest.raises(TestbedError, match="the scheduler has ended, or has given second up"):
+        await second

@@ -145,7 +145,9 @@ async def work(address: str, security: Security, machine: str, root: Path, said:
         try:
             await worker
         except (OSError, ValueError, RuntimeError) as error:
-            raise UserError(f"MACHINE={machine}: {_innermost(error)}") from error
+            why = str(_innermost(error))
+            found = "another worker has this name" if "name taken" in why else why
+            raise UserError(f"MACHINE={machine}: {found}; expected a name of its own, and a scheduler") from error
     said(f"{machine} flies for {address}; Ctrl-C ends it")
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, home.leave, "")
