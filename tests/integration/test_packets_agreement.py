@@ -30,7 +30,8 @@ NETWORK = f"127.{secrets.randbelow(250) + 2}.{secrets.randbelow(256)}"
 """Of loopback, this process's own: captures hold all that comes and goes there."""
 ADDRESSES = {name: f"{NETWORK}.{last}" for last, name in enumerate(("gs", "cloud", "fog1", "uav1"), 32)}
 LINKS = (("wan:gs", "gs", "cloud"), ("backhaul:fog1", "fog1", "cloud"), ("air:uav1", "uav1", "fog1"))
-PORT = 1883
+PORT, DISCARD = 1883, 9
+LAST = b"the last datagram of a capture"
 
 
 @contextmanager
@@ -55,6 +56,11 @@ def capturing(attempt: Attempt) -> Iterator[None]:
     try:
         wait_until(lambda: b"listening on" in container.logs(), "tcpdump listens")
         yield
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.bind((ADDRESSES["gs"], 0))
+            sock.sendto(LAST, (ADDRESSES["cloud"], DISCARD))
+        # At SIGINT tcpdump leaves what it has not taken.
+        wait_until(lambda: LAST in (pcap / "all").read_bytes(), "tcpdump has taken all that came before")
         container.kill(signal="SIGINT")
         container.wait()
         assert b"\n0 packets dropped by kernel" in container.logs()
