@@ -1,17 +1,14 @@
-"""The real Prometheus and Home Assistant show the fleet, where they are there.
-
-Prometheus is found on the PATH; HOMEASSISTANT_PYTHON names a Python that has `homeassistant` and its `paho-mqtt`.
-"""
+"""The real Prometheus shows the fleet, where it is on the PATH."""
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import urllib.parse
 import urllib.request
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +18,13 @@ from tests.rigs.gateway import Ground
 from tests.rigs.processes import Process, free_port, wait_until
 from tests.unit.mqttxt.test_metrics import DASHBOARD
 
-PROMETHEUS, HOME_ASSISTANT = shutil.which("prometheus"), os.environ.get("HOMEASSISTANT_PYTHON")
+PROMETHEUS = shutil.which("prometheus")
 ALERT_PAGE = Path(__file__).resolve().parents[2] / "docs" / "metrics.md"
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
 
 @pytest.fixture
-def shown(ground: Ground, request: pytest.FixtureRequest) -> Iterator[int]:
+def shown(ground: Ground) -> Iterator[int]:
     """`mqttxt gs metrics` at the port."""
     port = free_port()
     where = ["--fog", "1", "--cloud", ground.cloud.url, "--listen", f"127.0.0.1:{port}"]
@@ -76,39 +73,7 @@ def test_prometheus_scrapes_what_the_page_says_and_has_what_the_dashboard_asks(
             for expression in asked:
                 chosen = expression.replace("$fog", ".*").replace("$drone", ".*")
                 if "sensor_reading" not in chosen:
-                    wait_until(lambda chosen=chosen: query(chosen), chosen)
+                    wait_until(partial(query, chosen), chosen)
             assert query('ALERTS{alertname="DroneSilent"}') == []
         finally:
             running.terminate()
-
-
-@pytest.mark.skipif(not HOME_ASSISTANT, reason="HOMEASSISTANT_PYTHON names no Python that has it")
-def test_home_assistant_has_the_drones_as_devices_and_loses_them_with_the_program(
-    ground: Ground, tmp_path: Path
-) -> None:
-    assert HOME_ASSISTANT is not None
-    where = ["--fog", "1", "--cloud", ground.cloud.url, "--broker", ground.cloud.url]
-    program = Process(ground.folder, "homeassistant", "mqttxt", "gs", "homeassistant", *where).start()
-    script = str(Path(__file__).resolve().parents[1] / "rigs" / "home_assistant.py")
-    said = tmp_path / "said"
-    command = [HOME_ASSISTANT, script, str(tmp_path / "home"), str(ground.cloud.port)]
-
-    def states() -> dict[str, list[str]]:
-        lines = said.read_text().splitlines()
-        found: dict[str, list[str]] = json.loads(lines[-1])["states"] if lines and lines[-1].endswith("}") else {}
-        return found
-
-    with (
-        said.open("wb") as out,
-        (tmp_path / "home.log").open("wb") as log,
-        subprocess.Popen(command, stdout=out, stderr=log) as running,
-    ):
-        try:
-            wait_until(lambda: states().get("binary_sensor.drone_1_reachable") == ["on", None], "drone 1", 90)
-            wait_until(lambda: "device_tracker.drone_2_location" in states(), "drone 2 is on the map")
-            assert states()["sensor.drone_1_battery_remaining"][1] == "%"
-            program.stop()
-            wait_until(lambda: states()["binary_sensor.drone_1_reachable"][0] == "unavailable", "it has ended")
-        finally:
-            running.terminate()
-            program.kill()
