@@ -16,7 +16,7 @@ import pytest
 
 from mqttxt import GroundStation
 from tests.rigs.live_page import ARMED, CONTROL, HEIGHT, REACHABLE, LivePage, cell, done, is_ready
-from tests.rigs.processes import System
+from tests.rigs.processes import System, wait_until
 from tests.rigs.served_page import Served
 from tests.tools.axe import AXE
 from tests.tools.programs import chromium
@@ -319,7 +319,7 @@ def test_two_pages_compete_and_both_see_who_has_control(system: System, page: Se
         other.process.kill()
 
 
-def test_the_log_is_searched_and_exported(page: Served, browser: LivePage) -> None:
+def test_the_log_is_searched_and_exported(system: System, page: Served, browser: LivePage) -> None:
     browser.open(page.url)
     is_ready(browser, 1)
     browser.click("tr[data-drone='1/1'] input")
@@ -332,9 +332,13 @@ def test_the_log_is_searched_and_exported(page: Served, browser: LivePage) -> No
     events = [json.loads(line) for line in lines]
     assert any(event["kind"] == "Outcome" and event["event"]["word"] == "completed" for event in events)
     assert all("hold" in line.lower() for line in lines)
-    browser.type("#search", "longitude")
-    every = browser.value("fetch(document.getElementById('export-all').href).then(answer => answer.text())")
-    assert "StateUpdate" in {json.loads(line)["kind"] for line in every.splitlines()}, "positions are in it"
+    browser.type("#search", "remaining_pct")
+    everything = "fetch(document.getElementById('export-all').href).then(answer => answer.text())"
+    try:
+        system.control(1, {"set": {"battery_pct": 50}})
+        wait_until(lambda: '"StateUpdate"' in browser.value(everything), "a state that is no entry is exported")
+    finally:
+        system.control(1, {"set": {"battery_pct": 100}})
 
 
 def answer_of(page: Served, path: str, **headers: str) -> int:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import secrets
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import cycle
 from typing import Self
 
 from tests.rigs.mqtt_server import CONNECT, DISCONNECT, PUBACK, PUBLISH, SUBSCRIBE, Packet, encoded, read_packet
@@ -95,10 +95,13 @@ def _plain_options(cleared: int) -> Callable[[bytes], bytes]:
     return change
 
 
+_LAST = cycle(b"0123456789")
+
+
 def _other_id(body: bytes) -> bytes:
-    """A CONNECT without properties whose client id ends otherwise."""
+    """A CONNECT without properties whose client id ends otherwise, and not as that of the one before."""
     end = 13 + int.from_bytes(body[11:13], "big")
-    return body[: end - 1] + secrets.choice("0123456789").encode() + body[end:] if body[10] == 0 else body
+    return body[: end - 1] + bytes([next(_LAST)]) + body[end:] if body[10] == 0 else body
 
 
 def _kept_session(body: bytes) -> bytes:
