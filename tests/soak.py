@@ -1,8 +1,8 @@
 """Long tests run only when something that they test has changed since they passed.
 
-A test marked `soak` names the files and folders that it tests. When it has passed in `make soak`, PASSED has a hash of
-them; that file belongs to the repository. While the hash is the same, `make test` and `make soak` leave the test
-out and say so. `make soak ALL=1` runs every one.
+A test marked `soak` names the files and folders that it tests. When it has passed, PASSED has a hash of them; that file
+belongs to the repository. While the hash is the same, `make test` and `make soak` leave the test out and say so.
+`make soak ALL=1` runs every one.
 """
 
 from __future__ import annotations
@@ -13,15 +13,13 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
-from xdist import is_xdist_controller, is_xdist_worker
+from xdist import is_xdist_worker
 
 MARK = "soak"
 PASSED = Path(__file__).with_suffix(".json")
-UNCHANGED = "nothing that it tests has changed since it passed in `make soak`"
+UNCHANGED = "nothing that it tests has changed since it passed"
 _DIGEST = pytest.StashKey[str]()
 _reports: dict[str, list[pytest.TestReport]] = {}
-_left_out: set[str] = set()
-"""Tests of which a part was not chosen: what passes says nothing of them."""
 
 
 def digest_of(root: Path, sources: tuple[str, ...]) -> str:
@@ -66,10 +64,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.skip(reason=UNCHANGED))
 
 
-def pytest_deselected(items: list[pytest.Item]) -> None:
-    _left_out.update(_name(item) for item in items if item.get_closest_marker(MARK))
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
@@ -83,14 +77,15 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
         _reports.setdefault(report.soak[0], []).append(report)
 
 
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write down what passed in this process, of tests that were asked for with all their parameters."""
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Write down what passed, where tests were run with all their parameters."""
     config = session.config
-    several = is_xdist_worker(session) or is_xdist_controller(session)
-    if several or config.option.markexpr != MARK or any("[" in argument for argument in config.args):
+    was_ended = exitstatus == pytest.ExitCode.INTERRUPTED or session.shouldfail or session.shouldstop
+    is_part = config.option.keyword or config.option.markexpr not in ("", MARK) or any("[" in a for a in config.args)
+    if is_xdist_worker(session) or was_ended or is_part:
         return
     passed = _passed()
-    for name in _reports.keys() - _left_out:
+    for name in _reports:
         if _is_left_out(_reports[name]):
             continue
         passed.pop(name, None)

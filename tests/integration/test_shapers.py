@@ -16,7 +16,7 @@ from tests.shapers.machine import Machine
 from tests.shapers.rounds import job, rounds
 
 pytestmark = [
-    pytest.mark.integration,
+    pytest.mark.long,
     pytest.mark.timeout(900),
     pytest.mark.soak(
         *("services/net/src", "testbed/plan/profiles", "tests/tools/machine.py"),

@@ -1,4 +1,4 @@
-"""`make soak` writes down what passed; other runs leave a long test out until what it tests has changed."""
+"""What passed is written down, and left out until what it tests has changed."""
 
 from __future__ import annotations
 
@@ -61,7 +61,6 @@ def written(project: Path) -> set[str]:
 @pytest.mark.long
 def test_a_long_test_is_left_out_once_it_passed_and_runs_again_once_what_it_tests_has_changed(project: Path) -> None:
     assert "4 passed" in run(project)[-1], "never passed: it runs"
-    assert "3 passed, 1 deselected" in run(project, "-m", "soak")[-1]
     lines = run(project)
     assert not_run(lines) == ["test_it.py::test_long", "test_it.py::test_other"]
     assert any("1 passed, 3 skipped" in line for line in lines)
@@ -77,10 +76,22 @@ def test_what_failed_or_was_run_in_part_is_not_written_down(project: Path) -> No
     assert "2 failed, 1 passed" in run(project, "-m", "soak")[-1]
     assert written(project) == {"test_it.py::test_other"}
     (project / "product" / "module.py").write_text("sound")
-    for part in (["-k", "0 or other"], ["test_it.py::test_long[0]"], ["--numprocesses", "2"]):
+    for part in (["-k", "0 or other"], ["test_it.py::test_long[0]"]):
         assert "passed" in run(project, "-m", "soak", *part)[-1]
         assert written(project) == {"test_it.py::test_other"}, part
     assert "2 passed" in run(project, "-m", "soak", "test_it.py::test_long")[-1]
+    assert written(project) == {"test_it.py::test_long", "test_it.py::test_other"}
+
+
+@pytest.mark.long
+def test_what_passed_in_several_processes_is_written_down_and_what_was_broken_off_is_not(project: Path) -> None:
+    (project / "product" / "module.py").write_text("broken")
+    run(project, "--exitfirst")
+    assert not (project / "tests" / "soak.json").exists()
+    assert "2 failed, 2 passed" in run(project, "--numprocesses", "2")[-1]
+    assert written(project) == {"test_it.py::test_other"}
+    (project / "product" / "module.py").write_text("sound")
+    run(project, "--numprocesses", "2")
     assert written(project) == {"test_it.py::test_long", "test_it.py::test_other"}
 
 
