@@ -29,14 +29,14 @@ def _scripts() -> list[str]:
 
 def test_what_the_workflows_make_are_targets() -> None:
     made = [shlex.split(script)[1] for script in _scripts() if script.startswith("make ")]
-    assert set(made) == {"scenario-1", "check", "test", "soak", "links"}
+    assert set(made) == {"scenario-1", "check", "test", "soak", "links", "all"}
     assert set(made) <= TARGETS
 
 
 def test_the_variables_are_those_of_the_Makefile() -> None:
     variables = {word.partition("=")[0] for script in _scripts() for word in shlex.split(script)[2:] if "=" in word}
     typed = {name for name in variables if name.isupper()}
-    assert typed == {"PROFILE", "PROTOCOLS"}
+    assert typed == {"PROFILE", "PROTOCOLS", "SCHEDULER"}
     assert all(re.search(rf"^{name} \?=", (ROOT / "Makefile").read_text(), re.MULTILINE) for name in typed)
 
 
