@@ -21,6 +21,7 @@ from mqttxt.activator.leases import Leases
 from mqttxt.activator.registrations import SignedRegistrations
 from mqttxt.activator.sensor_relay import SensorRelay
 from mqttxt.activator.signed_commands import SignedCommand
+from mqttxt.activator.state_relay import StateRelay
 from mqttxt.activator.stations import Stations
 from mqttxt.core.channel import Channel
 from mqttxt.core.clock import stamp
@@ -237,13 +238,15 @@ def activator_copies_the_expiry() -> None:
 
 def activator_stamps_on_arrival() -> None:
     def make(original: Any) -> Any:
-        def relayed(self: Any, link: Any, name: str, now_ms: int) -> Any:
-            found = original(self, link, name, now_ms)
-            return replace(found, relay_stamp=stamp(link.states[name].received_ms)) if found is not None else None
+        def relay(self: Any, link: Any, name: str, now_ms: int) -> Any:
+            known = link.states[name]
+            if link.said_ms(name, now_ms) is not None:
+                known.said_ms = known.received_ms
+            return original(self, link, name, now_ms)
 
-        return relayed
+        return relay
 
-    wrap(Drones, "relayed", make)
+    wrap(StateRelay, "_relay", make)
 
 
 def activator_answers_nothing_anew() -> None:
