@@ -197,9 +197,16 @@ def uav_forgets_the_question() -> None:
 
 
 def activator_keeps_the_gate_open() -> None:
-    topics = Leases.want_topics
+    def make(original: Any) -> Any:
+        def changed(self: Any, *arguments: Any) -> None:
+            original(self, *arguments)
+            self.want_topics = self.want_topics or not self._leases
+
+        return changed
+
     wrap(Leases, "__bool__", lambda original: lambda self: True)
-    Leases.want_topics = property(lambda self: not self._leases or topics.fget(self))
+    wrap(Leases, "__init__", make)
+    wrap(Leases, "_look_at_forms", make)
 
 
 def activator_forwards_the_deadline() -> None:
