@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from typer.testing import CliRunner, Result
 
-from mqttxt import Arm, Drone, Goto, GroundStation, Hold, Land, Landed, LandedState, Takeoff, Word
+from mqttxt import Arm, Armed, Drone, Goto, GroundStation, Hold, Land, Landed, LandedState, Takeoff, Word
 from mqttxt.cli.main import app
 from tests.rigs.commanding import armable, fly, start
 from tests.rigs.keyed_pilot import KeyedPilot
@@ -87,6 +87,11 @@ def is_on_ground(drone: Drone) -> bool:
     return known is not None and known.state.landed is Landed.ON_GROUND
 
 
+def is_disarmed(drone: Drone) -> bool:
+    known = drone.state(Armed)
+    return known is not None and not known.state.armed
+
+
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 async def test_a_whole_flight_is_signed_and_survives_both_restarts(tmp_path: Path, like: str) -> None:
     """A restarted stand-in has no time of its own: it begins with its key's, decades behind the client's."""
@@ -108,7 +113,7 @@ async def test_a_whole_flight_is_signed_and_survives_both_restarts(tmp_path: Pat
         system.sitls[1].start().wait_ready()
         await task
         assert (heard[-1].word, heard[-1].reason) == (Word.UNCONFIRMED, "autopilot_restarted")
-        await eventually(lambda: is_on_ground(drone), "the new one is heard")
+        await eventually(lambda: is_on_ground(drone) and is_disarmed(drone), "the new one is heard, its heartbeat too")
         await armable(drone)
         await fly(drone, Arm(), Takeoff(5.0), Land())
 

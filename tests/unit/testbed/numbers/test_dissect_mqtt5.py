@@ -19,7 +19,6 @@ from scapy.layers.l2 import Ether
 from scapy.packet import Packet, Raw
 from scapy.sessions import TCPSession
 
-from mqttxt.core.mqtt.properties import publish_properties
 from testbed.numbers.dissect import mqtt5
 from testbed.numbers.dissect.mqtt5_codes import DISCONNECT_REASONS, REASONS, SUBSCRIBE_REASONS, TYPES
 from testbed.numbers.dissect.mqtt5_fields import (
@@ -217,8 +216,11 @@ def _said_by_paho() -> bytes:
         settings.UserProperty = ("a", "b")
         client.connect("127.0.0.1", server.getsockname()[1], keepalive=7, clean_start=True, properties=settings)
         client.subscribe([("a/#", SubscribeOptions(qos=1, noLocal=True, retainHandling=2)), ("b", SubscribeOptions())])
-        client.publish("drone3/state/battery", b"\x82\x01\x02", properties=publish_properties(3, None))
-        client.publish("", b"x", qos=1, retain=True, properties=publish_properties(3, 5))
+        alias, expiring = Properties(PacketTypes.PUBLISH), Properties(PacketTypes.PUBLISH)
+        alias.TopicAlias = expiring.TopicAlias = 3
+        expiring.MessageExpiryInterval = 5
+        client.publish("drone3/state/battery", b"\x82\x01\x02", properties=alias)
+        client.publish("", b"x", qos=1, retain=True, properties=expiring)
         client.unsubscribe(["a/#", "b"])
         end = Properties(PacketTypes.DISCONNECT)
         end.ReasonString = "enough"
