@@ -34,15 +34,6 @@ class Container:
             self._said_before = self.log.read_bytes()
             container.remove(force=True)
 
-    def signal(self, name: str) -> None:
-        self._container.kill(signal=name)
-
-    def stall(self) -> None:
-        self.signal("SIGSTOP")
-
-    def go_on(self) -> None:
-        self.signal("SIGCONT")
-
     def ended(self) -> int | None:
         """Its exit code, None while it runs."""
         self._container.reload()
