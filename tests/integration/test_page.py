@@ -32,12 +32,8 @@ PICTURES = os.environ.get("PAGE_PICTURES")
 
 
 @pytest.fixture(scope="module")
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    made = System(tmp_path_factory.mktemp("page"))
-    try:
-        yield made.start()
-    finally:
-        made.close()
+def system(shared_system: System) -> System:
+    return shared_system
 
 
 @pytest.fixture(scope="module")

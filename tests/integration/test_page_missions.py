@@ -25,12 +25,8 @@ METRE_DEG = 360 / 40_030_000
 
 
 @pytest.fixture(scope="module")
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    made = System(tmp_path_factory.mktemp("missions"))
-    try:
-        yield made.start()
-    finally:
-        made.close()
+def system(shared_system: System) -> System:
+    return shared_system
 
 
 @pytest.fixture(scope="module")
