@@ -100,6 +100,7 @@ class Client:
 
     def __init__(self, port: int, system: int = 255) -> None:
         self.link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", source_system=system, source_component=190)
+        self.link.target_system, self.link.target_component = 1, 1  # else the one whose HEARTBEAT is heard first
         self.messages: list[Any] = []
         self.beats = True
         self._beat_s = 0.0

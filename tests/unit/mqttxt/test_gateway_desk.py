@@ -17,6 +17,7 @@ from mqttxt import (
     Hold,
     Land,
     PayloadError,
+    Return,
     Takeoff,
     Word,
 )
@@ -83,6 +84,67 @@ async def test_a_hold_by_mode_is_acknowledged_once_and_never_in_progress(group: 
     await bench.say(Word.ACCEPTED)
     assert bench.acks() == [(176, ACCEPTED)]
     assert bench.drone.commands == [Hold()]
+
+
+async def test_a_hold_before_arming_is_accepted_within_a_second_and_the_arm_waits_for_it(group: Any) -> None:
+    """MAVSDK's arm() enters HOLD first behind a mission; its process ends where that is not accepted within 2 s."""
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, HOLD)
+    bench.pass_time(950)
+    assert bench.acks() == []
+    bench.pass_time(50)
+    assert bench.acks() == [(176, ACCEPTED)]
+    await bench.ask(client, ARM)
+    bench.pass_time(500)
+    assert (bench.acks()[1:], bench.drone.commands) == ([(400, IN_PROGRESS)], [Hold()])
+    await bench.say(Word.ACCEPTED)
+    assert bench.drone.commands == [Hold(), Arm()]
+    await bench.say(Word.COMPLETED, 0)
+    await bench.say(Word.ACCEPTED)
+    assert (bench.acks()[2:], bench.texts()) == ([(400, ACCEPTED)], ["hold completed"])
+
+
+@pytest.mark.parametrize("word", [Word.EXPIRED, Word.UNCONFIRMED, Word.DENIED])
+async def test_a_drone_that_did_not_hold_before_arming_is_not_armed(group: Any, word: Word) -> None:
+    """It might fly the mission in whose mode it still is."""
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    await bench.ask(client, HOLD)
+    bench.pass_time(1000)
+    await bench.ask(client, ARM)
+    await bench.say(word)
+    assert bench.acks() == [(176, ACCEPTED), (400, NOT_NOW)]
+    assert (bench.texts()[1:], bench.drone.commands) == (["not armed: the drone did not hold first"], [Hold()])
+    await bench.ask(client, RETURN)
+    await bench.ask(client, ARM)
+    assert bench.drone.commands[1:] == [Return(), Arm()], "what was commanded since counts"
+
+
+async def test_of_a_hold_before_arming_that_others_command_an_arm_does_not_wait(group: Any) -> None:
+    bench = Bench(group, take_over=True)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    await bench.ask(bench.client(), HOLD)
+    await bench.ask(bench.client("mavsdk", 245), ARM)
+    assert bench.drone.commands == [Hold(), Arm()]
+
+
+async def test_a_hold_of_a_client_that_is_not_alive_keeps_no_arm_waiting(
+    group: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "HEARTBEAT_S", 0.01)
+    bench = Bench(group)
+    bench.states = (Airframe(PX4, 2), Armed(False))
+    client = bench.client()
+    bench.now_ms += 5000
+    await bench.ask(client, HOLD)
+    await bench.ask(client, ARM)
+    async with asyncio.timeout(5):
+        while len(bench.acks()) < 2:
+            await asyncio.sleep(0.01)
+    assert bench.acks() == [(176, DENIED), (400, DENIED)]
 
 
 async def test_a_return_by_mode_is_in_progress_as_other_commands_are(group: Any) -> None:

@@ -296,7 +296,56 @@ async def test_a_value_that_is_set_while_the_set_is_read_is_not_lost_to_what_was
     await bench.settle()
     bench.pass_time(100)
     assert [one.param_value for one in values(bench) if one.param_id == "MPC_XY_CRUISE"] == [6.0, 6.0]
-    assert bench.drone.known == [None, Parameters(SET)]
+    assert bench.drone.known == [None, Parameters(bench.drone.sets[0])]
+
+
+async def test_no_list_that_is_under_way_has_a_value_from_before_a_set(bench: Bench) -> None:
+    """Nor where the whole set is read once more meanwhile, and was given before the drone had the value."""
+    content = ParameterSet.of(Parameter(f"P{number:04}", REAL32, number) for number in range(200))
+    bench.drone.sets = [content, content, content.with_one(Parameter("P0150", REAL32, 7.0))]
+    client = bench.client()
+    await bench.send(client, LIST)
+    bench.pass_time(50)
+    bench.drone.gate.clear()
+    bench.parameter_copies.forget(1)
+    await bench.send(client, read("P0000"), set_("P0150", 7.0), set_("MIS_TAKEOFF_ALT", 20.0))
+    await bench.say(Word.COMPLETED)
+    bench.drone.gate.set()
+    await bench.settle()
+    bench.pass_time(1000)
+    assert [one.param_value for one in values(bench) if one.param_id == "P0150"] == [7.0, 7.0]
+    assert [one.param_value for one in values(bench) if one.param_id == "MIS_TAKEOFF_ALT"] == [10.0, 20.0]
+
+
+async def test_a_set_that_changes_at_each_reading_is_answered_with_what_was_set_last(bench: Bench) -> None:
+    async def change(known: Parameters | None, *, timeout_s: float) -> Parameters:
+        gates.append(asyncio.Event())
+        await gates[-1].wait()
+        return Parameters(SET)
+
+    gates: list[asyncio.Event] = []
+    bench.drone.parameters = change  # type: ignore[method-assign]
+    client = bench.client()
+    await bench.send(client, read("MPC_XY_CRUISE"))
+    for number in range(READINGS):
+        await bench.send(client, set_("MPC_XY_CRUISE", 6.0 + number))
+        await bench.say(Word.COMPLETED)
+        gates[number].set()
+        await bench.settle()
+    assert [one.param_value for one in values(bench)] == [6.0, 7.0, 8.0, 8.0]
+
+
+async def test_a_last_word_behind_that_of_a_later_value_changes_nothing(bench: Bench) -> None:
+    client = bench.client()
+    await bench.send(client, LIST)
+    bench.pass_time(50)
+    seen = len(values(bench))
+    await bench.send(client, set_("MPC_XY_CRUISE", 6.0), set_("MPC_XY_CRUISE", 7.0))
+    await bench.say(Word.COMPLETED, 1)
+    await bench.say(Word.COMPLETED, 0)
+    await bench.send(client, read("MPC_XY_CRUISE"))
+    assert [one.param_value for one in values(bench)[seen:]] == [7.0, 7.0]
+    assert bench.texts() == ["MPC_XY_CRUISE not set: a later value was set"]
 
 
 async def test_a_set_that_may_be_anothers_whenever_it_is_read_counts_for_one_answer(bench: Bench) -> None:

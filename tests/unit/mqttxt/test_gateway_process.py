@@ -124,7 +124,8 @@ class Bench:
             sock.bind(("127.0.0.1", 0))
             self.port = sock.getsockname()[1]
         self.gateway = Gateway(cast(GroundStation, self.station), 5.0, take_over=False)
-        fogs = cast("list[Fog]", [FakeFog(*self.drones)])
+        self.fog = FakeFog(*self.drones)
+        fogs = cast("list[Fog]", [self.fog])
         self.running = asyncio.create_task(self.gateway.run(fogs, [], [ClientAddress("tcp", "127.0.0.1", self.port)]))
         self.clients: list[Socket] = []
 
@@ -141,6 +142,11 @@ class Bench:
 
     def hear(self, state: State, drone: int = 1, age_ms: int | None = 100) -> None:
         self.station.queue.put_nowait(StateUpdate(1, drone, state, 1, age_ms))
+
+
+def beats(client: Socket) -> list[int]:
+    """The drones whose HEARTBEATs a client has heard."""
+    return [message.get_srcSystem() for message in client.messages if message.get_type() == "HEARTBEAT"]
 
 
 def takeoff_altitude_of(drone: int) -> Any:
@@ -173,6 +179,20 @@ async def bench() -> AsyncIterator[Bench]:
 async def test_every_client_is_shown_every_drone(bench: Bench) -> None:
     for client in (await bench.client(), await bench.client()):
         await until(lambda client=client: client.of("HEARTBEAT", 1) and client.of("GLOBAL_POSITION_INT", 2))
+
+
+async def test_whoever_comes_hears_the_first_drone_first(bench: Bench) -> None:
+    """pymavlink's own helpers, as mavset, command the vehicle whose HEARTBEAT they have heard first."""
+    second = bench.drones.pop()
+    bench.fog.drones.remove(second)
+    watching = await bench.client()
+    await until(lambda: watching.of("HEARTBEAT", 1))
+    bench.fog.drones.insert(0, second)
+    await until(lambda: watching.of("HEARTBEAT", 2))
+    await until_beats(watching, 1, 1)
+    late = await bench.client(254)
+    await until(lambda: len(beats(late)) >= 4)
+    assert beats(late)[:4] == [1, 2, 1, 2]
 
 
 async def test_a_drone_that_is_silent_or_gone_or_does_not_say_what_it_is_is_not_shown(bench: Bench) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from ..errors import BrokerRefused, ConfigurationError, FogUnreachable, PayloadError, StationEnded
-from ..protocol.commands import Arm, Command, Mavlink, Resume, SetCurrentItem, StartMission, Stream, Takeoff
+from ..protocol.commands import Arm, Command, Hold, Mavlink, Resume, SetCurrentItem, StartMission, Stream, Takeoff
 from ..protocol.messages import Word
 from ..protocol.states import Armed, Severity
 from ..station.outcomes import Outcome
@@ -19,6 +19,7 @@ from .control import ClientControl
 from .entries import (
     CANCELLED,
     FIRST_PROGRESS_MS,
+    GROUND_HOLD_MS,
     MODE_PATIENCE_MS,
     PERCENT_UNKNOWN,
     PROGRESS_MS,
@@ -71,6 +72,7 @@ class Desk:
         self._newest: dict[int, Entry] = {}
         self._kept: dict[int, KeptTakeoff] = {}
         self._armings: dict[int, Arming] = {}
+        self._ground_holds: dict[int, Entry] = {}
         self._turns: dict[int, asyncio.Lock] = {}
 
     def on_request(self, client: Client, drone: Drone, request: Request, confirmation: int, takeoff_m: float) -> None:
@@ -92,6 +94,11 @@ class Desk:
                 return
             command = command_of(request, view, takeoff_m)
             entry.is_quiet = is_quiet(request, command)
+            if not isinstance(command, Arm | Stream | Mavlink):
+                self._ground_holds.pop(drone.number, None)
+            if entry.is_quiet and isinstance(command, Hold) and view.get(Armed) == Armed(False):
+                entry.ground_hold = asyncio.get_running_loop().create_future()
+                self._ground_holds[drone.number] = entry
             self._group.create_task(self._carry_out(entry, drone, command))
         except Declined as declined:
             self._decline(entry, declined)
@@ -116,6 +123,8 @@ class Desk:
                     f"{name_of(entry.request.mav_cmd)}: the drone does not have the plan yet, not sent: send it again"
                 )
                 self._decline(entry, Declined(text, NOT_NOW))
+            elif entry.waits and entry.ground_hold is not None and now_ms >= entry.asked_ms + GROUND_HOLD_MS:
+                self._end(entry, ACCEPTED)
             elif entry.waits and now_ms >= entry.next_progress_ms:
                 entry.next_progress_ms = now_ms + PROGRESS_MS
                 entry.progress()
@@ -149,19 +158,28 @@ class Desk:
 
     async def _carry_out(self, entry: Entry, drone: Drone, command: Command) -> None:
         """A command of a client that is alive; a takeoff that was kept follows an arm."""
-        with self._declining(entry):
-            await self._control.heard(entry.client)
-            if isinstance(command, Takeoff) and await self._comes_before_arming(entry, drone):
-                self._control.check(entry.client, drone)
-                self._keep(entry, command)
-                return
-            if isinstance(command, StartMission | Resume):
-                await self._behind_arming(entry, drone)
-            following = self._kept_for(entry.client, drone.number, command)
-            if isinstance(command, Arm):
-                await self._arm(entry, drone, command, following)
-            else:
-                await self._send(entry, drone, command)
+        try:
+            with self._declining(entry):
+                await self._control.heard(entry.client)
+                await self._begin(entry, drone, command)
+        finally:
+            _settle(entry, False)
+
+    async def _begin(self, entry: Entry, drone: Drone, command: Command) -> None:
+        """Send a command in its turn; raises Declined."""
+        if isinstance(command, Takeoff) and await self._comes_before_arming(entry, drone):
+            self._control.check(entry.client, drone)
+            self._keep(entry, command)
+            return
+        if isinstance(command, StartMission | Resume):
+            await self._behind_arming(entry, drone)
+        if isinstance(command, Arm):
+            await self._behind_ground_hold(entry, drone)
+        following = self._kept_for(entry.client, drone.number, command)
+        if isinstance(command, Arm):
+            await self._arm(entry, drone, command, following)
+        else:
+            await self._send(entry, drone, command)
 
     async def _comes_before_arming(self, entry: Entry, drone: Drone) -> bool:
         """Whether a takeoff has to wait for an arm that has not come yet."""
@@ -185,6 +203,22 @@ class Desk:
         if self._newest.get(drone.number) is not entry:
             raise Declined(f"{name_of(entry.request.mav_cmd)} given up: another command came", CANCELLED)
         return True
+
+    async def _behind_ground_hold(self, entry: Entry, drone: Drone) -> None:
+        """Wait for the drone's word of a HOLD that its client was told is ACCEPTED; that is no part of `ttl_s`.
+
+        Raises Declined where the drone has not accepted it: armed, it might fly its mission.
+        """
+        hold = self._ground_holds.pop(drone.number, None)
+        if hold is None or hold.ground_hold is None or hold.client != entry.client:
+            return
+        await asyncio.wait({hold.ground_hold})
+        entry.asked_ms = self._now_ms()
+        if not hold.ground_hold.result():
+            raise Declined("not armed: the drone did not hold first", NOT_NOW)
+        if self._newest.get(drone.number) is not entry or not entry.waits:
+            raise Declined("arm given up: another command came", CANCELLED)
+        await self._control.heard(entry.client)
 
     async def _arm(self, entry: Entry, drone: Drone, command: Arm, following: Takeoff | None) -> None:
         arming = self._armings[drone.number] = Arming(entry.client, asyncio.Event())
@@ -270,6 +304,8 @@ class Desk:
 
     def _hear(self, entry: Entry, drone: Drone, command: Command, outcome: Outcome) -> None:
         entry.is_answered = True
+        if outcome.word is Word.ACCEPTED or outcome.completed:
+            _settle(entry, True)
         if outcome.word is Word.IN_PROGRESS:
             entry.percent = PERCENT_UNKNOWN if outcome.percent is None else outcome.percent
         elif outcome.word is Word.ACCEPTED:
@@ -311,3 +347,9 @@ class Desk:
         entry.ended_ms = self._now_ms()
         if result is not None:
             entry.acknowledge(result)
+
+
+def _settle(entry: Entry, is_accepted: bool) -> None:
+    """What has become of a HOLD before arming, once."""
+    if entry.ground_hold is not None and not entry.ground_hold.done():
+        entry.ground_hold.set_result(is_accepted)

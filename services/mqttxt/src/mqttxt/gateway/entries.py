@@ -23,6 +23,12 @@ FIRST_PROGRESS_MS, PROGRESS_MS = 400, 1000
 """MAVSDK sends again after 500 ms without an answer, and gives up after 3 s without a newer one, as QGroundControl."""
 MODE_PATIENCE_MS = 1700
 """How long a mode may wait for a plan: MAVSDK takes silence for an error after 2 s."""
+GROUND_HOLD_MS = 1000
+"""How long a disarmed drone may take for HOLD before its client is told ACCEPTED.
+
+MAVSDK's `arm()` enters HOLD first where the drone was in a mission or returned. Of a HOLD that is not accepted within
+2 s it has two results, the hold's and the arm's, and the second one is written to where the call has returned from.
+"""
 REPEAT_MS, NUMBERED_REPEAT_MS = 1000, 10_000
 """How long after its end a command that comes again is a repetition; the latter where its `confirmation` says so."""
 
@@ -58,7 +64,8 @@ class Entry:
     """A command of a client; `result` is None until it is acknowledged for good. It `waits` for an acknowledgement.
 
     `is_quiet`: it is never in progress. `is_declined`: it was told a definite no. `is_kept`: it is not sent before the
-    drone has its client's plan. `is_revoked`: nor after that.
+    drone has its client's plan. `is_revoked`: nor after that. `ground_hold`: of a HOLD before arming, whether the drone
+    has accepted it, once that is known.
     """
 
     client: Client
@@ -74,6 +81,7 @@ class Entry:
     is_kept: bool = False
     is_declined: bool = False
     is_revoked: bool = False
+    ground_hold: asyncio.Future[bool] | None = None
     ended_ms: int = 0
 
     def repeat(self) -> None:

@@ -37,6 +37,10 @@ class Shown:
     def __len__(self) -> int:
         return len(self._told)
 
+    def has_places_of(self, other: Shown) -> bool:
+        """Whether each parameter has the same place in both."""
+        return self is other or self._places == other._places
+
     def at(self, place: int) -> Any:
         """The parameter at a place from 0 on."""
         one, value = self._told[place]
@@ -67,6 +71,11 @@ class ParameterCopies:
         self._takeoff_m: dict[int, float] = {}
         self._shown: dict[int, Shown] = {}
         self._changes: Counter[int] = Counter()
+        self._set_since: dict[int, dict[str, Parameter]] = {}
+
+    def begin(self, drone: int) -> None:
+        """The drone's set is asked for: it may come with values from before any that is set from now on."""
+        self._set_since[drone] = {}
 
     def changes(self, drone: int) -> int:
         """A number that is another one once a drone's set may be."""
@@ -81,13 +90,20 @@ class ParameterCopies:
         return now_ms - self._read_ms.get(drone, -FRESH_MS - 1) <= FRESH_MS
 
     def put(self, drone: int, parameters: Parameters, now_ms: int) -> None:
-        """The drone has these."""
+        """The drone has these, but for what was set since they were asked for."""
         self._sets[drone], self._read_ms[drone] = parameters, now_ms
         self._shown.pop(drone, None)
+        for wanted in self._set_since.pop(drone, {}).values():
+            self._replace(drone, wanted)
 
     def fold(self, drone: int, wanted: Parameter) -> None:
         """The drone has read back a value that was set, in the type that the parameter has there."""
         self._changes[drone] += 1
+        if drone in self._set_since:
+            self._set_since[drone][wanted.name] = wanted
+        self._replace(drone, wanted)
+
+    def _replace(self, drone: int, wanted: Parameter) -> None:
         known = self._sets.get(drone)
         before = known.content.parameters.get(wanted.name) if known is not None else None
         if known is None or before is None:
@@ -104,6 +120,8 @@ class ParameterCopies:
         """The drone may have others; what was read stays, so that only what has changed need be carried."""
         self._changes[drone] += 1
         self._read_ms.pop(drone, None)
+        if drone in self._set_since:
+            self.begin(drone)
 
     def takeoff_m(self, drone: int) -> float:
         """How high a takeoff goes that names no altitude, in metres above home."""

@@ -47,7 +47,7 @@ class _Question:
 
 @dataclass
 class _List:
-    """A list on its way to a client; `place` comes next."""
+    """A list on its way to a client; `place` comes next. What is set meanwhile is sent as it is then."""
 
     shown: Shown
     place: int = 0
@@ -97,6 +97,8 @@ class ClientParameters:
         self._told_ms = {told: at for told, at in self._told_ms.items() if now_ms - at < TEXT_MS}
         share = max(1, PER_TICK // max(1, len(self._lists)))
         for (client, drone), one in list(self._lists.items()):
+            newest = self._copies.shown(drone, one.shown.autopilot)
+            one.shown = newest if newest.has_places_of(one.shown) else one.shown
             end = min(one.place + share, len(one.shown))
             for place in range(one.place, end):
                 client.peer.send(drone, one.shown.at(place))
@@ -140,6 +142,7 @@ class ClientParameters:
         """Until nothing has changed while it was carried; where it always does, the set counts for one answer."""
         for _ in range(READINGS):
             changes = self._copies.changes(drone.number)
+            self._copies.begin(drone.number)
             found = await drone.parameters(self._copies.last(drone.number), timeout_s=READ_S)
             is_same = self._copies.changes(drone.number) == changes
             self._copies.put(drone.number, found, self._now_ms())

@@ -130,7 +130,7 @@ class Gateway:
         for drone in (drone for fog in self._fogs for drone in fog.drones):
             if drone.number not in found or drone.is_reachable:
                 found[drone.number] = drone
-        return found
+        return dict(sorted(found.items()))
 
     async def _listen(self) -> None:
         """What has to be passed on as it comes."""

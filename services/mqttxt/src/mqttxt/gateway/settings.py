@@ -42,7 +42,7 @@ _ERRORS: Final = {
 
 @dataclass
 class Setting:
-    """A PARAM_SET of a client; `answer` and `ended_ms` are there once it is over."""
+    """A PARAM_SET of a client; `answer` and `ended_ms` are there once it is over. `place`: among all that were sent."""
 
     client: Client
     drone: int
@@ -50,6 +50,7 @@ class Setting:
     asked_ms: int
     answer: Any | None = None
     ended_ms: int | None = None
+    place: int = 0
 
     def is_repeated(self, now_ms: int) -> bool:
         """Whether the same is this one once more: clients repeat it until it is answered."""
@@ -73,6 +74,8 @@ class Settings:
         self._group = group
         self._ttl_s = ttl_s
         self._newest: dict[tuple[Client, int, str], Setting] = {}
+        self._completed: dict[tuple[int, str], int] = {}
+        self._sent = 0
         self._open = 0
         self._turns: dict[int, asyncio.Lock] = {}
 
@@ -132,6 +135,8 @@ class Settings:
             self._control.check(setting.client, drone)
             await self._control.take(setting.client, drone, self._left_s(setting))
             assert setting.wanted.value is not None
+            self._sent += 1
+            setting.place = self._sent
             sent = drone.set_parameter(setting.wanted.name, setting.wanted.value, ttl_s=self._left_s(setting))
         return await sent
 
@@ -143,6 +148,11 @@ class Settings:
 
     def _hear(self, setting: Setting, last: Outcome, autopilot: Autopilot) -> None:
         if last.completed:
+            key = (setting.drone, setting.wanted.name)
+            if setting.place < self._completed.get(key, 0):  # its last word has come behind that of a later value
+                self._end(setting, None, "a later value was set")
+                return
+            self._completed[key] = setting.place
             self._copies.fold(setting.drone, setting.wanted)
             setting.answer = self._copies.message(setting.drone, autopilot, setting.wanted)
             setting.client.peer.send(setting.drone, setting.answer)

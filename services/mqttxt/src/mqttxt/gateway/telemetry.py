@@ -256,7 +256,11 @@ FASTEST_HZ = 10.0
 
 
 class Turns:
-    """When each message of each drone is sent next."""
+    """When each message of each drone is sent next.
+
+    Messages of one rate have their turn together: clients that command the vehicle whose HEARTBEAT they heard first, as
+    pymavlink and MAVProxy do, are to hear the same one whenever they come.
+    """
 
     def __init__(self) -> None:
         self._next_ms: dict[tuple[int, str], float] = {}
@@ -275,8 +279,7 @@ class Turns:
             next_ms = self._next_ms.get((drone, name), 0.0)
             if rate_hz and now_ms >= next_ms:
                 interval_ms = 1000 / rate_hz
-                is_late = now_ms >= next_ms + interval_ms
-                self._next_ms[drone, name] = (now_ms if is_late else next_ms) + interval_ms
+                self._next_ms[drone, name] = now_ms - now_ms % interval_ms + interval_ms
                 out.append(name)
         return out
 
