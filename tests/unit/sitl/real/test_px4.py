@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from sitl.errors import SitlError
 from sitl.fleet import DroneConfig
 from sitl.process import LinkConfig
 from sitl.px4.streams import SETS
-from sitl.real.px4 import MOST_FACTOR, OWN, PARAMETERS, STEPS, STREAMS, Px4, speed_factor
+from sitl.real.px4 import MOST_FACTOR, OWN, PARAMETERS, STEPS, STREAMS, Px4, scheduled, speed_factor
 
 ALIASES = """alias set=_set
 alias commander='px4-commander --instance $px4_instance'
@@ -66,13 +67,16 @@ def test_both_ways_to_set_parameters_get_all_in_the_units_that_this_px4_has(
     assert {name: float(by_hook[name]) for name in OWN} == OWN
 
 
+def test_drones_of_a_fleet_take_the_processors_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {5, 2})
+    assert [scheduled(number)[:3] for number in (1, 2, 3)] == [["taskset", "--cpu-list", each] for each in "525"]
+
+
 def test_it_is_started_in_a_folder_of_its_own_with_all_its_commands(tmp_path: Path) -> None:
     _, words, environment = prepared(tmp_path, NEW)
     work = tmp_path / "work"
     assert words == [
-        "chrt",
-        "--batch",
-        "0",
+        *scheduled(3),
         f"{work}/bin/px4",
         *("-d", "-i", "3", "-w"),
         str(work),

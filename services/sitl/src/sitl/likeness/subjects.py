@@ -20,7 +20,7 @@ from ..personalities import PERSONALITIES
 from ..process import LinkConfig
 from ..real.ardupilot import DEFAULTS, PROGRAM
 from ..real.ardupilot import ArduCopter as Prepared
-from ..real.px4 import BATCH
+from ..real.px4 import scheduled
 from ..vehicle import Vehicle
 from .channel import Channel, Clock, SimulatedChannel, UdpChannel
 from .manners import ARDUCOPTER, MANNERS, PX4, Manners
@@ -168,7 +168,7 @@ class Px4(ProcessSubject):
 
     def command(self) -> list[str]:
         return [
-            *(*BATCH, str(self._px4 / "bin/px4"), "-d", "-i", str(self._instance)),
+            *(*scheduled(self._instance), str(self._px4 / "bin/px4"), "-d", "-i", str(self._instance)),
             *("-w", str(self.folder), str(self.folder / "etc")),
         ]
 

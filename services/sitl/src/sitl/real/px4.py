@@ -24,11 +24,6 @@ STEP_S, STEPS, MOST_FACTOR = 0.004, 250, 1.12
 """PX4's simulator sleeps in each of its steps, and a sleep takes longer than it was asked for: how many are measured
 before PX4 starts, and the most by which it is asked to be faster for that. The witness measures what came of it.
 """
-BATCH = ("chrt", "--batch", "0")
-"""How PX4 is started: a thread that is woken waits for the one that runs (SCHED_BATCH, sched(7)). PX4 cancels and sets
-its timer in two steps. Its thread of timers, woken between them on one of few processors, finds no timer and sleeps on,
-and the sensors of the simulation stand still.
-"""
 PARAMETERS = Path("etc/extras/parameters.json.xz")
 """The build's description of each parameter, in PX4's folder."""
 OWN: dict[str, float] = {
@@ -67,6 +62,16 @@ def speed_factor(sleep: Callable[[float], None] = time.sleep, clock: Callable[[]
     return min(MOST_FACTOR, max(1.0, (clock() - began_s) / (STEPS * STEP_S)))
 
 
+def scheduled(number: int) -> list[str]:
+    """The words before PX4's own: one processor, which drones of a fleet take in turn, and SCHED_BATCH (sched(7)).
+
+    There, a thread that is woken waits for the one that runs. PX4 cancels and sets its timer in two steps; its thread
+    of timers, awake between them, finds no timer and sleeps on, and the sensors of the simulation stand still.
+    """
+    processors = sorted(os.sched_getaffinity(0))
+    return ["taskset", "--cpu-list", str(processors[number % len(processors)]), "chrt", "--batch", "0"]
+
+
 class Px4(Autopilot):
     """One PX4; its folder has bin/px4 and etc."""
 
@@ -87,7 +92,7 @@ class Px4(Autopilot):
             **{f"PX4_PARAM_{name}": value for name, value in values.items()},
         }
         words = [str(self._bin / "px4"), "-d", "-i", self._instance, "-w", str(self.work), str(self.folder / "etc")]
-        return [*BATCH, *words], environment
+        return [*scheduled(self.config.system_id), *words], environment
 
     def questions(self) -> dict[str, list[str]]:
         command = [str(self._bin / "px4-param"), "--instance", self._instance, "show", "-q"]
