@@ -281,6 +281,20 @@ async def test_tls_carries_bursts_in_both_directions(tmp_path: Path, monkeypatch
             await eventually(lambda: len(session.of(PUBLISH)) == len(STATES), "all states")
 
 
+async def test_what_comes_in_tls_records_of_a_byte_is_heard_to_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with certificate(tmp_path) as (context, chain):
+        monkeypatch.setenv("SSL_CERT_FILE", str(chain))
+        async with Server(tls=context) as server, linked(server, "mqtts") as (_, heard):
+            (session,) = server.sessions
+            for byte in publish("drone1/commands", bytes(500)) + publish("drone1/commands", b"last"):
+                session.send(bytes([byte]))
+            session.end()
+            await eventually(lambda: heard.losses == 1, "ended")
+            assert [message.payload for message in heard.messages] == [bytes(500), b"last"]
+
+
 async def test_what_came_before_the_end_is_taken_where_both_are_read_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

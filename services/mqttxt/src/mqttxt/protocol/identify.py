@@ -8,7 +8,7 @@ from typing import Any
 
 import cbor2
 
-from .codec import MAX_PAYLOAD, NO_REFERENCES
+from .codec import MAX_PAYLOAD, NO_TAGS
 from .messages import CommandId
 
 
@@ -36,4 +36,4 @@ def identify(payload: bytes) -> CommandId | None:
 
 def _lenient(payload: bytes) -> Any:
     """What CBOR says first, whatever follows."""
-    return cbor2.CBORDecoder(BytesIO(payload), semantic_decoders=NO_REFERENCES).decode()
+    return cbor2.CBORDecoder(BytesIO(payload), semantic_decoders=NO_TAGS).decode()

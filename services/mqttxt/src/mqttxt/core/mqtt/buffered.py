@@ -7,6 +7,8 @@ from collections import deque
 from socket import socket
 
 _AT_ONCE_BYTES = 65_536
+_RECORDS_AT_ONCE = 64
+"""Of TLS, which the other side may make of a byte each."""
 
 
 class Buffered:
@@ -28,13 +30,15 @@ class Buffered:
         self.setblocking, self.setsockopt, self.fileno = sock.setblocking, sock.setsockopt, sock.fileno
 
     def fetch(self) -> int:
-        """Read what is there, some 64 KiB at the most; returns how many bytes that was."""
+        """Read what is there, some 64 KiB or 64 records at the most; returns how many bytes that was."""
         chunks, length = [self.came[self.start :]], 0
         try:
             while chunk := self.sock.recv(_AT_ONCE_BYTES):
                 chunks.append(chunk)
                 length += len(chunk)
-                if length >= _AT_ONCE_BYTES or not isinstance(self.sock, ssl.SSLSocket):  # which gives record by record
+                if not isinstance(self.sock, ssl.SSLSocket):  # which gives record by record
+                    break
+                if length >= _AT_ONCE_BYTES or len(chunks) > _RECORDS_AT_ONCE:
                     break
             else:
                 self.failure = ConnectionResetError("closed by the other side")

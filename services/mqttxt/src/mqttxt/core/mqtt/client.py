@@ -32,7 +32,7 @@ class _Client(Client):
 
 
 def make_client(
-    address: BrokerAddress, client_id: str, will: Will | None, manual_ack: bool, ssl_context: ssl.SSLContext | None
+    address: BrokerAddress, client_id: str, will: Will | None, ssl_context: ssl.SSLContext | None
 ) -> Client:
     """A client that has yet to connect, and never connects again by itself."""
     client = _Client(
@@ -40,7 +40,7 @@ def make_client(
         client_id=client_id,
         protocol=MQTTProtocolVersion.MQTTv5,
         reconnect_on_failure=False,
-        manual_ack=manual_ack,
+        manual_ack=True,  # paho is given no PUBLISH
     )
     client.connect_timeout = CONNECT_TIMEOUT_S
     client.max_inflight_messages = 0  # paho's own limit; the connection keeps to the broker's

@@ -19,7 +19,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, cast
 
 from paho.mqtt import MQTTException
-from paho.mqtt.client import Client, MQTTMessage
+from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
@@ -28,9 +28,9 @@ from ...errors import BrokerRefused
 from ..address import BrokerAddress
 from ..effects import Inbound, Publish, Receipt, Unsubscribe, Will
 from .aliases import AliasTable
-from .client import CONNECT_TIMEOUT_S, make_client, start_connecting
+from .client import CONNECT_TIMEOUT_S, KEEPALIVE_S, make_client, start_connecting
 from .events import LinkEvents
-from .packets import PINGREQ, PINGRESP, end_of, message_of, publish
+from .packets import KIND, PINGREQ, PINGRESP, PUBLISH, RETAIN, end_of, message_of, publish
 from .properties import LARGEST_PACKET, BrokerLimits, expiry_properties
 from .subscriptions import Subscriptions
 
@@ -42,6 +42,10 @@ logger = logging.getLogger("mqttxt.mqtt")
 
 MOST_HELD = 10_000
 """Publishes that wait while the broker takes no bytes or, at QoS 1, acknowledges none; further ones are dropped."""
+_MOST_OWED = 2000
+"""Above what a broker may send without reading: the Receive Maximum, and an answer to each of our own publishes."""
+_LONGEST_OTHER = 4096
+"""Of packets that are no PUBLISH. paho reads these, and takes longer for each of their properties than for the last."""
 _TAKEN_AT_ONCE = 256
 _VOID_BYTES = 65_536
 _SERIALS = count(1)
@@ -83,16 +87,15 @@ class Connection:
         self._aliases = AliasTable(0)
         self._limits = BrokerLimits()
         self._flush_is_due = self._is_blocked = self._take_is_due = False
-        self._held = 0
+        self._held = self._owed = 0
         self._last_in_s = self._last_out_s = 0.0
         self._pinged_s: float | None = None
         self._serial = next(_SERIALS) if manual_ack else None
-        self._client = client = make_client(address, client_id, will, manual_ack, ssl_context)
+        self._client = client = make_client(address, client_id, will, ssl_context)
         self._subscriptions = Subscriptions(client, events.subscribed, self._refused)
         self.subscribe = self._subscriptions.subscribe
         client.on_connect = self._on_connect
         client.on_disconnect = self._on_disconnect
-        client.on_message = self._on_message
         client.on_subscribe = self._on_subscribe
         client.on_publish = self._on_publish
 
@@ -262,19 +265,38 @@ class Connection:
                 self._client.loop_read()
             return False
         sock.start = end
-        try:
-            message = message_of(came, start, body, end)
-        except UnicodeDecodeError:
-            self._note(self._events.count, "topic", f"{self.name}: a topic that is not UTF-8")
-            return True
-        if message is not None:
-            self._note(self._events.received, self.name, message)
+        if came[start] & KIND == PUBLISH:
+            self._take_message(came, start, body, end)
         elif came[start] == PINGRESP:
             self._pinged_s = None
+        elif end - start > _LONGEST_OTHER:
+            raise ValueError(f"{end - start} bytes that are no PUBLISH; expected at most {_LONGEST_OTHER}")
         else:
+            self._owe_an_answer()
             sock.for_paho = came[start:end]
             self._client.loop_read()
         return True
+
+    def _take_message(self, came: bytes, start: int, body: int, end: int) -> None:
+        name, payload, qos, mid = message_of(came, start, body, end)
+        receipt = (self._serial, mid) if self._serial is not None and qos else None
+        try:
+            message = Inbound(name.decode(), payload, qos, came[start] & RETAIN != 0, receipt)
+        except UnicodeDecodeError:
+            receipt = None
+            self._note(self._events.count, "topic", f"{self.name}: a topic that is not UTF-8")
+        else:
+            self._note(self._events.received, self.name, message)
+        if qos:
+            self._owe_an_answer()
+            if receipt is None:
+                self._client.ack(mid, qos)
+
+    def _owe_an_answer(self) -> None:
+        """Raises ValueError for a broker that goes on asking for answers and does not read them."""
+        self._owed += self._is_blocked
+        if self._owed > _MOST_OWED:
+            raise ValueError(f"{self._owed} packets, without reading the answers")
 
     def _deliver(self) -> None:
         try:
@@ -305,7 +327,7 @@ class Connection:
             self._is_blocked = True
             self._loop.add_writer(sock, self._flush)
         elif has_left and self._is_blocked:
-            self._is_blocked, self._held = False, 0
+            self._is_blocked, self._held, self._owed = False, 0, 0
             self._loop.remove_writer(sock)
         if sock.failure is not None:
             self._loop.call_soon(self._take)
@@ -317,12 +339,14 @@ class Connection:
         sock, now_s = self._socket, self._loop.time()
         if self.ended.done() or sock is None:
             return
-        if self._pinged_s is not None and now_s - self._pinged_s >= self._client.keepalive:
+        # A broker may ask for less patience, not for more.
+        keepalive_s = min(self._client.keepalive or KEEPALIVE_S, KEEPALIVE_S)
+        if self._pinged_s is not None and now_s - self._pinged_s >= keepalive_s:
             logger.info("%s: %s does not answer", self.name, self.address)
             self.close(with_will=True)
             return
         quiet_s = now_s - min(self._last_in_s, self._last_out_s)
-        if self._pinged_s is None and quiet_s >= self._client.keepalive:
+        if self._pinged_s is None and quiet_s >= keepalive_s:
             self._pinged_s = now_s
             sock.send(PINGREQ)
             self._flush_soon()
@@ -344,16 +368,6 @@ class Connection:
     def _on_disconnect(self, _client: Client, _userdata: Any, _flags: Any, code: Any, _properties: Any) -> None:
         _resolve(self._accepted, code.value or 0x80)
         _resolve(self.ended, code.value)
-
-    def _on_message(self, _client: Client, _userdata: Any, message: MQTTMessage) -> None:
-        try:
-            topic = message.topic
-        except UnicodeDecodeError:
-            self._note(self._events.count, "topic", f"{self.name}: a topic that is not UTF-8")
-            return
-        receipt = (self._serial, message.mid) if self._serial is not None and message.qos > 0 else None
-        inbound = Inbound(topic, bytes(message.payload), message.qos, message.retain, receipt)
-        self._note(self._events.received, self.name, inbound)
 
     def _on_subscribe(self, _client: Client, _userdata: Any, mid: int, codes: Any, _properties: Any) -> None:
         self._note(self._subscriptions.on_suback, mid, [code.value for code in codes])
