@@ -107,14 +107,13 @@ class LightRunner(Runner):
         self._loop = asyncio.get_running_loop()
         self.autopilot = LightAutopilot(drone, lambda message: self._loop.call_soon(self._on_mavlink, message))
         self.links[LINK] = MqttLink(LINK, broker, f"load-{root}{drone}-{clock.session:08x}", self.client.will, self)
+        self.does |= {Transmit: self._transmit, Journal: self._journal}
 
     def jobs(self) -> list[Any]:
         return [*super().jobs(), self._beat()]
 
-    def special(self, output: Any) -> None:
-        if isinstance(output, Transmit):
-            self._transmit(output)
-        elif isinstance(output, Journal) and output.is_opening:
+    def _journal(self, output: Journal) -> None:
+        if output.is_opening:
             self.carry_out(self.client.on_journalled(output.id, self.clock.now_ms()))
 
     def _transmit(self, effect: Transmit) -> None:

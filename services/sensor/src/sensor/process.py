@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import Any
 
 from mqttxt.core.clock import SessionClock
 from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
@@ -71,11 +70,12 @@ class SensorRunner(Runner):
             LINK, broker, client_id, None, self, longest_pause_s=LONGEST_PAUSE_S, identity=identity
         )
 
-    def special(self, output: Any) -> None:
-        if isinstance(output, Measured | Dropped):
-            if self._events is not None:
-                self._events.write("reading" if isinstance(output, Measured) else "dropped", output.reading)
-        elif isinstance(output, Finished):
-            self.finish()
-        else:
-            super().special(output)
+        self.does |= {
+            Measured: lambda event: self._write("reading", event.reading),
+            Dropped: lambda event: self._write("dropped", event.reading),
+            Finished: lambda _: self.finish(),
+        }
+
+    def _write(self, event: str, reading: Reading) -> None:
+        if self._events is not None:
+            self._events.write(event, reading)

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import logging
 from collections import Counter
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from functools import partial
 from math import ceil
 from pathlib import Path
@@ -51,7 +51,9 @@ class Role(Protocol):
 
 
 class Runner:
-    """The world around one role, with its identity. Subclasses carry out the effects that only their role has.
+    """The world around one role, with its identity. `does` carries out each kind of effect but Publish.
+
+    Subclasses add to it the effects and events that only their role has.
 
     `lists` are the topics of the revocation list, by connection; `patience_ms` is how long others have to publish it
     first, None where this node does not; `told` are the topics of connections on which it alone does. Raises
@@ -85,6 +87,13 @@ class Runner:
         self._told_ms = -10_000
         self._stopped: asyncio.Future[None] | None = None
         self._is_to_keep = asyncio.Event()
+        self.does: dict[type[Any], Callable[[Any], object]] = {
+            Subscribe: lambda effect: self.links[effect.link].subscribe(effect),
+            Unsubscribe: lambda effect: self.links[effect.link].unsubscribe(effect),
+            Log: lambda log: self.count(log.kind, log.detail),
+            Audit: audit.record if audit is not None else lambda _: None,
+            Stop: lambda stop: self._fail(Refused(stop.reason)),
+        }
 
     async def run(self) -> None:
         """Run until cancelled or stopped; raises Refused, or what a job failed with, behind the goodbye."""
@@ -193,23 +202,12 @@ class Runner:
         for output in outputs:
             if isinstance(output, Publish):
                 self.links[output.link].publish(output)
-            elif isinstance(output, Subscribe):
-                self.links[output.link].subscribe(output)
-            elif isinstance(output, Unsubscribe):
-                self.links[output.link].unsubscribe(output)
-            elif isinstance(output, Log):
-                self.count(output.kind, output.detail)
-            elif isinstance(output, Audit):
-                if self._audit is not None:
-                    self._audit.record(output)
-            elif isinstance(output, Stop):
-                self._fail(Refused(output.reason))
             else:
-                self.special(output)
+                self.does[type(output)](output)
+        self.carried_out()
 
-    def special(self, output: Any) -> None:
-        """Carry out an effect or take an event that only this runner's role has."""
-        raise TypeError(f"{type(output).__name__} is not for this role")
+    def carried_out(self) -> None:
+        """All that followed from one message, or from the time, is carried out."""
 
     def connected(self, link: str) -> None:
         logger.info("%s: connected to %s", link, self.links[link].address)

@@ -90,6 +90,9 @@ class UavRunner(Runner):
             self.client.desk.is_audited = audit.takes
         self._keeper = JournalKeeper(journal, self._on_opened, self._on_journal_error)
         self._signing = signing
+        self.does |= {Journal: self._keeper.record, Transmit: self._transmit}
+        if self._logs is not None:
+            self.does |= self._logs.does
         self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed, signing)
         self._heard: asyncio.Event = asyncio.Event()
         self._recognition = Recognition(drone)
@@ -105,6 +108,7 @@ class UavRunner(Runner):
                 sensors, self.client.carrier, drone, self, self.carry_out, clock.now_ms, identity
             )
             self.links[SENSORS] = self._sensors.link
+            self.does |= self._sensors.does
 
     async def run(self) -> None:
         try:
@@ -122,16 +126,6 @@ class UavRunner(Runner):
     def tell_own_broker(self, newest: RevocationList) -> None:
         if self._sensors is not None:
             self._sensors.reload(newest)
-
-    def special(self, output: Any) -> None:
-        if isinstance(output, Journal):
-            self._keeper.record(output)
-        elif isinstance(output, Transmit):
-            self._transmit(output)
-        elif self._logs is not None and self._logs.take(output):
-            pass
-        elif self._sensors is None or not self._sensors.take(output):
-            super().special(output)
 
     def _on_opened(self, command_id: CommandId, is_journalled: bool) -> None:
         """Nothing is started that the journal does not have."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import ssl
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from weakref import WeakSet
 
 from ..core.address import BrokerAddress
@@ -58,6 +58,7 @@ class StationRunner(Runner):
         self._choices: set[asyncio.Task[None]] = set()
         self._carried_out = Bell()
         self._running: asyncio.Task[None] | None = None
+        self.does |= dict.fromkeys(get_args(Event), self._hear)
 
     @property
     def has_begun(self) -> bool:
@@ -272,23 +273,19 @@ class StationRunner(Runner):
             return "no signed beacon of a drone that is reachable has come"
         return "its activator has not confirmed the registration"
 
-    def carry_out(self, outputs: Iterable[Any]) -> None:
-        super().carry_out(outputs)
+    def carried_out(self) -> None:
         pending = self.station.commands.pending
         for command_id in [command_id for command_id in self._open if not pending[command_id].is_open]:
             self._open.pop(command_id).end()
         self._carried_out.ring()
 
-    def special(self, output: Any) -> None:
-        if not isinstance(output, Event):
-            super().special(output)
-            return
-        if isinstance(output, ListBehind):
-            logger.warning("%s", output)
+    def _hear(self, event: Event) -> None:
+        if isinstance(event, ListBehind):
+            logger.warning("%s", event)
         for stream in list(self._streams):
-            stream.hear(output)
-        if isinstance(output, Outcome | PsmiList) and output.id in self._open:
-            self._open[output.id].hear(output)
+            stream.hear(event)
+        if isinstance(event, Outcome | PsmiList) and event.id in self._open:
+            self._open[event.id].hear(event)
 
     def _end_all(self) -> None:
         """Nobody waits in vain for a station that has ended."""

@@ -250,8 +250,15 @@ class Connection:
                 break
         else:
             self._take_is_due = True
-            self._loop.call_soon(self._take)
-        self._deliver()
+        try:
+            while self._notes:
+                act, args = self._notes.popleft()
+                act(*args)
+        finally:
+            if self._notes:  # a role failed: the loop reports it, and the rest is delivered all the same
+                self._take_is_due = True
+            if self._take_is_due:
+                self._loop.call_soon(self._take)
 
     def _take_packet(self, sock: Buffered) -> bool:
         """Take the first packet of what has come; False where none is whole."""
@@ -297,15 +304,6 @@ class Connection:
         self._owed += self._is_blocked
         if self._owed > _MOST_OWED:
             raise ValueError(f"{self._owed} packets, without reading the answers")
-
-    def _deliver(self) -> None:
-        try:
-            while self._notes:
-                act, args = self._notes.popleft()
-                act(*args)
-        finally:
-            if self._notes:  # a role failed: the loop reports it, and the rest is delivered all the same
-                self._loop.call_soon(self._deliver)
 
     def _flush_soon(self) -> None:
         """Write what was handed over when this turn of the event loop is over, or when the system takes bytes again."""

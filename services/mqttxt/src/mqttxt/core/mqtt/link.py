@@ -68,6 +68,10 @@ class MqttLink:
                 raise ConfigurationError(f"{what} for {address}: expected a broker at mqtts://")
         self.name = name
         self.address = address
+        self.publish: Callable[[Publish], None]
+        """Hands a message to the connection; without one it is dropped, and the role hears of the reconnection."""
+        self.subscribe: Callable[[Subscribe], None]
+        self.unsubscribe: Callable[[Unsubscribe], None]
         self.failure: str | None = None
         """Why the last attempt to connect failed, None where it did not."""
         self._ssl_context = ssl_context
@@ -80,8 +84,8 @@ class MqttLink:
         self._manual_ack = manual_ack
         self._session_expiry_s = session_expiry_s
         self._longest_pause_s = longest_pause_s
-        self._connection: Connection | None = None
         self._is_closed = False
+        self._use(None)
 
     async def run(self) -> None:
         """Connect, stay connected, connect again; raises BrokerRefused when asking again is pointless."""
@@ -98,19 +102,6 @@ class MqttLink:
             await asyncio.sleep(pause_s * random.uniform(0.5, 1.0))
             pause_s = min(2 * pause_s, self._longest_pause_s)
 
-    def publish(self, effect: Publish) -> None:
-        """Hand a message to the connection; without one it is dropped, and the role hears of the reconnection."""
-        if self._connection is not None:
-            self._connection.publish(effect)
-
-    def subscribe(self, effect: Subscribe) -> None:
-        if self._connection is not None:
-            self._connection.subscribe(effect)
-
-    def unsubscribe(self, effect: Unsubscribe) -> None:
-        if self._connection is not None:
-            self._connection.unsubscribe(effect)
-
     def acknowledge(self, receipt: Receipt) -> None:
         """Say that an inbound message is safe, on a link with `manual_ack`; nothing where its connection has ended."""
         if self._connection is not None:
@@ -126,10 +117,18 @@ class MqttLink:
     async def close(self) -> None:
         """A clean DISCONNECT, after what was handed over has left."""
         self._is_closed = True
-        connection, self._connection = self._connection, None
+        connection = self._connection
+        self._use(None)
         if connection is not None:
             await connection.settled(GOODBYE_S)
             await connection.leave(GOODBYE_S)
+
+    def _use(self, connection: Connection | None) -> None:
+        """What is published, subscribed and given up from now on goes to this connection, or nowhere."""
+        self._connection = connection
+        self.publish = connection.publish if connection is not None else _drop
+        self.subscribe = connection.subscribe if connection is not None else _drop
+        self.unsubscribe = connection.unsubscribe if connection is not None else _drop
 
     async def _one_connection(self) -> str | None:
         """One connection from CONNECT to its end; returns why it never came about, or was of no use, None if it was."""
@@ -169,7 +168,7 @@ class MqttLink:
                 return f"refused with reason code 0x{code:02x}"
             if self._is_closed:
                 return None
-            self._connection = connection
+            self._use(connection)
             self._events.connected(self.name)
             try:
                 code = await connection.ended
@@ -184,10 +183,15 @@ class MqttLink:
                 return reason
             return connection.refusal
         finally:
-            was_up, self._connection = self._connection is connection, None
+            was_up = self._connection is connection
+            self._use(None)
             connection.close(with_will=not self._is_closed)
             if was_up:
                 self._events.disconnected(self.name)
+
+
+def _drop(_effect: object) -> None:
+    """There is no connection."""
 
 
 __all__ = ["BrokerAddress", "LinkEvents", "MqttLink"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any, get_args
 
 from ..log_work import LogDone, LogWork
 from .files import LogFiles
@@ -17,13 +18,8 @@ class LogPort:
         self._files = files
         self._on_done = on_done
         self._asked: asyncio.Queue[LogWork] = asyncio.Queue()
-
-    def take(self, output: object) -> bool:
-        """Carry out an effect; whether it was one for the folder."""
-        if not isinstance(output, LogWork):
-            return False
-        self._asked.put_nowait(output)
-        return True
+        self.does: dict[type[Any], Callable[[Any], object]] = dict.fromkeys(get_args(LogWork), self._asked.put_nowait)
+        """What carries out each kind of effect that is for the folder."""
 
     async def run(self) -> None:
         """Until cancelled."""

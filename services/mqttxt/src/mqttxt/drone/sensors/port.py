@@ -100,6 +100,13 @@ class SensorPort:
             may_be_ended=identity is None,
         )
         self._receipts = Receipts(self.link.acknowledge)
+        self.does: dict[type[Any], Callable[[Any], object]] = {
+            StoreReading: self._store_reading,
+            ForgetReadings: self._forget_readings,
+            LoadReadings: self._load_readings,
+            Acknowledge: lambda effect: self._receipts.release(effect.receipt),
+        }
+        """What carries out each kind of effect of the carrier."""
 
     def jobs(self) -> list[Any]:
         """The coroutines that run as long as the UAV client does."""
@@ -111,23 +118,19 @@ class SensorPort:
         if self._embedded is not None:
             self._embedded.reload(newest)
 
-    def take(self, output: Any) -> bool:
-        """Carry out an effect of the carrier; whether it was one."""
-        if isinstance(output, StoreReading):
-            self._batch.store.append(output)
-            if output.receipt is not None:
-                self._receipts.wait(output.receipt)
-        elif isinstance(output, ForgetReadings):
-            self._batch.forget += output.keys
-        elif isinstance(output, LoadReadings):
-            self._batch.load = output
-        elif isinstance(output, Acknowledge):
-            self._receipts.release(output.receipt)
-            return True
-        else:
-            return False
+    def _store_reading(self, effect: StoreReading) -> None:
+        self._batch.store.append(effect)
+        if effect.receipt is not None:
+            self._receipts.wait(effect.receipt)
         self._due.set()
-        return True
+
+    def _forget_readings(self, effect: ForgetReadings) -> None:
+        self._batch.forget += effect.keys
+        self._due.set()
+
+    def _load_readings(self, effect: LoadReadings) -> None:
+        self._batch.load = effect
+        self._due.set()
 
     async def _keep_link(self) -> None:
         try:
