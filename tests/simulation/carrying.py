@@ -140,7 +140,11 @@ class Way:
         for _ in range(min(most, len(self.to_fog))):
             publish = self.to_fog.pop(0)
             self.take(self.carrier.on_published(publish.ref, 0, self.now_ms))  # type: ignore[arg-type]
-            self.take(self.relay.on_reading(FogSide().parse(publish.topic), publish.payload, self.now_ms))
+            self.take(
+                self.relay.on_reading(
+                    FogSide().parse(publish.topic), Inbound(publish.topic, publish.payload), self.now_ms
+                )
+            )
 
     def to_the_station(self, most: int = 1000) -> None:
         """Up to `most` readings reach the cloud broker, and the station if it listens."""

@@ -212,11 +212,11 @@ def test_a_repeated_reading_is_forwarded_once_while_the_cloud_has_not_answered(w
     way.connect()
     way.work()
     (sent,) = way.to_fog
-    topic = FogSide().parse(sent.topic)
-    assert len(way.relay.on_reading(topic, sent.payload, 0)) == 1
-    assert way.relay.on_reading(topic, sent.payload, 0) == []
+    topic, message = FogSide().parse(sent.topic), Inbound(sent.topic, sent.payload)
+    assert len(way.relay.on_reading(topic, message, 0)) == 1
+    assert way.relay.on_reading(topic, message, 0) == []
     way.relay.on_cloud_down()
-    assert len(way.relay.on_reading(topic, sent.payload, 0)) == 1
+    assert len(way.relay.on_reading(topic, message, 0)) == 1
 
 
 def test_two_sensors_of_one_number_both_pass(way: Way) -> None:

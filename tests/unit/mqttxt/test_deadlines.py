@@ -116,14 +116,14 @@ def _the_clock_is_where_the_middle_of_the_round_trip_was(patch: pytest.MonkeyPat
 
 def _a_relay_starts_the_time_anew(patch: pytest.MonkeyPatch) -> None:
     deadline_ms = clocks.RemoteClock.deadline_ms
-    forward = Relay._forward
+    forward = Relay.forward
 
-    def fresh(self: Any, entry: Any, leg: Any, now_ms: int) -> Any:
+    def fresh(self: Any, entry: Any, drone: int, now_ms: int) -> Any:
         with pytest.MonkeyPatch.context() as inner:
             inner.setattr(clocks.RemoteClock, "deadline_ms", lambda c, now, ttl: deadline_ms(c, now, max(ttl, 600)))
-            return forward(self, entry, leg, now_ms)
+            return forward(self, entry, drone, now_ms)
 
-    patch.setattr(Relay, "_forward", fresh)
+    patch.setattr(Relay, "forward", fresh)
 
 
 def _no_duplicates_in_the_ledger(patch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from ..core.effects import Effect, Inbound, Log, Publish
 from ..core.session_owners import SessionOwners
 from ..protocol.bulk import BulkAnswer, BulkAsk
 from ..protocol.codec import decode
-from ..protocol.topics import CloudSide, FogSide
+from ..protocol.topics import CloudSide, DroneTopic, FogSide
 from ..security.cose import Envelope
 from .drones import CLOUD, FOG, Drones
 from .leases import Leases
@@ -39,14 +39,14 @@ class BulkRelay:
         self._unanswered: dict[int, tuple[int, int]] = {}
         """By drone: how many, and since when."""
 
-    def on_ask(self, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+    def on_ask(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A station's message; raises PayloadError."""
-        topic, payload = self._fog.bulk(drone), message.payload
-        seal = self._to_fog.seal
+        drone, payload = topic.drone, message.payload
+        to, seal = self._fog.bulk(drone), self._to_fog.seal
         if seal is None:
             ask = decode(BulkAsk, payload)
         else:
-            signed = seal.open_of_station(self._to_fog.signed_topic(topic), Envelope.parse(payload)).before_its_end()
+            signed = seal.open_of_station(self._to_fog.signed_topic(to), Envelope.parse(payload)).before_its_end()
             ask, payload = decode(BulkAsk, signed.payload), signed.envelope.bare().routed(None).encode()
             if not self._owners.is_of(ask.gs_session, signed.signer):
                 return [Log("foreign_session", f"{message.topic}: not a session of {signed.signer}")]
@@ -55,13 +55,13 @@ class BulkRelay:
         link = self._drones.links.get(drone)
         if link is None or not link.announced or not self._may_pass(drone, now_ms):
             return []
-        return [Publish(FOG, topic, payload, qos=0)]
+        return [Publish(FOG, to, payload, qos=0)]
 
-    def on_answer(self, drone: int, message: Inbound) -> list[Effect]:
+    def on_answer(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A drone's message; raises PayloadError."""
-        decode(BulkAnswer, self._to_fog.opened(message, f"drone{drone}"))
-        self._unanswered.pop(drone, None)
-        return [Publish(CLOUD, self._cloud.drone_bulk_answer(drone), message.payload, qos=0)]
+        decode(BulkAnswer, self._to_fog.opened(message, f"drone{topic.drone}"))
+        self._unanswered.pop(topic.drone, None)
+        return [Publish(CLOUD, self._cloud.drone_bulk_answer(topic.drone), message.payload, qos=0)]
 
     def _may_pass(self, drone: int, now_ms: int) -> bool:
         """Whether a drone has room for one more message: a flood stays on this side of its link."""

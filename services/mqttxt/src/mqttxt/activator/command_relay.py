@@ -24,7 +24,7 @@ from ..protocol.commands import BROADCASTABLE, Goto, Land, Offboard, Resume, Ret
 from ..protocol.identify import identify
 from ..protocol.messages import CommandId, CommandMessage, Word
 from ..protocol.rankings import SelectMessage
-from ..protocol.topics import CloudSide, FogSide
+from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic
 from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_SIGNED
 from .command_words import RelayWords
 from .drones import DroneLink, Drones
@@ -69,11 +69,12 @@ class Relay:
         self.is_audited: Callable[[], bool] = lambda: True
         self.on_overriding: Callable[[int, int], list[Effect]] = lambda gs_session, now_ms: []
 
-    def on_command(self, drone: int | None, message: Inbound, now_ms: int) -> list[Effect]:
-        """A command for one drone, or with None for every drone of the fog.
+    def on_command(self, topic: DroneTopic | FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
+        """A command for one drone, or for every drone of the fog.
 
         Where messages are signed, raises PayloadError before anything is answered or entered.
         """
+        drone = topic.drone if isinstance(topic, DroneTopic) else None
         signed: SignedCommand | None = None
         verified = self.signed.verified(drone, message.payload) if self.signed is not None else None
         try:
@@ -89,7 +90,8 @@ class Relay:
             return out
         if isinstance(command.command, OVERRIDING) and not entry.record.query:
             out = [*out, *self.on_overriding(command.gs_session, now_ms)]
-        return [*out, *self._start(entry, now_ms)]
+        sent = self._broadcast(entry, now_ms) if drone is None else self.forward(entry, drone, now_ms)
+        return [*out, *sent]
 
     def enter(
         self,
@@ -155,11 +157,6 @@ class Relay:
         self.ledger.close(entry, now_ms)
         return self.words.deny_whole(entry, reason, now_ms)
 
-    def forward_to(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
-        """Send a command to the drone that was chosen for it."""
-        leg = entry.record.legs[drone] = Leg(drone)
-        return self._forward(entry, leg, now_ms)
-
     def busy_drones(self) -> set[int]:
         """The drones that fly or start a command which has no last word yet."""
         return {
@@ -219,26 +216,22 @@ class Relay:
             return NOT_AUDITED
         return None
 
-    def _start(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
-        """Send a command to its drone, or a broadcast to all of its roster."""
+    def _broadcast(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
+        """Send a command to all of its roster."""
         job = entry.record
-        if job.target is not None:
-            job.legs[job.target] = Leg(job.target)
-            return self._forward(entry, job.legs[job.target], now_ms)
         roster = self._drones.asked() if job.query else self._drones.roster()
         out: list[Effect] = [self.words.say_roster(entry, roster, now_ms)]
         for listed in roster:
-            job.legs[listed.drone] = Leg(listed.drone)
-            out += self._forward(entry, job.legs[listed.drone], now_ms)
+            out += self.forward(entry, listed.drone, now_ms)
         if not job.legs:
             self.ledger.close(entry, now_ms)
         return out
 
-    def _forward(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
-        """The first way to a drone: closed here if it cannot be gone, else from then on the drone's."""
-        job = entry.record
-        link = self._drones.links.get(leg.drone)
-        refusal = _not_signed(job, leg.drone)
+    def forward(self, entry: Entry[Job], drone: int, now_ms: int) -> list[Effect]:
+        """Send a command to a drone, for the first time: closed here if it cannot be, else from then on the drone's."""
+        job, link = entry.record, self._drones.links.get(drone)
+        leg = job.legs[drone] = Leg(drone)
+        refusal = _not_signed(job, drone)
         if refusal is not None:
             return self.words.close(entry, leg, Word.DENIED, refusal, now_ms)
         if job.query:
@@ -249,7 +242,7 @@ class Relay:
             return self.words.close(entry, leg, Word.EXPIRED, None, now_ms)
         if link is None or not link.announced or not self.fog_connected:
             return self.words.close(entry, leg, Word.UNREACHABLE, None, now_ms)
-        refusal = self._leases.refusal(leg.drone, job.message.gs_session, job.message.epoch)
+        refusal = self._leases.refusal(drone, job.message.gs_session, job.message.epoch)
         if refusal is not None:
             return self.words.close(entry, leg, Word.DENIED, refusal, now_ms)
         deadline_ms = link.clock.deadline_ms(now_ms, remaining_ms) if link.clock is not None else None
@@ -271,12 +264,13 @@ class Relay:
     def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:
         assert leg.sent is not None
         leg.publishes += 1
-        topic, expires_s, ref = self._fog.commands(leg.drone), expiry_s(remaining_ms), (entry.id, leg.drone)
-        signed = entry.record.signed
+        topic, signed, qos = self._fog.commands(leg.drone), entry.record.signed, self._channel.settings.qos
         if signed is None:
-            return self._channel.publish(topic, leg.sent, expiry_s=expires_s, ref=ref)
-        payload = signed.for_drone(leg.drone, leg.sent.deadline_ms or QUERY_DEADLINE_MS)
-        return Publish(self._channel.link, topic, payload, self._channel.settings.qos, expiry_s=expires_s, ref=ref)
+            payload = self._channel.payload(topic, leg.sent)
+        else:
+            payload = signed.for_drone(leg.drone, leg.sent.deadline_ms or QUERY_DEADLINE_MS)
+        ref = (entry.id, leg.drone)
+        return Publish(self._channel.link, topic, payload, qos, expiry_s=expiry_s(remaining_ms), ref=ref)
 
     def on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
         out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]

@@ -11,7 +11,7 @@ from ..core.settings import RESEND_FIRST_MS, Rebirth
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.messages import BeaconMessage, DroneRecord, FogPresence, Registration
-from ..protocol.topics import CloudSide
+from ..protocol.topics import CloudSide, DroneTopic, FogTopic
 from .births import Births
 from .drones import CLOUD, Drones
 
@@ -92,7 +92,7 @@ class Ownership:
         gone = self._drones.forget_connections()
         return [*(self._drones.record_of(number) for number in gone), self._publish_presence(up=False)]
 
-    def on_presence(self, message: Inbound, now_ms: int) -> list[Effect]:
+    def on_presence(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/reachable`: put right where it is not this session's birth; before birth it says who else is there."""
         try:
             presence = decode(FogPresence, self._channel.opened(message, self._name))
@@ -114,7 +114,7 @@ class Ownership:
             self._rival = None
         return []
 
-    def on_clock(self, message: Inbound, now_ms: int) -> list[Effect]:
+    def on_clock(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/clock` before birth: the own beacon closes what the broker retains, a rival's proves it alive."""
         beacon = decode(BeaconMessage, self._channel.opened(message, self._name))
         is_answer = self._channel.seal is None or beacon.nonce == self._challenge_nonce
@@ -138,20 +138,20 @@ class Ownership:
         self._next_beacon_ms = now_ms + RESEND_FIRST_MS
         return beacon
 
-    def on_record(self, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+    def on_record(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """Anything but this session's newest word about a drone is put right; before birth it says who had control."""
         try:
             record = decode(DroneRecord, self._channel.opened(message, self._name))
         except PayloadError:
             if self.born:
-                self._drones.on_record(drone, None, now_ms)
+                self._drones.on_record(topic.drone, None, now_ms)
             raise
         if not self.born:
-            self._drones.restore(drone, record, bool(self._by_name), now_ms)
+            self._drones.restore(topic.drone, record, bool(self._by_name), now_ms)
             if record.holder is not None and record.holder_session is not None:
                 self._owners.restore(record.holder_session, f"gs-{record.holder}")
         else:
-            self._drones.on_record(drone, record, now_ms)
+            self._drones.on_record(topic.drone, record, now_ms)
         return []
 
     def introduction(self) -> list[Effect]:

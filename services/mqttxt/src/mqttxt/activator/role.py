@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from ..core.channel import Channel
@@ -17,7 +19,7 @@ from ..security.seal import Seal
 from .births import Births
 from .bulk_relay import BulkRelay
 from .command_relay import Relay
-from .drones import CLOUD, FOG, DroneLink, Drones
+from .drones import CLOUD, FOG, Drones
 from .leases import Leases
 from .ownership import Ownership
 from .selector import Selector
@@ -31,6 +33,11 @@ PRESENCE_PER_S, PRESENCE_AT_ONCE = 50, 200
 """Births and beacons of one drone, each of which makes the activator speak."""
 _ASKING = frozenset({"commands", "select", "init_connect"})
 """What is left to the activator that may own the fog already."""
+_ONCE_BORN = frozenset({"bulk_answer", "sensor"})
+"""What nobody takes from drones before this session is the fog's activator."""
+
+Topic = DroneTopic | FogTopic | StationTopic
+Handler = Callable[[Any, Inbound, int], list[Effect]]
 
 
 class Activator:
@@ -61,7 +68,7 @@ class Activator:
         self.drones = Drones(session, *channels, *topics, drones, self.leases)
         self.relay = Relay(session, *channels, *topics, self.drones, self.leases, self.owners)
         self.selector = Selector(session, self._to_cloud, self.cloud, self.drones, self.leases, self.relay)
-        self.states = StateRelay(session, self._to_cloud, self.cloud, self.drones, self.leases)
+        self.states = StateRelay(session, *channels, self.cloud, self.drones, self.leases)
         self.sensors = SensorRelay(self._to_fog, self.cloud, self.fog_side, self.leases)
         self.bulk = BulkRelay(*channels, *topics, self.drones, self.leases, self.owners)
         self._births = Births(*topics, self.drones, self.leases)
@@ -81,6 +88,8 @@ class Activator:
         self._of_drones = Budget(DRONE_PER_S, DRONE_AT_ONCE)
         self._presence_of_drones = Budget(PRESENCE_PER_S, PRESENCE_AT_ONCE)
         self._seal = seal
+        self._sides: Mapping[str, CloudSide | FogSide] = {CLOUD: self.cloud, FOG: self.fog_side}
+        self._handlers = self._made_handlers(seal)
         self.connected = {CLOUD: False, FOG: False}
         self._subacks = {CLOUD: 0, FOG: 0}
 
@@ -133,9 +142,14 @@ class Activator:
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Effect]:
         """A message from one of the two brokers; what does not follow the specification is counted."""
         try:
-            if link == CLOUD:
-                return self._on_cloud(self.cloud.parse(message.topic), message, now_ms)
-            return self._on_fog(self.fog_side.parse(message.topic), message, now_ms)
+            topic = self._sides[link].parse(message.topic)
+            refusal = self._refusal(link, topic, message, now_ms)
+            if refusal is not None:
+                return [refusal]
+            take = self._handlers.get((link, type(topic), topic.kind))
+            if take is None:
+                raise PayloadError(f"topic {message.topic!r}: not for an activator", "topic")
+            return take(topic, message, now_ms) if self.born or topic.kind not in _ONCE_BORN else []
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]
 
@@ -164,72 +178,62 @@ class Activator:
         """A clean stop says that neither the fog nor its drones are reachable."""
         return self.ownership.goodbye()
 
-    def _on_cloud(self, topic: DroneTopic | FogTopic | StationTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        if self.ownership.is_doubtful and isinstance(topic, DroneTopic | FogTopic) and topic.kind in _ASKING:
-            return [Log("not_born", f"{message.topic}: left to the activator that may own fog {self.fog}")]
-        if isinstance(topic, StationTopic):
-            return self._stations.on_presence(topic.name, message, now_ms)
-        if isinstance(topic, DroneTopic):
-            if topic.kind == "commands":
-                return self.relay.on_command(topic.drone, message, now_ms)
-            if topic.kind == "bulk":
-                return self.bulk.on_ask(topic.drone, message, now_ms)
-            if topic.kind == "control" and self._seal is not None:
-                return self._stations.on_grant(self._seal, topic.drone, message, now_ms)
-            if topic.kind == "sensor_ack" and self._seal is not None:
-                return self._stations.on_heard(self._seal, topic.drone, message, now_ms)
-            return self.ownership.on_record(topic.drone, message, now_ms)
-        if topic.kind == "commands":
-            return self.relay.on_command(None, message, now_ms)
-        if topic.kind == "select":
-            return self.selector.on_select(topic.name, message, now_ms)
-        if topic.kind == "init_connect":
-            return self._stations.on_registration(message, now_ms)
-        if topic.kind == "clock":
-            return self.ownership.on_clock(message, now_ms)
-        if topic.kind == "reachable":
-            return self.ownership.on_presence(message, now_ms)
-        raise PayloadError(f"topic {message.topic!r}: not for an activator", "topic")
+    def _made_handlers(self, seal: Seal | None) -> dict[tuple[str, type[Topic], str], Handler]:
+        """Who takes a message, by the broker that it comes from and its topic."""
+        handlers: dict[tuple[str, type[Topic], str], Handler] = {
+            (CLOUD, DroneTopic, "bulk"): self.bulk.on_ask,
+            (CLOUD, DroneTopic, "commands"): self.relay.on_command,
+            (CLOUD, DroneTopic, "reachable"): self.ownership.on_record,
+            (CLOUD, FogTopic, "clock"): self.ownership.on_clock,
+            (CLOUD, FogTopic, "commands"): self.relay.on_command,
+            (CLOUD, FogTopic, "init_connect"): self._stations.on_registration,
+            (CLOUD, FogTopic, "reachable"): self.ownership.on_presence,
+            (CLOUD, FogTopic, "select"): self.selector.on_select,
+            (CLOUD, StationTopic, "reachable"): self._stations.on_presence,
+            (FOG, DroneTopic, "bulk_answer"): self.bulk.on_answer,
+            (FOG, DroneTopic, "clock"): self._on_drone_beacon,
+            (FOG, DroneTopic, "commands_result"): self._on_result,
+            (FOG, DroneTopic, "reachable"): self._on_drone_presence,
+            (FOG, DroneTopic, "sensor"): self.sensors.on_reading,
+            (FOG, DroneTopic, "state"): self.states.on_states,
+            (FOG, DroneTopic, "states"): self.states.on_states,
+        }
+        if seal is not None:
+            handlers[CLOUD, DroneTopic, "control"] = partial(self._stations.on_grant, seal)
+            handlers[CLOUD, DroneTopic, "sensor_ack"] = partial(self._stations.on_heard, seal)
+        return handlers
 
-    def _on_fog(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        budget = self._presence_of_drones if topic.kind in ("reachable", "clock") else self._of_drones
-        if not budget.takes(topic.drone, now_ms):
-            return [Log("flood", f"{message.topic}: too many of drone {topic.drone}")]
-        if topic.kind == "reachable":
-            return self._on_drone_presence(topic.drone, message, now_ms)
-        if topic.kind == "clock":
-            return self._on_drone_beacon(topic.drone, message, now_ms)
-        if topic.kind == "bulk_answer":
-            return self.bulk.on_answer(topic.drone, message) if self.born else []
+    def _refusal(self, link: str, topic: Topic, message: Inbound, now_ms: int) -> Log | None:
+        """Why nobody takes a message, whatever is in it; None where that is not so."""
+        if isinstance(topic, DroneTopic) and link == FOG:
+            budget = self._presence_of_drones if topic.kind in ("reachable", "clock") else self._of_drones
+            if not budget.takes(topic.drone, now_ms):
+                return Log("flood", f"{message.topic}: too many of drone {topic.drone}")
+        elif self.ownership.is_doubtful and topic.kind in _ASKING:
+            return Log("not_born", f"{message.topic}: left to the activator that may own fog {self.fog}")
+        return None
+
+    def _on_result(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
+        """A drone's word about a command."""
         link = self.drones.links.get(topic.drone)
-        if topic.kind == "state":
-            return self.states.on_state(link, topic.name, self._opened_state(link, message, now_ms), now_ms)
-        if topic.kind == "states":
-            return self.states.on_bundle(link, self._opened_state(link, message, now_ms), now_ms)
-        if topic.kind == "sensor":
-            return self.sensors.on_reading(topic, message.payload, now_ms) if self.born else []
-        if topic.kind == "commands_result":
-            if link is None:
-                raise PayloadError(f"topic {message.topic!r}: a drone that was never reachable", "topic")
-            if self._seal is None:
-                return self.relay.words.on_result(link, message.payload, topic.name, now_ms)
-            said_on = self._to_fog.signed_topic(message.topic)
-            signed = self._seal.open(said_on, message.payload, f"drone{topic.drone}")
-            return self.relay.words.on_result(link, signed.payload, topic.name, now_ms, signed.envelope.bare())
-        raise PayloadError(f"topic {message.topic!r}: not for an activator", "topic")
+        if link is None:
+            raise PayloadError(f"topic {message.topic!r}: a drone that was never reachable", "topic")
+        if self._seal is None:
+            return self.relay.words.on_result(link, message.payload, topic.name, now_ms)
+        said_on = self._to_fog.signed_topic(message.topic)
+        signed = self._seal.open(said_on, message.payload, f"drone{topic.drone}")
+        return self.relay.words.on_result(link, signed.payload, topic.name, now_ms, signed.envelope.bare())
 
-    def _opened_state(self, link: DroneLink | None, message: Inbound, now_ms: int) -> bytes:
-        signer, clock = ("", None) if link is None else (f"drone{link.number}", link.clock)
-        return self._to_fog.opened_state(message, signer, clock, now_ms)
-
-    def _on_drone_presence(self, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+    def _on_drone_presence(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A drone's birth or will; a signed birth is passed on to who is to verify what the drone says."""
+        drone = topic.drone
         presence = decode(Presence, self._to_fog.opened(message, f"drone{drone}"))
         passed_on = self._births.on_drone(drone, message.payload) if self._seal is not None and presence.up else []
         return passed_on + self._watched(self.drones.on_presence(drone, presence, now_ms), now_ms)
 
-    def _on_drone_beacon(self, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+    def _on_drone_beacon(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A drone's beacon; a signed one is passed on: who signs commands makes their deadlines of it."""
+        drone = topic.drone
         signed_as = self.cloud.signed_drone_clock(drone)
         beacon = decode(BeaconMessage, self._to_fog.opened(message, f"drone{drone}", signed_as))
         out = self._watched(self.drones.on_beacon(drone, beacon, now_ms), now_ms)

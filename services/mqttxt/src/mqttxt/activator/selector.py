@@ -16,7 +16,7 @@ from ..errors import PayloadError
 from ..protocol.commands import Goto
 from ..protocol.messages import CommandId, Word
 from ..protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
-from ..protocol.topics import CloudSide
+from ..protocol.topics import CloudSide, FogTopic
 from ..protocol.words import CERTIFICATE_EXPIRED, PASSED_OVER
 from .command_relay import Relay
 from .drones import Drones
@@ -72,18 +72,17 @@ class Selector:
         relay.words.on_last_word = self._on_last_word
         relay.on_overriding = self._on_overriding
 
-    def on_select(self, name: str, message: Inbound, now_ms: int) -> list[Effect]:
+    def on_select(self, topic: FogTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A message on `fogX/commands/C`.
 
         Where messages are signed, raises PayloadError before anything is answered or entered.
         """
         read = self._relay.signed.select if self._relay.signed is not None else _unsigned
-        topic = self._channel.signed_topic(message.topic)
-        contents = read(topic, message.payload)
+        contents = read(self._channel.signed_topic(message.topic), message.payload)
         try:
             wanted, signed = contents.read()
-            if wanted.command.name != name or not isinstance(wanted.command, Goto):
-                raise PayloadError(f"command {wanted.command.name}: expected {name}, as the topic says")
+            if wanted.command.name != topic.name or not isinstance(wanted.command, Goto):
+                raise PayloadError(f"command {wanted.command.name}: expected {topic.name}, as the topic says")
         except PayloadError as error:
             return self._relay.on_malformed(CHOSEN, replace(message, payload=contents.payload), error, now_ms)
         key = (wanted.mode, wanted.reservation, wanted.command)
@@ -177,7 +176,7 @@ class Selector:
         choice.next_index += 1
         entry.record.choosing = True
         out = self._say(entry.id, choice, drone, None, now_ms)
-        return out + self._relay.forward_to(entry, drone, now_ms)
+        return out + self._relay.forward(entry, drone, now_ms)
 
     def _on_last_word(self, entry: Entry[Job], leg: Leg, now_ms: int) -> list[Effect]:
         """A chosen drone has sent its last word: go on after a definite no, and only then."""
@@ -202,7 +201,7 @@ class Selector:
         if not drones:
             return self._nobody_has_it(entry, now_ms)
         entry.record.choosing = True
-        return [effect for drone in drones for effect in self._relay.forward_to(entry, drone, now_ms)]
+        return [effect for drone in drones for effect in self._relay.forward(entry, drone, now_ms)]
 
     def _on_answer(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
         """What the drones say of a command of an earlier session: whoever has it, has the word."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..core.channel import Channel
-from ..core.effects import Effect, Publish
+from ..core.effects import Effect, Inbound, Publish
 from ..protocol.codec import decode, encode
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
 from ..protocol.topics import CloudSide, DroneTopic, FogSide
@@ -43,9 +43,9 @@ class SensorRelay:
         self._safe: dict[int, list[ReadingKey]] = {}
         self._waiting: dict[int, dict[ReadingKey, None]] = {}
 
-    def on_reading(self, topic: DroneTopic, payload: bytes, now_ms: int) -> list[Effect]:
+    def on_reading(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """`droneY/sensorS/K`; raises PayloadError."""
-        opened = self._to_fog.opened_reading(payload, topic.sensor, topic.name)
+        opened = self._to_fog.opened_reading(message.payload, topic.sensor, topic.name)
         reading = checked(topic.sensor, topic.name, decode(ReadingMessage, opened))
         self._wait(topic.drone, reading.key)
         carried = Carried(topic.drone, reading.key)
@@ -54,7 +54,7 @@ class SensorRelay:
         self._on_the_way[carried] = bool(self._leases)
         to = self._cloud.drone_sensor(topic.drone, reading.sensor, reading.kind)
         is_signed = self._to_fog.signs_readings
-        said = payload if is_signed else encode(reading.message, self._to_fog.settings.encoding)
+        said = message.payload if is_signed else encode(reading.message, self._to_fog.settings.encoding)
         return [Publish(CLOUD, to, said, qos=1, ref=carried)]
 
     def on_published(self, carried: Carried, code: int, now_ms: int) -> list[Effect]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..core.channel import Channel
 from ..core.clock import STAMP_MODULUS, STAMP_TICK_MS, stamp
-from ..core.effects import Effect
+from ..core.effects import Effect, Inbound
 from ..core.settings import next_turn_ms
 from ..protocol.bundles import encode_fog_bundles, plain_states
 from ..protocol.codec import encode
@@ -15,7 +15,7 @@ from ..protocol.policies import URGENT
 from ..protocol.rankings import QodsMessage
 from ..protocol.state_payload import PlainState, encode_relayed, plain_state
 from ..protocol.states import CODES
-from ..protocol.topics import CloudSide
+from ..protocol.topics import CloudSide, DroneTopic
 from . import qods
 from .drones import DroneLink, Drones
 from .leases import Leases
@@ -35,10 +35,13 @@ class Waiting:
 class StateRelay:
     """Keeps every drone's states and tells them to the registered stations, in the form that each asked for."""
 
-    def __init__(self, session: int, to_cloud: Channel, cloud: CloudSide, drones: Drones, leases: Leases) -> None:
+    def __init__(
+        self, session: int, to_cloud: Channel, to_fog: Channel, cloud: CloudSide, drones: Drones, leases: Leases
+    ) -> None:
         self.qods = qods.QodsTurns()
         self._session = session
         self._channel = to_cloud
+        self._to_fog = to_fog
         self._settings = to_cloud.settings
         self._cloud = cloud
         self._drones = drones
@@ -48,13 +51,17 @@ class StateRelay:
         self._next_bundle_ms = 0
         self._is_urgent = False
 
-    def on_state(self, link: DroneLink | None, name: str, payload: bytes, now_ms: int) -> list[Effect]:
-        """`droneY/state/Z`."""
-        return self._take(link, plain_state(name, payload), now_ms)
-
-    def on_bundle(self, link: DroneLink | None, payload: bytes, now_ms: int) -> list[Effect]:
-        """`droneY/states`."""
-        return [effect for state in plain_states(payload) for effect in self._take(link, state, now_ms)]
+    def on_states(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
+        """`droneY/state/Z`, or a bundle on `droneY/states`."""
+        link = self._drones.links.get(topic.drone)
+        clock = link.clock if link is not None else None
+        payload = self._to_fog.opened_state(message, f"drone{topic.drone}", clock, now_ms)
+        states = plain_states(payload) if topic.kind == "states" else [plain_state(topic.name, payload)]
+        out: list[Effect] = []
+        for state in states:
+            if link is not None and self._is_news(link, state, now_ms) and self._leases:
+                out += self._relay(link, state.name, now_ms)
+        return out
 
     def relay_all(self, links: Iterable[DroneLink], now_ms: int) -> list[Effect]:
         """The last known states of reachable drones, for those who did not hear them."""
@@ -81,18 +88,16 @@ class StateRelay:
             out.append(self._channel.dated(self._cloud.qods, payload, self._session, now_ms))
         return out
 
-    def _take(self, link: DroneLink | None, state: PlainState, now_ms: int) -> list[Effect]:
-        if link is None:
-            return []
-        name = state.name
-        known = link.states.get(name)
+    def _is_news(self, link: DroneLink, state: PlainState, now_ms: int) -> bool:
+        """Keep a state, unless it is older than what is known."""
+        known = link.states.get(state.name)
         if not self._drones.keep_state(link, state, now_ms):
-            return []
-        if name in URGENT and (known is None or known.state.item != state.item):
+            return False
+        if state.name in URGENT and (known is None or known.state.item != state.item):
             self._is_urgent = True
-        if name in qods.USED:
+        if state.name in qods.USED:
             self.qods.touched = True
-        return self._relay(link, name, now_ms) if self._leases else []
+        return True
 
     def _relay(self, link: DroneLink, name: str, now_ms: int) -> list[Effect]:
         """A state for the stations, with a conservative stamp in front; nothing before an echo."""

@@ -10,7 +10,7 @@ from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.messages import Grant, Presence, Registration
 from ..protocol.readings import ReadingAck
-from ..protocol.topics import FogSide
+from ..protocol.topics import DroneTopic, FogSide, FogTopic, StationTopic
 from ..security.cose import Envelope
 from ..security.seal import Seal
 from .births import Births
@@ -63,13 +63,13 @@ class Stations:
         self._session = session
         self._signed = SignedRegistrations(session, to_cloud.seal, owners) if to_cloud.seal is not None else None
 
-    def on_registration(self, inbound: Inbound, now_ms: int) -> list[Effect]:
+    def on_registration(self, topic: FogTopic, inbound: Inbound, now_ms: int) -> list[Effect]:
         """`fogX/init_connect`: answered with a beacon; who registers anew hears of the drones."""
         if self._signed is None:
             message = decode(Registration, inbound.payload)
         else:
-            topic = self._to_cloud.signed_topic(inbound.topic)
-            message = self._signed.read(topic, inbound.payload, self._leases, now_ms)
+            signed_topic = self._to_cloud.signed_topic(inbound.topic)
+            message = self._signed.read(signed_topic, inbound.payload, self._leases, now_ms)
         if not self._budget.takes(message.name, now_ms):
             return [Log("flood", f"registration of {message.name}: too many")]
         if message.anew and message.activator_session != self._session:
@@ -109,9 +109,9 @@ class Stations:
             out += [*self._births.on_registered(name), *self._drones.ask_all(now_ms)]
         return out
 
-    def on_presence(self, name: str, message: Inbound, now_ms: int) -> list[Effect]:
+    def on_presence(self, topic: StationTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A station's birth or will; a will that its broker may say at any time frees nothing (R12.13)."""
-        seal = self._to_cloud.seal
+        name, seal = topic.name, self._to_cloud.seal
         if seal is None:
             presence = decode(Presence, message.payload)
             if presence.up:
@@ -125,28 +125,28 @@ class Stations:
             return []
         return self._births.on_station(name, signed.certificate, presence.session, message.payload)
 
-    def on_grant(self, seal: Seal, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+    def on_grant(self, seal: Seal, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A station's word on its control of a drone: passed on as it is, while the drone is the station's."""
-        topic = self._fog.control(drone)
-        signed = seal.open_of_station(self._to_fog.signed_topic(topic), Envelope.parse(message.payload))
+        to = self._fog.control(topic.drone)
+        signed = seal.open_of_station(self._to_fog.signed_topic(to), Envelope.parse(message.payload))
         grant = decode(Grant, signed.payload)
         is_own = self._owners.is_of(grant.gs_session, signed.signer)
-        if not is_own or not self._leases.controls(grant.gs_session, drone):
+        if not is_own or not self._leases.controls(grant.gs_session, topic.drone):
             return [Log("foreign_session", f"{message.topic}: {signed.signer} is not in control")]
         if not self._budget.takes(signed.certificate.node.label, now_ms):
             return [Log("flood", f"grant of {signed.signer}: too many")]
-        return [Publish(FOG, topic, signed.envelope.bare().routed(None).encode(), qos=1)]
+        return [Publish(FOG, to, signed.envelope.bare().routed(None).encode(), qos=1)]
 
-    def on_heard(self, seal: Seal, drone: int, message: Inbound, now_ms: int) -> list[Effect]:
+    def on_heard(self, seal: Seal, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A station's word on the readings that it has heard: passed on as it is."""
-        topic = self._to_fog.signed_topic(self._fog.sensor_ack(drone))
-        signed = seal.open_of_station(topic, Envelope.parse(message.payload)).before_its_end()
+        signed_topic = self._to_fog.signed_topic(self._fog.sensor_ack(topic.drone))
+        signed = seal.open_of_station(signed_topic, Envelope.parse(message.payload)).before_its_end()
         if not any(f"gs-{name}" == signed.signer for name, _ in self._leases):
             raise PayloadError(f"{signed.signer}: expected a station that is registered", "not_registered")
         if not self._budget.takes(signed.certificate.node.label, now_ms):
             return [Log("flood", f"readings that {signed.signer} has heard: too many")]
         ack = decode(ReadingAck, signed.payload)
-        return self._sensors.on_heard(drone, ack, signed.envelope.bare().routed(None))
+        return self._sensors.on_heard(topic.drone, ack, signed.envelope.bare().routed(None))
 
     def end_revoked(self, seal: Seal, now_ms: int) -> list[Effect]:
         """The fleet may have a newer revocation list: who is revoked controls nothing."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 from ..errors import ConfigurationError, PayloadError
 
@@ -90,6 +91,7 @@ class StationTopic:
     """`gs/G/reachable`."""
 
     name: str
+    kind: ClassVar[str] = "reachable"
 
 
 _FOG_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "QoDS", "PSMI"})
