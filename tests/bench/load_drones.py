@@ -114,7 +114,7 @@ class LightRunner(Runner):
 
     def _journal(self, output: Journal) -> None:
         if output.is_opening:
-            self.carry_out(self.client.on_journalled(output.id, self.clock.now_ms()))
+            self.carry_out(self.client.desk.on_journalled(output.id, self.clock.now_ms()))
 
     def _transmit(self, effect: Transmit) -> None:
         """As in a UAV client's own runner: a last look at the clock before the write."""

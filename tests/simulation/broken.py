@@ -118,15 +118,15 @@ def believes_the_topic(role: UavClient) -> None:
 
         return open_of_station
 
-    def make_on_contents(genuine: Any) -> Any:
-        def on_contents(message: Any, payload: bytes, *more: Any) -> Any:
-            command = replace(decode(CommandMessage, payload), executor_session=own)
-            return genuine(message, encode(command), *more)
+    def make_opened(genuine: Any) -> Any:
+        def opened(message: Any) -> Any:
+            payload, signed = genuine(message)
+            return encode(replace(decode(CommandMessage, payload), executor_session=own)), signed
 
-        return on_contents
+        return opened
 
     _wrap(seal, "open_of_station", make_open)
-    _wrap(role.desk, "_on_contents", make_on_contents)
+    _wrap(role.desk, "_opened", make_opened)
 
 
 def believes_the_route(role: UavClient) -> None:

@@ -65,7 +65,7 @@ class DroneNode(Node):
         if isinstance(output, Journal):
             self.journal.takes(output)
             if output.is_opening:
-                self.react(self.role.on_journalled, output.id)
+                self.react(self.role.desk.on_journalled, output.id)
         elif isinstance(output, Transmit) and output.ref is not None:
             self._transmit(output)
 

@@ -99,7 +99,7 @@ def on_disk(client: UavClient, effects: Iterable[Any], now_ms: int) -> list[Any]
     for effect in effects:
         out.append(effect)
         if isinstance(effect, Journal) and effect.is_opening:
-            out += on_disk(client, client.on_journalled(effect.id, now_ms), now_ms)
+            out += on_disk(client, client.desk.on_journalled(effect.id, now_ms), now_ms)
     return out
 
 
@@ -237,7 +237,8 @@ class World:
                 self.journal.append(output)
                 taken = self.disk.takes(output)
                 if output.is_opening:
-                    answer = self.uav.on_journalled if taken else self.uav.on_not_journalled
+                    desk = self.uav.desk
+                    answer = desk.on_journalled if taken else desk.on_not_journalled
                     self.run("uav", answer(output.id, self.now_ms))
             elif isinstance(output, LogWork):
                 assert self.logs_folder is not None

@@ -43,8 +43,11 @@ class LinkBench:
             found.bind(("127.0.0.1", 0))
             self.port = found.getsockname()[1]
         address = AutopilotAddress("udp", "127.0.0.1", self.port)
-        self.link = AutopilotLink(address, 1, lambda message: self.heard.append(message.get_type()), self._on_malformed)
+        self.link = AutopilotLink(address, 1, self._on_readable, self._on_malformed)
         self.sockets: list[socket.socket] = []
+
+    def _on_readable(self) -> None:
+        self.heard += [message.get_type() for message in self.link.messages()]
 
     def _on_malformed(self, found: Malformed) -> None:
         self.malformed.append(found.reason)
@@ -142,16 +145,17 @@ async def test_an_acknowledgement_behind_other_messages_is_heard_in_the_same_tur
     heard: list[str] = []
     held: list[list[str]] = []
 
-    def on_message(message: Any) -> None:
-        if not heard:
-            asyncio.get_running_loop().call_soon(lambda: held.append(list(heard)))
-        heard.append(message.get_type())
+    def on_readable() -> None:
+        for message in link.messages():
+            if not heard:
+                asyncio.get_running_loop().call_soon(lambda: held.append(list(heard)))
+            heard.append(message.get_type())
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
         found.bind(("127.0.0.1", 0))
         port = found.getsockname()[1]
     link = AutopilotLink(
-        AutopilotAddress("udp", "127.0.0.1", port), 1, on_message, lambda found: heard.append(found.reason)
+        AutopilotAddress("udp", "127.0.0.1", port), 1, on_readable, lambda found: heard.append(found.reason)
     )
     running = asyncio.create_task(link.run())
     await eventually(lambda: link._transport is not None, "it listens")
@@ -221,7 +225,7 @@ async def test_a_line_that_is_not_there_is_told_once_and_once_more_when_it_is(
 
     monkeypatch.setattr(link, "open_transport", counted)
     line = tmp_path / "line"
-    made = AutopilotLink(AutopilotAddress("serial", str(line), 57_600), 1, lambda _: None, lambda _: None)
+    made = AutopilotLink(AutopilotAddress("serial", str(line), 57_600), 1, lambda: None, lambda _: None)
     running = asyncio.create_task(made.run())
     await eventually(lambda: len(tries) >= 3, "it tries again")
     master, slave = os.openpty()

@@ -69,7 +69,7 @@ class FuzzBench:
             elif isinstance(output, Journal) and output.is_opening:
                 assert isinstance(output.id, CommandId)
                 taken = len(self.said) % 5 != 0  # every now and then the disk is full
-                answer = self.role.on_journalled if taken else self.role.on_not_journalled
+                answer = self.role.desk.on_journalled if taken else self.role.desk.on_not_journalled
                 self.carry_out(answer(output.id, self.now_ms))
             else:
                 assert not isinstance(output, Log | Stop) or str(output)

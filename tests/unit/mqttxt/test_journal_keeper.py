@@ -63,7 +63,8 @@ class Client:
         )
 
     def begin(self, seq: int, command: str = "takeoff") -> None:
-        self._keeper.record(Journal(CommandId(1, seq), command))
+        if self._keeper.record(Journal(CommandId(1, seq), command)):
+            self.opened.append((seq, True))
 
     def end(self, seq: int, command: str = "takeoff") -> None:
         self._keeper.record(Journal(CommandId(1, seq), command, Word.COMPLETED))

@@ -260,7 +260,7 @@ class SignedBench:
         self.link = AutopilotLink(
             AutopilotAddress("udp", "127.0.0.1", self.port),
             1,
-            lambda message: self.heard.append(message.get_type()),
+            lambda: self.heard.extend(message.get_type() for message in self.link.messages()),
             lambda found: self.refused.append(found.kind),
             signing,
         )

@@ -77,10 +77,13 @@ class Client:
         self.runner = UavRunner(7, nowhere, autopilot, self.journal, Settings())
         self.now_ms = self.runner.clock.now_ms()
         patch.setattr(self.runner.clock, "now_ms", lambda: self.now_ms)
+        self.patch = patch
         self.running = asyncio.create_task(self.runner.run())
 
     def hear(self, autopilot: int, system: int = 7) -> None:
-        self.runner._on_mavlink(from_autopilot(mavlink.MAVLink_heartbeat_message(2, autopilot, 1, 0, 4, 3), system))
+        heartbeat = from_autopilot(mavlink.MAVLink_heartbeat_message(2, autopilot, 1, 0, 4, 3), system)
+        self.patch.setattr(self.runner._autopilot, "messages", lambda: [heartbeat])
+        self.runner._on_readable()
 
     def keep_hearing(self, autopilot: int, system: int = 7) -> None:
         for _ in range(0, PATIENCE_MS + 1, 1000):

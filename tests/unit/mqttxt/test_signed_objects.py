@@ -108,7 +108,7 @@ def ranking(world: World, drone: int) -> bytes:
     ranked = Ranked(drone=drone, remaining_pct=90, max_groundspeed_m_s=10, age_s=1)
     message = QodsMessage(session=FOG_SESSION, stamp=stamp(world.now_ms), ranking=(ranked,))
     channel = Channel("cloud", "", Settings(), seal("fog1"))
-    return channel.dated("fog1/QoDS", encode(message), FOG_SESSION, world.now_ms).payload
+    return channel.dated_payload("fog1/QoDS", encode(message), FOG_SESSION, world.now_ms)
 
 
 def shown(world: World, payload: bytes) -> list[int]:

@@ -50,8 +50,8 @@ def test_states_are_signed_on_both_sides_and_heard(world: World) -> None:
 @pytest.mark.parametrize(("length", "price"), [(1, 79), (23, 79), (24, 80), (255, 80), (256, 81), (60_000, 81)])
 def test_a_signature_costs_80_bytes(length: int, price: int) -> None:
     """What docs/protocol.md says of the price."""
-    publish = Channel("fog", "", Settings(), strict("drone1")).state("drone1/states", b"\0" * length, SESSION, 5)
-    assert len(publish.payload) - length == price
+    channel = Channel("fog", "", Settings(), strict("drone1"))
+    assert len(channel.state_payload("drone1/states", b"\0" * length, SESSION, 5)) - length == price
 
 
 def test_bundles_are_signed_too() -> None:
@@ -70,12 +70,12 @@ def test_what_is_not_the_drones_own_is_dropped(world: World, what: str) -> None:
     forged = {
         "unsigned": genuine.payload,
         "changed": Envelope(genuine.payload + b"\0", genuine.kid, genuine.signature).encode(),
-        "another drone's": Channel("fog", "", Settings(), strict("drone2"))
-        .state("drone1/state/location", genuine.payload, world.uav.session, world.now_ms)
-        .payload,
-        "another fleet's": Channel("fog", "", Settings(), _of_another_fleet())
-        .state("drone1/state/location", genuine.payload, world.uav.session, world.now_ms)
-        .payload,
+        "another drone's": Channel("fog", "", Settings(), strict("drone2")).state_payload(
+            "drone1/state/location", genuine.payload, world.uav.session, world.now_ms
+        ),
+        "another fleet's": Channel("fog", "", Settings(), _of_another_fleet()).state_payload(
+            "drone1/state/location", genuine.payload, world.uav.session, world.now_ms
+        ),
         "on another topic": states(world, "drone1/state/armed")[-1].payload,
     }[what]
     out: list[Any] = list(world.activator.on_message("fog", Inbound("drone1/state/location", forged), world.now_ms))
@@ -99,8 +99,8 @@ def opened(said_ms: int, heard_ms: int, session: int = SESSION) -> bytes:
     receiver_seal.open("t", drone.seal.sign("t", b"", with_certificate=True).encode(), "drone1")
     clock = RemoteClock(SESSION)
     clock.observe(Beacon(SESSION, heard_ms, nonce=1, held_ms=0), heard_ms, heard_ms - 100)
-    publish = drone.state("drone1/state/armed", b"\x82\x01\xf5", session, said_ms)
-    return receiver.opened_state(Inbound(publish.topic, publish.payload), "drone1", clock, heard_ms)
+    payload = drone.state_payload("drone1/state/armed", b"\x82\x01\xf5", session, said_ms)
+    return receiver.opened_state(Inbound("drone1/state/armed", payload), "drone1", clock, heard_ms)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..core.channel import Channel
 from ..core.clock import STAMP_MODULUS, STAMP_TICK_MS, stamp
-from ..core.effects import Effect, Inbound
+from ..core.effects import Effect, Inbound, Publish
 from ..core.settings import next_turn_ms
 from ..protocol.bundles import encode_fog_bundles, plain_states
 from ..protocol.codec import encode
@@ -17,7 +17,7 @@ from ..protocol.state_payload import PlainState, encode_relayed, plain_state
 from ..protocol.states import CODES
 from ..protocol.topics import CloudSide, DroneTopic
 from . import qods
-from .drones import DroneLink, Drones
+from .drones import CLOUD, DroneLink, Drones
 from .leases import Leases
 
 PATIENCE = 0.75
@@ -85,7 +85,8 @@ class StateRelay:
         if ranking is not None:
             message = QodsMessage(session=self._session, stamp=stamp(now_ms), ranking=ranking)
             payload = encode(message, self._settings.encoding)
-            out.append(self._channel.dated(self._cloud.qods, payload, self._session, now_ms))
+            payload = self._channel.dated_payload(self._cloud.qods, payload, self._session, now_ms)
+            out.append(Publish(CLOUD, self._cloud.qods, payload))
         return out
 
     def _is_news(self, link: DroneLink, state: PlainState, now_ms: int) -> bool:
@@ -110,9 +111,10 @@ class StateRelay:
                 out = self._bundle((link.number, name), state, relay_stamp, now_ms)
             if not self._leases.want_topics:
                 return out
+        topic = self._cloud.drone_state(link.number, name)
         payload = encode_relayed(state, relay_stamp, self._settings.encoding)
-        out.append(self._channel.state(self._cloud.drone_state(link.number, name), payload, self._session, now_ms))
-        return out
+        payload = self._channel.state_payload(topic, payload, self._session, now_ms)
+        return [*out, Publish(CLOUD, topic, payload)]
 
     def _bundle(self, key: tuple[int, str], state: PlainState, relay_stamp: int, now_ms: int) -> list[Effect]:
         """Keep a state for the next bundle.
@@ -156,6 +158,9 @@ class StateRelay:
             for (drone, _), waiting in self._bundled.items()
             for relay_stamp, state in waiting.states
         )
-        payloads = encode_fog_bundles(relayed, self._settings.encoding)
+        bundles, topic = encode_fog_bundles(relayed, self._settings.encoding), self._cloud.states
         self._bundled.clear()
-        return [self._channel.state(self._cloud.states, payload, self._session, now_ms) for payload in payloads]
+        return [
+            Publish(CLOUD, topic, self._channel.state_payload(topic, bundle, self._session, now_ms))
+            for bundle in bundles
+        ]

@@ -81,18 +81,16 @@ class Channel:
         """Whether states are signed."""
         return self.seal is not None and self.seal.signs_states
 
-    def state(self, topic: str, payload: bytes, session: int, now_ms: int) -> Publish:
-        """Publish a state or a bundle at QoS 0, in the name of this node's session; signed where states are."""
-        if self.signs_states:
-            return self.dated(topic, payload, session, now_ms)
-        return Publish(self.link, topic, payload, qos=0)
+    def state_payload(self, topic: str, payload: bytes, session: int, now_ms: int) -> bytes:
+        """A state's or a bundle's bytes on a topic, in the name of this node's session; signed where states are."""
+        return self.dated_payload(topic, payload, session, now_ms) if self.signs_states else payload
 
-    def dated(self, topic: str, payload: bytes, session: int, now_ms: int) -> Publish:
-        """Publish what has a stamp at QoS 0; where messages are signed, for this node's session and time alone."""
-        if self.seal is not None:
-            said_as = _dated_as(self.signed_topic(topic), session, now_ms // SPAN_MS)
-            payload = self.seal.sign(said_as, payload).encode()
-        return Publish(self.link, topic, payload, qos=0)
+    def dated_payload(self, topic: str, payload: bytes, session: int, now_ms: int) -> bytes:
+        """The bytes of what has a stamp; where messages are signed, for this node's session and time alone."""
+        if self.seal is None:
+            return payload
+        said_as = _dated_as(self.signed_topic(topic), session, now_ms // SPAN_MS)
+        return self.seal.sign(said_as, payload).encode()
 
     def opened_state(self, message: Inbound, signer: str, clock: RemoteClock | None, now_ms: int) -> bytes:
         """The payload of a state or a bundle of `signer`, whose session's clock is `clock`.
@@ -102,7 +100,7 @@ class Channel:
         return self.opened_dated(message, signer, clock, now_ms) if self.signs_states else message.payload
 
     def opened_dated(self, message: Inbound, signer: str, clock: RemoteClock | None, now_ms: int) -> bytes:
-        """The payload of what `dated` has made; where messages are signed, refuses as `opened_state` does."""
+        """The payload of what `dated_payload` has made; where messages are signed, refuses as `opened_state` does."""
         if self.seal is None:
             return message.payload
         least_ms = clock.deadline_ms(now_ms, 0) if clock is not None else None

@@ -22,7 +22,7 @@ from ..protocol.topics import FogSide
 from ..protocol.values import shown
 from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_IN_CONTROL
 from ..security.cose import Envelope
-from ..security.seal import Seal, Signed
+from ..security.seal import Signed
 from .effects import Effect, Journal
 from .executor import Executor
 from .mavlink.raw import Limits
@@ -117,39 +117,43 @@ class CommandDesk:
             entry = self.ledger.enter(left.id, None, Answers(left.command, is_journalled=True), 0)
             self.ledger.close(entry, 0)
 
-    def on_payload(self, message: Inbound, now_ms: int) -> list[Effect]:
+    def on_message(self, message: Inbound, now_ms: int) -> list[Effect]:
         """A command; where messages are signed, raises PayloadError before anything is answered or entered (R12.9)."""
-        if self._channel.seal is None:
-            return self._on_contents(message, message.payload, now_ms)
-        return self._on_signed(self._channel.seal, message, now_ms)
-
-    def _on_signed(self, seal: Seal, message: Inbound, now_ms: int) -> list[Effect]:
-        topic = self._channel.signed_topic(message.topic)
-        signed = seal.open_of_station(topic, Envelope.parse(message.payload))
-        known = identify(signed.payload)
-        if known is None or not self._owners.is_of(known.gs_session, signed.signer):
-            raise PayloadError(f"command of {signed.signer}: expected a session of its own", "foreign_session")
-        return self._on_contents(message, signed.payload, now_ms, signed)
-
-    def _on_contents(self, message: Inbound, payload: bytes, now_ms: int, signed: Signed | None = None) -> list[Effect]:
+        payload, signed = self._opened(message)
         try:
             command = decode(CommandMessage, payload)
         except PayloadError as error:
-            out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]
-            known = identify(payload)
-            if known is None or self.ledger.get(known) is not None:
-                return out
-            station = signed.signer if signed is not None else known.gs_session
-            if self._budget.takes((station, False), now_ms) and self._repetitions.may_answer(known, now_ms):
-                denial = self._result(Said(known, Word.DENIED, str(error)), now_ms)
-                out.append(self._publish_result("malformed", denial, kept=False))
-            return out
+            station = signed.signer if signed is not None else None
+            return [Log(error.kind, f"{message.topic}: {error}"), *self._malformed(payload, station, error, now_ms)]
         if signed is None:
             return self._on_command(command, message.retain, now_ms)
         if command.executor_session != self._session or command.deadline_ms is None:
             command = replace(command, executor_session=self._session, deadline_ms=QUERY_DEADLINE_MS)
         tightened = self._tightened(command, signed.envelope.route)
         return self._on_command(tightened, message.retain, now_ms, signed, command.deadline_ms)
+
+    def _opened(self, message: Inbound) -> tuple[bytes, Signed | None]:
+        """What a station says, and as what it was signed; where messages are signed, raises PayloadError."""
+        seal = self._channel.seal
+        if seal is None:
+            return message.payload, None
+        signed = seal.open_of_station(self._channel.signed_topic(message.topic), Envelope.parse(message.payload))
+        known = identify(signed.payload)
+        if known is None or not self._owners.is_of(known.gs_session, signed.signer):
+            raise PayloadError(f"command of {signed.signer}: expected a session of its own", "foreign_session")
+        return signed.payload, signed
+
+    def _malformed(self, payload: bytes, station: str | None, error: PayloadError, now_ms: int) -> list[Effect]:
+        """A denial of what is no command, for who can be told from it; `station` has signed it."""
+        known = identify(payload)
+        if known is None or self.ledger.get(known) is not None:
+            return []
+        if not self._budget.takes((station or known.gs_session, False), now_ms):
+            return []
+        if not self._repetitions.may_answer(known, now_ms):
+            return []
+        denial = self._result(Said(known, Word.DENIED, str(error)), now_ms)
+        return [self._publish_result("malformed", denial, kept=False)]
 
     def _tightened(self, command: CommandMessage, route: Any) -> CommandMessage:
         """The command as its relay passed it on: due as it was signed, or earlier."""

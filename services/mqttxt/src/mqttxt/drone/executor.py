@@ -105,25 +105,20 @@ class Executor:
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
     ) -> list[Output]:
         """Begin a command that was admitted; its first write may have to wait for its MAV_CMD."""
-        return [*self.logs.give_way(now_ms), *self._start(command_id, command, deadline_ms, limit_ms, now_ms)]
-
-    def _start(
-        self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int
-    ) -> list[Output]:
+        out = self.logs.give_way(now_ms)
         reason = self._pilot.refusal(command_id.gs_session, now_ms) if isinstance(command, Offboard) else None
         if reason is not None:
-            return [Said(command_id, Word.DENIED, reason)]
+            return [*out, Said(command_id, Word.DENIED, reason)]
         if now_ms > deadline_ms:
-            return [Said(command_id, Word.EXPIRED)]
+            return [*out, Said(command_id, Word.EXPIRED)]
         if isinstance(command, UploadPlan | ClearPlan | SetCurrentItem):
-            return self.plans.start(command_id, command, deadline_ms, limit_ms, now_ms)
+            return out + self.plans.start(command_id, command, deadline_ms, limit_ms, now_ms)
         if isinstance(command, SetParameter):
-            return self._settings.start(command_id, command, deadline_ms, limit_ms, now_ms)
+            return out + self._settings.start(command_id, command, deadline_ms, limit_ms, now_ms)
         try:
             planned = self._plan(command, now_ms)
         except CannotExecute as error:
-            return [Said(command_id, Word.DENIED, str(error))]
-        out: list[Output] = []
+            return [*out, Said(command_id, Word.DENIED, str(error))]
         run = Run(command_id, command, planned, deadline_ms, limit_ms)
         self._runs.add(run)
         for older in self._runs.older(run):

@@ -18,7 +18,7 @@ _OVERRIDING = frozenset(command.name for command in OVERRIDING)
 class JournalKeeper:
     """Passes records to `file` in their order, on a thread of its own.
 
-    `on_opened` is called once for each opening: whether the journal has it, in its front or on the disk. `on_error` is
+    `on_disk` is called once for each opening that the front did not take: whether the disk has it. `on_error` is
     called for each record that the disk did not take. While it takes none, only commands that override others (hold,
     land, return) are opened with the front alone.
     """
@@ -26,25 +26,24 @@ class JournalKeeper:
     def __init__(
         self,
         file: JournalFile,
-        on_opened: Callable[[CommandId, bool], None],
+        on_disk: Callable[[CommandId, bool], None],
         on_error: Callable[[OSError], None],
     ) -> None:
         self._file = file
-        self._on_opened = on_opened
+        self._on_disk = on_disk
         self._on_error = on_error
         self._thread = ThreadPoolExecutor(1, "journal")
         self._waiting = 0
         self._is_failing = False
         self._has_ended = False
 
-    def record(self, effect: Journal) -> None:
-        """Keep one record; to be called on the event loop."""
+    def record(self, effect: Journal) -> bool:
+        """Keep one record; whether it is an opening that the front has. To be called on the event loop."""
         is_begun = self._front_takes(effect) and effect.is_opening
         self._waiting += 1
         on_disk = asyncio.get_running_loop().run_in_executor(self._thread, self._file.record, effect, is_begun)
         on_disk.add_done_callback(lambda done: self._tried(effect, is_begun, done))
-        if is_begun:
-            self._on_opened(effect.id, True)
+        return is_begun
 
     async def close(self) -> None:
         """Wait until the disk has been asked for every record, and end the journal. Nothing is opened any more."""
@@ -74,4 +73,4 @@ class JournalKeeper:
             if self._file.front is not None and not self._waiting:
                 self._file.front.clear()
         if effect.is_opening and not is_begun and not self._has_ended:
-            self._on_opened(effect.id, not self._is_failing)
+            self._on_disk(effect.id, not self._is_failing)

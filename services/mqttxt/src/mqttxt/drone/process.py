@@ -88,12 +88,12 @@ class UavRunner(Runner):
         super().__init__(self.client, clock, ready_file, identity, lists, LIST_PATIENCE_MS, audit, told)
         if audit is not None and audit.required:
             self.client.desk.is_audited = audit.takes
-        self._keeper = JournalKeeper(journal, self._on_opened, self._on_journal_error)
+        self._keeper = JournalKeeper(journal, self._on_disk, self._on_journal_error)
         self._signing = signing
-        self.does |= {Journal: self._keeper.record, Transmit: self._transmit}
+        self.does |= {Journal: self._journal, Transmit: self._transmit}
         if self._logs is not None:
             self.does |= self._logs.does
-        self._autopilot = AutopilotLink(autopilot, drone, self._on_mavlink, self._on_malformed, signing)
+        self._autopilot = AutopilotLink(autopilot, drone, self._on_readable, self._on_malformed, signing)
         self._heard: asyncio.Event = asyncio.Event()
         self._recognition = Recognition(drone)
         self._wrong_id: int | None = None
@@ -127,11 +127,15 @@ class UavRunner(Runner):
         if self._sensors is not None:
             self._sensors.reload(newest)
 
-    def _on_opened(self, command_id: CommandId, is_journalled: bool) -> None:
-        """Nothing is started that the journal does not have."""
-        now_ms = self.clock.now_ms()
-        opened = self.client.on_journalled if is_journalled else self.client.on_not_journalled
-        self.carry_out(opened(command_id, now_ms))
+    def _journal(self, effect: Journal) -> None:
+        """Nothing is started that the journal does not have: at once where its front has it, else once the disk has."""
+        if self._keeper.record(effect):
+            self.carry_out(self.client.desk.on_journalled(effect.id, self.clock.now_ms()))
+
+    def _on_disk(self, command_id: CommandId, is_journalled: bool) -> None:
+        desk = self.client.desk
+        opened = desk.on_journalled if is_journalled else desk.on_not_journalled
+        self.carry_out(opened(command_id, self.clock.now_ms()))
 
     def _on_log(self, done: LogDone) -> None:
         self.carry_out(self.client.on_log(done, self.clock.now_ms()))
@@ -167,10 +171,11 @@ class UavRunner(Runner):
         logger.info("drone %d: heard its autopilot", self.client.drone)
         await self.links[LINK].run()
 
-    def _on_mavlink(self, message: Any) -> None:
-        if not self._heard.is_set():
-            self._recognise(message)
-        self.carry_out(self.client.on_mavlink(message, self.clock.now_ms()))
+    def _on_readable(self) -> None:
+        for message in self._autopilot.messages():
+            if not self._heard.is_set():
+                self._recognise(message)
+            self.carry_out(self.client.on_mavlink(message, self.clock.now_ms()))
 
     def _recognise(self, message: Any) -> None:
         if message.get_srcSystem() == self.client.drone:

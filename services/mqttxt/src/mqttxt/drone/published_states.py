@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from ..core.channel import Channel
 from ..core.clock import stamp
-from ..core.effects import Log
+from ..core.effects import Log, Publish
 from ..core.settings import next_turn_ms
 from ..errors import PayloadError
 from ..protocol.bundles import drone_bundle
@@ -48,20 +49,17 @@ class PublishedStates:
         self._next_bundle_ms = 0
         self._for_bundle: dict[str, State] = {}
 
-    def on_message(self, message: Any, now_ms: int) -> list[Effect]:
-        """The states that are published because the autopilot sent this message, after the vehicle has taken it in."""
-        streamed = self._without_bundled(self._streams.on_message(message, now_ms))
-        return [self._publish(state, now_ms) for state in streamed]
+    def streamed(self, message: Any, now_ms: int) -> list[State]:
+        """The states to publish because the autopilot sent this message, after the vehicle has taken it in."""
+        return self._without_bundled(self._streams.on_message(message, now_ms))
 
-    def due(self, now_ms: int) -> list[Effect]:
-        """The states that are due by policy or by a rate of their own, bundled if so set."""
+    def due(self, now_ms: int) -> list[State]:
+        """The states to publish now by a rate of their own, and by their policies those that no bundle takes."""
         self.throttle.apart = self._streams.names | self._unasked
         current = (self.throttle.current(name) for name in self._streams.due(now_ms))
         alone = self._without_bundled([state for state in current if state is not None])
         alone += self.texts.due(now_ms) if self.texts is not None else []
-        if self._settings.bundles:
-            return [self._publish(state, now_ms) for state in alone] + self._bundle(now_ms)
-        return [self._publish(state, now_ms) for state in (*alone, *self.throttle.due(now_ms))]
+        return alone if self._settings.bundles else [*alone, *self.throttle.due(now_ms)]
 
     def _without_bundled(self, streamed: list[State]) -> list[State]:
         """Keep for the next bundle what is streamed no faster than bundles leave; the rest leaves alone."""
@@ -71,27 +69,39 @@ class PublishedStates:
         self._for_bundle |= {state.name: state for state in waiting}
         return [state for state in streamed if state not in waiting]
 
-    def _bundle(self, now_ms: int) -> list[Effect]:
+    def bundle(self, now_ms: int) -> list[Effect]:
         """Once per bundle interval, or when something urgent is due: everything that is due, in one message."""
+        if not self._settings.bundles:
+            return []
         if now_ms < self._next_bundle_ms and not self.throttle.is_due(URGENT, now_ms):
             return []
         self._next_bundle_ms = next_turn_ms(self._next_bundle_ms, now_ms, self._settings.bundle_ms)
         due = {state.name: state for state in self.throttle.due(now_ms)}
         due |= {name: self.throttle.current(name) or state for name, state in self._for_bundle.items()}
         self._for_bundle.clear()
-        alone = [(state, self._publish(state, now_ms)) for state in due.values()]
-        refused: list[Effect] = [effect for _, effect in alone if isinstance(effect, Log)]
-        together = [state for state, effect in alone if not isinstance(effect, Log)]
+        encoded = [(state, self._encoded(state, now_ms)) for state in due.values()]
+        refused: list[Effect] = [found for _, found in encoded if isinstance(found, Log)]
+        together = [state for state, found in encoded if not isinstance(found, Log)]
         if not together:
             return refused
-        bundle = drone_bundle(together, stamp(now_ms))
-        payload = encode(bundle, self._settings.encoding)
-        return [self._channel.state(self._topics.states(self._drone), payload, self._session, now_ms), *refused]
+        bundle, topic = drone_bundle(together, stamp(now_ms)), self._topics.states(self._drone)
+        payload = self._channel.state_payload(topic, encode(bundle, self._settings.encoding), self._session, now_ms)
+        return [Publish(self._channel.link, topic, payload), *refused]
 
-    def _publish(self, state: State, now_ms: int) -> Effect:
-        """A state on its own topic; a value that cannot be carried is counted."""
+    def publish(self, states: Iterable[State], now_ms: int) -> list[Effect]:
+        """Each state on its own topic; a value that cannot be carried is counted."""
+        out: list[Effect] = []
+        for state in states:
+            encoded, topic = self._encoded(state, now_ms), self._topics.state(self._drone, state.name)
+            if isinstance(encoded, Log):
+                out.append(encoded)
+            else:
+                payload = self._channel.state_payload(topic, encoded, self._session, now_ms)
+                out.append(Publish(self._channel.link, topic, payload))
+        return out
+
+    def _encoded(self, state: State, now_ms: int) -> bytes | Log:
         try:
-            payload = encode_state(StampedState(state, stamp(now_ms)), self._settings.encoding)
+            return encode_state(StampedState(state, stamp(now_ms)), self._settings.encoding)
         except PayloadError as error:
             return Log("autopilot_value", f"{state.name}: {error}")
-        return self._channel.state(self._topics.state(self._drone, state.name), payload, self._session, now_ms)

@@ -13,7 +13,7 @@ from ..core.settings import Rebirth, Settings
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.logs import LOGS
-from ..protocol.messages import BeaconMessage, CommandId, DroneLease, Presence
+from ..protocol.messages import BeaconMessage, DroneLease, Presence
 from ..protocol.parameters import PARAMETERS, ParameterSet
 from ..protocol.plans import PLAN
 from ..protocol.policies import Policy
@@ -161,7 +161,7 @@ class UavClient:
             if topic.drone != self.drone:
                 raise PayloadError(f"topic {message.topic!r}: not drone {self.drone}'s", "topic")
             if topic.kind == "commands":
-                return self.desk.on_payload(message, now_ms)
+                return self.desk.on_message(message, now_ms)
             return self._on_other(topic, message, now_ms)
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]
@@ -173,14 +173,6 @@ class UavClient:
         if self.carrier is not None and is_carried(ref):
             return self.carrier.on_published(ref, code, now_ms)
         return self.desk.on_published(ref, code, now_ms)
-
-    def on_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
-        """The journal has it that a command is open."""
-        return self.desk.on_journalled(command_id, now_ms)
-
-    def on_not_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
-        """The disk did not take that a command is open."""
-        return self.desk.on_not_journalled(command_id, now_ms)
 
     def on_mavlink(self, message: Any, now_ms: int) -> list[Effect]:
         """A message from the autopilot's link."""
@@ -197,8 +189,8 @@ class UavClient:
         if endurance is not None:
             self._states.throttle.update(endurance)
         out += self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
-        streamed = self._states.on_message(message, now_ms)
-        return out + streamed if self.born else out
+        streamed = self._states.streamed(message, now_ms)
+        return out + self._states.publish(streamed, now_ms) if self.born else out
 
     def on_transmitted(self, ref: Any, now_ms: int) -> list[Effect]:
         return self.desk.carry_out(self.desk.executor.on_transmitted(ref, now_ms), now_ms)
@@ -240,7 +232,8 @@ class UavClient:
             out.append(self._birth())
         if self.carrier is not None:
             out += self.carrier.tick(now_ms)
-        return out + self._bulk.tick(now_ms) + self._states.due(now_ms)
+        out += self._bulk.tick(now_ms) + self._states.publish(self._states.due(now_ms), now_ms)
+        return out + self._states.bundle(now_ms)
 
     def is_controlled(self, now_ms: int) -> bool:
         """Whether a ground station controls this drone: the lease that the activator handed down has not ended."""

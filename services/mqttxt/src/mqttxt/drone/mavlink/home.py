@@ -24,25 +24,23 @@ class HomeOfArming:
         """A message's states, with heights above this home, and with home itself where it is another one now."""
         if not is_armed:
             self._altitude_m = None
-        return [corrected for state in told for corrected in self._correct(state, is_armed)]
-
-    def _correct(self, state: State, is_armed: bool) -> list[State]:
-        if isinstance(state, Home):
-            if self._altitude_m is not None:
-                if self._home is not None and is_elsewhere(self._home, state):
-                    self._altitude_m = state.altitude_amsl_m
-                state = replace(state, altitude_amsl_m=self._altitude_m)
-            self._home = state
-            return [state]
-        if not (is_armed and isinstance(state, Location)):
-            return [state]
-        before: list[State] = []
-        if self._altitude_m is None:  # at 4 Hz and more a better word of it than HOME_POSITION's, once in two seconds
-            self._altitude_m = _difference_m(state.altitude_amsl_m, state.altitude_m)
-            if self._home is not None:
-                self._home = replace(self._home, altitude_amsl_m=self._altitude_m)
-                before.append(self._home)
-        return [*before, replace(state, altitude_m=_difference_m(state.altitude_amsl_m, self._altitude_m))]
+        out: list[State] = []
+        for state in told:
+            if isinstance(state, Home):
+                if self._altitude_m is not None:
+                    if self._home is not None and is_elsewhere(self._home, state):
+                        self._altitude_m = state.altitude_amsl_m
+                    state = replace(state, altitude_amsl_m=self._altitude_m)
+                self._home = state
+            elif is_armed and isinstance(state, Location):
+                if self._altitude_m is None:  # at 4 Hz and more a better word of it than HOME_POSITION's, once in 2 s
+                    self._altitude_m = _difference_m(state.altitude_amsl_m, state.altitude_m)
+                    if self._home is not None:
+                        self._home = replace(self._home, altitude_amsl_m=self._altitude_m)
+                        out.append(self._home)
+                state = replace(state, altitude_m=_difference_m(state.altitude_amsl_m, self._altitude_m))
+            out.append(state)
+        return out
 
 
 def _difference_m(one_m: float, other_m: float) -> float:

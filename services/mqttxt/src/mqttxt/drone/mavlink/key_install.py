@@ -37,7 +37,7 @@ class Installation:
 
     def __init__(self, address: AutopilotAddress, drone: int, key: bytes, old: bytes | None = None) -> None:
         signing = Signing(old, Stamps()) if old is not None else None
-        self._link = AutopilotLink(address, drone, self._on_message, self._on_malformed, signing)
+        self._link = AutopilotLink(address, drone, self._on_readable, self._on_malformed, signing)
         self._drone = drone
         self._key = key
         self._new = Signing(key, Stamps())
@@ -76,6 +76,10 @@ class Installation:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(AGAIN_S):
                     await event.wait()
+
+    def _on_readable(self) -> None:
+        for message in self._link.messages():
+            self._on_message(message)
 
     def _on_message(self, message: Any) -> None:
         if (message.get_srcSystem(), message.get_srcComponent()) != (self._drone, AUTOPILOT_COMPONENT):

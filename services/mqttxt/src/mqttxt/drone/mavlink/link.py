@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -29,7 +29,7 @@ _NO_STAMPS = Malformed("mavlink_no_stamps", "no time stamp of this key is left; 
 
 
 class AutopilotLink:
-    """A link to one autopilot; `on_message` gets each MAVLink message, `on_malformed` what is not heard.
+    """A link to one autopilot; `on_readable` is called when there are `messages`, `on_malformed` for what is none.
 
     With a `signing` both directions are signed, and nothing else is heard.
     """
@@ -38,7 +38,7 @@ class AutopilotLink:
         self,
         address: AutopilotAddress,
         system_id: int,
-        on_message: Callable[[Any], None],
+        on_readable: Callable[[], None],
         on_malformed: Callable[[Malformed], None],
         signing: Signing | None = None,
     ) -> None:
@@ -52,10 +52,12 @@ class AutopilotLink:
         if signing is not None:
             for encoder in self._encoders.values():
                 signing.equip(encoder)
-        self._on_message = on_message
+        self._on_readable = on_readable
         self._on_malformed = on_malformed
         self._judge = signing.judge if signing is not None else _unjudged
         self._transport: Transport | None = None
+        self._closed: asyncio.Event = asyncio.Event()
+        self._repeats = Repeats()
 
     async def run(self) -> None:
         """Keep the link open until cancelled; raises ConfigurationError when the address cannot be listened on."""
@@ -97,31 +99,32 @@ class AutopilotLink:
         encoder.seq = (encoder.seq + 1) % 256
         return self._transport.write(packet, is_heartbeat=message.get_type() == "HEARTBEAT")
 
+    def messages(self) -> Iterator[Any]:
+        """All that is there: an acknowledgement behind other messages is heard before a tick says it is missing."""
+        now_s = asyncio.get_running_loop().time
+        for _ in range(_READS_AT_ONCE):
+            found = self._transport.read(now_s()) if self._transport is not None else None
+            if found is None:
+                self._closed.set()
+            if found is None or not found.was_there:
+                return
+            for message in found.messages:
+                if isinstance(message, Malformed):
+                    self._on_malformed(message)
+                    continue
+                if self._signing is None and is_signed(message):
+                    self._on_malformed(_HAS_KEY)
+                if not self._repeats.is_copy(message, now_s()):
+                    yield message
+
     async def _read(self, transport: Transport) -> None:
+        """Until the other side has closed it."""
         loop = asyncio.get_running_loop()
-        ended: asyncio.Future[None] = loop.create_future()
-        repeats = Repeats()
-
-        def readable() -> None:
-            """All that is there: an acknowledgement behind other messages is heard before a tick says it is missing."""
-            for _ in range(_READS_AT_ONCE):
-                found = transport.read(loop.time())
-                if found is None and not ended.done():
-                    ended.set_result(None)
-                if found is None or not found.was_there:
-                    return
-                for message in found.messages:
-                    if isinstance(message, Malformed):
-                        self._on_malformed(message)
-                        continue
-                    if self._signing is None and is_signed(message):
-                        self._on_malformed(_HAS_KEY)
-                    if not repeats.is_copy(message, loop.time()):
-                        self._on_message(message)
-
-        loop.add_reader(transport.fileno(), readable)
+        self._closed.clear()
+        self._repeats = Repeats()
+        loop.add_reader(transport.fileno(), self._on_readable)
         try:
-            await ended
+            await self._closed.wait()
         finally:
             loop.remove_reader(transport.fileno())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 import socket
@@ -140,13 +141,13 @@ class Udp(Transport):
         return is_autopilots(message) and kind_of(message) is not None
 
     def write(self, packet: bytes, *, is_heartbeat: bool = False) -> bool:
-        if is_heartbeat and self._behind is not None and self._behind != self._peer:
-            self._send(packet, self._behind)
-        return self._peer is not None and self._send(packet, self._peer)
-
-    def _send(self, packet: bytes, to: Any) -> bool:
+        if is_heartbeat and self._behind not in (None, self._peer):
+            with contextlib.suppress(OSError):
+                self._socket.sendto(packet, self._behind)
+        if self._peer is None:
+            return False
         try:
-            return self._socket.sendto(packet, to) == len(packet)
+            return self._socket.sendto(packet, self._peer) == len(packet)
         except OSError:
             return False
 

@@ -87,6 +87,14 @@ class Vehicle:
         self._text = (-1, "")
         self._home = HomeOfArming()
         self._lost_fix = LostFix()
+        self._readers_of_kind = {
+            **dict.fromkeys(("MISSION_CURRENT", "MISSION_ITEM_REACHED", "FENCE_STATUS"), self.mission.on_message),
+            "HEARTBEAT": self._read_heartbeat,
+            "SYS_STATUS": self._read_status,
+            "AUTOPILOT_VERSION": self._read_version,
+            "PARAM_VALUE": self._read_parameter,
+        }
+        """What kinds of autopilots mean differently: read once the kind is known."""
 
     @property
     def autopilot(self) -> Autopilot:
@@ -162,7 +170,9 @@ class Vehicle:
             self.heartbeat_ms = now_ms
         elif kind == "STATUSTEXT" and message.severity <= mavlink.MAV_SEVERITY_WARNING:
             self._text = (self.number, _printable(message.text))
-        read, home, lost_fix = self._read(kind, message), copy(self._home), copy(self._lost_fix)
+        reader = _READERS.get(kind) or (self._readers_of_kind.get(kind) if self._autopilot is not None else None)
+        read = reader(message) if reader is not None else []
+        home, lost_fix = copy(self._home), copy(self._lost_fix)
         told = home.correct(read, self.seen(Armed) == Armed(True))
         told = lost_fix.correct(told, self.seen(Health), now_ms)
         for state in (*read, *told):
@@ -181,25 +191,14 @@ class Vehicle:
             self._autopilot, self.mission.home_items = kind, kind.home_items
         return kind is not None and kind is self._autopilot
 
-    def _read(self, kind: str, message: Any) -> list[State]:
-        """The states in a message; what kinds of autopilots mean differently is read once the kind is known."""
-        reader = _READERS.get(kind)
-        if reader is not None:
-            return reader(message)
-        if self._autopilot is None:
-            return []
-        if kind in _PROGRESS:
-            return self.mission.on_message(message)
-        if kind == "HEARTBEAT":
-            armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            known = self.seen(Airframe)
-            airframe = Airframe(message.autopilot, message.type, None if known is None else known.version)
-            return [Armed(armed), FlightMode(self._autopilot.flight_mode(message)), airframe]
-        if kind == "SYS_STATUS":
-            return [self._autopilot.health(message), *_power(message)]
-        if kind == "AUTOPILOT_VERSION":
-            return self._read_version(message)
-        return self._read_parameter(message) if kind == "PARAM_VALUE" else []
+    def _read_heartbeat(self, message: Any) -> list[State]:
+        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        known = self.seen(Airframe)
+        airframe = Airframe(message.autopilot, message.type, None if known is None else known.version)
+        return [Armed(armed), FlightMode(self.autopilot.flight_mode(message)), airframe]
+
+    def _read_status(self, message: Any) -> list[State]:
+        return [self.autopilot.health(message), *_power(message)]
 
     def _read_version(self, message: Any) -> list[State]:
         """0 is MAVLink's word for a version that is not known."""
@@ -293,7 +292,6 @@ _READERS = {
     "EXTENDED_SYS_STATE": _landed,
     "HOME_POSITION": _home,
 }
-_PROGRESS = frozenset({"MISSION_CURRENT", "MISSION_ITEM_REACHED", "FENCE_STATUS"})
 SOURCES = {
     "battery": "BATTERY_STATUS",
     "location": "GLOBAL_POSITION_INT",
