@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 
 from ..core.channel import Channel
 from ..core.clock import Beacon, RemoteClock, stamp_supersedes
-from ..core.effects import Publish
+from ..core.effects import Inbound, Publish
 from ..core.settings import RESEND_FIRST_MS, Retry
-from ..protocol.codec import encode
+from ..protocol.bundles import FogBundle, states_of
+from ..protocol.codec import decode, encode
 from ..protocol.messages import BeaconMessage, Control, DroneRecord, FogPresence, Grant, Registration
 from ..protocol.rankings import QodsMessage, Ranked
-from ..protocol.state_payload import StampedState
-from ..protocol.topics import CloudSide, FogSide
+from ..protocol.state_payload import StampedState, decode_state
+from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic
 from .outcomes import ControlChanged, Event, QodsRanking, Reachability, StateUpdate
 
 LINK = "cloud"
@@ -222,15 +223,25 @@ class FogView:
         self.ranking, self._ranked = message.ranking, (message.stamp, now_ms)
         return [QodsRanking(self.number, message.ranking)]
 
-    def on_state(self, number: int, message: StampedState, now_ms: int) -> list[Event]:
-        """`fogX/droneY/state/Z`: an update unless it is older than what is known."""
-        drone = self.drones.setdefault(number, DroneView(number))
-        known = drone.states.get(message.state.name)
-        if known is not None and not stamp_supersedes(message.stamp, known.message.stamp, now_ms - known.received_ms):
-            return []
-        drone.states[message.state.name] = HeardState(message, now_ms, self.clock)
-        age_ms = self.age_ms(drone.states[message.state.name], now_ms)
-        return [StateUpdate(self.number, number, message.state, message.stamp, age_ms)]
+    def on_states(self, topic: DroneTopic | FogTopic, message: Inbound, now_ms: int) -> list[Event]:
+        """`fogX/droneY/state/Z`, or a bundle on `fogX/states`: an update for each that is not older than what is known.
+
+        Raises PayloadError.
+        """
+        payload = self.channel.opened_state(message, self.name, self.clock, now_ms)
+        if isinstance(topic, DroneTopic):
+            heard = [(topic.drone, decode_state(topic.name, payload, relayed=True))]
+        else:
+            heard = states_of(decode(FogBundle, payload))
+        out: list[Event] = []
+        for number, said in heard:
+            drone = self.drones.setdefault(number, DroneView(number))
+            known = drone.states.get(said.state.name)
+            if known is not None and not stamp_supersedes(said.stamp, known.message.stamp, now_ms - known.received_ms):
+                continue
+            drone.states[said.state.name] = heard_state = HeardState(said, now_ms, self.clock)
+            out.append(StateUpdate(self.number, number, said.state, said.stamp, self.age_ms(heard_state, now_ms)))
+        return out
 
     def age_ms(self, known: HeardState, now_ms: int) -> int | None:
         """Upper bound of a state's age; None before the fog has echoed this station."""

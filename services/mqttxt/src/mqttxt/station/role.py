@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,6 @@ from ..core.effects import Inbound, Log, Publish, Subscribe, Will
 from ..core.settings import Rebirth, Settings
 from ..errors import ConfigurationError, FogUnreachable, PayloadError
 from ..protocol.bulk import BulkAnswer
-from ..protocol.bundles import FogBundle, states_of
 from ..protocol.codec import decode
 from ..protocol.messages import (
     BeaconMessage,
@@ -26,8 +25,16 @@ from ..protocol.messages import (
 )
 from ..protocol.rankings import PsmiMessage, QodsMessage
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
-from ..protocol.state_payload import decode_state
-from ..protocol.topics import REVOKED, CloudSide, DroneTopic, FogSide, FogTopic, check_prefix, station_reachable
+from ..protocol.topics import (
+    REVOKED,
+    CloudSide,
+    DroneTopic,
+    FogSide,
+    FogTopic,
+    StationTopic,
+    check_prefix,
+    station_reachable,
+)
 from ..protocol.values import shown
 from ..security.rights import TAKE_OVER
 from .commands import Output, StationCommands
@@ -44,6 +51,9 @@ if TYPE_CHECKING:
 DEFAULT_LEASE_S = 30
 OF_A_FOG = frozenset({Word.DENIED, Word.EXPIRED, Word.UNREACHABLE, Word.UNCONFIRMED})
 """What an activator may say of a command by itself; the other words are their drone's alone (R12.11)."""
+
+Topic = DroneTopic | FogTopic | StationTopic
+Handler = Callable[[FogView, Any, Inbound, int], Iterable[Output]]
 
 
 class StationRole:
@@ -76,6 +86,7 @@ class StationRole:
         self._rebirth = Rebirth()
         self._heard: dict[tuple[int, int], list[ReadingKey]] = {}
         self._lists = ListWatch(f"gs-{name}")
+        self._handlers = self._made_handlers(self.signs)
 
     @property
     def signs(self) -> bool:
@@ -162,8 +173,10 @@ class StationRole:
             for fog in self.fogs.values():
                 if message.topic.startswith(fog.topics.root):
                     topic = fog.topics.parse(message.topic)
-                    take = self._on_drone_message if isinstance(topic, DroneTopic) else self._on_fog_message
-                    return take(fog, topic, message, now_ms)
+                    take = self._handlers.get((type(topic), topic.kind))
+                    if take is None:
+                        raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
+                    return [*take(fog, topic, message, now_ms)]
             raise PayloadError(f"topic {message.topic!r}: not of a fog that was asked for", "topic")
         except PayloadError as error:
             return [Log(error.kind, f"{message.topic}: {error}")]
@@ -209,60 +222,68 @@ class StationRole:
         ends: list[Output] = [fog.registration(now_ms, lease_s=0) for fog in self.fogs.values() if fog.registered]
         return [*ends, self._birth(up=False)]
 
-    def _on_fog_message(self, fog: FogView, topic: Any, message: Inbound, now_ms: int) -> list[Output]:
-        if not isinstance(topic, FogTopic):
-            raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
-        if topic.kind == "states":
-            pairs = states_of(decode(FogBundle, self._channel.opened_state(message, fog.name, fog.clock, now_ms)))
-            return [event for drone, state in pairs for event in fog.on_state(drone, state, now_ms)]
-        if topic.kind == "QoDS":
-            ranking = decode(QodsMessage, self._channel.opened_dated(message, fog.name, fog.clock, now_ms))
-            return [*fog.on_qods(ranking, now_ms)]
-        payload = self._channel.opened(message, fog.name)
-        if topic.kind == "commands_result":
-            return self.commands.on_fog_result(fog, decode(FogResultMessage, payload), now_ms)
-        if topic.kind == "PSMI":
-            return self.commands.on_psmi(fog, decode(PsmiMessage, payload), now_ms)
-        if topic.kind == "clock":
-            beacon = decode(BeaconMessage, payload)
-            events, confirmed = fog.on_beacon(beacon, now_ms)
-            asked = self.commands.ask_again(fog.number) if confirmed else []
-            return [*events, *asked, *self._on_list(fog, fog.name, beacon.revoked, now_ms)]
-        if topic.kind == "reachable":
-            presence = decode(FogPresence, payload)
-            effects, events = fog.on_presence(presence, now_ms)
-            is_live = self._channel.seal is not None and effects and not message.retain
-            own = [self._birth(up=True)] if is_live else []  # an activator that starts may not be shown it
-            return [
-                *own,
-                *effects,
-                *events,
-                *(self._on_list(fog, fog.name, presence.revoked, now_ms) if presence.up else []),
-            ]
-        raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
+    def _made_handlers(self, signs: bool) -> dict[tuple[type[Topic], str], Handler]:
+        """Who takes a message of a fog, by its topic."""
+        handlers: dict[tuple[type[Topic], str], Handler] = {
+            (DroneTopic, "bulk_answer"): self._on_bulk_answer,
+            (DroneTopic, "commands_result"): self._on_result,
+            (DroneTopic, "reachable"): self._on_record,
+            (DroneTopic, "sensor"): self._on_reading,
+            (DroneTopic, "state"): FogView.on_states,
+            (FogTopic, "PSMI"): self._on_psmi,
+            (FogTopic, "QoDS"): self._on_qods,
+            (FogTopic, "clock"): self._on_beacon,
+            (FogTopic, "commands_result"): self._on_fog_result,
+            (FogTopic, "reachable"): self._on_presence,
+            (FogTopic, "states"): FogView.on_states,
+        }
+        if signs:
+            handlers |= {(DroneTopic, kind): self._on_drones_own for kind in ("birth", "clock")}
+        return handlers
 
-    def _on_drone_message(self, fog: FogView, topic: Any, message: Inbound, now_ms: int) -> list[Output]:
-        if topic.kind == "state":
-            payload = self._channel.opened_state(message, fog.name, fog.clock, now_ms)
-            return [*fog.on_state(topic.drone, decode_state(topic.name, payload, relayed=True), now_ms)]
-        if topic.kind == "sensor":
-            payload = self._channel.opened_reading(message.payload, topic.sensor, topic.name)
-            reading = checked(topic.sensor, topic.name, decode(ReadingMessage, payload))
-            if self.signs and fog.registered:
-                self._heard.setdefault((fog.number, topic.drone), []).append(reading.key)
-            return [*self.readings.on_reading(fog.number, topic.drone, reading)]
-        if topic.kind == "reachable":
-            record = decode(DroneRecord, self._channel.opened(message, fog.name))
-            return [*fog.on_record(topic.drone, record, now_ms)]
-        if topic.kind == "commands_result":
-            result, signer = self._result(fog, topic, message)
-            return self.commands.on_result(fog, topic.drone, result, now_ms, signer)
-        if topic.kind == "bulk_answer":
-            answer = decode(BulkAnswer, self._of_drone(topic, message))
-            return [*self.transfers.on_answer(fog, topic.drone, answer, now_ms)]
-        if topic.kind in ("birth", "clock") and self._channel.seal is not None:
-            return self._on_drones_own(self._channel.seal, fog, topic, message, now_ms)
-        raise PayloadError(f"topic {message.topic!r}: not for a ground station", "topic")
+    def _on_fog_result(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
+        result = decode(FogResultMessage, self._channel.opened(message, fog.name))
+        return self.commands.on_fog_result(fog, result, now_ms)
+
+    def _on_psmi(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
+        return self.commands.on_psmi(fog, decode(PsmiMessage, self._channel.opened(message, fog.name)), now_ms)
+
+    def _on_beacon(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
+        beacon = decode(BeaconMessage, self._channel.opened(message, fog.name))
+        events, confirmed = fog.on_beacon(beacon, now_ms)
+        asked = self.commands.ask_again(fog.number) if confirmed else []
+        return [*events, *asked, *self._on_list(fog, fog.name, beacon.revoked, now_ms)]
+
+    def _on_presence(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
+        presence = decode(FogPresence, self._channel.opened(message, fog.name))
+        effects, events = fog.on_presence(presence, now_ms)
+        is_live = self.signs and effects and not message.retain
+        own = [self._birth(up=True)] if is_live else []  # an activator that starts may not be shown it
+        behind = self._on_list(fog, fog.name, presence.revoked, now_ms) if presence.up else []
+        return [*own, *effects, *events, *behind]
+
+    def _on_qods(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
+        ranking = decode(QodsMessage, self._channel.opened_dated(message, fog.name, fog.clock, now_ms))
+        return [*fog.on_qods(ranking, now_ms)]
+
+    def _on_record(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
+        record = decode(DroneRecord, self._channel.opened(message, fog.name))
+        return [*fog.on_record(topic.drone, record, now_ms)]
+
+    def _on_reading(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
+        payload = self._channel.opened_reading(message.payload, topic.sensor, topic.name)
+        reading = checked(topic.sensor, topic.name, decode(ReadingMessage, payload))
+        if self.signs and fog.registered:
+            self._heard.setdefault((fog.number, topic.drone), []).append(reading.key)
+        return [*self.readings.on_reading(fog.number, topic.drone, reading)]
+
+    def _on_result(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
+        result, signer = self._result(fog, topic, message)
+        return self.commands.on_result(fog, topic.drone, result, now_ms, signer)
+
+    def _on_bulk_answer(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
+        answer = decode(BulkAnswer, self._of_drone(topic, message))
+        return [*self.transfers.on_answer(fog, topic.drone, answer, now_ms)]
 
     def _of_drone(self, topic: DroneTopic, message: Inbound) -> bytes:
         """What a drone says of an object; where messages are signed, as it has signed it."""
@@ -272,10 +293,10 @@ class StationRole:
             FogSide().bulk_answer(topic.drone), message.payload, f"drone{topic.drone}"
         ).payload
 
-    def _on_drones_own(
-        self, seal: Seal, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int
-    ) -> list[Output]:
+    def _on_drones_own(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
         """What a drone has signed and its activator passed on: its birth, with the certificate, and its beacons."""
+        seal = self._channel.seal
+        assert seal is not None
         is_birth = topic.kind == "birth"
         said_on = FogSide().reachable(topic.drone) if is_birth else fog.topics.signed_drone_clock(topic.drone)
         signed = seal.open(said_on, message.payload, f"drone{topic.drone}")
