@@ -41,6 +41,7 @@ from mqttxt.security.cose import Envelope
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal, Signed
 from mqttxt.station.commands import StationCommands
+from mqttxt.station.drone_words import DroneWords
 from mqttxt.station.fog import FogView
 from mqttxt.station.role import StationRole
 
@@ -406,7 +407,7 @@ def gs_believes_anybody() -> None:
 
         return believed
 
-    wrap(StationRole, "_result", make)
+    wrap(DroneWords, "result", make)
 
 
 def gs_counts_no_registrations() -> None:

@@ -162,7 +162,7 @@ def believes_any_word(role: StationRole) -> None:
 
         return believed
 
-    _wrap(role, "_result", make)
+    _wrap(role._words, "result", make)
 
 
 BROKEN: dict[str, Callable[[UavClient], None]] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ..core.channel import Channel
 from ..core.clock import Beacon, RemoteClock, stamp_supersedes
@@ -13,8 +13,9 @@ from ..protocol.bundles import FogBundle, states_of
 from ..protocol.codec import decode, encode
 from ..protocol.messages import BeaconMessage, Control, DroneRecord, FogPresence, Grant, Registration
 from ..protocol.rankings import QodsMessage, Ranked
-from ..protocol.state_payload import StampedState, decode_state
+from ..protocol.state_payload import decode_state
 from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic
+from .drone_view import DroneView, HeardState
 from .outcomes import ControlChanged, Event, QodsRanking, Reachability, StateUpdate
 
 LINK = "cloud"
@@ -34,41 +35,6 @@ class Asked:
 
     at_ms: int
     number: int
-
-
-@dataclass
-class HeardState:
-    """A state with its stamps, when it came in the station's own time, and the clock that its relay stamp is of.
-
-    `said_ms` bounds from below when it was said, in the own time, once that clock is known.
-    """
-
-    message: StampedState
-    received_ms: int
-    clock: RemoteClock | None
-    said_ms: int | None = None
-
-
-@dataclass
-class DroneView:
-    """One drone of a fog. `clock` is what the drone's own beacons say, where they are signed.
-
-    `session` is the drone's in the fog's newest record of it that names one: an older beacon may be repeated.
-    """
-
-    number: int
-    clock: RemoteClock | None = None
-    session: int | None = None
-    next_grant_ms: int = 0
-    record: DroneRecord | None = None
-    holder: str | None = None
-    reachable: bool = False
-    states: dict[str, HeardState] = field(default_factory=dict)
-
-    @property
-    def signing_clock(self) -> RemoteClock | None:
-        """The clock that signed commands are due in; None before drone and fog have named the same session."""
-        return self.clock if self.clock is not None and self.clock.session == self.session else None
 
 
 class FogView:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..core.channel import Channel
-from ..core.clock import STAMP_MODULUS
 from ..core.effects import Inbound, Log, Publish, Subscribe, Will
 from ..core.settings import Rebirth, Settings
 from ..errors import ConfigurationError, FogUnreachable, PayloadError
@@ -20,8 +18,6 @@ from ..protocol.messages import (
     FogPresence,
     FogResultMessage,
     Presence,
-    ResultMessage,
-    Word,
 )
 from ..protocol.rankings import PsmiMessage, QodsMessage
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
@@ -35,9 +31,9 @@ from ..protocol.topics import (
     check_prefix,
     station_reachable,
 )
-from ..protocol.values import shown
 from ..security.rights import TAKE_OVER
 from .commands import Output, StationCommands
+from .drone_words import DroneWords
 from .fog import LINK, FogView
 from .list_watch import ListWatch
 from .outcomes import ListBehind, Outcome
@@ -45,12 +41,9 @@ from .readings import Readings
 from .transfers import Transfers
 
 if TYPE_CHECKING:
-    from ..security.cose import Envelope
     from ..security.seal import Seal
 
 DEFAULT_LEASE_S = 30
-OF_A_FOG = frozenset({Word.DENIED, Word.EXPIRED, Word.UNREACHABLE, Word.UNCONFIRMED})
-"""What an activator may say of a command by itself; the other words are their drone's alone (R12.11)."""
 
 Topic = DroneTopic | FogTopic | StationTopic
 Handler = Callable[[FogView, Any, Inbound, int], Iterable[Output]]
@@ -85,6 +78,7 @@ class StationRole:
         self._presence_topic = station_reachable(name, prefix)
         self._rebirth = Rebirth()
         self._heard: dict[tuple[int, int], list[ReadingKey]] = {}
+        self._words = DroneWords(self._channel)
         self._lists = ListWatch(f"gs-{name}")
         self._handlers = self._made_handlers(self.signs)
 
@@ -278,20 +272,12 @@ class StationRole:
         return [*self.readings.on_reading(fog.number, topic.drone, reading)]
 
     def _on_result(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
-        result, signer = self._result(fog, topic, message)
+        result, signer = self._words.result(fog.name, topic, message)
         return self.commands.on_result(fog, topic.drone, result, now_ms, signer)
 
     def _on_bulk_answer(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
-        answer = decode(BulkAnswer, self._of_drone(topic, message))
+        answer = decode(BulkAnswer, self._words.answer(topic, message))
         return [*self.transfers.on_answer(fog, topic.drone, answer, now_ms)]
-
-    def _of_drone(self, topic: DroneTopic, message: Inbound) -> bytes:
-        """What a drone says of an object; where messages are signed, as it has signed it."""
-        if self._channel.seal is None:
-            return message.payload
-        return self._channel.seal.open(
-            FogSide().bulk_answer(topic.drone), message.payload, f"drone{topic.drone}"
-        ).payload
 
     def _on_drones_own(self, fog: FogView, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Output]:
         """What a drone has signed and its activator passed on: its birth, with the certificate, and its beacons."""
@@ -310,20 +296,6 @@ class StationRole:
         """Which revocation list a node has, in its own signed words."""
         own = self._channel.list_number
         return self._lists.observe(fog.number, node, number, own, now_ms) if own is not None else []
-
-    def _result(self, fog: FogView, topic: DroneTopic, message: Inbound) -> tuple[ResultMessage, str | None]:
-        """A word, and who has signed it: the drone, or the activator a word of its own; raises PayloadError."""
-        if self._channel.seal is None:
-            return decode(ResultMessage, message.payload), None
-        drone, own = f"drone{topic.drone}", FogSide().commands_result(topic.drone, topic.name)
-        on_fogs = self._channel.signed_topic(message.topic)
-        signed = self._channel.seal.open_one_of(message.payload, {drone: own, fog.name: on_fogs})
-        result = decode(ResultMessage, signed.payload)
-        if signed.signer == drone:
-            return _relayed(result, signed.envelope), drone
-        if result.word not in OF_A_FOG:
-            raise PayloadError(f"{result.word.label} of {fog.name}: expected the drone to have signed it", "forged")
-        return result, fog.name
 
     def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Output]:
         """The birth is published again where the topic shows anything else; who signs knows its own by the bytes."""
@@ -348,13 +320,3 @@ class StationRole:
 
     def _birth(self, up: bool) -> Publish:
         return Publish(LINK, self._presence_topic, self._presence(up), qos=1, retain=True)
-
-
-def _relayed(result: ResultMessage, signed: Envelope) -> ResultMessage:
-    """A drone's word with what its activator says beside it: when it came, and whether it settles an `unconfirmed`."""
-    route = signed.route
-    if not (isinstance(route, list) and len(route) == 2 and type(route[1]) is bool):
-        raise PayloadError(f"route {shown(route)}: expected a stamp and whether it settles")
-    if not (route[0] is None or (type(route[0]) is int and 0 <= route[0] < STAMP_MODULUS)):
-        raise PayloadError(f"route {shown(route)}: expected a stamp")
-    return replace(result, relay_stamp=route[0], settled=route[1] or None)

@@ -13,7 +13,8 @@ from ..protocol.values import Encoding
 from ..security.addressed import Addressed
 from ..security.cose import Envelope
 from ..security.seal import Seal
-from .fog import DroneView, FogView
+from .drone_view import DroneView
+from .fog import FogView
 
 
 class CommandSigner:

@@ -33,7 +33,8 @@ from ..protocol.rankings import Ranked
 from ..protocol.states import Home, Location, State, VitalState
 from ..protocol.topics import MAX_DRONE, check_number
 from .best import best
-from .fog import DroneView, FogView
+from .drone_view import DroneView
+from .fog import FogView
 from .heard import SentCommand
 from .log_download import LEAST_BYTES_S, MOST_BYTES_S, LogDownload, LogProgress
 from .outcomes import Outcome, Outcomes, PsmiList, SensorReading, last_word

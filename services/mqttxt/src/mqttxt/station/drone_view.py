@@ -1,0 +1,44 @@
+"""One drone as a ground station sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..core.clock import RemoteClock
+from ..protocol.messages import DroneRecord
+from ..protocol.state_payload import StampedState
+
+
+@dataclass
+class HeardState:
+    """A state with its stamps, when it came in the station's own time, and the clock that its relay stamp is of.
+
+    `said_ms` bounds from below when it was said, in the own time, once that clock is known.
+    """
+
+    message: StampedState
+    received_ms: int
+    clock: RemoteClock | None
+    said_ms: int | None = None
+
+
+@dataclass
+class DroneView:
+    """One drone of a fog. `clock` is what the drone's own beacons say, where they are signed.
+
+    `session` is the drone's in the fog's newest record of it that names one: an older beacon may be repeated.
+    """
+
+    number: int
+    clock: RemoteClock | None = None
+    session: int | None = None
+    next_grant_ms: int = 0
+    record: DroneRecord | None = None
+    holder: str | None = None
+    reachable: bool = False
+    states: dict[str, HeardState] = field(default_factory=dict)
+
+    @property
+    def signing_clock(self) -> RemoteClock | None:
+        """The clock that signed commands are due in; None before drone and fog have named the same session."""
+        return self.clock if self.clock is not None and self.clock.session == self.session else None

@@ -1,0 +1,56 @@
+"""What drones say through their activator, and who has signed it (docs/protocol.md, section 12)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..core.channel import Channel
+from ..core.clock import STAMP_MODULUS
+from ..core.effects import Inbound
+from ..errors import PayloadError
+from ..protocol.codec import decode
+from ..protocol.messages import ResultMessage, Word
+from ..protocol.topics import DroneTopic, FogSide
+from ..protocol.values import shown
+from ..security.cose import Envelope
+
+OF_A_FOG = frozenset({Word.DENIED, Word.EXPIRED, Word.UNREACHABLE, Word.UNCONFIRMED})
+"""What an activator may say of a command by itself; the other words are their drone's alone (R12.11)."""
+
+
+class DroneWords:
+    """Opens them. Where messages are signed, raises PayloadError for what neither the drone nor its fog may say."""
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+
+    def answer(self, topic: DroneTopic, message: Inbound) -> bytes:
+        """What a drone says of an object; where messages are signed, as it has signed it."""
+        seal = self._channel.seal
+        if seal is None:
+            return message.payload
+        return seal.open(FogSide().bulk_answer(topic.drone), message.payload, f"drone{topic.drone}").payload
+
+    def result(self, fog: str, topic: DroneTopic, message: Inbound) -> tuple[ResultMessage, str | None]:
+        """A word, and who has signed it: the drone, or the activator of `fog` a word of its own."""
+        if self._channel.seal is None:
+            return decode(ResultMessage, message.payload), None
+        drone, own = f"drone{topic.drone}", FogSide().commands_result(topic.drone, topic.name)
+        on_fogs = self._channel.signed_topic(message.topic)
+        signed = self._channel.seal.open_one_of(message.payload, {drone: own, fog: on_fogs})
+        result = decode(ResultMessage, signed.payload)
+        if signed.signer == drone:
+            return _relayed(result, signed.envelope), drone
+        if result.word not in OF_A_FOG:
+            raise PayloadError(f"{result.word.label} of {fog}: expected the drone to have signed it", "forged")
+        return result, fog
+
+
+def _relayed(result: ResultMessage, signed: Envelope) -> ResultMessage:
+    """A drone's word with what its activator says beside it: when it came, and whether it settles an `unconfirmed`."""
+    route = signed.route
+    if not (isinstance(route, list) and len(route) == 2 and type(route[1]) is bool):
+        raise PayloadError(f"route {shown(route)}: expected a stamp and whether it settles")
+    if not (route[0] is None or (type(route[0]) is int and 0 <= route[0] < STAMP_MODULUS)):
+        raise PayloadError(f"route {shown(route)}: expected a stamp")
+    return replace(result, relay_stamp=route[0], settled=route[1] or None)
