@@ -11,16 +11,11 @@ from typing import TYPE_CHECKING, Any
 from typer.core import TyperGroup
 
 from ..errors import FogUnreachable
-from ..protocol.commands import COMMANDS
-from ..protocol.messages import Word
-from ..protocol.words import NOT_IN_CONTROL
 
 if TYPE_CHECKING:
     from ..station.ground_station import GroundStation
     from ..station.outcomes import Outcome, PsmiList
     from ..station.views import Fog
-
-AS_WISHED = (Word.ACCEPTED, Word.IN_PROGRESS, Word.COMPLETED)
 
 
 class GroundStationCommands(TyperGroup):
@@ -28,6 +23,8 @@ class GroundStationCommands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """As the base class does."""
+        from ..protocol.commands import COMMANDS
+
         if args[0] in COMMANDS and args[0] not in self.commands:
             ctx.fail(f"No such command {args[0]!r}; expected `mqttxt gs send {args[0]}`.")
         return super().resolve_command(ctx, args)
@@ -36,9 +33,12 @@ class GroundStationCommands(TyperGroup):
 def line_of(said: Outcome | PsmiList) -> str:
     """A word as it is printed; one that is not as wished with what it means, and what can be done."""
     from ..page.words import in_plain_english
+    from ..protocol.messages import Word
+    from ..protocol.words import NOT_IN_CONTROL
     from ..station.outcomes import Outcome
 
-    if not isinstance(said, Outcome) or (said.word in AS_WISHED and said.observed):
+    as_wished = (Word.ACCEPTED, Word.IN_PROGRESS, Word.COMPLETED)
+    if not isinstance(said, Outcome) or (said.word in as_wished and said.observed):
         return str(said)
     holder = (said.reason or "").partition(NOT_IN_CONTROL)[2]
     return f"{said}. {in_plain_english(said)}{' --take-over takes control from it.' if holder else ''}"

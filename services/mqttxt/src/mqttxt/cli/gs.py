@@ -15,12 +15,20 @@ from ..protocol.topics import MAX_DRONE, SELECTABLE, check_number, check_prefix
 from .advice import GroundStationCommands, connect, line_of, not_there
 from .broker import address_of
 from .common import errors_as_lines, run_coroutine, set_up_logging, settings
-from .parameters import HELP, parse_command
 from .station import IDENTITY, Cloud, Prefix, StationOptions, Timeout, of_a_station
 
 if TYPE_CHECKING:
     from ..station.heard import SentCommand
     from ..station.outcomes import Outcome, Outcomes
+
+PARAMETERS = (
+    "takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home); "
+    "offboard: SECONDS velocity NORTH EAST DOWN [YAW], or SECONDS attitude ROLL PITCH YAW THRUST; "
+    "stream: STATE HERTZ; upload_plan: HASH; start_mission, set_current_item: HASH ITEM; resume: HASH; "
+    "set_parameter: NAME VALUE; "
+    "mavlink: MAV_CMD (number or name) and up to seven parameters, - or nan for one that is not set."
+)
+"""What each command takes."""
 
 gs_app = typer.Typer(
     help="A ground station: watch drones, send commands.",
@@ -83,7 +91,7 @@ def send(
     command: Annotated[str, typer.Argument(help=f"One of {', '.join(COMMANDS)}.")],
     parameters: Annotated[
         list[str] | None,
-        typer.Argument(help=HELP),
+        typer.Argument(help=PARAMETERS),
     ] = None,
     fog: Annotated[
         list[int] | None, typer.Option(help="The fog's number, 1 by default; several only with --best.")
@@ -100,6 +108,8 @@ def send(
     set_up_logging(verbose=False)
 
     async def job() -> int:
+        from .parameters import parse_command
+
         wanted = parse_command(command, parameters or [])
         numbers = fog or [1]
         _check_target(wanted, numbers, drone, best)

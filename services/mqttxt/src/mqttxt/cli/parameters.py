@@ -12,13 +12,6 @@ from ..protocol.codec import layout_of
 from ..protocol.commands import COMMANDS, Attitude, Command, Mavlink, Offboard, Takeoff, Velocity
 from ..protocol.fields import Binary, Finite, Integer, Scaled, Text
 
-HELP = (
-    "takeoff: ALTITUDE; goto: LATITUDE LONGITUDE ALTITUDE (metres above home); "
-    "offboard: SECONDS velocity NORTH EAST DOWN [YAW], or SECONDS attitude ROLL PITCH YAW THRUST; "
-    "stream: STATE HERTZ; upload_plan: HASH; start_mission, set_current_item: HASH ITEM; resume: HASH; "
-    "set_parameter: NAME VALUE; "
-    "mavlink: MAV_CMD (number or name) and up to seven parameters, - or nan for one that is not set."
-)
 _NOT_SET = ("-", "nan")
 _MAV_CMD = Integer(0, 2**16 - 1)
 _LARGEST = 3.4028234663852886e38

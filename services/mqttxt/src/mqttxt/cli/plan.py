@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..protocol.states import Fence, Mission
 from ..protocol.topics import MAX_DRONE, check_number
 from .advice import connect, line_of
 from .common import run_coroutine, set_up_logging
 from .station import DroneNumber, FogNumber, Job, StationOptions, of_a_station, with_a_drone
 
 if TYPE_CHECKING:
+    from ..protocol.states import Fence, Mission
     from ..station.heard import SentCommand
     from ..station.outcomes import Outcome
     from ..station.plan import Plan
@@ -86,6 +86,7 @@ def watch(
     fog: FogNumber = 1,
 ) -> None:
     """Print which item of its mission a drone is at, and whether it is outside its geofence, until Ctrl-C."""
+    from ..protocol.states import Fence, Mission
     from ..station.outcomes import StateUpdate
 
     set_up_logging(verbose=False)
@@ -122,6 +123,8 @@ async def _followed(sent: SentCommand[Outcome, Outcome]) -> int:
 
 def _told(state: Mission | Fence) -> str:
     """A state in words."""
+    from ..protocol.states import Mission
+
     named = state.mission if isinstance(state, Mission) else state.fence
     name = f" ({named.hex()[:8]})" if named is not None else ""
     if isinstance(state, Mission):
