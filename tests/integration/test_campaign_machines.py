@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import ssl
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from distributed.comm.core import connect
 
 from testbed.errors import TestbedError, UserError
-from testbed.fly.campaign.certificate import make_certificate, security_of
+from testbed.fly.campaign.certificate import check_scheduler, make_certificate, security_of
 from testbed.fly.campaign.machines import schedule
 from testbed.fly.campaign.pushing import INCOMING
 from testbed.fly.campaign.run import job_of
@@ -80,6 +82,30 @@ def test_a_worker_that_is_killed_in_flight_loses_nothing_and_nothing_counts_twic
     again_flown = Campaign(plans, root, machines)
     again_flown.wait()
     assert again_flown.said().strip().endswith("4 done")
+
+
+async def test_who_has_another_campaigns_certificate_or_none_gets_nowhere(tmp_path: Path) -> None:
+    for name in ("campaign.pem", "other.pem"):
+        make_certificate(tmp_path / name)
+    security, other = security_of(tmp_path / "campaign.pem"), security_of(tmp_path / "other.pem")
+    address, said = f"tls://127.0.0.1:{free_port()}", list[str]()
+    scheduler = asyncio.create_task(schedule(int(address.rpartition(":")[2]), security, said.append))
+    await eventually(lambda: said, "the scheduler is there")
+    await asyncio.to_thread(check_scheduler, address, security)
+    with pytest.raises(UserError, match="it has another certificate"):
+        await asyncio.to_thread(check_scheduler, address, other)
+    with pytest.raises(OSError, match="CERTIFICATE_REQUIRED"):
+        await connect(address, ssl_context=without_a_certificate())
+    with pytest.raises(OSError, match="closed"):
+        await connect(address.replace("tls", "tcp"))
+    scheduler.cancel()
+    await asyncio.gather(scheduler, return_exceptions=True)
+
+
+def without_a_certificate() -> ssl.SSLContext:
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    return context
 
 
 async def test_a_worker_ends_with_its_scheduler_or_when_asked_to_and_has_a_name_of_its_own(tmp_path: Path) -> None:

@@ -76,9 +76,11 @@ class Store:
 
     def begin(self, series: str, files: tuple[File, ...]) -> str:
         """An empty place for these files of a series; returns what the calls that follow name it by."""
-        wrong = [path for path in (series, *(file.path for file in files)) if not _is_below(path)]
+        if not _is_a_series(series):
+            raise ResultsError(f"pushed: {series!r}: expected EXPERIMENT/ARM-PROFILE/TIME")
+        wrong = [file.path for file in files if not _is_below(file.path)]
         if wrong:
-            raise ResultsError(f"pushed: {wrong[0]!r}: expected a path below the results folder")
+            raise ResultsError(f"pushed: {wrong[0]!r}: expected a path below the series' folder")
         self._begun += 1
         token = str(self._begun)
         (self._root / INCOMING / token).mkdir(parents=True)
@@ -169,6 +171,12 @@ def _chunks(path: Path) -> Iterator[tuple[int, bytes]]:
 def _sha256(path: Path) -> str:
     with path.open("rb") as source:
         return hashlib.file_digest(source, "sha256").hexdigest()
+
+
+def _is_a_series(path: str) -> bool:
+    """Whether a series may have a path below the results folder: `latest` is a link to one, above it."""
+    levels = path.split("/")
+    return len(levels) == 3 and not any(level in ("", "latest") or level.startswith(".") for level in levels)
 
 
 def _is_below(path: str) -> bool:

@@ -14,8 +14,9 @@ from pycose.keys.curves import Ed25519
 from pycose.messages import Sign1Message
 
 from mqttxt.errors import PayloadError
-from mqttxt.security.cose import PROTECTED, ROUTE, Envelope, external_aad
-from mqttxt.security.identity import KEY_FILE, read_key
+from mqttxt.protocol.topics import MAX_DRONE
+from mqttxt.security.cose import MOST_CERTIFICATE_BYTES, PROTECTED, ROUTE, Envelope, external_aad
+from mqttxt.security.identity import KEY_FILE, Identity, read_key
 from mqttxt.security.rights import Rights
 from tests.simulation.signing import folder, seal
 
@@ -81,6 +82,7 @@ def parts(**changed: Any) -> bytes:
         parts(header={4: b"\0" * 4, 5: b""}).replace(b"\x05\x40", b"\x04\x40"),
         parts(header={4: b"", 5: b"\0" * 4}).replace(b"\x05\x44", b"\x04\x44"),
         parts(header={4: b"\0" * 4, 33: "text"}),
+        parts(header={4: b"\0" * 4, 33: b"\0" * 2049}),
         parts(payload=None),
         parts(signature=b"\0" * 63),
         parts() + b"\0",
@@ -90,6 +92,13 @@ def parts(**changed: Any) -> bytes:
 def test_anything_else_is_not_read(data: bytes) -> None:
     with pytest.raises(PayloadError):
         Envelope.parse(data)
+
+
+def test_the_longest_certificate_of_a_station_is_short_enough() -> None:
+    every_other = frozenset(range(1, MAX_DRONE, 2))
+    rights = Rights(every_other, take_over=True, observe=True, upload_plan=True, set_parameters=True)
+    certificate = Identity.load(folder(f"gs-{'x' * 61}", rights, "f" * 64)).certificate
+    assert 1000 < len(certificate.der) <= MOST_CERTIFICATE_BYTES
 
 
 def test_the_route_is_not_signed() -> None:

@@ -108,10 +108,22 @@ def test_what_was_not_announced_is_refused(tmp_path: Path) -> None:
             store.put(token, path, offset, data)
 
 
-@pytest.mark.parametrize(("series", "path"), [("../x", "a"), ("/x", "a"), ("x", "../a"), ("x", "/a"), ("", "a")])
-def test_nothing_is_written_outside_of_the_results_folder(tmp_path: Path, series: str, path: str) -> None:
-    with pytest.raises(ResultsError, match="expected a path below the results folder"):
-        Store(tmp_path).begin(series, (File(path, 1, ""),))
+@pytest.mark.parametrize("path", ["../a", "/a", "", "b/../../a"])
+def test_no_file_is_written_outside_of_its_series(tmp_path: Path, path: str) -> None:
+    with pytest.raises(ResultsError, match="expected a path below the series' folder"):
+        Store(tmp_path).begin(PATH, (File(path, 1, ""),))
+
+
+@pytest.mark.parametrize(
+    "series", ["", "x", "a/x", "/a/b/x", "a/b/../x", "../a/x", "a/latest/x", ".incoming/1/x", "a/b/c/x"]
+)
+def test_a_series_is_put_where_series_are_and_nowhere_else(tmp_path: Path, series: str) -> None:
+    """Beside it stands `latest`: of a series at the top of the results folder it would be outside of it."""
+    (tmp_path / "latest").write_text("mine")
+    store = Store(tmp_path / "results")
+    with pytest.raises(ResultsError, match="expected EXPERIMENT/ARM-PROFILE/TIME"):
+        store.finish(store.begin(series, ()), NAME, "lab-1", ())
+    assert (tmp_path / "latest").read_text() == "mine"
 
 
 def test_series_that_began_in_the_same_second_do_not_meet(tmp_path: Path) -> None:

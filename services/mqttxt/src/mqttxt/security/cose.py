@@ -15,6 +15,8 @@ PROTECTED = cbor2.dumps({1: -8})
 KID, X5CHAIN, ROUTE = 4, 33, -65537
 """Labels of the unprotected header; that of the route is for private use."""
 KID_BYTES, SIGNATURE_BYTES = 4, 64
+MOST_CERTIFICATE_BYTES = 2048
+"""One of a station with every right, by single drones, has half of it. It is read before anything is verified."""
 CONTEXT = "mqttxt1"
 
 
@@ -66,7 +68,7 @@ class Envelope:
             not set(header) - {KID, X5CHAIN, ROUTE}
             and isinstance(kid, bytes)
             and len(kid) == KID_BYTES
-            and isinstance(certificate, bytes | None)
+            and (certificate is None or (isinstance(certificate, bytes) and len(certificate) <= MOST_CERTIFICATE_BYTES))
             and isinstance(payload, bytes)
             and isinstance(signature, bytes)
             and len(signature) == SIGNATURE_BYTES
