@@ -12,7 +12,7 @@ from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.activator.role import Activator
 from mqttxt.core.effects import Audit, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
 from mqttxt.core.settings import Settings
-from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.answers import Unfinished
 from mqttxt.drone.effects import Journal, Transmit
 from mqttxt.drone.log_work import LogWork
 from mqttxt.drone.logs.files import LogFiles

@@ -219,7 +219,7 @@ def test_a_newer_command_does_not_wait_for_the_words_of_a_refused_one() -> None:
 
 def test_a_velocity_needs_no_set_points_before_its_mode_and_ends_in_brake() -> None:
     bench = Bench(heartbeat(armed=True), home(), position(10.0), landed(2))
-    bench.executor.lease_until_ms = bench.executor.offboard_until_ms = 60_000
+    bench.executor.lease.until_ms = bench.executor.lease.offboard_until_ms = 60_000
     out = bench.start(1, Offboard(0.5, velocity=Velocity(1.0, 0.0, 0.0)))
     assert written(out) == [SET_MODE]
     assert set_points(out) == []
@@ -234,7 +234,7 @@ def test_a_velocity_needs_no_set_points_before_its_mode_and_ends_in_brake() -> N
 def test_what_runs_in_guided_does_not_stand_in_the_way_of_set_points() -> None:
     """Of its mode alone nobody can tell whether somebody else's set-points are followed."""
     bench = Bench(heartbeat(armed=True), home(), position(10.0), landed(2))
-    bench.executor.lease_until_ms = 60_000
+    bench.executor.lease.until_ms = 60_000
     assert said(bench.start(1, Offboard(1.0, velocity=Velocity(1.0, 0.0, 0.0)))) == []
 
 

@@ -280,7 +280,7 @@ def test_who_is_not_in_control_is_given_nothing() -> None:
     flight = Setter().begin("px4")
     fetching = Fetching(flight.gs.fog(1), 1, PARAMETERS)
     flight.run("gs", flight.gs.transfers.begin(fetching, flight.now_ms))
-    flight.uav.desk.executor.holder_session = 0x99
+    flight.uav.desk.executor.lease.holder_session = 0x99
     flight.fly(5)
     assert not fetching.is_over
     assert "outsiders" in {log.kind for log in flight.logs}

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from mqttxt.core import disk as disks
 from mqttxt.drone import journal as journals
-from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.answers import Unfinished
 from mqttxt.drone.effects import Journal
 from mqttxt.drone.journal import MOST_DELIVERED, MOST_OUTDATED, JournalFile
 from mqttxt.protocol.messages import CommandId, Word

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from mqttxt.activator.role import Activator
 from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe
 from mqttxt.core.settings import Settings
-from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.answers import Unfinished
 from mqttxt.drone.effects import Journal, LoadReadings, StoreReading, Transmit
 from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient

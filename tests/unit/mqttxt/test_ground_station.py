@@ -8,7 +8,7 @@ import pytest
 
 from mqttxt.core.effects import Inbound, Publish, Subscribe
 from mqttxt.core.settings import Settings
-from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.answers import Unfinished
 from mqttxt.errors import ConfigurationError, FogUnreachable
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Goto, Hold

@@ -14,7 +14,7 @@ import pytest
 
 from mqttxt.drone import journal as journals
 from mqttxt.drone import journal_front
-from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.answers import Unfinished
 from mqttxt.drone.effects import Journal
 from mqttxt.drone.journal import JournalFile
 from mqttxt.drone.journal_keeper import JournalKeeper

@@ -32,13 +32,13 @@ class Flight(Bench):
 
     def __init__(self) -> None:
         super().__init__(in_hold(), home(), position(10.0), landed(2))
-        self.executor.lease_until_ms = 60_000
+        self.executor.lease.until_ms = 60_000
 
     def fly_until(self, now_ms: int, keep_lease: bool = True) -> list[Any]:
         out: list[Any] = []
         while self.now_ms < now_ms:
             if keep_lease:
-                self.executor.offboard_until_ms = self.now_ms + 3000
+                self.executor.lease.offboard_until_ms = self.now_ms + 3000
             out += self.until(self.now_ms + STEP_MS, STEP_MS)
         return out
 
@@ -130,7 +130,7 @@ def test_set_points_stop_all_the_same_when_the_mode_does_not_change_back() -> No
 
 def test_without_a_newer_lease_it_ends_three_seconds_after_its_start() -> None:
     flight = Flight().engage()
-    flight.executor.offboard_until_ms = None
+    flight.executor.lease.offboard_until_ms = None
     assert written(flight.fly_until(3000, keep_lease=False)) == []
     assert written(flight.fly_until(3050, keep_lease=False)) == [MODE]
     assert said(flight.hear(in_hold())) == [(1, Word.FAILED, "lease_lost")]
@@ -139,7 +139,7 @@ def test_without_a_newer_lease_it_ends_three_seconds_after_its_start() -> None:
 def test_an_offboard_lease_that_lapses_ends_it() -> None:
     flight = Flight().engage()
     flight.fly_until(6000)
-    assert flight.executor.offboard_until_ms == 8950
+    assert flight.executor.lease.offboard_until_ms == 8950
     assert written(flight.fly_until(8950, keep_lease=False)) == []
     assert written(flight.fly_until(9000, keep_lease=False)) == [MODE]
     assert said(flight.hear(in_hold())) == [(1, Word.FAILED, "lease_lost")]
@@ -149,7 +149,7 @@ def test_an_offboard_lease_that_lapses_ends_it() -> None:
 def test_it_ends_with_the_control_lease(until_ms: int | None) -> None:
     flight = Flight().engage()
     flight.fly_until(4000)
-    flight.executor.lease_until_ms = until_ms
+    flight.executor.lease.until_ms = until_ms
     flight.fly_until(4050)
     assert said(flight.hear(in_hold())) == [(1, Word.FAILED, "lease_lost")]
 
@@ -157,14 +157,14 @@ def test_it_ends_with_the_control_lease(until_ms: int | None) -> None:
 @pytest.mark.parametrize("until_ms", [None, -1])
 def test_without_control_it_does_not_begin(until_ms: int | None) -> None:
     flight = Flight()
-    flight.executor.lease_until_ms = until_ms
+    flight.executor.lease.until_ms = until_ms
     assert said(flight.start(1, NORTH)) == [(1, Word.DENIED, "no_lease")]
 
 
 def test_it_ends_when_another_station_takes_control() -> None:
     flight = Flight().engage()
     flight.fly_until(4000)
-    flight.executor.holder_session = 2
+    flight.executor.lease.holder_session = 2
     assert written(flight.fly_until(4050)) == [MODE]
     assert said(flight.hear(in_hold())) == [(1, Word.FAILED, "lease_lost")]
     assert said(flight.start(2, NORTH)) == [(2, Word.DENIED, "no_lease")]
@@ -204,7 +204,7 @@ def test_a_flight_command_that_is_refused_leaves_it_flying() -> None:
 
 def test_a_lease_that_ends_while_a_landing_is_sent_does_not_hold_against_it() -> None:
     flight = Flight().engage()
-    flight.executor.offboard_until_ms = None
+    flight.executor.lease.offboard_until_ms = None
     flight.fly_until(2900, keep_lease=False)
     flight.start(2, Land())
     assert MODE not in written(flight.fly_until(3200, keep_lease=False))

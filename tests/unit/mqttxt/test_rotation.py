@@ -137,7 +137,7 @@ def test_a_revoked_station_is_not_heard_and_holds_nothing_any_more(fleet: Fleet)
         fleet.take_list(name)
     world.send(Hold())
     assert not world.activator.leases
-    assert world.uav.desk.executor.holder_session is None
+    assert world.uav.desk.executor.lease.holder_session is None
     world.pass_time(100)
     assert not [each for each in world.wrote if getattr(each.message, "command", None) == 192]
     assert {log.kind for log in world.logs} == {"certificate"}

@@ -143,7 +143,7 @@ def test_a_relay_can_make_a_deadline_earlier_and_what_it_refused_so_stays_refuse
 
 def test_a_full_ledger_denies_until_what_was_signed_is_over_not_what_the_relay_says(world: World) -> None:
     world.uav.desk.ledger._capacity = 0
-    world.uav.desk.executor.holder_session = GS_SESSION
+    world.uav.desk.executor.lease.holder_session = GS_SESSION
     envelope = signed_command(deadline_ms=world.now_ms + 3000)
     assert said(to_drone(world, envelope.routed(0))) == [(Word.DENIED, "ledger_full")]
     world.uav.desk.ledger._capacity = 4096

@@ -261,10 +261,10 @@ def test_a_client_that_is_bound_again_goes_on_after_its_flight(world: World) -> 
 def test_no_activator_makes_control_last_longer_than_its_station_has_granted(world: World) -> None:
     wide = lease("fog1", holder="g", holder_session=GS_SESSION, deadline_ms=2**40, offboard_until_ms=2**40)
     world.uav.on_message("fog", Inbound("drone1/init_connect", wide.encode(), 1), world.now_ms)
-    until_ms = world.uav.desk.executor.lease_until_ms
+    until_ms = world.uav.desk.executor.lease.until_ms
     assert until_ms is not None
     assert world.now_ms < until_ms <= world.now_ms + 30_000
-    assert world.uav.desk.executor.offboard_until_ms == 0
+    assert world.uav.desk.executor.lease.offboard_until_ms == 0
     longest = {"deadline_ms": 2**40, "offboard_until_ms": 2**40}
     nobodys = lease("fog1", counter=1000, holder="h", holder_session=OTHER_SESSION, **longest)
     world.uav.on_message("fog", Inbound("drone1/init_connect", nobodys.encode(), 1), world.now_ms)
@@ -277,7 +277,7 @@ def leases_of(world: World) -> list[Publish]:
 
 def control(world: World) -> tuple[int | None, int, bool]:
     executor = world.uav.desk.executor
-    return executor.holder_session, world.uav.desk.epoch, world.uav.is_controlled(world.now_ms)
+    return executor.lease.holder_session, world.uav.desk.epoch, world.uav.is_controlled(world.now_ms)
 
 
 def deliver(world: World, publish: Publish) -> None:
@@ -373,14 +373,14 @@ def test_an_offboard_command_lives_by_its_stations_grants(world: World) -> None:
     world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
     world.send(Offboard(60.0, velocity=Velocity(1.0, 0.0, 0.0)))
     world.pass_time(3000)
-    offboard_ms = world.uav.desk.executor.offboard_until_ms
+    offboard_ms = world.uav.desk.executor.lease.offboard_until_ms
     assert offboard_ms is not None
     assert world.now_ms < offboard_ms <= world.now_ms + 3000
     world.drop, dropped_ms = {"control"}, world.now_ms
     allowed: list[int] = []
     while world.now_ms < dropped_ms + 6000:
         world.pass_time(100)
-        allowed.append(world.uav.desk.executor.offboard_until_ms or 0)
+        allowed.append(world.uav.desk.executor.lease.offboard_until_ms or 0)
     assert dropped_ms < max(allowed) <= dropped_ms + 3000
 
 
@@ -410,10 +410,10 @@ def test_a_grant_is_its_own_stations_and_never_goes_back(world: World) -> None:
 
     meet(world, seal("gs-h"), OTHER_SESSION)
     assert kinds(grant(seal("gs-h"))) == ["foreign_session"]
-    before_ms = world.uav.desk.executor.lease_until_ms
+    before_ms = world.uav.desk.executor.lease.until_ms
     grant(seal("gs-g"), until_ms=1)
     grant(seal("gs-g"), drone_session=5)
-    assert world.uav.desk.executor.lease_until_ms == before_ms
+    assert world.uav.desk.executor.lease.until_ms == before_ms
     out = world.activator.on_message(
         "cloud",
         Inbound("fog1/drone1/control", seal("gs-h").sign("drone1/control", b"\x80").encode(), 1),

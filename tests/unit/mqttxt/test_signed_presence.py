@@ -197,7 +197,7 @@ def test_what_is_signed_may_be_json() -> None:
     world.autopilot(heartbeat(armed=True), landed(2), position(10.0))
     world.send(Offboard(60.0, velocity=Velocity(1.0, 0.0, 0.0)))
     world.pass_time(3000)
-    assert world.uav.desk.executor.offboard_until_ms is not None
+    assert world.uav.desk.executor.lease.offboard_until_ms is not None
     signed = [Envelope.parse(publish.payload) for _, publish in world.sent if publish.topic == "drone1/commands"]
     assert [envelope.payload[:1] for envelope in signed] == [b"{"] * 3
     changed = signed[0].payload.replace(b'"arm"', b'"land"')

@@ -10,7 +10,7 @@ import pytest
 from mqttxt.activator.drones import CLOUD, FOG
 from mqttxt.core.effects import Audit, Inbound, Log, Publish, Stop, Subscribe
 from mqttxt.core.settings import Settings
-from mqttxt.drone.commands import Unfinished
+from mqttxt.drone.answers import Unfinished
 from mqttxt.drone.effects import Journal, Transmit
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode, encode

@@ -74,7 +74,7 @@ def test_nothing_that_waited_is_written_to_an_autopilot_that_fell_silent() -> No
 
 def test_offboard_is_not_begun_while_disarmed() -> None:
     bench = Bench(*told(False, GROUND))
-    bench.executor.lease_until_ms, bench.executor.holder_session = 10_000, 1
+    bench.executor.lease.until_ms, bench.executor.lease.holder_session = 10_000, 1
     assert said(bench.start(1, NORTH)) == [(1, Word.DENIED, "disarmed")]
 
 

@@ -14,7 +14,7 @@ from ..core.settings import Settings
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.messages import BeaconMessage, Presence
-from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic, StationTopic
+from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic, StationTopic, Topic
 from ..security.seal import Seal
 from .births import Births
 from .bulk_relay import BulkRelay
@@ -36,7 +36,6 @@ _ASKING = frozenset({"commands", "select", "init_connect"})
 _ONCE_BORN = frozenset({"bulk_answer", "sensor"})
 """What nobody takes from drones before this session is the fog's activator."""
 
-Topic = DroneTopic | FogTopic | StationTopic
 Handler = Callable[[Any, Inbound, int], list[Effect]]
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from ..core.channel import Channel
-from ..core.clock import MAX_TTL_MS, stamp
+from ..core.clock import MAX_TTL_MS
 from ..core.effects import Audit, Inbound, Log, Publish
 from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
 from ..core.ledger import KEEP_MS, OVERRIDING, Admission, Ledger, Share
@@ -16,13 +16,14 @@ from ..core.settings import NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.identify import identify
-from ..protocol.messages import BeaconMessage, By, CommandId, CommandMessage, ResultMessage, Word, without_contradiction
+from ..protocol.messages import CommandId, CommandMessage, ResultMessage, Word, without_contradiction
 from ..protocol.parameters import ParameterSet
 from ..protocol.topics import FogSide
 from ..protocol.values import shown
 from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_IN_CONTROL
 from ..security.cose import Envelope
 from ..security.seal import Signed
+from .answers import Answers, Unfinished, result_of
 from .effects import Effect, Journal
 from .executor import Executor
 from .mavlink.raw import Limits
@@ -34,41 +35,6 @@ MOST_SESSIONS = 1000
 """Stations of the last ten minutes beyond which older ones are forgotten."""
 KEPT_BACK_MS = 1000
 """How long a result waits before it is published again, where nobody was there to get it."""
-
-
-@dataclass
-class Answers:
-    """A command's results: its name for the topic, the newest word, and whether a last one was acknowledged.
-
-    `said` is that word as it was published, for who asks again.
-
-    `is_journalled`: the journal has it. What was refused before needs no place there: an id that a later session
-    does not know is `expired`, a definite no too.
-    """
-
-    name: str
-    newest: ResultMessage | None = None
-    said: Publish | None = None
-    delivered: bool = False
-    is_journalled: bool = False
-
-    @property
-    def last(self) -> ResultMessage | None:
-        return self.newest if self.newest is not None and self.newest.word.is_last else None
-
-
-@dataclass(frozen=True)
-class Unfinished:
-    """What a journal tells of an earlier session: an id that was open, or a last word, and whether it was delivered.
-
-    A delivered one is kept too: its answer may have died with the fog's broker, and is asked for again then.
-    """
-
-    id: CommandId
-    command: str
-    word: Word | None = None
-    reason: str | None = None
-    delivered: bool = False
 
 
 class CommandDesk:
@@ -152,7 +118,7 @@ class CommandDesk:
             return []
         if not self._repetitions.may_answer(known, now_ms):
             return []
-        denial = self._result(Said(known, Word.DENIED, str(error)), now_ms)
+        denial = result_of(Said(known, Word.DENIED, str(error)), self._session, now_ms)
         return [self._publish_result("malformed", denial, kept=False)]
 
     def _tightened(self, command: CommandMessage, route: Any) -> CommandMessage:
@@ -176,7 +142,7 @@ class CommandDesk:
         if command.executor_session != self._session:
             deadline_ms = None
         known_until_ms = min(signed_until_ms or deadline_ms or now_ms, now_ms + MAX_TTL_MS)
-        share = Share.of(command.command, self.executor.holder_session == command.gs_session)
+        share = Share.of(command.command, self.executor.lease.holder_session == command.gs_session)
         station = signed.signer if signed is not None else command.gs_session
         if not self._budget.takes((station, isinstance(command.command, OVERRIDING)), now_ms):
             return [Log("flood", f"{command.command.name} of {station}: too many")]
@@ -192,7 +158,7 @@ class CommandDesk:
             if not self._repetitions.may_answer(command.id, now_ms):
                 return []
             reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
-            denial = self._result(Said(command.id, Word.DENIED, reason), now_ms)
+            denial = result_of(Said(command.id, Word.DENIED, reason), self._session, now_ms)
             return [self._publish_result(command.command.name, denial, kept=False)]
         self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms, share, station)
         who = signed.signer if signed is not None else None
@@ -250,7 +216,7 @@ class CommandDesk:
         if self._channel.seal is None:
             return True
         is_held = self.held_until_ms is not None and now_ms <= self.held_until_ms
-        return is_held and self.executor.holder_session == gs_session
+        return is_held and self.executor.lease.holder_session == gs_session
 
     def _note_started(self, command: CommandMessage, now_ms: int) -> None:
         """Keep the order of a station's commands while an older one of it may still be in time."""
@@ -271,7 +237,10 @@ class CommandDesk:
             record = entry.record
             earlier = record.newest.word if record.newest is not None else None
             word, reason = without_contradiction(output.word, output.reason, earlier)
-            record.newest, record.said = self._result(replace(output, word=word, reason=reason), now_ms), None
+            record.newest, record.said = (
+                result_of(replace(output, word=word, reason=reason), self._session, now_ms),
+                None,
+            )
             if word.is_last:
                 self.ledger.close(entry, now_ms)
                 out.append(self._audited(record.newest, now_ms))
@@ -283,21 +252,6 @@ class CommandDesk:
 
     def _audited(self, word: ResultMessage, now_ms: int) -> Audit:
         return Audit("word", word, now_ms, f"drone{self._drone}", self._drone, self._channel.seal is not None)
-
-    def _result(self, said: Said, now_ms: int) -> ResultMessage:
-        return ResultMessage(
-            gs_session=said.id.gs_session,
-            seq=said.id.seq,
-            session=self._session,
-            stamp=stamp(now_ms),
-            word=said.word,
-            reason=said.reason,
-            percent=said.percent,
-            late_ms=said.late_ms,
-            observed=said.observed,
-            by=By(gs_session=said.by.gs_session, seq=said.by.seq) if said.by is not None else None,
-            beacon=BeaconMessage(session=self._session, now_ms=now_ms) if said.reason == NO_DEADLINE else None,
-        )
 
     def _answer(self, record: Answers) -> list[Effect]:
         """The newest word, while there is somebody to publish it to; without one it will come by itself.
@@ -330,7 +284,7 @@ class CommandDesk:
             entry = self.ledger.get(left.id)
             assert entry is not None
             word, reason = (left.word, left.reason) if left.word else (Word.UNCONFIRMED, "restarted")
-            entry.record.newest = self._result(Said(left.id, word, reason), now_ms)
+            entry.record.newest = result_of(Said(left.id, word, reason), self._session, now_ms)
             entry.record.delivered = left.delivered
             if not left.delivered:
                 out += [Journal(left.id, left.command, word, reason), self._audited(entry.record.newest, now_ms)]

@@ -89,6 +89,6 @@ class Control:
             until_ms, offboard_ms = self._grants.bound(station, holder_session, until_ms, offboard_ms)
         self._desk.epoch = lease.epoch
         self._desk.held_until_ms = lease.deadline_ms
-        self._desk.executor.lease_until_ms = until_ms
-        self._desk.executor.offboard_until_ms = offboard_ms
-        self._desk.executor.holder_session = holder_session
+        self._desk.executor.lease.until_ms = until_ms
+        self._desk.executor.lease.offboard_until_ms = offboard_ms
+        self._desk.executor.lease.holder_session = holder_session

@@ -29,6 +29,7 @@ from ..protocol.parameters import ParameterSet
 from ..protocol.states import FlightMode
 from .acknowledgements import Acknowledgements
 from .effects import Transmit
+from .held_lease import HeldLease
 from .interruptions import interrupted, is_taken_over, modes_shown
 from .logs.reader import LogReader
 from .mavlink.plans import CannotExecute, Plan, check
@@ -68,38 +69,12 @@ class Executor:
         self.logs = LogReader(vehicle)
         self._limits = limits or Limits()
         self._settings = ParameterSettings(vehicle, self._limits)
-        self._pilot = OffboardPilot(vehicle, self._runs)
+        self.lease = HeldLease()
+        self._pilot = OffboardPilot(vehicle, self._runs, self.lease)
         self._acknowledgements = Acknowledgements(vehicle, self._runs, self._pilot)
         self._preparer = Preparer(vehicle, self._runs)
         self._takeoffs = Takeoffs(vehicle, self._runs)
         self.streams = Streams(vehicle)
-
-    @property
-    def lease_until_ms(self) -> int | None:
-        """The end of the control lease in the session clock, None while nobody controls the drone."""
-        return self._pilot.lease_until_ms
-
-    @lease_until_ms.setter
-    def lease_until_ms(self, until_ms: int | None) -> None:
-        self._pilot.lease_until_ms = until_ms
-
-    @property
-    def holder_session(self) -> int | None:
-        """The station that the control lease belongs to."""
-        return self._pilot.holder_session
-
-    @holder_session.setter
-    def holder_session(self, session: int | None) -> None:
-        self._pilot.holder_session = session
-
-    @property
-    def offboard_until_ms(self) -> int | None:
-        """Until when the lease lets an offboard command go on."""
-        return self._pilot.offboard_until_ms
-
-    @offboard_until_ms.setter
-    def offboard_until_ms(self, until_ms: int | None) -> None:
-        self._pilot.offboard_until_ms = until_ms
 
     def start(
         self, command_id: CommandId, command: Command, deadline_ms: int, limit_ms: int, now_ms: int

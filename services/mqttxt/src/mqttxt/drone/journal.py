@@ -26,7 +26,7 @@ from ..protocol.codec import encode
 from ..protocol.messages import CommandId, ResultMessage, Word
 from ..protocol.topics import FogSide
 from . import journal_front
-from .commands import Unfinished
+from .answers import Unfinished
 from .effects import Journal
 from .journal_front import Front
 

@@ -15,6 +15,7 @@ from ..protocol.commands import Offboard
 from ..protocol.messages import Word
 from ..protocol.states import FlightMode
 from .effects import Transmit
+from .held_lease import HeldLease
 from .mavlink.set_points import set_point
 from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
@@ -53,16 +54,10 @@ class Flight:
 
 
 class OffboardPilot:
-    """Flies the offboard commands among the runs of one autopilot.
+    """Flies the offboard commands among the runs of one autopilot, as long as `lease` lets them go on."""
 
-    `lease_until_ms` is the end of the control lease, `offboard_until_ms` what it allows to an offboard command;
-    both in the session clock, None while there is none. `holder_session` is the station that it belongs to.
-    """
-
-    def __init__(self, vehicle: Vehicle, runs: Runs) -> None:
-        self.lease_until_ms: int | None = None
-        self.offboard_until_ms: int | None = None
-        self.holder_session: int | None = None
+    def __init__(self, vehicle: Vehicle, runs: Runs, lease: HeldLease) -> None:
+        self._lease = lease
         self._vehicle = vehicle
         self._runs = runs
         self._flights: dict[Run, Flight] = {}
@@ -97,7 +92,7 @@ class OffboardPilot:
         if not self._vehicle.is_alive(now_ms):
             return Word.UNCONFIRMED, "autopilot_lost"
         if not self._has_control(run.id.gs_session, now_ms) or now_ms > max(
-            run.started_ms + LEASE_MS, self.offboard_until_ms or 0
+            run.started_ms + LEASE_MS, self._lease.offboard_until_ms or 0
         ):
             return Word.FAILED, "lease_lost"
         if now_ms >= run.started_ms + run.limit_ms:
@@ -170,9 +165,7 @@ class OffboardPilot:
 
     def _has_control(self, gs_session: int, now_ms: int) -> bool:
         """Whether the control lease lives, and is this station's still."""
-        if self.lease_until_ms is None or now_ms > self.lease_until_ms:
-            return False
-        return self.holder_session in (None, gs_session)
+        return self._lease.is_held(now_ms) and self._lease.holder_session in (None, gs_session)
 
     def _offboards(self) -> list[Run]:
         return [run for run in self._runs if isinstance(run.command, Offboard)]

@@ -21,8 +21,9 @@ from ..protocol.states import Armed
 from ..protocol.topics import CloudSide, DroneTopic, FogSide
 from ..security.cose import Envelope
 from ..security.seal import Seal
+from .answers import Unfinished
 from .bulk import BulkPort, BulkStore
-from .commands import LINK, CommandDesk, Unfinished
+from .commands import LINK, CommandDesk
 from .control import Control
 from .effects import Effect, Transmit
 from .endurance import EnduranceMeter
@@ -66,7 +67,7 @@ class UavClient:
         self._channel = Channel(LINK, self.topics.root, settings, seal)
         self._activator = f"fog{fog}"
         self._signed_clock = CloudSide(fog).signed_drone_clock(drone) if seal is not None else None
-        owners, staged = SessionOwners(lambda session: session == self.desk.executor.holder_session), BulkStore()
+        owners, staged = SessionOwners(lambda session: session == self.desk.executor.lease.holder_session), BulkStore()
         self.desk = CommandDesk(
             drone,
             session,
@@ -237,8 +238,7 @@ class UavClient:
 
     def is_controlled(self, now_ms: int) -> bool:
         """Whether a ground station controls this drone: the lease that the activator handed down has not ended."""
-        until_ms = self.desk.executor.lease_until_ms
-        return until_ms is not None and now_ms <= until_ms
+        return self.desk.executor.lease.is_held(now_ms)
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop leaves no set-points behind, and says that the drone is no longer reachable."""
@@ -262,7 +262,7 @@ class UavClient:
         if topic.kind == "sensor_ack" and self.carrier is not None:
             return self.carrier.on_ack(self._acknowledged(message), now_ms)
         if topic.kind == "bulk":
-            holder = self.desk.executor.holder_session if self.is_controlled(now_ms) else None
+            holder = self.desk.executor.lease.holder_session if self.is_controlled(now_ms) else None
             return self._bulk.on_message(message, holder, now_ms)
         if topic.kind == "stations" and self._channel.seal is not None:
             return self._control.on_station(self._channel.seal, message)

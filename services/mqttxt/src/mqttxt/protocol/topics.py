@@ -94,6 +94,8 @@ class StationTopic:
     kind: ClassVar[str] = "reachable"
 
 
+Topic = DroneTopic | FogTopic | StationTopic
+
 _FOG_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "states", "QoDS", "PSMI"})
 _DRONE_KINDS = frozenset(
     {
@@ -293,7 +295,7 @@ class CloudSide:
         )
         return tuple(f"{self.root}{rest}" for rest in (*own, *drones))
 
-    def parse(self, topic: str) -> DroneTopic | FogTopic | StationTopic:
+    def parse(self, topic: str) -> Topic:
         """A topic of this fog or of a station; raises PayloadError for any other."""
         if not topic.startswith(self.root):
             station = station_of(topic, self.prefix)

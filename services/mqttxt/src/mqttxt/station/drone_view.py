@@ -21,6 +21,13 @@ class HeardState:
     clock: RemoteClock | None
     said_ms: int | None = None
 
+    def age_ms(self, now_ms: int) -> int | None:
+        """Upper bound of its age; None before the fog has echoed this station."""
+        if self.said_ms is None and self.clock is not None and self.message.relay_stamp is not None:
+            age_ms = self.clock.age_ms(self.message.relay_stamp, now_ms)
+            self.said_ms = None if age_ms is None else now_ms - age_ms
+        return None if self.said_ms is None else now_ms - self.said_ms
+
 
 @dataclass
 class DroneView:

@@ -190,10 +190,7 @@ class FogView:
         return [QodsRanking(self.number, message.ranking)]
 
     def on_states(self, topic: DroneTopic | FogTopic, message: Inbound, now_ms: int) -> list[Event]:
-        """`fogX/droneY/state/Z`, or a bundle on `fogX/states`: an update for each that is not older than what is known.
-
-        Raises PayloadError.
-        """
+        """`fogX/droneY/state/Z`, or a bundle on `fogX/states`: what is news; raises PayloadError."""
         payload = self.channel.opened_state(message, self.name, self.clock, now_ms)
         if isinstance(topic, DroneTopic):
             heard = [(topic.drone, decode_state(topic.name, payload, relayed=True))]
@@ -206,15 +203,8 @@ class FogView:
             if known is not None and not stamp_supersedes(said.stamp, known.message.stamp, now_ms - known.received_ms):
                 continue
             drone.states[said.state.name] = heard_state = HeardState(said, now_ms, self.clock)
-            out.append(StateUpdate(self.number, number, said.state, said.stamp, self.age_ms(heard_state, now_ms)))
+            out.append(StateUpdate(self.number, number, said.state, said.stamp, heard_state.age_ms(now_ms)))
         return out
-
-    def age_ms(self, known: HeardState, now_ms: int) -> int | None:
-        """Upper bound of a state's age; None before the fog has echoed this station."""
-        if known.said_ms is None and known.clock is not None and known.message.relay_stamp is not None:
-            age_ms = known.clock.age_ms(known.message.relay_stamp, now_ms)
-            known.said_ms = None if age_ms is None else now_ms - age_ms
-        return None if known.said_ms is None else now_ms - known.said_ms
 
     def tick(self, now_ms: int) -> tuple[list[Publish], list[Event]]:
         """Renew the lease at a third of it; a fog whose beacons stay away is not live any more."""

@@ -21,16 +21,7 @@ from ..protocol.messages import (
 )
 from ..protocol.rankings import PsmiMessage, QodsMessage
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
-from ..protocol.topics import (
-    REVOKED,
-    CloudSide,
-    DroneTopic,
-    FogSide,
-    FogTopic,
-    StationTopic,
-    check_prefix,
-    station_reachable,
-)
+from ..protocol.topics import REVOKED, CloudSide, DroneTopic, FogSide, FogTopic, Topic, check_prefix, station_reachable
 from ..security.rights import TAKE_OVER
 from .commands import Output, StationCommands
 from .drone_words import DroneWords
@@ -45,7 +36,6 @@ if TYPE_CHECKING:
 
 DEFAULT_LEASE_S = 30
 
-Topic = DroneTopic | FogTopic | StationTopic
 Handler = Callable[[FogView, Any, Inbound, int], Iterable[Output]]
 
 

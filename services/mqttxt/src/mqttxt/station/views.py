@@ -255,7 +255,7 @@ class Drone:
         """The newest state of each name with its age, MAVLink messages as `mavlink/NAME`."""
         now_ms = self._runner.clock.now_ms()
         heard = self._view.states.items()
-        return {name: KnownState(known.message.state, self._fog.age_ms(known, now_ms)) for name, known in heard}
+        return {name: KnownState(known.message.state, known.age_ms(now_ms)) for name, known in heard}
 
     @property
     def readings(self) -> list[SensorReading]:
