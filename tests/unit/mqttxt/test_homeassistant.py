@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 from typer.testing import CliRunner
 
-from mqttxt import Battery, FlightMode, FlightModeName, Fog, Location, SensorReading, homeassistant
+from mqttxt import Battery, FlightMode, FlightModeName, Fog, Gps, Location, SensorReading, homeassistant
 from mqttxt.cli.main import app
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Publish, Will
@@ -44,6 +44,21 @@ def test_each_field_of_a_state_is_an_entity_of_its_drone() -> None:
     values = found[battery["state_topic"]]
     assert (values["battery_remaining_pct"], values["flight_mode"], values["latitude"]) == (81, "hold", 47.4)
     assert (values["reachable"], values["controlled_by"]) == (True, "nobody")
+
+
+def test_an_entitys_name_is_without_its_unit() -> None:
+    found = shown(FakeDrone(2, states=FLYING))
+    keys = ("battery_remaining_pct", "location_altitude_m", "location_altitude_amsl_m", "flight_mode", "latitude")
+    assert [entity(found, "sensor", key)["name"] for key in keys] == [
+        *("Battery remaining", "Location altitude", "Location altitude amsl", "Flight mode", "Latitude")
+    ]
+
+
+def test_what_is_not_known_any_more_has_no_value_in_place_of_the_last() -> None:
+    found = [shown(FakeDrone(2, states=known(Gps(3, satellites)))) for satellites in (12, None)]
+    assert [each["mqttxt/drone2/state"]["gps_satellites"] for each in found] == [12, None]
+    topic = "homeassistant/sensor/mqttxt_drone2_gps_satellites/config"
+    assert [topic in each for each in found] == [True, False], "what was never known is no entity"
 
 
 def test_a_place_is_a_device_on_the_map() -> None:

@@ -68,7 +68,8 @@ class Entities:
             if name in STATES and name not in _LEFT_OUT:
                 for component, key, config, value in _of_state(name, known.state):
                     values[key] = value
-                    yield self._config(node, component, key, config)
+                    if value is not None:
+                        yield self._config(node, component, key, config)
         if {"latitude", "longitude"} <= values.keys():
             attributes = f"{self._root(node)}/state"
             place = {"json_attributes_topic": attributes, "source_type": "gps"}
@@ -97,7 +98,7 @@ class Entities:
         name = f"mqttxt_{node}_{key}"
         available = [self.status] if is_always else [self.status, f"{self._root(node)}/available"]
         common: dict[str, Any] = {
-            "name": key.replace("_", " ").capitalize(),
+            "name": _name(key),
             "unique_id": name,
             "availability": [{"topic": topic} for topic in available],
             "availability_mode": "all",
@@ -110,8 +111,17 @@ class Entities:
         return f"{self._discovery}/{component}/{name}/config", json.dumps({**common, **config})
 
 
+def _name(key: str) -> str:
+    """An entity's name: Home Assistant shows the unit beside the value."""
+    unit = next((end for end in _UNITS if key.endswith(end)), "")
+    return key.removesuffix(unit).replace("_", " ").capitalize()
+
+
 def _of_state(name: str, state: object) -> Iterator[tuple[str, str, dict[str, Any], Any]]:
-    """The entities of a state: component, key, configuration and value; a place's own are attributes."""
+    """The entities of a state: component, key, configuration and value; a place's own are attributes.
+
+    What is not known has a value nevertheless, None: without one Home Assistant keeps the last that it had.
+    """
     for field, alone in fields_of(name).items():
         value = getattr(state, field)
         if name == "location" and field in _PLACE:
@@ -121,7 +131,7 @@ def _of_state(name: str, state: object) -> Iterator[tuple[str, str, dict[str, An
         elif isinstance(value, Named):
             labels = [each.label for each in type(value)]
             yield "sensor", alone, {"device_class": "enum", "options": labels}, value.label
-        elif isinstance(value, int | float):
+        elif isinstance(value, int | float) or value is None:
             yield "sensor", alone, _measured(alone), value
 
 

@@ -116,7 +116,7 @@ class Demo:
         activator = ("activator", "--fog", f"{FOG}", "--cloud", cloud, "--listen", fog)
         await self._start(folder, self._module("the activator", "mqttxt", *activator, "--drones", _listed(",")))
         standing = ("fly", "--autopilot", "stand-in", "--streams", "px4-normal", "--fleet", str(fleet))
-        uav = ("uav", "--broker", f"mqtt://{fog}")
+        uav = ("uav", "--all-states", "--broker", f"mqtt://{fog}")
         autopilots, clients = [], []
         for number, link in links.items():
             own = ("--system", f"{number}", "--listen", f"{HOST}:0", "--send", link)
