@@ -32,21 +32,23 @@ pytestmark = [pytest.mark.integration, pytest.mark.apart]
 class SecureSystem:
     """A cloud's and a fog's broker, an activator, one drone with its sensors' broker, an autopilot and a sensor."""
 
-    def __init__(self, folder: Path, signed: bool = False, *of_the_drone: str) -> None:
+    def __init__(self, folder: Path, signed: bool = False, *of_the_drone: str, prefix: str = "") -> None:
+        self.folder = folder
         self.acme = acme = Authority.create(folder / "acme", "acme")
         brokers = ("broker-cloud", "broker-fog1", "broker-drone1")
         for name in (*brokers, "fog1", "drone1", "sensor7"):
             acme.issue(name)
         acme.issue("gs-ops", Rights(None, take_over=True, observe=True))
         acme.issue("gs-view", Rights(observe=True))
-        self.brokers = {name: SecureBroker(acme, name) for name in brokers}
+        self.brokers = {name: SecureBroker(acme, name, prefix if name == brokers[0] else "") for name in brokers}
         cloud, fog, field = (str(broker.address) for broker in self.brokers.values())
         port = free_port(socket.SOCK_DGRAM)
         sitl = ["fly", "--fleet", str(quick_fleet(folder, LANDING)), "--system", "1", "--listen", "127.0.0.1:0"]
         activator = ["activator", "--fog", "1", "--cloud", cloud, "--fog-broker", fog, "--drones", "1"]
-        activator += ["--audit", str(folder / "fog1.audit")]
+        activator += ["--audit", str(folder / "fog1.audit"), "--prefix", prefix]
         uav = ["uav", "--drone", "1", "--broker", fog, "--autopilot", f"udp:127.0.0.1:{port}", "--sensor-broker", field]
         uav += of_the_drone
+        sitl += ["--events", str(folder / "sitl.jsonl")]
         files = ["--journal", str(folder / "journal"), "--sensor-store", str(folder / "readings")]
         files += ["--audit", str(folder / "drone1.audit")]
         sensor = ["--broker", field, "--number", "7", "--kinds", "temperature", "--rate", "5"]

@@ -261,9 +261,14 @@ class System:
         fleet = ["--fleet", str(self.fleet_file), "--system", str(drone)]
         return Process(self.folder, f"sitl{drone}", "sitl", "fly", *fleet, *ports, *files, *control)
 
+    @property
+    def brokers(self) -> tuple[Broker, ...]:
+        """Those that it starts and ends."""
+        return self.cloud, self.fog
+
     def start(self) -> Self:
-        self.cloud.start()
-        self.fog.start()
+        for broker in self.brokers:
+            broker.start()
         for process in (*self.sitls.values(), self.activator, *self.uavs.values()):
             process.start()
         for process in (*self.sitls.values(), self.activator, *self.uavs.values()):
@@ -273,7 +278,7 @@ class System:
     def close(self) -> None:
         for process in (*self.uavs.values(), self.activator, *self.sitls.values()):
             process.kill()
-        for broker in (self.fog, self.cloud):
+        for broker in reversed(self.brokers):
             broker.kill()
 
     def commanded(self, drone: int, mav_cmd: int) -> list[dict[str, Any]]:

@@ -15,10 +15,20 @@ from tests.rigs.processes import Broker, Process, Program
 class Served:
     """`mqttxt gs page` as a process; `mqttxt` is the command that is typed, by default that of the repository."""
 
-    def __init__(self, folder: Path, cloud: Broker, name: str, *more: str, mqttxt: tuple[str, ...] = ()) -> None:
-        self.port = free_port()
+    def __init__(
+        self,
+        folder: Path,
+        cloud: Broker,
+        name: str,
+        *more: str,
+        mqttxt: tuple[str, ...] = (),
+        fogs: tuple[str, ...] = ("1",),
+        port: int | None = None,
+    ) -> None:
+        self.port = port or free_port()
         self.url = f"http://127.0.0.1:{self.port}/"
-        typed = ["gs", "page", "--fog", "1", "--cloud", cloud.url, "--listen", f"127.0.0.1:{self.port}", *more]
+        named = [word for fog in fogs for word in ("--fog", fog)]
+        typed = ["gs", "page", *named, "--cloud", cloud.url, "--listen", f"127.0.0.1:{self.port}", *more]
         self.process = Program(folder, name, *mqttxt, *typed) if mqttxt else Process(folder, name, "mqttxt", *typed)
         self.process.start()
         wait_until(lambda: f"open {self.url}" in self.process.log.read_text(), f"{name} serves", 90)

@@ -114,7 +114,8 @@ class FakeFog:
     is_live = True
     ranking: tuple[Ranked, ...] = ()
 
-    def __init__(self, station: FakeStation, drones: int) -> None:
+    def __init__(self, station: FakeStation, drones: int, fleet: str = "") -> None:
+        self.fleet = fleet
         self._station = station
         self.drones = [FakeDrone(number, station) for number in range(1, drones + 1)]
 
@@ -124,30 +125,25 @@ class FakeFog:
     def broadcast(self, command: Command, *, ttl_s: float) -> FakeSent:
         return self._station.sent_to(None, command, ttl_s)
 
+    async def take_over(self, *, drones: tuple[int, ...]) -> None:
+        self._station.taken.append((self.number, drones))
+        for number in drones:
+            self.drone(number).is_controlled, self.drone(number).holder = True, "page"
+
 
 class FakeStation:
     """`sent` is what was commanded, with the drone's number, None for a whole fog."""
 
     name = "page"
+    prefix = ""
 
-    def __init__(self, drones: int = 2) -> None:
+    def __init__(self, drones: int = 2, fleet: str = "") -> None:
         self.heard: asyncio.Queue[Event | Exception | None] = asyncio.Queue()
-        self.the_fog = FakeFog(self, drones)
+        self.the_fog = FakeFog(self, drones, fleet)
         self.sent: list[tuple[int | None, FakeSent]] = []
         self.taken: list[tuple[int, tuple[int, ...]]] = []
 
-    def fog(self, number: int) -> FakeFog:
-        if number != self.the_fog.number:
-            raise FogUnreachable(f"fog {number}: not connected")
-        return self.the_fog
-
-    async def take_over(self, fog: int, drones: tuple[int, ...]) -> None:
-        self.taken.append((fog, drones))
-        for number in drones:
-            drone = self.fog(fog).drone(number)
-            drone.is_controlled, drone.holder = True, "page"
-
-    def best(self, command: Command, fogs: tuple[int, ...], *, ttl_s: float) -> FakeSent:
+    def best(self, command: Command, fogs: list[FakeFog], *, ttl_s: float) -> FakeSent:
         return self.sent_to(None, command, ttl_s)
 
     def sent_to(self, drone: int | None, command: Command, ttl_s: float) -> FakeSent:

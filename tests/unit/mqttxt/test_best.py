@@ -22,9 +22,6 @@ class Commands:
     def __init__(self) -> None:
         self.overriding_seq = -1
 
-    def is_overridden(self, command_id: CommandId) -> bool:
-        return command_id.seq < self.overriding_seq
-
 
 class Station:
     """A station and its fogs: each has drones with the seconds to arrive, and each drone has its words."""
@@ -100,7 +97,7 @@ class Station:
 
 
 async def choose(station: Station, ttl_s: float = 5.0) -> list[Any]:
-    return [event async for event in best(station, TARGET, [*station.fogs], ttl_s, None)]  # type: ignore[arg-type]
+    return [event async for event in best([(station, fog) for fog in station.fogs], TARGET, ttl_s, None)]  # type: ignore[list-item]
 
 
 FLEET = {1: {1: 10.0, 2: 30.0}, 2: {4: 20.0}}
@@ -125,7 +122,7 @@ async def test_behind_silence_and_anything_but_a_definite_no_nobody_else_is_sent
 
 async def test_who_is_reserved_elsewhere_is_released_as_soon_as_one_may_fly() -> None:
     station = Station(FLEET, {1: FLIES})
-    async for event in best(station, TARGET, [1, 2], 5.0, None):  # type: ignore[arg-type]
+    async for event in best([(station, 1), (station, 2)], TARGET, 5.0, None):  # type: ignore[arg-type]
         if isinstance(event, Outcome) and event.word is Word.ACCEPTED:
             assert station.reserved == {}
     assert station.sent == [1]
@@ -133,7 +130,7 @@ async def test_who_is_reserved_elsewhere_is_released_as_soon_as_one_may_fly() ->
 
 async def test_a_fog_that_is_gone_is_passed_over() -> None:
     station = Station(FLEET, {1: FLIES, 4: FLIES})
-    events = aiter(best(station, TARGET, [1, 2], 5.0, None))  # type: ignore[arg-type]
+    events = aiter(best([(station, 1), (station, 2)], TARGET, 5.0, None))  # type: ignore[arg-type]
     await anext(events)
     station.gone.add(1)
     heard = [event async for event in events]
@@ -148,6 +145,37 @@ async def test_a_hold_or_landing_of_the_same_station_ends_the_search() -> None:
     assert station.sent == [1]
     assert (heard[-1].drone, heard[-1].word, heard[-1].reason) == (None, Word.DENIED, "cancelled")
     assert station.reserved == {}
+
+
+async def test_behind_a_hold_that_came_before_the_offers_nobody_is_sent() -> None:
+    """R7.7: a hold while the fogs are asked is the newer command."""
+    station = Station(FLEET, {1: FLIES, 4: FLIES})
+    events = aiter(best([(station, 1), (station, 2)], TARGET, 5.0, None))  # type: ignore[list-item]
+    await anext(events)
+    station.commands.overriding_seq = 7
+    heard = [event async for event in events]
+    assert station.sent == []
+    assert (heard[-1].drone, heard[-1].word, heard[-1].reason) == (None, Word.DENIED, "cancelled")
+    assert station.reserved == {}
+
+
+async def test_among_fleets_each_is_sent_its_own_drone_alone() -> None:
+    """R2.4: offers of two fleets with the same numbers; the commit and every release go where the offer is from."""
+    near = Station({1: {1: 10.0}}, {1: [Word.DENIED]})
+    far = Station({1: {1: 20.0, 2: 30.0}}, {1: FLIES})
+    heard = [event async for event in best([(near, 1), (far, 1)], TARGET, 5.0, None)]  # type: ignore[list-item]
+    assert (near.sent, far.sent) == ([1], [1])
+    assert heard[-1].word is Word.COMPLETED
+    assert near.reserved == far.reserved == {}
+
+
+async def test_a_hold_in_any_fleet_of_a_choice_ends_it() -> None:
+    near = Station({1: {1: 10.0}}, {1: [Word.DENIED]})
+    far = Station({1: {1: 20.0}}, {1: FLIES})
+    near.lands_behind = 1
+    heard = [event async for event in best([(far, 1), (near, 1)], TARGET, 5.0, None)]  # type: ignore[list-item]
+    assert (near.sent, far.sent, heard[-1].reason) == ([1], [], "cancelled")
+    assert near.reserved == far.reserved == {}
 
 
 async def test_past_the_time_to_start_nobody_else_is_sent() -> None:

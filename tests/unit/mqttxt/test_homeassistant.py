@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from typing import Any, cast
 
 import pytest
@@ -145,3 +146,13 @@ def test_an_open_broker_elsewhere_has_to_be_asked_for() -> None:
     done = CliRunner().invoke(app, ["gs", "homeassistant", "--fog", "1", "--broker", "mqtt://ha.example"])
     assert done.exit_code == 2
     assert "--broker mqtt://ha.example:1883: not encrypted; expected mqtts://, or --insecure-broker" in done.output
+
+
+def test_drones_of_several_fleets_are_devices_of_their_own() -> None:
+    fleets = ("acme/eu", "acme_eu", "acme-eu", "acme-2f-eu")
+    fogs = [FakeFog(1, [FakeDrone(2, states=FLYING)], fleet=fleet) for fleet in fleets]
+    found = dict(Entities(cast("list[Fog]", fogs)).messages())
+    assert len(found) == len(fleets) * len(dict(Entities(cast("list[Fog]", fogs[:1])).messages()))
+    assert "mqttxt/acme-2f-eu_drone2/state" in found
+    names = [topic.split("/")[2] for topic in found if topic.startswith("homeassistant/")]
+    assert [name for name in names if not re.fullmatch(r"[A-Za-z0-9_-]+", name)] == []

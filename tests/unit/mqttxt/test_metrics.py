@@ -55,6 +55,7 @@ class FakeFog:
     drones: list[FakeDrone]
     is_live: bool = True
     ranking: tuple[Ranked, ...] = ()
+    fleet: str = ""
 
 
 def known(*states: State, age_ms: int | None = 1500) -> dict[str, KnownState[State]]:
@@ -120,6 +121,13 @@ async def test_what_is_known_is_measured_and_what_is_not_has_no_sample() -> None
         ("mqttxt_sensor_reading", of(2, sensor="4", kind="temperature", unit="°C")): 21.5,
         ("mqttxt_sensor_reading_time_seconds", of(2, sensor="4", kind="temperature")): 1_767_225_600,
     }
+
+
+async def test_drones_of_several_fleets_are_told_apart() -> None:
+    found = await scraped(FakeFog(1, [FakeDrone(2)], fleet="acme"), FakeFog(1, [FakeDrone(2, False)], fleet="acme/eu"))
+    assert found["mqttxt_drone_reachable", of(2, fleet="acme")] == 1
+    assert found["mqttxt_drone_reachable", of(2, fleet="acme/eu")] == 0
+    assert found["mqttxt_fog_live", (("fleet", "acme"), ("fog", "1"))] == 1
 
 
 async def test_an_age_that_is_not_known_has_no_sample() -> None:

@@ -92,7 +92,7 @@ async def test_an_event_of_a_drone_that_no_fog_lists_harms_nothing() -> None:
     async with Bench().running() as bench:
         bench.viewer.take()
         await bench.station.heard.put(ControlChanged(1, 99, "gs-x", False, 1))
-        await eventually(lambda: (1, 99) in bench.viewer.drones, "marked")
+        await eventually(lambda: ("", 1, 99) in bench.viewer.drones, "marked")
         assert bench.viewer.take()["drones"] == []
 
 
@@ -144,6 +144,38 @@ async def test_what_cannot_be_sent_says_so_and_nothing_waits() -> None:
         said = [order.words[0]["word"] for order in bench.live.orders()]
         assert said == ["not sent", "not sent", "failed"]
         assert not any(order.waiting for order in bench.live.orders())
+
+
+async def test_what_is_asked_of_one_fleet_is_sent_there_alone() -> None:
+    """Two fleets with the same numbers: a drone, a fog, a takeover and an event are each of one of them."""
+    bench, other = Bench(), FakeStation(fleet="north")
+    bench.station.the_fog.fleet = "acme"
+    bench.live = Live(
+        cast("GroundStation", bench.station), cast("list[Fog]", [bench.station.the_fog, other.the_fog]), False
+    )
+    bench.viewer = bench.live.enter()
+    async with bench.running():
+        first = bench.viewer.take()
+        named = [(drone["fleet"], drone["fog"], drone["drone"]) for drone in first["drones"]]
+        assert named == [("acme", "acme/1", 1), ("acme", "acme/1", 2), ("north", "north/1", 1), ("north", "north/1", 2)]
+        bench.ask(to={"drones": [["north/1", 2]]})
+        bench.ask(to={"fogs": ["north/1"]})
+        assert ([drone for drone, _ in other.sent], bench.station.sent) == ([2, None], [])
+        bench.ask(do="take_over", to={"drones": [["acme/1", 1], ["north/1", 1], ["north/1", 2]]})
+        await eventually(lambda: other.taken and bench.station.taken, "the takeovers")
+        assert (bench.station.taken, other.taken) == ([(1, (1,))], [(1, (1, 2))])
+        for asked in ([[1, 1]], [["acme", 1]], [["west/1", 1]]):
+            bench.ask(to={"drones": asked})
+        assert (len(other.sent), bench.station.sent) == (2, [])
+        bench.viewer.take()
+        await bench.station.heard.put(replace(outcome(Word.COMPLETED, settled=True), fleet="north"))
+        await bench.station.heard.put(ControlChanged(1, 1, "gs-x", False, 1, "north"))
+        await eventually(lambda: bench.viewer.drones, "marked")
+        update = bench.viewer.take()
+        assert [(drone["fleet"], drone["drone"]) for drone in update["drones"]] == [("north", 1)]
+        assert update["log"][-1]["text"] == "drone north/1: controlled by gs-x"
+        for _, sent in other.sent:
+            sent.words.put_nowait(outcome(Word.EXPIRED))
 
 
 async def test_a_page_that_watches_sends_nothing_whatever_it_is_asked() -> None:
@@ -235,7 +267,7 @@ async def test_readings_are_sent_once_and_charts_are_bounded() -> None:
         bench.live.history.on_reading(first)
         (chart,) = bench.viewer.take()["sensors"]
         assert chart == {
-            **{"drone": 1, "sensor": 7, "kind": "temperature", "unit": "C"},
+            **{"fleet": "", "drone": 1, "sensor": 7, "kind": "temperature", "unit": "C"},
             "points": [[1000, 20.0]],
         }
         for number in range(2, MOST_POINTS + 10):

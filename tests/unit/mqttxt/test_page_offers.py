@@ -59,11 +59,14 @@ def test_the_catalogue_has_units_and_limits_of_the_specification() -> None:
 @pytest.mark.parametrize(
     ("asked", "expected"),
     [
-        (request(), CommandRequest(Arm(), Target(drones=((1, 2),)), 5.0)),
-        (request(to={"fogs": [1, 2, 1]}, command="hold", ttl_s=2), CommandRequest(Hold(), Target(fogs=(1, 2)), 2.0)),
+        (request(), CommandRequest(Arm(), Target(drones=(("", 1, 2),)), 5.0)),
+        (
+            request(to={"fogs": [1, 2, 1]}, command="hold", ttl_s=2),
+            CommandRequest(Hold(), Target(fogs=(("", 1), ("", 2))), 2.0),
+        ),
         (
             request(command="takeoff", parameters={"altitude_m": 20}),
-            CommandRequest(Takeoff(20.0), Target(drones=((1, 2),)), 5.0),
+            CommandRequest(Takeoff(20.0), Target(drones=(("", 1, 2),)), 5.0),
         ),
         (
             request(
@@ -71,11 +74,15 @@ def test_the_catalogue_has_units_and_limits_of_the_specification() -> None:
                 parameters={"latitude_deg": 47, "longitude_deg": 8.5, "altitude_m": 10},
                 to={"best": [1]},
             ),
-            CommandRequest(Goto(47.0, 8.5, 10.0), Target(fogs=(1,), best=True), 5.0),
+            CommandRequest(Goto(47.0, 8.5, 10.0), Target(fogs=(("", 1),), best=True), 5.0),
         ),
-        (request(do="start"), MissionRequest((1, 2), resume=False)),
-        (request(do="resume"), MissionRequest((1, 2), resume=True)),
-        (request(do="take_over", to={"drones": [[1, 2], [1, 3]]}), TakeOverRequest(((1, 2), (1, 3)))),
+        (
+            request(to={"drones": [["acme/1", 2], ["north/eu/1", 2]]}),
+            CommandRequest(Arm(), Target(drones=(("acme", 1, 2), ("north/eu", 1, 2))), 5.0),
+        ),
+        (request(do="start"), MissionRequest(("", 1, 2), resume=False)),
+        (request(do="resume"), MissionRequest(("", 1, 2), resume=True)),
+        (request(do="take_over", to={"drones": [[1, 2], [1, 3]]}), TakeOverRequest((("", 1, 2), ("", 1, 3)))),
         (
             request(do="link", link="air:uav3", figures={"loss": "20%"}, closed=True),
             LinkRequest("air:uav3", {"loss": "20%"}, closed=True),
@@ -123,6 +130,9 @@ PLACE = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 10}
         ("{", "request: expected JSON"),
         ("[" * 100_000, "request: expected JSON"),
         ("7", "request: expected an object, got int"),
+        (request(to={"fogs": ["acme"]}), "to fog acme: expected a whole number from 1 to"),
+        (request(to={"fogs": ["/1"]}), "to fog /1: expected a whole number"),
+        (request(to={"drones": [["#/1", 1]]}), "topic prefix '#'"),
         (request(number="1"), "number '1': expected a whole number"),
         (request(do="disarm"), "do 'disarm': expected command, take_over, upload, look, start, resume or link"),
         (request(do="start", to={"drones": [[1, 1], [1, 2]]}), "start mission: expected one drone"),

@@ -13,32 +13,54 @@ from typing import Any
 import pytest
 
 import mqttxt
-from mqttxt import Drone, Fog, GroundStation, SentCommand
+from mqttxt import Drone, Fleets, Fog, GroundStation, SentCommand
 
 UNITS = ("_deg", "_m", "_m_s", "_s", "_ms", "_pct", "_hz")
 """A field that ends in one of these has said what it is counted in."""
 CLASSES = {name: found for name in mqttxt.__all__ if inspect.isclass(found := getattr(mqttxt, name))}
-DOORS: dict[str, type[Any]] = {"GroundStation": GroundStation, "Fog": Fog, "Drone": Drone}
+DOORS: dict[str, type[Any]] = {
+    "GroundStation": GroundStation,
+    "Fleets": Fleets,
+    "Fog": Fog,
+    "Drone": Drone,
+}
 """The classes whose methods a program calls."""
 PUBLIC = {
     "GroundStation": {
         "best",
         "connect",
+        "drones",
         "events",
         "fog",
+        "fogs",
         "name",
+        "prefix",
         "reload",
         "session",
         "share_list",
         "take_over",
         "wait_until",
     },
-    "Fog": {"best", "broadcast", "drone", "drones", "is_live", "number", "ranking", "take_over"},
+    "Fleets": {
+        *("best", "connect", "drone", "drones", "events", "fog", "fogs", "name", "reload", "stations", "wait_until"),
+    },
+    "Fog": {"best", "broadcast", "drone", "drones", "fleet", "is_live", "number", "ranking", "take_over"},
     "Drone": {
         *("arm", "claim", "disarm", "release", "goto", "hold", "land", "return_home", "send", "takeoff", "take_over"),
         *("clear_plan", "download", "pause", "resume", "set_current_item", "start_mission", "upload"),
         *("parameters", "set_parameter", "logs", "download_log"),
-        *("fog", "holder", "is_controlled", "number", "is_reachable", "location", "readings", "state", "states"),
+        *(
+            "fleet",
+            "fog",
+            "holder",
+            "is_controlled",
+            "number",
+            "is_reachable",
+            "location",
+            "readings",
+            "state",
+            "states",
+        ),
     },
     "SentCommand": set(),
 }
@@ -87,7 +109,7 @@ def test_every_field_has_a_unit_in_its_name_or_is_named_by_its_class(name: str) 
 def test_every_parameter_is_named_where_it_is_given(name: str) -> None:
     cls, function = methods().get(name, (DOORS.get(name), None))
     assert cls is not None
-    if function is None and cls is not GroundStation:
+    if function is None and cls not in (GroundStation, Fleets):
         return  # a fog and a drone are made by their station
     text = (cls.__doc__ or "") + "\n" + ((function.__doc__ if function else None) or "")
     parameters = set(inspect.signature(function or cls).parameters) - {"self"}
@@ -96,9 +118,9 @@ def test_every_parameter_is_named_where_it_is_given(name: str) -> None:
     assert parameters <= listed, f"{name}: say what {', '.join(sorted(parameters - listed))} is"
 
 
-@pytest.mark.parametrize("name", [*methods(), "GroundStation"])
+@pytest.mark.parametrize("name", [*methods(), "GroundStation", "Fleets"])
 def test_every_error_is_named_and_is_one(name: str) -> None:
-    cls, function = methods().get(name, (GroundStation, None))
+    cls, function = methods().get(name, (DOORS.get(name, GroundStation), None))
     own_text = (function.__doc__ if function else cls.__doc__) or ""
     raised = names(own_text, "Raises") or (names(cls.__doc__ or "", "Raises") if cls is Drone else set())
     if not raised:

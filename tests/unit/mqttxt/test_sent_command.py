@@ -48,8 +48,9 @@ NEAR = Goto(47.4, 8.5, 20)
 class Field:
     """A ground station whose connection to the cloud broker, and whose fogs, are the test."""
 
-    def __init__(self, *fogs: int) -> None:
-        self.gs = GroundStation("mqtt://127.0.0.1:1", name="alpha")
+    def __init__(self, *fogs: int, prefix: str = "") -> None:
+        self.prefix = prefix
+        self.gs = GroundStation("mqtt://127.0.0.1:1", name="alpha", prefix=prefix)
         self.runner = self.gs._runner
         self.runner.links["cloud"] = self  # type: ignore[assignment]
         self.address = "mqtt://127.0.0.1:1"
@@ -59,7 +60,7 @@ class Field:
         self.runner.carry_out(self.runner.station.add_fogs(fogs))
         for fog in fogs:
             self.hear(f"fog{fog}/reachable", FogPresence(session=SESSION, up=True))
-            (registration,) = [p for p in self.published if p.topic == f"fog{fog}/init_connect"]
+            (registration,) = [p for p in self.published if p.topic == f"{prefix}fog{fog}/init_connect"]
             nonce = decode(Registration, registration.payload).nonce
             self.hear(f"fog{fog}/clock", BeaconMessage(session=SESSION, now_ms=0, nonce=nonce, held_ms=0))
 
@@ -81,7 +82,7 @@ class Field:
         self.runner.subscribed(effect)
 
     def hear(self, topic: str, message: Any) -> None:
-        self.runner.received("cloud", Inbound(topic, encode(message), 1))
+        self.runner.received("cloud", Inbound(self.prefix + topic, encode(message), 1))
 
     def fog(self, number: int = 1) -> Fog:
         return self.gs.fog(number)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mqttxt.errors import ConfigurationError, PayloadError
@@ -14,6 +14,8 @@ from mqttxt.protocol.topics import (
     FogTopic,
     StationTopic,
     check_prefix,
+    in_fleet,
+    parse_in_fleet,
     station_reachable,
 )
 from tests.simulation.world import matches
@@ -70,10 +72,59 @@ def test_no_text_raises_anything_else(topic: str) -> None:
             continue
 
 
-@pytest.mark.parametrize("prefix", ["a//b", "+/", "#", "$SYS/", "/", "a/+/b"])
+@pytest.mark.parametrize(
+    "prefix", ["a//b", "+/", "#", "$SYS/", "/", "a/+/b", "a\0", "a\n/", "\udc80/", "\u200b/", "é" * 128 + "/"]
+)
 def test_a_prefix_that_mqtt_could_not_carry_is_refused(prefix: str) -> None:
     with pytest.raises(ConfigurationError, match="topic prefix"):
         check_prefix(prefix)
+
+
+@pytest.mark.parametrize("prefix", ["fog1/", "fog1/local/", "acme/fog7", "gs/", "acme/gs/eu"])
+def test_a_prefix_that_leads_topics_of_a_fleet_is_refused(prefix: str) -> None:
+    """R2.2: below it a fleet's topics would be another one's too."""
+    with pytest.raises(ConfigurationError, match="leads topics of a fleet"):
+        check_prefix(prefix)
+
+
+LEVELS = st.sampled_from(["acme", "fleet", "drone1", "state", "local", "commands", "fog", "fog0", "GS", "é"])
+PREFIXES = st.lists(LEVELS, max_size=3).map(lambda levels: check_prefix("/".join(levels)))
+
+
+@given(PREFIXES, PREFIXES, st.integers(1, 3), st.integers(1, 3))
+def test_no_filter_of_one_fleet_has_a_topic_of_another(one: str, other: str, fog: int, drone: int) -> None:
+    """R2.2: also where one prefix is the beginning of the other."""
+    assume(one != other)
+    cloud, theirs = CloudSide(fog, one), CloudSide(drone, other)
+    shared = FogSide(cloud.local_root())
+    filters = (
+        *(*cloud.station_filters(signed=True), *cloud.activator_command_filters()),
+        *(*cloud.activator_filters(signed=True), *shared.activator_filters(), cloud.revoked, shared.revoked),
+        *(station_reachable("fog1", one), shared.commands(drone)),
+    )
+    topics = (
+        *(theirs.reachable, theirs.broadcast, theirs.init_connect, theirs.revoked, theirs.states, theirs.clock),
+        *(theirs.drone_commands(drone), theirs.drone_state(drone, "home"), theirs.drone_result(drone, "arm")),
+        *(theirs.select("goto"), theirs.fog_result("arm"), theirs.drone_sensor(drone, 1, "temperature")),
+        *(theirs.drone_state(drone, "mavlink/VFR_HUD"), theirs.drone_control(drone), theirs.drone_bulk(drone)),
+        *(station_reachable("fog1", other), FogSide(theirs.local_root()).commands(drone)),
+    )
+    assert [(wanted, topic) for wanted in filters for topic in topics if matches(wanted, topic)] == []
+
+
+@given(PREFIXES, st.integers(1, 250))
+def test_a_name_with_its_fleet_comes_back_as_it_was_written(prefix: str, number: int) -> None:
+    """R2.4."""
+    fleet = prefix.removesuffix("/")
+    assert parse_in_fleet("drone", in_fleet(fleet, number), 250) == (fleet, number)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "/1", "acme/", "acme/0", "acme/251", "acme//1", "#/1", "acme/1/x", "acme/٣", "01", "gs/1", "fog1/1"]
+)
+def test_what_names_no_drone_of_a_fleet_is_refused(text: str) -> None:
+    with pytest.raises(ConfigurationError):
+        parse_in_fleet("--drone", text, 250)
 
 
 def test_a_prefix_ends_in_a_slash() -> None:

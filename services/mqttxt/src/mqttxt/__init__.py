@@ -74,6 +74,7 @@ if TYPE_CHECKING:
         VelocityNed,
     )
     from .protocol.values import Encoding
+    from .station.fleets import Fleets
     from .station.ground_station import GroundStation
     from .station.heard import EventStream, SentCommand
     from .station.log_download import LogProgress
@@ -117,6 +118,7 @@ __all__ = [
     "Event",
     "EventStream",
     "Fence",
+    "Fleets",
     "FlightLog",
     "FlightMode",
     "FlightModeName",
@@ -196,6 +198,7 @@ _HOMES = (
     "station.log_download",
     "station.views",
     "station.ground_station",
+    "station.fleets",
 )
 """Where the public names are, in the order in which one imports the next."""
 

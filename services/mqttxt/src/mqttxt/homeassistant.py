@@ -44,13 +44,14 @@ _PLACE = {"latitude_deg", "longitude_deg"}
 class Entities:
     """What Home Assistant is to know of some fogs: retained messages, by topic.
 
-    `discovery` is the prefix that Home Assistant listens to. Drones are unique in a fleet, and so are their devices.
+    `discovery` is the prefix that Home Assistant listens to. Drones are unique in a fleet, and so are their devices;
+    among several fleets their names begin with that of their fleet.
     """
 
     def __init__(self, fogs: Sequence[Fog], discovery: str = "homeassistant") -> None:
         self._fogs = fogs
         self._discovery = discovery
-        self.status = f"mqttxt/fogs-{'-'.join(str(fog.number) for fog in fogs)}/status"
+        self.status = f"mqttxt/fogs-{'-'.join(f'{_root_of(fog.fleet)}{fog.number}' for fog in fogs)}/status"
         """Where it is said whether this program runs."""
 
     def messages(self) -> Iterator[tuple[str, str]]:
@@ -60,7 +61,7 @@ class Entities:
                 yield from self._of_drone(fog, drone)
 
     def _of_drone(self, fog: Fog, drone: Drone) -> Iterator[tuple[str, str]]:
-        node = f"drone{drone.number}"
+        node = f"{_root_of(fog.fleet)}drone{drone.number}"
         values: dict[str, Any] = {"reachable": drone.is_reachable, "controlled_by": drone.holder or NOBODY}
         yield self._config(node, "binary_sensor", "reachable", {"device_class": "connectivity"}, is_always=True)
         yield self._config(node, "sensor", "controlled_by", {})
@@ -115,6 +116,11 @@ def _name(key: str) -> str:
     """An entity's name: Home Assistant shows the unit beside the value."""
     unit = next((end for end in _UNITS if key.endswith(end)), "")
     return key.removesuffix(unit).replace("_", " ").capitalize()
+
+
+def _root_of(fleet: str) -> str:
+    """What leads the names of a fleet's devices: letters, digits and `-`, other ones for each fleet; empty for none."""
+    return "".join(c if c.isalnum() else f"-{ord(c):x}-" for c in fleet) + "_" if fleet else ""
 
 
 def _of_state(name: str, state: object) -> Iterator[tuple[str, str, dict[str, Any], Any]]:

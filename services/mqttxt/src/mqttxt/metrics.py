@@ -49,7 +49,7 @@ class Families:
 
 
 class FleetCollector(Collector):
-    """Collects from the fogs of one station; scrapes come in a thread of their own, and wait for the station's loop."""
+    """Collects from fogs; scrapes come in a thread of their own, and wait for the stations' loop."""
 
     def __init__(self, fogs: Sequence[Fog], loop: asyncio.AbstractEventLoop) -> None:
         self._fogs = fogs
@@ -70,10 +70,11 @@ class FleetCollector(Collector):
 
 
 def _add_fog(families: Families, fog: Fog) -> None:
-    families.add("mqttxt_fog_live", fog.is_live, {"fog": str(fog.number)})
+    of_fog = {"fleet": fog.fleet, "fog": str(fog.number)} if fog.fleet else {"fog": str(fog.number)}
+    families.add("mqttxt_fog_live", fog.is_live, of_fog)
     ranks = {ranked.drone: place for place, ranked in enumerate(fog.ranking, start=1)}
     for drone in fog.drones:
-        labels = {"fog": str(fog.number), "drone": str(drone.number)}
+        labels = {**of_fog, "drone": str(drone.number)}
         families.add("mqttxt_drone_reachable", drone.is_reachable, labels)
         families.add("mqttxt_drone_controlled", drone.holder is not None, labels)
         if drone.is_reachable:

@@ -5,7 +5,7 @@ What a station needs is imported by what runs: help needs none of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from typer.core import TyperGroup
@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 from ..errors import FogUnreachable
 
 if TYPE_CHECKING:
+    from ..station.fleets import Fleets
     from ..station.ground_station import GroundStation
     from ..station.outcomes import Outcome, PsmiList
     from ..station.views import Fog
@@ -44,9 +45,13 @@ def line_of(said: Outcome | PsmiList) -> str:
     return f"{said}. {in_plain_english(said)}{' --take-over takes control from it.' if holder else ''}"
 
 
-async def connect(station: GroundStation, fogs: Iterable[int], timeout_s: float) -> list[Fog]:
-    """`GroundStation.connect`, whose error names the options of the command too."""
+async def connect(station: GroundStation | Fleets, fogs: Mapping[str, list[int]], timeout_s: float) -> list[Fog]:
+    """`connect` of a station, with fogs by their fleets; its error names the options of the command too."""
+    from ..station.ground_station import GroundStation
+
     try:
+        if isinstance(station, GroundStation):
+            return await station.connect([number for numbers in fogs.values() for number in numbers], timeout_s)
         return await station.connect(fogs, timeout_s)
     except FogUnreachable as error:
         raise FogUnreachable(f"{error}; expected --cloud (or MQTTXT_CLOUD) and --fog of a running fleet") from None

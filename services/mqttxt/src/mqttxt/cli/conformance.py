@@ -12,7 +12,7 @@ import typer
 from ..core.address import BrokerAddress
 from ..core.clock import MAX_TTL_MS
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, check_number, check_prefix
+from ..protocol.topics import MAX_DRONE, check_number, check_prefix, check_root
 from .common import run_coroutine
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def uav(
         where = AutopilotAddress.parse(autopilot)
         if where.kind != "udp":
             raise ConfigurationError(f"--autopilot {autopilot!r}: expected udp:HOST:PORT")
-        number, root = check_number("--drone", drone, MAX_DRONE), check_prefix(fog_root)
+        number, root = check_number("--drone", drone, MAX_DRONE), check_root(fog_root)
         address = BrokerAddress.parse(broker, "--broker")
         folder = _folder(fleet, signed, address)
         target = UavTarget(number, where.host, where.port, root, run, log, folder, check_number("--fog", fog))
@@ -115,7 +115,7 @@ def activator(
     from mqttxt_conformance.activator import ActivatorTarget, check_activator
 
     async def job() -> int:
-        number, root = check_number("--fog", fog), check_prefix(fog_root)
+        number, root = check_number("--fog", fog), check_root(fog_root)
         cloud_address = BrokerAddress.parse(broker, "--broker")
         folder = _folder(fleet, signed, cloud_address, signed_readings)
         if folder is not None and not folder.signed:

@@ -11,11 +11,11 @@ from ..core.address import BrokerAddress
 from ..core.settings import CONNECT_S
 from ..errors import ConfigurationError
 from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
-from ..protocol.topics import MAX_DRONE, SELECTABLE, check_number, check_prefix
+from ..protocol.topics import SELECTABLE, check_prefix, check_root
 from .advice import GroundStationCommands, connect, line_of, not_there
 from .broker import address_of
 from .common import errors_as_lines, run_coroutine, set_up_logging, settings
-from .station import IDENTITY, Cloud, Prefix, StationOptions, Timeout, of_a_station
+from .station import IDENTITY, Cloud, FogNumbers, Prefix, StationOptions, Timeout, of_a_station
 
 if TYPE_CHECKING:
     from ..station.heard import SentCommand
@@ -45,7 +45,7 @@ Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON instead of 
 @of_a_station
 def watch(
     options: StationOptions,
-    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    fog: FogNumbers,
     json: Json = False,
     bundles: Annotated[bool, typer.Option("--bundles", help="Ask for states together, once a second.")] = False,
 ) -> None:
@@ -57,8 +57,9 @@ def watch(
     set_up_logging(verbose=False)
 
     async def job() -> int:
-        async with options.station(settings(1, json, bundles), control=False) as station:
-            await watch_fogs(station, await connect(station, fog, options.timeout), Console())
+        fogs = options.fogs_of(fog)
+        async with options.joined(fogs, settings(1, json, bundles), control=False) as station:
+            await watch_fogs(station, await connect(station, fogs, options.timeout), Console())
         return 0
 
     run_coroutine(job())
@@ -75,8 +76,8 @@ def share_list(
     set_up_logging(verbose=False)
 
     async def job() -> int:
-        options = StationOptions(cloud, identity, prefix=prefix)
-        async with options.station(control=False) as station:
+        options = StationOptions(cloud, str(identity))
+        async with options.station(check_prefix(prefix).removesuffix("/"), control=False) as station:
             number = await station.share_list(timeout)
         typer.echo(f"{cloud} has revocation list {number}")
         return 0
@@ -94,9 +95,13 @@ def send(
         typer.Argument(help=PARAMETERS),
     ] = None,
     fog: Annotated[
-        list[int] | None, typer.Option(help="The fog's number, 1 by default; several only with --best.")
+        list[str] | None,
+        typer.Option(help="The fog's number, or FLEET/NUMBER, as acme/1; 1 by default; several only with --best."),
     ] = None,
-    drone: Annotated[int | None, typer.Option(help="The drone's number; without it the whole fog.")] = None,
+    drone: Annotated[
+        str | None,
+        typer.Option(help="The drone's number, or FLEET/NUMBER, as acme/1; without it the whole fog."),
+    ] = None,
     best: Annotated[bool, typer.Option("--best", help="To the drone that arrives first (PSMI).")] = False,
     take_over: Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")] = False,
     ttl: Annotated[float, typer.Option(help="Seconds within which it must start (at most 60).")] = 5.0,
@@ -111,26 +116,30 @@ def send(
         from .parameters import parse_command
 
         wanted = parse_command(command, parameters or [])
-        numbers = fog or [1]
-        _check_target(wanted, numbers, drone, best)
-        async with options.station(settings(qos, json)) as station:
-            fogs = await connect(station, numbers, options.timeout)
+        names, number = fog or ["1"], None
+        _check_target(wanted, names, drone, best)
+        places = options.fogs_of(names)
+        if drone is not None:
+            fleet, place, number = options.place_of(drone, names[0])
+            places = {fleet: [place]}
+        async with options.joined(places, settings(qos, json)) as station:
+            fogs = await connect(station, places, options.timeout)
             if take_over:
                 for there in fogs:
-                    await (there if drone is None else there.drone(drone)).take_over(options.timeout)
+                    await (there if number is None else there.drone(number)).take_over(options.timeout)
             sent: SentCommand[Outcome, Any] | SentCommand[Outcomes, Any]
             if best:
-                sent = station.best(wanted, numbers, ttl_s=ttl, limit_s=limit)
-            elif drone is None:
+                sent = station.best(wanted, ttl_s=ttl, limit_s=limit)
+            elif number is None:
                 sent = fogs[0].broadcast(wanted, ttl_s=ttl, limit_s=limit)
             else:
-                sent = fogs[0].drone(drone).send(wanted, ttl_s=ttl, limit_s=limit)
+                sent = fogs[0].drone(number).send(wanted, ttl_s=ttl, limit_s=limit)
             async for said in sent:
                 typer.echo(line_of(said))
             answer = await sent
-            unknown = None if drone is None else not_there(fogs[0], drone)
+            unknown = None if number is None else not_there(fogs[0], number)
         if answer == ():
-            typer.echo(f"fog {numbers[0]}: no drones", err=True)
+            typer.echo(f"fog {names[0]}: no drones", err=True)
         if unknown is not None:
             typer.echo(unknown, err=True)
         return 0 if answer.completed else 1
@@ -142,7 +151,7 @@ def send(
 @of_a_station
 def mavlink(
     options: StationOptions,
-    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    fog: FogNumbers,
     to: Annotated[
         list[str] | None,
         typer.Option(help="udp:HOST:PORT where a MAVLink client listens, as udp:127.0.0.1:14550; several times."),
@@ -177,8 +186,15 @@ def mavlink(
         if not targets and not servers:
             raise ConfigurationError("expected --to udp:HOST:PORT or --listen tcp:HOST:PORT, or both")
         ttl_ms_of(ttl)
-        async with options.station(settings(qos, json), control=False) as station:
-            fogs = await connect(station, fog, options.timeout)
+        fogs_of = options.fogs_of(fog)
+        if len(fogs_of) > 1:
+            raise ConfigurationError(
+                f"--fog {' '.join(fog)}: expected fogs of one fleet: MAVLink's ids are per fleet, so that each takes a "
+                "gateway of its own"
+            )
+        (fleet,) = fogs_of
+        async with options.station(fleet, settings(qos, json), control=False) as station:
+            fogs = await connect(station, fogs_of, options.timeout)
             await Gateway(station, ttl, take_over).run(fogs, targets, servers)
         return 0
 
@@ -189,7 +205,7 @@ def mavlink(
 @of_a_station
 def metrics(
     options: StationOptions,
-    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    fog: FogNumbers,
     listen: Annotated[str, typer.Option(help="HOST:PORT where Prometheus scrapes /metrics.")] = "127.0.0.1:9464",
     json: Json = False,
 ) -> None:
@@ -203,8 +219,9 @@ def metrics(
 
     async def job() -> int:
         host, port = address_of(listen, "--listen")
-        async with options.station(settings(1, json), control=False) as station:
-            serve(await connect(station, fog, options.timeout), host, port)
+        fogs = options.fogs_of(fog)
+        async with options.joined(fogs, settings(1, json), control=False) as station:
+            serve(await connect(station, fogs, options.timeout), host, port)
             async for _ in station.events():
                 pass
         return 0
@@ -216,7 +233,7 @@ def metrics(
 @of_a_station
 def homeassistant(
     options: StationOptions,
-    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    fog: FogNumbers,
     broker: Annotated[
         str,
         typer.Option(
@@ -238,24 +255,23 @@ def homeassistant(
         parsed = BrokerAddress.parse(broker, "--broker")
         if not (parsed.tls or parsed.is_loopback or insecure_broker):
             raise ConfigurationError(f"--broker {parsed}: not encrypted; expected mqtts://, or --insecure-broker")
-        async with options.station(settings(1, json), control=False) as station:
-            fogs = await connect(station, fog, options.timeout)
-            await HomeAssistant(parsed, Entities(fogs, check_prefix(discovery).rstrip("/"))).run()
+        fogs_of = options.fogs_of(fog)
+        async with options.joined(fogs_of, settings(1, json), control=False) as station:
+            fogs = await connect(station, fogs_of, options.timeout)
+            await HomeAssistant(parsed, Entities(fogs, check_root(discovery).rstrip("/"))).run()
         return 0
 
     run_coroutine(job())
 
 
-def _check_target(command: Command, fogs: list[int], drone: int | None, best: bool) -> None:
+def _check_target(command: Command, fogs: list[str], drone: str | None, best: bool) -> None:
     """Whom a command may go to; raises ConfigurationError."""
     if best and drone is not None:
         raise ConfigurationError(f"--drone {drone}: expected none with --best, which chooses the drone")
     if len(fogs) > 1 and not best:
-        raise ConfigurationError(f"--fog {' '.join(map(str, fogs))}: expected one, or --best")
+        raise ConfigurationError(f"--fog {' '.join(fogs)}: expected one, or --best")
     if best and command.name not in SELECTABLE:
         raise ConfigurationError(f"--best {command.name}: expected one of {', '.join(SELECTABLE)}")
     if drone is None and not best and not isinstance(command, BROADCASTABLE):
         chosen = ", or --best" if command.name in SELECTABLE else ""
         raise ConfigurationError(f"{command.name}: expected --drone NUMBER{chosen}: it is for one drone")
-    if drone is not None:
-        check_number("--drone", drone, MAX_DRONE)

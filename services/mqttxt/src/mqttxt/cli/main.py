@@ -15,7 +15,7 @@ from ..core.address import BrokerAddress, whole_number
 from ..drone.logs import DEFAULT_LIMIT_MB
 from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_prefix
+from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_root
 from .audit import audit_app
 from .broker import address_of, broker
 from .common import (
@@ -153,7 +153,7 @@ def activator(
             drones=_drone_numbers(drones),
             embedded=embedded,
             advertised=BrokerAddress.parse(advertised) if advertised is not None else None,
-            fog_root=check_prefix(fog_root) if fog_root is not None else None,
+            fog_root=check_root(fog_root) if fog_root is not None else None,
             prefix=prefix,
             ready_file=ready_file,
             identity=transport.identity,
@@ -262,7 +262,7 @@ def uav(
             AutopilotAddress.parse(autopilot),
             JournalFile(journal_file, with_front=True),
             settings(qos, json, bundles),
-            topics=FogSide(check_prefix(fog_root)),
+            topics=FogSide(check_root(fog_root)),
             ready_file=ready_file,
             options=UavOptions(
                 endurance_s,

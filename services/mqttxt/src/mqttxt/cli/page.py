@@ -11,13 +11,13 @@ from .advice import connect
 from .broker import address_of
 from .common import errors_as_lines, run_coroutine, set_up_logging, settings
 from .gs import Json, Qos
-from .station import StationOptions, of_a_station
+from .station import FogNumbers, StationOptions, of_a_station
 
 
 @of_a_station
 def page(
     options: StationOptions,
-    fog: Annotated[list[int], typer.Option(help="A fog's number; may be given several times.")],
+    fog: FogNumbers,
     listen: Annotated[
         str, typer.Option(help="HOST:PORT where the browser finds the page, on this machine alone.")
     ] = "127.0.0.1:8080",
@@ -40,11 +40,12 @@ def page(
 
     async def job() -> int:
         host, port = check_listen(*address_of(listen, "--listen"))
+        fogs_of = options.fogs_of(fog)
         async with (
             opened(tiles) as offered,
-            options.station(settings(qos, json), control=not watch_only) as station,
+            options.joined(fogs_of, settings(qos, json), control=not watch_only) as station,
         ):
-            fogs = await connect(station, fog, options.timeout)
+            fogs = await connect(station, fogs_of, options.timeout)
             await serve(station, fogs, host, port, watch_only, tiles=offered)
         return 0
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..protocol.topics import MAX_DRONE, check_number
 from .advice import connect, line_of
 from .common import run_coroutine, set_up_logging
 from .station import DroneNumber, FogNumber, Job, StationOptions, of_a_station, with_a_drone
@@ -83,7 +82,7 @@ def clear() -> Job:
 def watch(
     options: StationOptions,
     drone: DroneNumber,
-    fog: FogNumber = 1,
+    fog: FogNumber = "1",
 ) -> None:
     """Print which item of its mission a drone is at, and whether it is outside its geofence, until Ctrl-C."""
     from ..protocol.states import Fence, Mission
@@ -92,10 +91,10 @@ def watch(
     set_up_logging(verbose=False)
 
     async def job() -> int:
-        number = check_number("--drone", drone, MAX_DRONE)
-        async with options.station(control=False) as station:
+        fleet, place, number = options.place_of(drone, fog)
+        async with options.station(fleet, control=False) as station:
             events = station.events()
-            await connect(station, [fog], options.timeout)
+            await connect(station, {fleet: [place]}, options.timeout)
             async for event in events:
                 if (
                     isinstance(event, StateUpdate)

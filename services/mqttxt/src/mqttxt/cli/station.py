@@ -5,15 +5,16 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-from collections.abc import Awaitable, Callable
+import secrets
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import MISSING, dataclass, fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
 from ..core.settings import CONNECT_S, Settings
-from ..protocol.topics import MAX_DRONE, check_number
+from ..errors import ConfigurationError
+from ..protocol.topics import MAX_DRONE, MAX_FOG, check_prefix, parse_in_fleet
 from .advice import connect
 from .common import (
     INSECURE_HELP,
@@ -26,16 +27,23 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..station.fleets import Fleets
     from ..station.ground_station import GroundStation
 
-Cloud = Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].", envvar="MQTTXT_CLOUD")]
-Prefix = Annotated[str, typer.Option(help="Prefix of every topic, as acme/.")]
+EACH = "FLEET=VALUE,FLEET=VALUE gives each fleet its own."
+Cloud = Annotated[str, typer.Option(help=f"The cloud broker: mqtt://HOST[:PORT]. {EACH}", envvar="MQTTXT_CLOUD")]
+Prefix = Annotated[str, typer.Option(help="Prefix of every topic, as acme/: the fleet of numbers that name none.")]
 Timeout = Annotated[float, typer.Option(help="Seconds to wait for the fog's activator.")]
 IDENTITY = typer.Option(
-    help="The folder of the station's identity, for mqtts:// (`mqttxt keys issue`).", envvar="MQTTXT_IDENTITY"
+    help=f"The folder of the station's identity, for mqtts:// (`mqttxt keys issue`). {EACH}",
+    envvar="MQTTXT_IDENTITY",
 )
-DroneNumber = Annotated[int, typer.Option("--drone", help="The drone's number.")]
-FogNumber = Annotated[int, typer.Option("--fog", help="The fog's number.")]
+DroneNumber = Annotated[str, typer.Option("--drone", help="The drone's number, or FLEET/NUMBER, as acme/1.")]
+FogNumber = Annotated[str, typer.Option("--fog", help="The fog's number, or FLEET/NUMBER, as acme/1.")]
+FogNumbers = Annotated[
+    list[str],
+    typer.Option("--fog", help="A fog's number, or FLEET/NUMBER, as acme/1; may be given several times."),
+]
 TakeOver = Annotated[bool, typer.Option("--take-over", help="Take control, if another station has it.")]
 Job = Callable[[Any], Awaitable[int]]
 """Takes a `Drone`, does something with it, and returns the exit code."""
@@ -46,7 +54,7 @@ class StationOptions:
     """What a station is told of its fleet. Each field is an option, which the environment may give too."""
 
     cloud: Cloud = "mqtt://127.0.0.1:1883"
-    identity: Annotated[Path | None, IDENTITY] = None
+    identity: Annotated[str | None, IDENTITY] = None
     signed: Annotated[bool, typer.Option("--signed", help=SIGNED_HELP, envvar="MQTTXT_SIGNED")] = False
     signed_states: Annotated[
         bool, typer.Option("--signed-states", help=SIGNED_STATES_HELP, envvar="MQTTXT_SIGNED_STATES")
@@ -58,19 +66,57 @@ class StationOptions:
     prefix: Prefix = ""
     timeout: Timeout = CONNECT_S
 
-    def station(self, settings: Settings | None = None, control: bool = True) -> GroundStation:
-        """The ground station, not entered yet; raises ConfigurationError."""
+    def fogs_of(self, names: Iterable[str]) -> dict[str, list[int]]:
+        """Fogs as they are typed, each once, by their fleets; raises ConfigurationError."""
+        found: dict[str, list[int]] = {}
+        for fleet, number in dict.fromkeys(self._named("--fog", name, MAX_FOG) for name in names):
+            found.setdefault(fleet, []).append(number)
+        return found
+
+    def place_of(self, drone: str, fog: str) -> tuple[str, int, int]:
+        """Fleet, fog and drone as they are typed, of which either may name the fleet; raises ConfigurationError."""
+        fleet, number = self._named("--drone", drone, MAX_DRONE)
+        other, place = self._named("--fog", fog, MAX_FOG)
+        if fleet and other and fleet != other:
+            raise ConfigurationError(f"--drone {drone} --fog {fog}: expected a drone and a fog of one fleet")
+        return fleet or other, place, number
+
+    def _named(self, option: str, text: str, most: int) -> tuple[str, int]:
+        own = check_prefix(self.prefix).removesuffix("/")
+        fleet, number = parse_in_fleet(option, text, most)
+        if own and fleet not in ("", own):
+            raise ConfigurationError(f"{option} {text}: expected one of the fleet of --prefix {self.prefix}")
+        return fleet or own, number
+
+    def joined(
+        self, fleets: Iterable[str], settings: Settings | None = None, control: bool = True
+    ) -> GroundStation | Fleets:
+        """A station of one fleet, or of several, not entered yet; raises ConfigurationError."""
+        names = [*fleets]
+        if len(names) == 1:
+            return self.station(names[0], settings, control)
+        from ..station.fleets import Fleets
+
+        name = f"gs-{secrets.token_hex(4)}" if self.identity is None else None
+        return Fleets(*(self.station(fleet, settings, control, name) for fleet in names))
+
+    def station(
+        self, fleet: str, settings: Settings | None = None, control: bool = True, name: str | None = None
+    ) -> GroundStation:
+        """The ground station of a fleet, empty for none, not entered yet; raises ConfigurationError."""
         from ..station.ground_station import GroundStation
 
         chosen = settings or Settings()
+        identity = _of_fleet("--identity", self.identity, fleet) if self.identity is not None else None
         return GroundStation(
-            self.cloud,
+            _of_fleet("--cloud", self.cloud, fleet),
+            name=name,
             qos=chosen.qos,
             encoding=chosen.encoding,
             bundles=chosen.bundles,
-            prefix=self.prefix,
+            prefix=fleet,
             control=control,
-            identity=self.identity,
+            identity=identity,
             signed=self.signed,
             signed_states=self.signed_states,
             signed_readings=self.signed_readings,
@@ -83,7 +129,7 @@ class DroneOptions:
     """Which drone a subcommand is for."""
 
     drone: DroneNumber
-    fog: FogNumber = 1
+    fog: FogNumber = "1"
     take_over: TakeOver = False
 
 
@@ -111,9 +157,9 @@ def run_with_drone(job: Job, which: DroneOptions, options: StationOptions) -> No
     set_up_logging(verbose=False)
 
     async def with_drone() -> int:
-        number = check_number("--drone", which.drone, MAX_DRONE)
-        async with options.station() as station:
-            (fog,) = await connect(station, [which.fog], options.timeout)
+        fleet, place, number = options.place_of(which.drone, which.fog)
+        async with options.station(fleet) as station:
+            (fog,) = await connect(station, {fleet: [place]}, options.timeout)
             there = fog.drone(number)
             if which.take_over:
                 await there.take_over(options.timeout)
@@ -122,6 +168,15 @@ def run_with_drone(job: Job, which: DroneOptions, options: StationOptions) -> No
             return await job(there)
 
     run_coroutine(with_drone())
+
+
+def _of_fleet(option: str, text: str, fleet: str) -> str:
+    """What an option says for a fleet: its own value where the text has one for it, else the whole text."""
+    parts = [part.partition("=") for part in text.split(",")]
+    own = [value for name, _, value in parts if name.removesuffix("/") == fleet and fleet]
+    if len(own) > 1:
+        raise ConfigurationError(f"{option} {text}: expected one value for fleet {fleet}")
+    return own[0] if own else text
 
 
 def _with_options(run: Callable[..., None], command: Callable[..., Any], *kinds: type[Any]) -> Callable[..., None]:

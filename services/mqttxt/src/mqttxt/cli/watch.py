@@ -13,7 +13,8 @@ from rich.table import Table
 
 from ..core.printable import printable
 from ..protocol.states import Armed, Battery, FlightMode, Groundspeed, Heading, Health, LandedState
-from ..protocol.topics import MAX_DRONE
+from ..protocol.topics import MAX_DRONE, in_fleet
+from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
 from ..station.views import Drone, Fog
 
@@ -22,7 +23,7 @@ FIRST_STATES_S = 5.0
 SHOWN = frozenset({"armed", "battery", "flight_mode", "heading", "landed_state", "location"})
 
 
-async def watch_fogs(station: GroundStation, fogs: list[Fog], console: Console) -> None:
+async def watch_fogs(station: GroundStation | Fleets, fogs: list[Fog], console: Console) -> None:
     """Draw the table twice a second until cancelled; not on a terminal, print it once."""
     if not console.is_terminal:
         known = [drone for fog in fogs for drone in fog.drones]
@@ -58,7 +59,9 @@ def readings(fogs: list[Fog]) -> Table:
         shown.add_column(heading, justify="right")
     for reading in (reading for fog in fogs for drone in fog.drones for reading in drone.readings):
         value = _shown(f"{reading.value:g} {reading.unit}".strip())
-        shown.add_row(str(reading.drone), str(reading.sensor), reading.kind, value, _time_of(reading.time_ms))
+        shown.add_row(
+            in_fleet(reading.fleet, reading.drone), str(reading.sensor), reading.kind, value, _time_of(reading.time_ms)
+        )
     return shown
 
 
@@ -83,7 +86,8 @@ def table(fogs: list[Fog]) -> Table:
     for heading in ("position", "altitude m", "speed m/s", "heading", "battery", "heard s ago"):
         shown.add_column(heading, justify="right")
     for fog in fogs:
-        name = f"{fog.number}" if fog.is_live else f"{fog.number} [red]gone[/]"
+        name = in_fleet(fog.fleet, fog.number)
+        name = name if fog.is_live else f"{name} [red]gone[/]"
         places = {ranked.drone: str(place) for place, ranked in enumerate(fog.ranking, start=1)}
         for drone in sorted(fog.drones, key=lambda drone: (int(places.get(drone.number, MAX_DRONE)), drone.number)):
             shown.add_row(name, places.get(drone.number, "-"), *_cells(drone))
@@ -97,7 +101,7 @@ def _cells(drone: Drone) -> list[str]:
     place, speed = drone.location, drone.state(Groundspeed)
     heading, battery = drone.state(Heading), drone.state(Battery)
     return [
-        str(drone.number),
+        str(drone),
         "[green]yes[/]" if drone.is_reachable else "[red]no[/]",
         _shown(drone.holder or "-"),
         _armed(drone),

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from ..core.printable import printable
-from ..errors import MqttxtError
+from ..errors import FogUnreachable, MqttxtError
 from ..protocol.codec import layout_of
 from ..protocol.commands import Command, Goto, Resume, StartMission, UploadPlan
 from ..protocol.messages import CommandId
+from ..protocol.topics import in_fleet
+from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
 from ..station.heard import SentCommand
 from ..station.outcomes import Event, Outcome, PsmiList
 from ..station.plan import Plan
-from ..station.views import UPLOAD_TTL_S
+from ..station.views import UPLOAD_TTL_S, Drone, Fog
 from .drafts import path_of
 from .event_log import EventLog
-from .offers import DroneKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
+from .offers import DroneKey, FogKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
 from .words import in_plain_english
 
 KEPT = 200
@@ -67,20 +69,27 @@ class Desk:
     """Sends what pages ask for.
 
     Parameters:
-        station: one that wants control, and is entered.
+        station: one that wants control, and is entered, or several as one.
+        fogs: what it is connected to.
         log: what was sent is entered there.
         group: where the tasks run that follow the commands.
         changed: is called with an order whenever it has changed.
     """
 
     def __init__(
-        self, station: GroundStation, log: EventLog, group: asyncio.TaskGroup, changed: Callable[[Order], None]
+        self,
+        station: GroundStation | Fleets,
+        fogs: Iterable[Fog],
+        log: EventLog,
+        group: asyncio.TaskGroup,
+        changed: Callable[[Order], None],
     ) -> None:
         self._station = station
+        self._fogs = {(fog.fleet, fog.number): fog for fog in fogs}
         self._log = log
         self._group = group
         self._changed = changed
-        self._of_id: dict[CommandId, Order] = {}
+        self._of_id: dict[tuple[str, CommandId], Order] = {}
         self._plans: dict[DroneKey, Plan] = {}
         self._last = 0
         self.orders: deque[Order] = deque(maxlen=KEPT)
@@ -89,9 +98,9 @@ class Desk:
         """Do what was asked, and return what shows how it goes; what cannot be sent is a word of it."""
         if isinstance(request, TakeOverRequest):
             order = self._new(f"take control of {_drones(request.drones)}", 0.0, 0.0)
-            for fog in sorted({fog for fog, _ in request.drones}):
-                drones = tuple(drone for of, drone in request.drones if of == fog)
-                self._start(order, self._take_over(order, fog, drones))
+            for key in sorted({key[:2] for key in request.drones}):
+                drones = tuple(drone for *of, drone in request.drones if tuple(of) == key)
+                self._start(order, self._take_over(order, key, drones))
             return order
         if isinstance(request, UploadRequest):
             name, plan = printable(request.name), request.plan
@@ -112,19 +121,27 @@ class Desk:
 
     def on_event(self, event: Event) -> None:
         """The truth that follows an `unconfirmed` comes when nobody waits for the command any more."""
-        if isinstance(event, Outcome) and event.settled and event.id in self._of_id:
-            self._add(self._of_id[event.id], event)
+        if isinstance(event, Outcome) and event.settled and (event.fleet, event.id) in self._of_id:
+            self._add(self._of_id[event.fleet, event.id], event)
 
     def _senders(self, command: Command, target: Target, ttl_s: float) -> list[Callable[[], SentCommand[Any, Any]]]:
-        station = self._station
         if target.best:
-            return [lambda: station.best(command, target.fogs, ttl_s=ttl_s)]
+            return [lambda: self._station.best(command, [self._fog(key) for key in target.fogs], ttl_s=ttl_s)]
         if target.fogs:
-            return [lambda fog=fog: station.fog(fog).broadcast(command, ttl_s=ttl_s) for fog in target.fogs]  # type: ignore[misc]
+            return [lambda key=key: self._fog(key).broadcast(command, ttl_s=ttl_s) for key in target.fogs]  # type: ignore[misc]
         return [
-            lambda fog=fog, drone=drone: station.fog(fog).drone(drone).send(command, ttl_s=ttl_s)  # type: ignore[misc]
-            for fog, drone in target.drones
+            lambda key=key: self._drone(key).send(command, ttl_s=ttl_s)  # type: ignore[misc]
+            for key in target.drones
         ]
+
+    def _fog(self, key: FogKey) -> Fog:
+        if key not in self._fogs:
+            raise FogUnreachable(f"fog {in_fleet(*key)}: the page is not connected to it")
+        return self._fogs[key]
+
+    def _drone(self, key: DroneKey) -> Drone:
+        fleet, fog, drone = key
+        return self._fog((fleet, fog)).drone(drone)
 
     def _fly(self, request: MissionRequest) -> Order:
         plan = self._plans.get(request.drone)
@@ -141,7 +158,7 @@ class Desk:
     def _new(self, text: str, ttl_s: float, limit_s: float) -> Order:
         if len(self.orders) == KEPT:
             oldest = self.orders[0]
-            self._of_id = {id: order for id, order in self._of_id.items() if order is not oldest}
+            self._of_id = {key: order for key, order in self._of_id.items() if order is not oldest}
         self._last += 1
         order = Order(self._last, text, ttl_s, limit_s, asyncio.get_running_loop().time())
         self.orders.append(order)
@@ -169,7 +186,7 @@ class Desk:
                 if isinstance(said, PsmiList):
                     self._say(order, "choice", printable(str(said).replace("\n", ";")))
                 else:
-                    self._of_id[said.id] = order
+                    self._of_id[said.fleet, said.id] = order
                     self._add(order, said)
         except MqttxtError as error:
             self._say(order, "not known", printable(str(error)))
@@ -177,14 +194,15 @@ class Desk:
             order.waiting -= 1
             self._changed(order)
 
-    async def _take_over(self, order: Order, fog: int, drones: tuple[int, ...]) -> None:
+    async def _take_over(self, order: Order, key: FogKey, drones: tuple[int, ...]) -> None:
         """All of a fog at once: a takeover raises its epoch, and one with an older epoch takes nothing (R6.7)."""
+        names = [in_fleet(key[0], drone) for drone in drones]
         try:
-            await self._station.take_over(fog, drones)
-            for drone in drones:
-                self._say(order, "completed", f"drone {drone}: This station controls it.")
+            await self._fog(key).take_over(drones=drones)
+            for name in names:
+                self._say(order, "completed", f"drone {name}: This station controls it.")
         except MqttxtError as error:
-            self._say(order, "failed", f"drone {', '.join(map(str, drones))}: {printable(str(error))}")
+            self._say(order, "failed", f"drone {', '.join(names)}: {printable(str(error))}")
         finally:
             order.waiting -= 1
             self._changed(order)
@@ -199,10 +217,10 @@ class Desk:
             self._changed(order)
 
         try:
-            outcome = await self._station.fog(key[0]).drone(key[1]).upload(plan, progress=tell)
+            outcome = await self._drone(key).upload(plan, progress=tell)
             if outcome.completed:
                 self._plans[key] = plan
-            self._of_id[outcome.id] = order
+            self._of_id[outcome.fleet, outcome.id] = order
             self._add(order, outcome)
         except MqttxtError as error:
             self._say(order, "failed", printable(str(error)))
@@ -235,12 +253,12 @@ def _text(command: Command) -> str:
 def _who(target: Target) -> str:
     if target.drones:
         return _drones(target.drones)
-    fogs = f"fog {', '.join(map(str, target.fogs))}"
+    fogs = f"fog {', '.join(in_fleet(*key) for key in target.fogs)}"
     return f"whoever arrives first of {fogs}" if target.best else f"all drones of {fogs}"
 
 
 def _drones(drones: tuple[DroneKey, ...]) -> str:
-    return f"drone {', '.join(str(drone) for _, drone in drones)}"
+    return f"drone {', '.join(in_fleet(fleet, drone) for fleet, _, drone in drones)}"
 
 
 def _goal(command: Command) -> tuple[float, float] | None:

@@ -12,6 +12,7 @@ from typing import Any
 from ..core.printable import printable
 from ..protocol.fields import Named
 from ..protocol.states import Armed, AutopilotText, FlightMode, LandedState, State
+from ..protocol.topics import in_fleet
 from ..station.outcomes import ControlChanged, Event, Outcome, QodsRanking, Reachability, StateUpdate
 from .words import in_plain_english
 
@@ -32,7 +33,7 @@ class EventLog:
     def __init__(self, kept: int = KEPT) -> None:
         self._entries: deque[dict[str, Any]] = deque(maxlen=kept)
         self._all: deque[dict[str, Any] | tuple[datetime, Event]] = deque(maxlen=KEPT_OF_ALL)
-        self._before: dict[tuple[int, int, str], object] = {}
+        self._before: dict[tuple[str, int, int, str], object] = {}
         self.last = 0
 
     def on_event(self, event: Event) -> None:
@@ -67,14 +68,14 @@ class EventLog:
 
     def _is_of_note(self, event: Event) -> bool:
         """Of states only some where they have changed, of rankings those whose order has; everything else is."""
-        key: tuple[int, int, str]
+        key: tuple[str, int, int, str]
         value: object
         if isinstance(event, StateUpdate):
-            key, value = (event.fog, event.drone, event.state.name), event.state
+            key, value = (event.fleet, event.fog, event.drone, event.state.name), event.state
             if not isinstance(value, _WATCHED):
                 return False
         elif isinstance(event, QodsRanking):
-            key, value = (event.fog, 0, "ranking"), [ranked.drone for ranked in event.ranking]
+            key, value = (event.fleet, event.fog, 0, "ranking"), [ranked.drone for ranked in event.ranking]
         else:
             return True
         is_new = self._before.get(key) != value or isinstance(value, AutopilotText)
@@ -95,14 +96,14 @@ def text_of(event: Event) -> str:
     if isinstance(event, Outcome):
         return f"{event}. {in_plain_english(event)}"
     if isinstance(event, Reachability):
-        return f"drone {event.drone}: {'reachable' if event.reachable else 'not reachable'}"
+        return f"drone {in_fleet(event.fleet, event.drone)}: {'reachable' if event.reachable else 'not reachable'}"
     if isinstance(event, ControlChanged):
         holder = "nobody" if event.holder is None else printable(event.holder)
-        return f"drone {event.drone}: controlled by {'this station' if event.mine else holder}"
+        return f"drone {in_fleet(event.fleet, event.drone)}: controlled by {'this station' if event.mine else holder}"
     if isinstance(event, StateUpdate):
-        return f"drone {event.drone}: {_text_of_state(event.state)}"
+        return f"drone {in_fleet(event.fleet, event.drone)}: {_text_of_state(event.state)}"
     if isinstance(event, QodsRanking):
-        return f"fog {event.fog}: QoDS ranking {[ranked.drone for ranked in event.ranking]}"
+        return f"fog {in_fleet(event.fleet, event.fog)}: QoDS ranking {[ranked.drone for ranked in event.ranking]}"
     return printable(str(event).replace("\n", "; "))
 
 

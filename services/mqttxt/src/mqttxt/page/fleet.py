@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..protocol.states import STATES, AutopilotText
+from ..protocol.topics import in_fleet
 from ..station.views import Drone, Fog
 from .event_log import as_plain
 
@@ -13,15 +14,21 @@ STALE_MS = 45_000
 _LEFT_OUT = AutopilotText.name
 
 
+def name_of(fog: Fog) -> int | str:
+    """A fog as pages name it: its number, and of several fleets a text as `acme/1`."""
+    return in_fleet(fog.fleet, fog.number) if fog.fleet else fog.number
+
+
 def fog_of(fog: Fog) -> dict[str, Any]:
     """A fog, and whether it is heard."""
-    return {"fog": fog.number, "live": fog.is_live, "drones": len(fog.drones)}
+    return {"fog": name_of(fog), "live": fog.is_live, "drones": len(fog.drones)}
 
 
-def drone_of(fog: int, drone: Drone) -> dict[str, Any]:
+def drone_of(fog: Fog, drone: Drone) -> dict[str, Any]:
     """A drone with every state that is known, each with its age; texts are in the log."""
     return {
-        "fog": fog,
+        "fleet": fog.fleet,
+        "fog": name_of(fog),
         "drone": drone.number,
         "reachable": drone.is_reachable,
         "holder": drone.holder,

@@ -13,8 +13,8 @@ MOST_POINTS = 300
 MOST_CHARTS = 500
 MOST_LISTS = 5
 
-ChartKey = tuple[int, int, str]
-"""A drone's number, a sensor's, and what it measures."""
+ChartKey = tuple[str, int, int, str]
+"""The name of a fleet, empty where there is one alone, a drone's number, a sensor's, and what it measures."""
 
 
 @dataclass
@@ -42,7 +42,7 @@ class History:
 
     def on_reading(self, reading: SensorReading) -> None:
         """Keep a reading; the chart that has waited longest for one gives way to one too many."""
-        key = (reading.drone, reading.sensor, reading.kind)
+        key = (reading.fleet, reading.drone, reading.sensor, reading.kind)
         chart = self.charts.setdefault(key, Chart(reading.unit))
         chart.points.append((reading.time_ms, reading.value))
         chart.total += 1
@@ -56,10 +56,8 @@ class History:
         for key, chart in self.charts.items():
             fresh = min(chart.total - sent.get(key, 0), len(chart.points))
             if fresh > 0:
-                drone, sensor, kind = key
+                named = dict(zip(("fleet", "drone", "sensor", "kind"), key, strict=True))
                 points = [chart.points[index] for index in range(-fresh, 0)]
-                found.append(
-                    {"drone": drone, "sensor": sensor, "kind": kind, "unit": chart.unit, "points": as_plain(points)}
-                )
+                found.append({**named, "unit": chart.unit, "points": as_plain(points)})
                 sent[key] = chart.total
         return found

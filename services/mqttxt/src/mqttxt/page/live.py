@@ -9,6 +9,7 @@ from typing import Any
 
 from ..core.printable import printable
 from ..errors import ConfigurationError, MqttxtError
+from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
 from ..station.outcomes import ControlChanged, Event, PsmiList, QodsRanking, Reachability, StateUpdate
 from ..station.plan import Plan
@@ -16,7 +17,7 @@ from ..station.views import Drone, Fog
 from .desk import Desk, Order
 from .drafts import Draft, draft_of, path_of
 from .event_log import EventLog, as_plain
-from .fleet import STALE_MS, drone_of, fog_of, standing_of
+from .fleet import STALE_MS, drone_of, fog_of, name_of, standing_of
 from .history import ChartKey, History
 from .links import Links
 from .offers import LONGEST_TTL_S, TTL_S, DroneKey, LinkRequest, LookRequest, catalogue, read_request
@@ -72,7 +73,7 @@ class Viewer:
             update["sensors"] = sensors
         if self.drones:
             known = live.drones()
-            update["drones"] = [drone_of(key[0], known[key]) for key in sorted(self.drones) if key in known]
+            update["drones"] = [drone_of(*known[key]) for key in sorted(self.drones) if key in known]
             self.drones = set()
         if self.orders:
             now_s = asyncio.get_running_loop().time()
@@ -94,7 +95,7 @@ class Live:
     """The state of one page.
 
     Parameters:
-        station: an entered station; where pages may command, one that wants control.
+        station: an entered station, or several as one; where pages may command, one that wants control.
         fogs: what it is connected to.
         watch_only: no command that a page asks for is carried out.
         links: shown and changed, too; None: there are none.
@@ -103,7 +104,7 @@ class Live:
 
     def __init__(
         self,
-        station: GroundStation,
+        station: GroundStation | Fleets,
         fogs: list[Fog],
         watch_only: bool,
         links: Links | None = None,
@@ -122,7 +123,7 @@ class Live:
         self._desk: Desk | None = None
         self._viewers: set[Viewer] = set()
         self._seen = self._standing()
-        for drone in self.drones().values():
+        for _, drone in self.drones().values():
             for reading in drone.readings:
                 self.history.on_reading(reading)
 
@@ -132,7 +133,7 @@ class Live:
             async with asyncio.TaskGroup() as group:
                 self._group = group
                 if not self._watch_only:
-                    self._desk = Desk(self._station, self.log, group, self._on_order)
+                    self._desk = Desk(self._station, self.fogs, self.log, group, self._on_order)
                 reviewing = [group.create_task(self._review())]
                 if self._links is not None:
                     reviewing.append(group.create_task(self._look(self._links)))
@@ -175,8 +176,11 @@ class Live:
 
     def hello(self) -> dict[str, Any]:
         """What does not change."""
+        stations = self._station.stations if isinstance(self._station, Fleets) else {"": self._station}
         return {
             "station": self._station.name,
+            "names": {fleet: station.name for fleet, station in stations.items()},
+            "prefixes": [station.prefix for station in stations.values()],
             "watch_only": self._watch_only,
             "commands": catalogue(),
             "ttl_s": TTL_S,
@@ -186,14 +190,14 @@ class Live:
             "tiles": asdict(self._tiles) if self._tiles is not None else None,
         }
 
-    def drones(self) -> dict[DroneKey, Drone]:
-        """Every drone that a fog knows."""
-        return {(fog.number, drone.number): drone for fog in self.fogs for drone in fog.drones}
+    def drones(self) -> dict[DroneKey, tuple[Fog, Drone]]:
+        """Every drone that a fog knows, with that fog."""
+        return {(fog.fleet, fog.number, drone.number): (fog, drone) for fog in self.fogs for drone in fog.drones}
 
     def rankings(self) -> dict[str, Any]:
         """QoDS's order of each fog, and PSMI's newest lists."""
         return {
-            "fogs": [{"fog": fog.number, "ranking": as_plain(fog.ranking)} for fog in self.fogs],
+            "fogs": [{"fog": name_of(fog), "ranking": as_plain(fog.ranking)} for fog in self.fogs],
             "lists": as_plain(list(self.history.lists)),
         }
 
@@ -208,7 +212,7 @@ class Live:
             self._desk.on_event(event)
         if isinstance(event, StateUpdate | Reachability | ControlChanged):
             for viewer in self._viewers:
-                viewer.drones.add((event.fog, event.drone))
+                viewer.drones.add((event.fleet, event.fog, event.drone))
         elif isinstance(event, QodsRanking | PsmiList):
             for viewer in self._viewers:
                 viewer.has_rankings = False
@@ -259,7 +263,7 @@ class Live:
 
     def _standing(self) -> tuple[list[dict[str, Any]], dict[DroneKey, tuple[bool, str | None, bool]]]:
         drones = self.drones()
-        return [fog_of(fog) for fog in self.fogs], {key: standing_of(drone) for key, drone in drones.items()}
+        return [fog_of(fog) for fog in self.fogs], {key: standing_of(drone) for key, (_, drone) in drones.items()}
 
 
 def now_ms() -> float:

@@ -14,7 +14,7 @@ from ..core.clock import DEFAULT_TTL_MS
 from ..errors import ConfigurationError
 from ..protocol.codec import layout_of
 from ..protocol.commands import BROADCASTABLE, Arm, Command, Goto, Hold, Land, Pause, Return, Takeoff
-from ..protocol.topics import SELECTABLE
+from ..protocol.topics import MAX_DRONE, SELECTABLE, parse_in_fleet
 from ..station.plan import Plan
 
 OFFERED: dict[str, type[Command]] = {cls.name: cls for cls in (Arm, Takeoff, Goto, Hold, Land, Return, Pause)}
@@ -22,15 +22,18 @@ TTL_S = DEFAULT_TTL_MS / 1000
 LONGEST_TTL_S = 60.0
 MOST_AHEAD_MS = 100.0
 """By which a page's idea of the time may be ahead: its clock has a resolution."""
-MOST_DRONES = 250
+MOST_LISTED = 2500
+"""Drones or fogs of one request: those of ten fleets."""
 MOST_NAME = 100
 LINK_FIGURES = ("rate", "delay", "loss")
 _LABELS = {"altitude_m": "Height"}
 """Where a field's own name is not how the page calls it elsewhere."""
 _UNITS = {"_m": "metres above home", "_deg": "degrees"}
 
-DroneKey = tuple[int, int]
-"""A fog's number and a drone's."""
+FogKey = tuple[str, int]
+"""The name of its fleet, empty where there is one alone, and a fog's number."""
+DroneKey = tuple[str, int, int]
+"""The same, and a drone's number."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class Target:
     """Whom a request is for: single `drones`, every drone of `fogs`, or of these fogs the `best` alone."""
 
     drones: tuple[DroneKey, ...] = ()
-    fogs: tuple[int, ...] = ()
+    fogs: tuple[FogKey, ...] = ()
     best: bool = False
 
 
@@ -220,15 +223,20 @@ def _target(found: object) -> Target:
     if not isinstance(found, dict) or len(found) != 1 or not set(found) <= kinds:
         raise ConfigurationError("to: expected one of drones, fogs, best")
     ((kind, listed),) = found.items()
-    if not isinstance(listed, list) or not 0 < len(listed) <= MOST_DRONES:
-        raise ConfigurationError(f"to {kind}: expected a list of 1 to {MOST_DRONES}")
+    if not isinstance(listed, list) or not 0 < len(listed) <= MOST_LISTED:
+        raise ConfigurationError(f"to {kind}: expected a list of 1 to {MOST_LISTED}")
     if kind != "drones":
-        fogs = tuple(dict.fromkeys(_whole(fog, "to fog", 2**16) for fog in listed))
+        fogs = tuple(dict.fromkeys(_fog(fog) for fog in listed))
         return Target(fogs=fogs, best=kind == "best")
     if not all(isinstance(pair, list) and len(pair) == 2 for pair in listed):
-        raise ConfigurationError("to drones: expected pairs of a fog's number and a drone's")
-    pairs = ((_whole(fog, "to fog", 2**16), _whole(drone, "to drone", MOST_DRONES)) for fog, drone in listed)
+        raise ConfigurationError("to drones: expected pairs of a fog and a drone's number")
+    pairs = ((*_fog(fog), _whole(drone, "to drone", MAX_DRONE)) for fog, drone in listed)
     return Target(drones=tuple(dict.fromkeys(pairs)))
+
+
+def _fog(value: object) -> FogKey:
+    """A fog as pages name it: by its number, of several fleets by a text as `acme/1`."""
+    return parse_in_fleet("to fog", value) if isinstance(value, str) else ("", _whole(value, "to fog", 2**16))
 
 
 def _check_target(command: Command, target: Target) -> None:

@@ -6,6 +6,7 @@ import logging
 
 from ..core.address import BrokerAddress
 from ..errors import ConfigurationError
+from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
 from ..station.views import Fog
 from .links import Links
@@ -28,7 +29,7 @@ def check_listen(host: str, port: int) -> tuple[str, int]:
 
 
 async def serve(
-    station: GroundStation,
+    station: GroundStation | Fleets,
     fogs: list[Fog],
     host: str,
     port: int,
@@ -39,7 +40,7 @@ async def serve(
     """Serve the page until cancelled, or until the station has ended.
 
     Parameters:
-        station: an entered station; `control=False` where `watch_only`.
+        station: an entered station, or several as one; `control=False` where `watch_only`.
         fogs: what it is connected to.
         host: a loopback address.
         port: where to listen.

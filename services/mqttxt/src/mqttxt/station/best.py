@@ -20,44 +20,62 @@ HOLD_S = 5.0
 
 _RELEASE_TTL_S = 5.0
 _SHORTEST_S = 0.001
+_CANCELLED = "cancelled"
 
+Place = tuple[StationRunner, int]
+"""A fog by its number, and the station that it is registered at: fogs of several fleets have one each."""
 Asked = SentCommand[Outcome, Outcome | PsmiList]
+Answer = tuple[StationRunner, Outcome | PsmiList]
+Offer = tuple[StationRunner, PsmiList]
 
 
-def best(runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: float, limit_s: float | None) -> Asked:
-    """`GroundStation.best`: one fog chooses by itself, of several this station does."""
-    if not fogs:
+def best(places: Sequence[Place], command: Command, ttl_s: float, limit_s: float | None) -> Asked:
+    """`GroundStation.best` and `Fleets.best`: one fog chooses by itself, of several the station does."""
+    if not places:
         raise FogUnreachable(f"no fog is connected; {command.name} was not sent")
-    if len(fogs) == 1 and not runner.station.signs:
-        return runner.select(fogs[0], command, SelectMode.SELECT, ttl_s, limit_s)
-    asked = _ask(runner, command, fogs, ttl_s, ttl_s)
-    return runner.choose(_choose(runner, command, asked, ttl_s, limit_s))
+    runner, fog = places[0]
+    if len(places) == 1 and not runner.station.signs:
+        return runner.select(fog, command, SelectMode.SELECT, ttl_s, limit_s)
+    runners = {runner: runner.station.commands.overriding_seq for runner, _ in places}
+    asked = _ask(places, command, ttl_s, ttl_s)
+    return asked[0][0].choose(_choose(command, asked, runners, ttl_s, limit_s))
 
 
 async def _choose(
-    runner: StationRunner, command: Command, asked: list[Asked], ttl_s: float, limit_s: float | None
+    command: Command,
+    asked: list[tuple[StationRunner, Asked]],
+    stopped_before: dict[StationRunner, int],
+    ttl_s: float,
+    limit_s: float | None,
 ) -> AsyncIterator[Outcome | PsmiList]:
-    """The events from the fogs' offers to the last word of the drone that was sent."""
-    held: list[PsmiList] = []
+    """The events from the fogs' offers to the last word of the drone that was sent.
+
+    `stopped_before` are the numbers of the last hold, land or return of each station before the choice.
+    """
+    held: list[Offer] = []
     try:
         offers = await _answers(asked, ttl_s / 2)
-        if not any(_reserved(event) for event in offers):
+        if not any(_reserved(answer) for answer in offers):
             offers = await _answers(asked, ttl_s / 2)
         if not offers:
             raise FogUnreachable(f"{command.name}: no fog answered within {ttl_s:g} s; no drone was sent")
-        for event in offers:
-            held += _reserved(event)
-            yield event
+        for answer in offers:
+            held += _reserved(answer)
+            yield answer[1]
         start_until_s = asyncio.get_running_loop().time() + ttl_s
         while held:
-            chosen = min(held, key=lambda offer: (offer.listed[0].arrival_s or 0.0, offer.listed[0].drone))
-            held.remove(chosen)
+            offer = min(held, key=_arrival)
+            runner, chosen = offer
+            if _is_overridden(stopped_before):
+                yield _ended(chosen, command, _CANCELLED)
+                return
+            held.remove(offer)
             last = None
             try:
-                async for event in _commit(runner, command, chosen, start_until_s, limit_s):
+                async for event in _commit(offer, command, start_until_s, limit_s):
                     last = Word.UNCONFIRMED if runner.station.is_doubtful(event) else event.word
                     if last not in PASSED_OVER:
-                        _release(runner, command, held)  # it may fly: nobody else will
+                        _release(command, held)  # it may fly: nobody else will
                     yield event
             except FogUnreachable:  # it was not sent
                 if not held:
@@ -65,21 +83,27 @@ async def _choose(
                 last = Word.UNREACHABLE
             if last not in PASSED_OVER:
                 return
-            reason = _why_to_end(runner, chosen, start_until_s)
-            if reason is not None:
-                yield Outcome(chosen.id, chosen.fog, None, command.name, Word.DENIED, reason)
+            is_late = asyncio.get_running_loop().time() >= start_until_s
+            if is_late or _is_overridden(stopped_before):
+                yield _ended(chosen, command, Word.EXPIRED.label if is_late else _CANCELLED)
                 return
-            for event in await _next_offer(runner, command, chosen, start_until_s):
-                held += _reserved(event)
-                yield event
+            for answer in await _next_offer(offer, command, start_until_s):
+                held += _reserved(answer)
+                yield answer[1]
     finally:
-        _release(runner, command, held)
+        _release(command, held)
+
+
+def _arrival(offer: Offer) -> tuple[float, int]:
+    first = offer[1].listed[0]
+    return first.arrival_s or 0.0, first.drone
 
 
 async def _commit(
-    runner: StationRunner, command: Command, chosen: PsmiList, start_until_s: float, limit_s: float | None
+    offer: Offer, command: Command, start_until_s: float, limit_s: float | None
 ) -> AsyncIterator[Outcome]:
     """Send the command to the drone that a fog has reserved; raises FogUnreachable where the fog is gone."""
+    runner, chosen = offer
     left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
     async for event in runner.select(
         chosen.fog, command, SelectMode.COMMIT, left_s, limit_s, chosen.id.seq, chosen.chosen
@@ -88,60 +112,62 @@ async def _commit(
             yield event
 
 
-async def _next_offer(
-    runner: StationRunner, command: Command, tried: PsmiList, start_until_s: float
-) -> list[Outcome | PsmiList]:
+async def _next_offer(tried: Offer, command: Command, start_until_s: float) -> list[Answer]:
     """A fog's next offer, beside the drone that refused; the second half of the time that is left is the commit's."""
+    runner, before = tried
     left_s = max(_SHORTEST_S, start_until_s - asyncio.get_running_loop().time())
     wait_s = max(_SHORTEST_S, left_s / 2)
     with contextlib.suppress(FogUnreachable):
-        return await _answers(_ask(runner, command, [tried.fog], wait_s, left_s, tried.id.seq), wait_s)
+        return await _answers(_ask([(runner, before.fog)], command, wait_s, left_s, before.id.seq), wait_s)
     return []
 
 
-def _why_to_end(runner: StationRunner, chosen: PsmiList, start_until_s: float) -> str | None:
-    """Why no drone is sent in place of one that refused, None where one is."""
-    if runner.station.commands.is_overridden(chosen.id):
-        return "cancelled"
-    return Word.EXPIRED.label if asyncio.get_running_loop().time() >= start_until_s else None
+def _is_overridden(stopped_before: dict[StationRunner, int]) -> bool:
+    """Whether a hold, land or return was sent since: nobody is sent in place of whom that stops."""
+    return any(runner.station.commands.overriding_seq != before for runner, before in stopped_before.items())
 
 
-def _reserved(event: Outcome | PsmiList) -> list[PsmiList]:
+def _ended(chosen: PsmiList, command: Command, reason: str) -> Outcome:
+    return Outcome(chosen.id, chosen.fog, None, command.name, Word.DENIED, reason, fleet=chosen.fleet)
+
+
+def _reserved(answer: Answer) -> list[Offer]:
     """The offer in a fog's answer, if there is one."""
-    return [event] if isinstance(event, PsmiList) and event.chosen is not None else []
+    runner, event = answer
+    return [(runner, event)] if isinstance(event, PsmiList) and event.chosen is not None else []
 
 
-def _release(runner: StationRunner, command: Command, held: list[PsmiList]) -> None:
+def _release(command: Command, held: list[Offer]) -> None:
     """Give up what is reserved; where the fog or the station is gone it lapses by itself."""
     while held:
-        offer = held.pop()
+        runner, offer = held.pop()
         with contextlib.suppress(MqttxtError):
             runner.select(offer.fog, command, SelectMode.RELEASE, _RELEASE_TTL_S, reservation=offer.id.seq)
 
 
 def _ask(
-    runner: StationRunner, command: Command, fogs: Sequence[int], ttl_s: float, left_s: float, tried: int | None = None
-) -> list[Asked]:
+    places: Sequence[Place], command: Command, ttl_s: float, left_s: float, tried: int | None = None
+) -> list[tuple[StationRunner, Asked]]:
     """Ask each fog to reserve its best within `ttl_s`; raises FogUnreachable where none is live.
 
     `left_s` is the time in which the drone has to start. `tried` is the number of an offer whose drone, and those
-    before it, are left out.
+    before it, are left out. What keeps one fleet from being asked keeps no other from it.
     """
-    asked, unreachable = [], None
-    for fog in fogs:
+    asked, wrong = [], None
+    for runner, fog in places:
         try:
-            asked.append(runner.select(fog, command, SelectMode.OFFER, ttl_s, HOLD_S + left_s, tried))
-        except FogUnreachable as error:
-            unreachable = error
-    if unreachable is not None and not asked:
-        raise unreachable
+            asked.append((runner, runner.select(fog, command, SelectMode.OFFER, ttl_s, HOLD_S + left_s, tried)))
+        except MqttxtError as error:
+            wrong = error
+    if wrong is not None and not asked:
+        raise wrong
     return asked
 
 
-async def _answers(asked: list[Asked], limit_s: float) -> list[Outcome | PsmiList]:
+async def _answers(asked: list[tuple[StationRunner, Asked]], limit_s: float) -> list[Answer]:
     """What the fogs answer within a time: their lists with what they have reserved, or why they have nothing."""
-    answers = await asyncio.gather(*(_answer(one, limit_s) for one in asked))
-    return [event for answer in answers for event in answer]
+    answers = await asyncio.gather(*(_answer(one, limit_s) for _, one in asked))
+    return [(runner, event) for (runner, _), answer in zip(asked, answers, strict=True) for event in answer]
 
 
 async def _answer(asked: Asked, limit_s: float) -> list[Outcome | PsmiList]:

@@ -62,11 +62,8 @@ class StationCommands:
 
             self._signer = CommandSigner(channel.seal, channel.settings.encoding)
         self._seq = 0
-        self._overriding_seq = -1
-
-    def is_overridden(self, command_id: CommandId) -> bool:
-        """Whether a hold, land or return was sent behind a command: nobody is sent in place of whom that stops."""
-        return command_id.seq < self._overriding_seq
+        self.overriding_seq = -1
+        """Of the last hold, land or return."""
 
     def send(
         self,
@@ -95,7 +92,7 @@ class StationCommands:
         pending.roster = None if drone is None else (drone,)
         pending.signed_for = tuple(signed.entries) if signed is not None else ()
         if isinstance(command, OVERRIDING):
-            self._overriding_seq = message.seq
+            self.overriding_seq = message.seq
         return message.id, [pending.publish]
 
     def select(

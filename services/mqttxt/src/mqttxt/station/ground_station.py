@@ -23,7 +23,7 @@ from .heard import EventStream, SentCommand
 from .outcomes import Outcome, PsmiList
 from .process import StationRunner
 from .role import StationRole
-from .views import TAKEOVER_S, TTL_S, Fog
+from .views import TAKEOVER_S, TTL_S, Drone, Fog
 
 if TYPE_CHECKING:
     from ..security.identity import Identity
@@ -104,6 +104,11 @@ class GroundStation:
         return self._runner.station.name
 
     @property
+    def prefix(self) -> str:
+        """The prefix of its fleet's topics, as `acme/`; empty for none."""
+        return self._runner.station.prefix
+
+    @property
     def session(self) -> int:
         """The number of this session: it leads the ids of its commands."""
         return self._runner.station.session
@@ -146,6 +151,16 @@ class GroundStation:
             missing = "; ".join(f"fog {view.number}: {runner.missing(view)}" for view in late)
             raise FogUnreachable(f"{missing} (waited {timeout_s:g} s)") from None
         return [Fog(runner, view) for view in views]
+
+    @property
+    def fogs(self) -> list[Fog]:
+        """Every fog that `connect` was called with."""
+        return [Fog(self._runner, view) for view in self._runner.station.fogs.values()]
+
+    @property
+    def drones(self) -> list[Drone]:
+        """Every drone that one of its fogs knows, fog by fog."""
+        return [drone for fog in self.fogs for drone in fog.drones]
 
     def fog(self, number: int) -> Fog:
         """A fog that `connect` was called with.
@@ -206,7 +221,12 @@ class GroundStation:
         await self._runner.wait_until(condition, timeout_s)
 
     def best(
-        self, command: Command, fogs: Iterable[int] | None = None, *, ttl_s: float = TTL_S, limit_s: float | None = None
+        self,
+        command: Command,
+        fogs: Iterable[int | Fog] | None = None,
+        *,
+        ttl_s: float = TTL_S,
+        limit_s: float | None = None,
     ) -> SentCommand[Outcome, Outcome | PsmiList]:
         """Send a command to the drone that arrives first (PSMI); `await` gives the last word of whoever was sent.
 
@@ -217,7 +237,7 @@ class GroundStation:
 
         Parameters:
             command: a `Goto`.
-            fogs: the numbers of the fogs among which to choose; None: all that `connect` was called with.
+            fogs: the fogs among which to choose, or their numbers; None: all that `connect` was called with.
             ttl_s: seconds within which the execution must start, at most 60; among several fogs from their offers on.
             limit_s: seconds within which the execution must end; None: the command's own limit.
 
@@ -228,8 +248,9 @@ class GroundStation:
             PayloadError: a field of the command that cannot be carried; nothing was sent.
             StationEnded, BrokerRefused: the station has ended; nothing was sent.
         """
-        numbers = [*self._runner.station.fogs] if fogs is None else [*fogs]
-        return best(self._runner, command, numbers, ttl_s, limit_s)
+        chosen = self.fogs if fogs is None else fogs
+        places = [(self._runner, fog) if isinstance(fog, int) else fog._place for fog in chosen]
+        return best(places, command, ttl_s, limit_s)
 
     async def take_over(self, fog: int, drones: tuple[int, ...] | None = None, timeout_s: float = TAKEOVER_S) -> None:
         """Take control of a fog's drones, whoever has it; all stations hear of it.

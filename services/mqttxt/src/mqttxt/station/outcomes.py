@@ -10,6 +10,7 @@ from ..core.printable import printable
 from ..protocol.messages import CommandId, Word
 from ..protocol.rankings import Candidate, Ranked
 from ..protocol.states import State
+from ..protocol.topics import in_fleet
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Outcome:
         age_ms: an upper bound of how long ago it was said, in milliseconds; None where the fog's clock is not known.
         observed: false for a `completed` whose effect nobody saw.
         signer: who has signed it, `drone2`, or `fog1` for an activator's own; None where messages are not signed.
+        fleet: the name of their fleet, where the station is one of `Fleets`; empty where it is alone.
     """
 
     id: CommandId
@@ -45,6 +47,7 @@ class Outcome:
     age_ms: int | None = None
     observed: bool = True
     signer: str | None = None
+    fleet: str = ""
 
     @property
     def is_last(self) -> bool:
@@ -62,7 +65,8 @@ class Outcome:
         return self.signer is not None and self.signer != f"drone{self.drone}"
 
     def __str__(self) -> str:
-        who = f"fog {self.fog}" if self.drone is None else f"drone {self.drone}"
+        kind, number = ("fog", self.fog) if self.drone is None else ("drone", self.drone)
+        who = f"{kind} {in_fleet(self.fleet, number)}"
         what = f"{self.word.label}({printable(self.reason)})" if self.reason else self.word.label
         if self.superseded_by is not None:
             what = f"{self.word.label}(by {self.superseded_by})"
@@ -101,7 +105,8 @@ def last_word(said: Sequence[object]) -> Outcome:
 class StateUpdate:
     """A `state` of a `drone` of a `fog` has arrived.
 
-    `stamp` tells it from others of the drone; `age_ms` is an upper bound of its age when it arrived.
+    `stamp` tells it from others of the drone; `age_ms` is an upper bound of its age when it arrived. `fleet` is as in
+    `Outcome`.
     """
 
     fog: int
@@ -109,15 +114,17 @@ class StateUpdate:
     state: State
     stamp: int
     age_ms: int | None
+    fleet: str = ""
 
 
 @dataclass(frozen=True)
 class Reachability:
-    """A `drone` of a `fog` has become `reachable` or unreachable."""
+    """A `drone` of a `fog` has become `reachable` or unreachable; `fleet` is as in `Outcome`."""
 
     fog: int
     drone: int
     reachable: bool
+    fleet: str = ""
 
 
 @dataclass(frozen=True)
@@ -125,6 +132,7 @@ class ControlChanged:
     """Another station controls a `drone` of a `fog` now.
 
     `holder` is its name, None when nobody does; `mine` whether it is this one; `epoch` rises with each takeover.
+    `fleet` is as in `Outcome`.
     """
 
     fog: int
@@ -132,13 +140,14 @@ class ControlChanged:
     holder: str | None
     mine: bool
     epoch: int
+    fleet: str = ""
 
 
 @dataclass(frozen=True)
 class PsmiList:
     """A `fog`'s PSMI list for the command `id`: `listed` by arrival, soonest first, and who is `left_out` and why.
 
-    `chosen` is the drone that the command went to; of an offer, the one that is reserved.
+    `chosen` is the drone that the command went to; of an offer, the one that is reserved. `fleet` is as in `Outcome`.
     """
 
     fog: int
@@ -146,19 +155,21 @@ class PsmiList:
     listed: tuple[Candidate, ...]
     left_out: tuple[Candidate, ...]
     chosen: int | None
+    fleet: str = ""
 
     def __str__(self) -> str:
-        lines = [f"fog {self.fog}: PSMI {[candidate.drone for candidate in self.listed]}"]
+        lines = [f"fog {in_fleet(self.fleet, self.fog)}: PSMI {[candidate.drone for candidate in self.listed]}"]
         lines += [f"  drone {c.drone}: {c.distance_m:.0f} m, {c.arrival_s:.1f} s" for c in self.listed if c.arrival_s]
         return "\n".join(lines + [f"  drone {c.drone} left out: {printable(c.reason or '')}" for c in self.left_out])
 
 
 @dataclass(frozen=True)
 class QodsRanking:
-    """QoDS: the `ranking` of the available drones of a `fog`, best first."""
+    """QoDS: the `ranking` of the available drones of a `fog`, best first; `fleet` is as in `Outcome`."""
 
     fog: int
     ranking: tuple[Ranked, ...]
+    fleet: str = ""
 
 
 @dataclass(frozen=True)
@@ -167,7 +178,7 @@ class SensorReading:
 
     Each (drone, sensor, boot, seq) comes once: `boot` is random at each start of the sensor, `seq` counts its readings.
     `kind` is what was measured and `unit` in what, empty for a bare number. `time_ms` is when it was measured, in
-    milliseconds since 1970 UTC by the sensor's own clock.
+    milliseconds since 1970 UTC by the sensor's own clock. `fleet` is as in `Outcome`.
     """
 
     fog: int
@@ -179,10 +190,11 @@ class SensorReading:
     value: float
     unit: str
     time_ms: int
+    fleet: str = ""
 
     def __str__(self) -> str:
         unit = f" {printable(self.unit)}" if self.unit else ""
-        return f"drone {self.drone} sensor {self.sensor}: {self.kind} {self.value:g}{unit}"
+        return f"drone {in_fleet(self.fleet, self.drone)} sensor {self.sensor}: {self.kind} {self.value:g}{unit}"
 
 
 @dataclass(frozen=True)
@@ -190,16 +202,19 @@ class ListBehind:
     """A `node` (`drone3`, `fog1`, or this station itself) goes on with an old revocation list.
 
     It has said so for 30 s on its way through a `fog`, in a fleet that signs. `number` is that of the list that it has,
-    `newest` the highest that anybody has said. Somebody withholds the newer one, or the node cannot take it.
+    `newest` the highest that anybody has said. Somebody withholds the newer one, or the node cannot take it. `fleet` is
+    as in `Outcome`.
     """
 
     fog: int
     node: str
     number: int
     newest: int
+    fleet: str = ""
 
     def __str__(self) -> str:
-        return f"{self.node}: revocation list {self.number}, while there is a list {self.newest}: it may be withheld"
+        node = f"{self.fleet}: {self.node}" if self.fleet else self.node
+        return f"{node}: revocation list {self.number}, while there is a list {self.newest}: it may be withheld"
 
 
 Event = Outcome | StateUpdate | Reachability | ControlChanged | PsmiList | QodsRanking | SensorReading | ListBehind

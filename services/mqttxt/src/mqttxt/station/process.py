@@ -6,6 +6,7 @@ import asyncio
 import logging
 import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from weakref import WeakSet
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("mqttxt")
 
 Answer = TypeVar("Answer")
+AnEvent = TypeVar("AnEvent", bound=Event)
 
 
 class StationRunner(Runner):
@@ -46,6 +48,8 @@ class StationRunner(Runner):
     ) -> None:
         super().__init__(station, clock, identity=identity, lists={LINK: station.lists_topic})
         self.station = station
+        self.fleet = ""
+        """What everything that is heard is said to be of, where this is one station of several fleets."""
         client_id = f"mqttxt-{station.name}-{clock.session:08x}"
         self.links[LINK] = MqttLink(
             *(LINK, address, client_id, station.will, self),
@@ -73,19 +77,23 @@ class StationRunner(Runner):
             wanted = "asyncio.Runner(loop_factory=asyncio.SelectorEventLoop)"
             raise ConfigurationError(f"event loop {loop.__name__}: does not watch sockets; expected that of {wanted}")
         self._running = asyncio.create_task(self.run())
-        self._running.add_done_callback(lambda _: self._end_all())
+        self._running.add_done_callback(lambda _: self._on_end())
 
     async def leave(self) -> None:
-        """End the choices, what they have reserved being released, and say goodbye; raises nothing."""
+        """End the choices, and say goodbye; raises nothing."""
         assert self._running is not None
-        for task in self._choices:
-            task.cancel()
         try:
-            if self._choices:
-                await asyncio.wait(self._choices)
+            await self.end_choices()
         finally:
             self._running.cancel()
             await asyncio.wait({self._running})
+
+    async def end_choices(self) -> None:
+        """End the choices across fogs; what they have reserved is released."""
+        for task in self._choices:
+            task.cancel()
+        if self._choices:
+            await asyncio.wait(self._choices)
 
     def result(self) -> None:
         """Raises what broke the station, nothing where it was left."""
@@ -181,13 +189,17 @@ class StationRunner(Runner):
         task.add_done_callback(end)
         return SentCommand(record, last_word)
 
-    def listen(self) -> EventStream:
-        """Everything that is heard from now on."""
-        record = Record[Event]()
+    def listen(self, record: Record[Event] | None = None) -> EventStream:
+        """Everything that is heard from now on, in a record that others may be heard in too."""
+        record = Record[Event]() if record is None else record
         self._streams.add(record)
         if self._has_ended:
             self._end_all()
         return EventStream(record)
+
+    def of_fleet(self, event: AnEvent) -> AnEvent:
+        """An event of this station's fleet, which names that where there are several."""
+        return replace(event, fleet=self.fleet) if self.fleet else event
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """`GroundStation.wait_until`."""
@@ -279,13 +291,20 @@ class StationRunner(Runner):
             self._open.pop(command_id).end()
         self._carried_out.ring()
 
-    def _hear(self, event: Event) -> None:
+    def _hear(self, said: Event) -> None:
+        event = self.of_fleet(said)
         if isinstance(event, ListBehind):
             logger.warning("%s", event)
         for stream in list(self._streams):
             stream.hear(event)
         if isinstance(event, Outcome | PsmiList) and event.id in self._open:
             self._open[event.id].hear(event)
+
+    def _on_end(self) -> None:
+        error = self._ended_by()
+        if self.fleet and not isinstance(error, StationEnded):
+            logger.error("fleet %s: %s", self.fleet, error)
+        self._end_all()
 
     def _end_all(self) -> None:
         """Nobody waits in vain for a station that has ended."""
@@ -294,6 +313,7 @@ class StationRunner(Runner):
             self._open.popitem()[1].end(error)
         for stream in list(self._streams):
             stream.end(None if isinstance(error, StationEnded) else error)
+        self._streams.clear()
         self._carried_out.ring()
 
 

@@ -62,7 +62,7 @@ class StationRole:
         self.readings = Readings(by_sensor=seal is not None and seal.signs_readings)
         self.transfers = Transfers(session, self._channel)
         self.connected = False
-        self._prefix = check_prefix(prefix)
+        self.prefix = check_prefix(prefix)
         self._lease_s = lease_s
         self._control = Control.WANT if control else Control.NONE
         self._presence_topic = station_reachable(name, prefix)
@@ -84,7 +84,7 @@ class StationRole:
     @property
     def lists_topic(self) -> str:
         """Where the cloud broker has the fleet's revocation list."""
-        return f"{self._prefix}{REVOKED}"
+        return f"{self.prefix}{REVOKED}"
 
     def will(self) -> Will:
         """One will serves all fogs of the station."""
@@ -117,7 +117,7 @@ class StationRole:
         for number in numbers:
             if number in self.fogs:
                 continue
-            topics = CloudSide(number, self._prefix)
+            topics = CloudSide(number, self.prefix)
             fog = FogView(topics, self.name, self.session, self._lease_s, self._channel, self._control)
             self.fogs[number] = fog
             added.append(fog)

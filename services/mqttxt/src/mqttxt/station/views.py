@@ -31,8 +31,8 @@ from ..protocol.parameters import PARAMETERS, ParameterSet
 from ..protocol.plans import PLAN, PlanObject
 from ..protocol.rankings import Ranked
 from ..protocol.states import Home, Location, State, VitalState
-from ..protocol.topics import MAX_DRONE, check_number
-from .best import best
+from ..protocol.topics import MAX_DRONE, check_number, in_fleet
+from .best import Place, best
 from .drone_view import DroneView
 from .fog import FogView
 from .heard import SentCommand
@@ -81,6 +81,11 @@ class Fog:
         return self._view.number
 
     @property
+    def fleet(self) -> str:
+        """The name of its fleet, where the station is one of `Fleets`; empty where it is alone."""
+        return self._runner.fleet
+
+    @property
     def is_live(self) -> bool:
         """Whether its activator is there: it says so, and its beacons keep coming."""
         return self._view.is_live(self._runner.clock.now_ms())
@@ -107,18 +112,20 @@ class Fog:
         """QoDS: the available drones, best first, as the activator last ranked them."""
         return self._view.ranking
 
-    async def take_over(self, timeout_s: float = TAKEOVER_S) -> None:
-        """Take control of all drones of the fog, whoever has it.
+    async def take_over(self, timeout_s: float = TAKEOVER_S, *, drones: tuple[int, ...] | None = None) -> None:
+        """Take control of drones of the fog, whoever has it.
 
         Parameters:
             timeout_s: how long to wait for the confirmation, in seconds.
+            drones: the drones' numbers; None: all of the fog.
 
         Raises:
             FogUnreachable: the activator is not live, or has not confirmed in time.
-            ConfigurationError: the timeout is not above 0.
+            ConfigurationError: a number that cannot be a drone's, or a timeout that is not above 0.
             StationEnded, BrokerRefused: the station has ended.
         """
-        await self._runner.take_over(self.number, None, timeout_s)
+        numbers = None if drones is None else tuple(check_number("drone", number, MAX_DRONE) for number in drones)
+        await self._runner.take_over(self.number, numbers, timeout_s)
 
     def best(
         self, command: Command, *, ttl_s: float = TTL_S, limit_s: float | None = None
@@ -136,7 +143,7 @@ class Fog:
             PayloadError: a field of the command that cannot be carried; nothing was sent.
             StationEnded, BrokerRefused: the station has ended; nothing was sent.
         """
-        return best(self._runner, command, [self.number], ttl_s, limit_s)
+        return best([self._place], command, ttl_s, limit_s)
 
     def broadcast(
         self, command: Command, *, ttl_s: float = TTL_S, limit_s: float | None = None
@@ -155,6 +162,10 @@ class Fog:
             StationEnded, BrokerRefused: the station has ended; nothing was sent.
         """
         return self._runner.send(self._view, None, command, ttl_s, limit_s, Outcomes.of)
+
+    @property
+    def _place(self) -> Place:
+        return self._runner, self.number
 
 
 def _telling(staging: Staging, size: int, progress: Callable[[int, int], None] | None) -> Callable[[], Awaitable[None]]:
@@ -199,6 +210,15 @@ class Drone:
     def fog(self) -> int:
         """The number of the drone's fog."""
         return self._fog.number
+
+    @property
+    def fleet(self) -> str:
+        """The name of its fleet, where the station is one of `Fleets`; empty where it is alone."""
+        return self._runner.fleet
+
+    def __str__(self) -> str:
+        """As it is named, `1`, and among several fleets `acme/1`."""
+        return in_fleet(self.fleet, self.number)
 
     @property
     def is_reachable(self) -> bool:
@@ -261,7 +281,7 @@ class Drone:
     def readings(self) -> list[SensorReading]:
         """The newest reading of each kind of each sensor that this drone carries for."""
         latest = self._runner.station.readings.latest
-        return [latest[key] for key in sorted(latest) if key[0] == self.number]
+        return [self._runner.of_fleet(latest[key]) for key in sorted(latest) if key[0] == self.number]
 
     def send(
         self, command: Command, *, ttl_s: float = TTL_S, limit_s: float | None = None
@@ -514,6 +534,4 @@ class Drone:
 
     def _check_control(self) -> None:
         if not self.is_controlled:
-            raise ConfigurationError(
-                f"drone {self.number}: expected this station in control, not {self.holder or 'nobody'}"
-            )
+            raise ConfigurationError(f"drone {self}: expected this station in control, not {self.holder or 'nobody'}")

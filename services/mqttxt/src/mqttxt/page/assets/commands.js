@@ -1,6 +1,6 @@
 // Commands: to whom, their parameters, what was sent and every word about it.
 
-import { byId, el, hasNumber, numberIn, seconds, setText } from "./dom.js";
+import { byId, el, hasNumber, named, numberIn, seconds, setText } from "./dom.js";
 import { metresBetween } from "./map.js";
 
 const TITLES = { arm: "Arm", takeoff: "Take off", goto: "Go to", hold: "Hold", land: "Land", return: "Return", pause: "Pause mission" };
@@ -77,22 +77,23 @@ export class Commands {
   }
 
   selected() {
-    return { drones: [...this.page.selected].map((key) => key.split("/").map(Number)) };
+    const selected = [...this.page.selected].map((key) => this.page.drones.get(key));
+    return { drones: selected.map(({ fog, drone }) => [fog, drone]) };
   }
 
   to() {
     const fogs = this.page.fogs.map((fog) => fog.fog);
     if (this.target === "selected") return this.selected();
     if (this.target === "best") return { best: fogs };
-    return { fogs: this.target === "all" ? fogs : [Number(this.target.slice(4))] };
+    return { fogs: this.target === "all" ? fogs : fogs.filter((fog) => `fog-${fog}` === this.target) };
   }
 
   showWho() {
     const to = this.to();
     const count = to.drones?.length ?? 0;
-    const numbers = (to.drones ?? []).map(([, drone]) => drone).sort((one, other) => one - other);
+    const names = this.page.fleet.inOrder(this.page.selected).map(({ fleet, drone }) => named(fleet, drone));
     const fogs = (to.fogs ?? to.best ?? []).join(", ");
-    const drones = count === 0 ? "Nobody: select a drone" : `Drone ${numbers.join(", ")}${count > 1 ? ONE_ALONE : ""}`;
+    const drones = count === 0 ? "Nobody: select a drone" : `Drone ${names.join(", ")}${count > 1 ? ONE_ALONE : ""}`;
     const others = to.best ? `Whoever arrives first of fog ${fogs}: Go to alone` : `All drones of fog ${fogs}${ONE_ALONE}`;
     setText(byId("who"), to.drones ? drones : others);
     this.showDistance();
@@ -153,7 +154,7 @@ export class Commands {
     const from = drone?.states.location;
     const metres = from === undefined || this.page.place === null ? null : metresBetween(from, this.page.place);
     const shown = metres < 10000 ? `${Math.round(metres)} m` : `${Math.round(metres / 1000)} km`;
-    setText(byId("goto-distance"), metres === null ? "" : `${shown} from drone ${drone.drone}`);
+    setText(byId("goto-distance"), metres === null ? "" : `${shown} from drone ${named(drone.fleet, drone.drone)}`);
   }
 
   // A place as maps give it, both numbers in one: it fills in both fields.

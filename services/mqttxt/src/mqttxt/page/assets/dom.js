@@ -36,7 +36,11 @@ export function hasNumber(input) {
   return input.reportValidity();
 }
 
+// A fog's name has its fleet where there are several, as acme/1; so a key is one drone's alone.
 export const keyOf = (drone) => `${drone.fog}/${drone.drone}`;
+
+// A number, with its fleet where there are several.
+export const named = (fleet, number) => (fleet ? `${fleet}/${number}` : `${number}`);
 
 // A state's age now: as it was when it was sent, and the time since.
 export function ageMs(drone, state) {

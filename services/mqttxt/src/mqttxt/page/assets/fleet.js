@@ -1,6 +1,6 @@
 // The fleet's table: a row per drone, each value with its age. Its roles are named, because page.css lays it out as rows.
 
-import { ageMs, byId, el, fixed, keyOf, seconds, setText } from "./dom.js";
+import { ageMs, byId, el, fixed, keyOf, named, seconds, setText } from "./dom.js";
 
 const state = (name, show) => (drone) => {
   const known = drone.states[name];
@@ -11,8 +11,16 @@ const plain = (show) => (drone, page) => ({ text: show(drone, page), known: null
 
 function holder(drone, page) {
   if (drone.mine) return "this station";
-  if (drone.holder === page.station) return `another ${drone.holder}`;
+  if (drone.holder === page.names[drone.fleet]) return `another ${drone.holder}`;
   return drone.holder === null ? "nobody" : drone.holder;
+}
+
+// Drones stand in this order.
+const orderOf = ({ fleet, fog, drone }) => [fleet, Number(`${fog}`.split("/").at(-1)), drone];
+
+function isBefore(one, other) {
+  const index = one.findIndex((part, at) => part !== other[at]);
+  return index >= 0 && one[index] < other[index];
 }
 
 const COLUMNS = [
@@ -33,9 +41,16 @@ export class Fleet {
     for (const name of ["Select", "Drone", "Fog", ...COLUMNS.map(([heading]) => heading)]) {
       byId("fleet-head").append(el("th", { role: "columnheader", scope: "col" }, name));
     }
+    this.fleetHead = el("th", { role: "columnheader", scope: "col" }, "Fleet");
     byId("select-all").addEventListener("click", () => page.select([...page.drones.keys()]));
     byId("select-none").addEventListener("click", () => page.select([]));
     setInterval(() => this.tick(), 1000);
+  }
+
+  // Whether there are several fleets, which have a column then.
+  begin(hasFleets) {
+    document.body.classList.toggle("fleets", hasFleets);
+    if (hasFleets) byId("fleet-head").children[1].after(this.fleetHead);
   }
 
   update(drone) {
@@ -49,25 +64,27 @@ export class Fleet {
   }
 
   add(key, drone) {
-    const box = el("input", { type: "checkbox", "aria-label": `Select drone ${drone.drone} of fog ${drone.fog}` });
+    const label = `Select drone ${named(drone.fleet, drone.drone)} of fog ${drone.fog}`;
+    const box = el("input", { type: "checkbox", "aria-label": label });
     box.addEventListener("change", () => this.page.toggle(key));
     const cells = COLUMNS.map(([heading]) => ({ heading, value: el("span"), age: el("small") }));
+    const order = orderOf(drone);
+    const fleet = drone.fleet ? [el("td", { role: "cell", "data-heading": "Fleet" }, drone.fleet)] : [];
     const line = el(
       "tr",
       { role: "row", "data-drone": key },
       el("td", { role: "cell" }, box),
       el("th", { role: "rowheader", scope: "row" }, `${drone.drone}`),
-      el("td", { role: "cell", "data-heading": "Fog" }, `${drone.fog}`),
+      ...fleet,
+      el("td", { role: "cell", "data-heading": "Fog" }, `${order[1]}`),
       ...cells.map((cell) => el("td", { role: "cell", "data-heading": cell.heading }, cell.value, " ", cell.age)),
     );
     line.addEventListener("click", (event) => {
       if (event.target !== box) this.page.toggle(key);
     });
-    const next = [...this.rows.values()].find(
-      (other) => other.fog > drone.fog || (other.fog === drone.fog && other.drone > drone.drone),
-    );
+    const next = [...this.rows.values()].find((other) => isBefore(order, other.order));
     byId("fleet-rows").insertBefore(line, next === undefined ? null : next.line);
-    return { line, box, cells, fog: drone.fog, drone: drone.drone };
+    return { line, box, cells, order };
   }
 
   show(row, drone) {
@@ -81,6 +98,12 @@ export class Fleet {
       value.classList.toggle("stale", isState && (!drone.reachable || (old !== null && old > this.page.staleMs)));
     });
     row.line.classList.toggle("unreachable", !drone.reachable);
+  }
+
+  // Those drones as they stand in the table.
+  inOrder(keys) {
+    const drones = [...keys].map((key) => this.page.drones.get(key));
+    return drones.sort((one, other) => (isBefore(orderOf(one), orderOf(other)) ? -1 : 1));
   }
 
   mark(selected) {

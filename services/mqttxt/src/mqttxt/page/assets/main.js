@@ -1,7 +1,7 @@
 // The page: one socket to its server, and the parts that show what comes over it.
 
 import { Commands } from "./commands.js";
-import { byId, keyOf, setText } from "./dom.js";
+import { byId, keyOf, named, setText } from "./dom.js";
 import { Draft } from "./draft.js";
 import { Fleet } from "./fleet.js";
 import { Links } from "./links.js";
@@ -19,7 +19,7 @@ class Page {
     this.selected = new Set();
     this.lost = new Map();
     this.fogs = [];
-    this.station = null;
+    this.names = {}; // of this page's station, by fleet
     this.staleMs = Infinity;
     this.place = null;
     this.found = null; // a place that was typed: the map goes as far
@@ -69,7 +69,11 @@ class Page {
   }
 
   begin(hello) {
-    this.station = hello.station;
+    const whose = JSON.stringify(hello.prefixes);
+    if (this.whose !== undefined && this.whose !== whose) location.reload(); // drone 1 is another one now
+    this.whose = whose;
+    this.names = hello.names;
+    this.fleet.begin(Object.keys(hello.names).length > 1);
     this.staleMs = hello.stale_ms;
     this.canCommand = !hello.watch_only;
     setText(byId("station"), hello.watch_only ? `${hello.station}, which only watches` : hello.station);
@@ -113,11 +117,12 @@ class Page {
 
   // Which drones another station has taken, until they are back.
   showLost() {
-    const numbers = new Map();
+    const names = new Map();
     for (const [key, holder] of this.lost) {
-      numbers.set(holder, [...(numbers.get(holder) ?? []), this.drones.get(key).drone]);
+      const { fleet, drone } = this.drones.get(key);
+      names.set(holder, [...(names.get(holder) ?? []), named(fleet, drone)]);
     }
-    const texts = [...numbers].map(([holder, of]) => `Control of drone ${of.join(", ")} is lost: ${holder} has it.`);
+    const texts = [...names].map(([holder, of]) => `Control of drone ${of.join(", ")} is lost: ${holder} has it.`);
     this.lostText = texts.join(" ");
     this.showNotice();
   }

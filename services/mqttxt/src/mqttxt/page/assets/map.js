@@ -3,7 +3,7 @@
 // Only what has changed is painted. The plan's way and the drawn mission are in metres, so that a view that moves
 // changes one transform.
 
-import { byId, keyOf, setText, shape } from "./dom.js";
+import { byId, keyOf, named, setText, shape } from "./dom.js";
 import { Marks } from "./marks.js";
 import { Tiles } from "./tiles.js";
 
@@ -170,7 +170,7 @@ export class FleetMap {
   add(key, drone) {
     const arrow = shape("path", { d: "M0,-11 L7,9 L0,5 L-7,9 Z" });
     const marker = shape("g", { "data-marker": key }, arrow);
-    const seen = { place: null, home: null, trail: [], fresh: [], marker, arrow, drone: drone.drone };
+    const seen = { place: null, home: null, trail: [], fresh: [], marker, arrow, name: named(drone.fleet, drone.drone) };
     this.drones.append(marker);
     this.seen.set(key, seen);
     this.mark(this.page.selected);

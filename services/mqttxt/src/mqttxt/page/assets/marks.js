@@ -48,7 +48,7 @@ export class Marks {
     [context.font, context.textAlign] = [HOME_FONT, "center"];
     for (const { home } of this.map.seen.values()) if (home !== null) this.text(context, "⌂", home, 0, 8);
     [context.font, context.textAlign] = [FONT, "left"];
-    for (const { place, drone } of this.map.seen.values()) this.text(context, `${drone}`, place, 11, 4);
+    for (const { place, name } of this.map.seen.values()) this.text(context, name, place, 11, 4);
   }
 
   paintTrails(selected) {

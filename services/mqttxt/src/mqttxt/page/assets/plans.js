@@ -1,7 +1,7 @@
 // Plans: a file of QGroundControl, shown and, where the editor knows all of it, drawn there too; onto the selected
 // drone; its mission started, and how far it has come.
 
-import { byId, el, setText } from "./dom.js";
+import { byId, el, named, setText } from "./dom.js";
 
 export class Plans {
   constructor(page) {
@@ -53,8 +53,8 @@ export class Plans {
     for (const what of ["start", "resume"]) byId(`plan-${what}`).disabled = !isOne;
     const flown = [...this.page.drones.values()].filter((drone) => (drone.states.mission?.total ?? 0) > 0);
     const lines = flown.map(
-      ({ drone, states: { mission } }) =>
-        `Drone ${drone}: item ${mission.current} of ${mission.total}, reached ${mission.reached}`,
+      ({ fleet, drone, states: { mission } }) =>
+        `Drone ${named(fleet, drone)}: item ${mission.current} of ${mission.total}, reached ${mission.reached}`,
     );
     if (lines.join("\n") === this.shown) return;
     this.shown = lines.join("\n");

@@ -1,7 +1,7 @@
 // Rankings: the fogs' order of their drones (QoDS), and the newest choices (PSMI) with every figure and reason. Roles
 // are named, because page.css lays a table out as rows where it has no room.
 
-import { byId, el } from "./dom.js";
+import { byId, el, named } from "./dom.js";
 
 const figure = (value, unit, digits = 0) => (value === null ? "–" : `${value.toFixed(digits)} ${unit}`);
 
@@ -36,8 +36,8 @@ function table(title, columns, rows) {
 
 export function showRankings({ fogs, lists }) {
   const choices = lists.toReversed().flatMap((list) => {
-    const sent = list.chosen === null ? "nobody" : `drone ${list.chosen}`;
-    return table(`Choice of fog ${list.fog}: ${sent} (PSMI)`, PSMI, [...list.listed, ...list.left_out]);
+    const sent = list.chosen === null ? "nobody" : `drone ${named(list.fleet, list.chosen)}`;
+    return table(`Choice of fog ${named(list.fleet, list.fog)}: ${sent} (PSMI)`, PSMI, [...list.listed, ...list.left_out]);
   });
   const orders = fogs.flatMap((fog) => table(`Fog ${fog.fog}, best first (QoDS)`, QODS, fog.ranking));
   byId("rankings").replaceChildren(...orders, ...choices);

@@ -1,6 +1,6 @@
 // Sensors: a chart for each kind that a sensor measures, and its newest value as text.
 
-import { byId, el, setText, shape } from "./dom.js";
+import { byId, el, named, setText, shape } from "./dom.js";
 
 const KEPT = 300;
 const [WIDTH, HEIGHT, EDGE] = [280, 80, 4];
@@ -17,12 +17,12 @@ export class Sensors {
     byId("sensors").replaceChildren();
   }
 
-  update({ drone, sensor, kind, unit, points }) {
-    const key = JSON.stringify([drone, sensor, kind]);
+  update({ fleet, drone, sensor, kind, unit, points }) {
+    const key = JSON.stringify([fleet, drone, sensor, kind]);
     let chart = this.charts.get(key);
     if (chart === undefined) {
       chart = { points: [], newest: el("strong"), range: el("small"), line: shape("polyline") };
-      const title = `Drone ${drone}, sensor ${sensor}: ${kind}`;
+      const title = `Drone ${named(fleet, drone)}, sensor ${sensor}: ${kind}`;
       const picture = shape("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, "aria-hidden": "true" }, chart.line);
       byId("sensors").append(el("li", {}, el("span", {}, title), " ", chart.newest, picture, chart.range));
       this.charts.set(key, chart);
