@@ -39,7 +39,7 @@ _FIRST_STAMP = 256
 
 
 class Fleet:
-    """`numbers` drones below `root` and their five states; with `seals`, by number, they sign."""
+    """`numbers` drones below `root` and their five states; with `seals`, by number, they sign, at fog 1."""
 
     def __init__(
         self,
@@ -98,11 +98,13 @@ class Fleet:
         self._client.send(b"".join(head + now + tail for head, tail in packets))
         self.sent += len(packets) * (len(FIVE) if self._bundles else 1)
 
-    def _say(self, number: int, topic: str, payload: bytes, qos: int = 0, with_certificate: bool = False) -> None:
+    def _say(
+        self, number: int, topic: str, payload: bytes, qos: int = 0, with_certificate: bool = False, fog: str = ""
+    ) -> None:
         assert self._client is not None
         seal = self._seals.get(number)
         if seal is not None:
-            payload = seal.sign(topic.removeprefix(self._topics.root), payload, with_certificate).encode()
+            payload = seal.sign(fog + topic.removeprefix(self._topics.root), payload, with_certificate).encode()
         self._client.publish(topic, payload, qos)
 
     def stamp(self) -> int:
@@ -118,4 +120,4 @@ class Fleet:
         lease = decode(DroneLease, Envelope.parse(payload).payload if self._seals else payload)
         now_ms = int((time.monotonic() - self._born_s) * 1000) + 2560
         beacon = BeaconMessage(session=self._sessions[number], now_ms=now_ms, nonce=lease.nonce, held_ms=0)
-        self._say(number, self._topics.clock(number), encode(beacon))
+        self._say(number, self._topics.clock(number), encode(beacon), fog="fog1/")

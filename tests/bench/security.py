@@ -33,7 +33,7 @@ APART_S = 0.1
 """Between two measured calls' frames: longer than TCP may delay an acknowledgement."""
 SIZED = 20
 """Calls whose frames are looked at."""
-LEAST_CARRIED = 50
+LEAST_CARRIED = 40
 """Bytes of TCP: more than a PUBACK in TLS has, less than a command or a word."""
 ROUNDS = 3
 
@@ -131,26 +131,25 @@ def url_of(broker: BenchBroker | SecureBroker) -> str:
 
 
 def _size_lines(fleets: dict[str, Fleet], capture: Capture) -> list[str]:
-    """The command is the first thing that the fog's broker sends in a call; its first word comes back behind it."""
+    """The command is the first thing that the fog's broker sends in a call; its words come back, often in one frame."""
     found = {}
     for how, fleet in fleets.items():
         calls = [capture.between(*mark) for mark in fleet.marks]
-        down = [_first(frames, lambda frame, port=fleet.fog_port: frame.source == port) for frames in calls]
-        drones = {frame.target for frame in down}
-        assert len(drones) == 1, f"{how}: {drones}"
-        up = [_first(frames, lambda frame, drone=down[0].target: frame.source == drone) for frames in calls]
-        found[how] = tuple(median(frame.size for frame in frames) for frames in (down, up))
+        down = [next(frame for frame in frames if _carries(frame) and frame.source == fleet.fog_port) for frames in calls]
+        (drone,) = {frame.target for frame in down}
+        up = [sum(frame.size for frame in frames if _carries(frame) and frame.source == drone) for frames in calls]
+        found[how] = (median(frame.size for frame in down), median(up))
     return [
-        f"security: bytes of a frame between the fog's broker and the drone, {what}: "
+        f"security: bytes between the fog's broker and the drone, {what}: "
         + ", ".join(f"{how} {found[how][place]:.0f}" for how in SECURITY)
         + f"; signed {found['signed'][place] - found['tls'][place]:+.0f} to tls"
-        for place, what in enumerate(("arm", "its first word"))
+        for place, what in enumerate(("arm", "its two words"))
     ]
 
 
-def _first(frames: list[Frame], wanted: object) -> Frame:
-    assert callable(wanted)
-    return next(frame for frame in frames if frame.carried >= LEAST_CARRIED and wanted(frame))
+def _carries(frame: Frame) -> bool:
+    """More than an acknowledgement."""
+    return frame.carried >= LEAST_CARRIED
 
 
 def _time_lines(fleets: dict[str, Fleet]) -> list[str]:
