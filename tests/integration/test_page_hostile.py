@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import AsyncIterator
-from typing import cast
 
 import pytest
 
@@ -17,17 +14,14 @@ from mqttxt import (
     ConfigurationError,
     ControlChanged,
     Event,
-    Fog,
-    GroundStation,
     PsmiList,
     SensorReading,
     Severity,
     StateUpdate,
     Word,
 )
-from mqttxt.page.process import serve
-from tests.rigs.live_page import LivePage
-from tests.rigs.processes import eventually, free_port
+from tests.rigs.made_up_page import shown
+from tests.rigs.processes import eventually
 from tests.simulation.page_fleet import FakeLinks, FakeStation, outcome
 from tests.tools.axe import AXE
 from tests.tools.programs import chromium
@@ -39,23 +33,6 @@ pytestmark = [
 ATTACK = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 FLOOD = 20_000
 LARGE = 250
-
-
-@contextlib.asynccontextmanager
-async def shown(station: FakeStation, links: FakeLinks | None = None) -> AsyncIterator[LivePage]:
-    """The page of a made-up fleet, open in a browser, whose calls run in a thread beside the page's loop."""
-    port = free_port()
-    fogs = cast("list[Fog]", [station.the_fog])
-    serving = asyncio.create_task(serve(cast("GroundStation", station), fogs, "127.0.0.1", port, False, links))
-    path = chromium()
-    assert path is not None
-    try:
-        with LivePage(path) as browser:
-            await asyncio.to_thread(browser.open, f"http://127.0.0.1:{port}/")
-            yield browser
-    finally:
-        serving.cancel()
-        await eventually(serving.done, "the page has ended")
 
 
 async def test_texts_of_others_are_only_text() -> None:

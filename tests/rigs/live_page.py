@@ -87,6 +87,16 @@ class LivePage(Browser):
             self._ask("Input.dispatchMouseEvent", type="mouseMoved", **at, button="left", buttons=1)
         self._ask("Input.dispatchMouseEvent", type="mouseReleased", **there, **pressed)
 
+    def pinch(self, selector: str, apart: float, later: float) -> None:
+        """With two fingers in the middle of an element, so many pixels apart, and then so many."""
+        box = self.value(f"document.querySelector({json.dumps(selector)}).getBoundingClientRect().toJSON()")
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        self._ask("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+        for kind, between in (("touchStart", apart), ("touchMove", later)):
+            fingers = [{"x": x + side * between / 2, "y": y, "id": id} for id, side in enumerate((-1, 1))]
+            self._ask("Input.dispatchTouchEvent", type=kind, touchPoints=fingers)
+        self._ask("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+
     def watch_inputs(self) -> None:
         """Count from now on, on this page, what is done by mouse and by keyboard."""
         self.value(

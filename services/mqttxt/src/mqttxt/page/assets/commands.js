@@ -6,6 +6,7 @@ import { metresBetween } from "./map.js";
 const TITLES = { arm: "Arm", takeoff: "Take off", goto: "Go to", hold: "Hold", land: "Land", return: "Return", pause: "Pause mission" };
 const TWO_NUMBERS = /^[\s(]*([-+]?\d+\.\d+)[,;\s]\s*([-+]?\d+\.\d+)[\s)]*$/;
 const ONE_ALONE = "; Go to takes one drone";
+const GOOD = ["accepted", "in_progress", "completed", "choice"];
 const KEYS = { h: "hold", l: "land", r: "return" };
 
 export class Commands {
@@ -20,6 +21,9 @@ export class Commands {
   }
 
   build({ commands, ttl_s, longest_ttl_s }) {
+    const offered = JSON.stringify([commands, ttl_s, longest_ttl_s]);
+    if (offered === this.offered) return; // the program is back: what was typed stays, and the focus
+    this.offered = offered;
     this.catalogue = commands;
     byId("ttl").value = ttl_s;
     byId("ttl").dataset.high = longest_ttl_s;
@@ -52,6 +56,9 @@ export class Commands {
       event.target.setCustomValidity("");
       this.showPlace();
     });
+    form.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" && button.disabled) this.send(name); // a browser does nothing then, and says nothing
+    });
     form.addEventListener("change", () => this.page.findPlace());
     form.addEventListener("paste", (event) => this.onPaste(event));
     this.forms.set(name, { form, button });
@@ -59,6 +66,9 @@ export class Commands {
   }
 
   showTargets() {
+    const fogs = this.page.fogs.map((fog) => fog.fog).join();
+    if (fogs === this.shownFogs) return; // a new button would not have the focus
+    this.shownFogs = fogs;
     const choices = [["selected", "the selected drones"]];
     for (const fog of this.page.fogs) choices.push([`fog-${fog.fog}`, `all of fog ${fog.fog}`]);
     if (this.page.fogs.length > 1) choices.push(["all", "all drones"]);
@@ -94,20 +104,31 @@ export class Commands {
     const names = this.page.fleet.inOrder(this.page.selected).map(({ fleet, drone }) => named(fleet, drone));
     const fogs = (to.fogs ?? to.best ?? []).join(", ");
     const drones = count === 0 ? "Nobody: select a drone" : `Drone ${names.join(", ")}${count > 1 ? ONE_ALONE : ""}`;
-    const others = to.best ? `Whoever arrives first of fog ${fogs}: Go to alone` : `All drones of fog ${fogs}${ONE_ALONE}`;
+    const more = this.page.selected.size > 0 ? ", not the selected alone" : "";
+    const all = `All drones of fog ${fogs}${more}${ONE_ALONE}`;
+    const others = to.best ? `Whoever arrives first of fog ${fogs}: Go to alone` : all;
     setText(byId("who"), to.drones ? drones : others);
     this.showDistance();
     byId("take-over").disabled = this.page.selected.size === 0;
-    for (const [name, { button }] of this.forms) {
-      const { each, best } = this.catalogue[name];
-      button.disabled = to.best ? !best : to.drones ? count === 0 || (each && count > 1) : each;
-    }
+    for (const [name, { button }] of this.forms) button.disabled = this.whyNot(name) !== null;
+    if (this.page.said === this.refusal) this.page.say("");
+  }
+
+  // Why a command is not for whom To names; null where it is.
+  whyNot(name) {
+    const to = this.to();
+    const { each, best } = this.catalogue[name];
+    if (to.drones?.length === 0) return "select a drone first";
+    if (to.best) return best ? null : "only Go to is for whoever arrives first";
+    return each && to.drones?.length !== 1 ? "it takes one drone" : null;
   }
 
   send(name) {
-    const { form, button } = this.forms.get(name);
-    if (button.disabled) {
-      this.page.say(`${TITLES[name]} was not sent: select whom it is for.`);
+    const { form } = this.forms.get(name);
+    const why = this.whyNot(name);
+    if (why !== null) {
+      this.refusal = `${TITLES[name]} was not sent: ${why}.`;
+      this.page.say(this.refusal);
       return;
     }
     const inputs = [...form.querySelectorAll("input")];
@@ -182,6 +203,17 @@ export class Commands {
     }
     shown.line.classList.toggle("open", order.open);
     this.showLeft(shown);
+    this.showNewest();
+  }
+
+  // Beside the buttons: the newest command with its words, where several drones have said one how many.
+  showNewest() {
+    const { order } = this.orders.get(Math.max(...this.orders.keys()));
+    const counts = new Map();
+    for (const { word } of order.words) counts.set(word, (counts.get(word) ?? 0) + 1);
+    const words = [...counts].map(([word, count]) => `${word.replaceAll("_", " ")}${count > 1 ? ` ${count}` : ""}`);
+    setText(byId("newest"), `${order.text}: ${words.join(", ") || "sent"}`);
+    byId("newest").classList.toggle("bad", [...counts.keys()].some((word) => !GOOD.includes(word)));
   }
 
   showLeft({ order, left }) {
@@ -213,5 +245,6 @@ export class Commands {
   clear() {
     this.orders.clear();
     byId("orders").replaceChildren();
+    setText(byId("newest"), "");
   }
 }

@@ -33,6 +33,12 @@ function gridStep(metres) {
   return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= metres);
 }
 
+// How far two fingers are apart, in pixels; never nothing.
+function apart(fingers) {
+  const [one, other] = [...fingers.values()];
+  return Math.max(1, Math.hypot(one.x - other.x, one.y - other.y));
+}
+
 const translated = ({ x, y }) => `translate(${x.toFixed(1)} ${y.toFixed(1)})`;
 const line = (places) => places.map(({ x, y }) => `${x.toFixed(2)},${y.toFixed(2)}`).join(" ");
 
@@ -81,12 +87,23 @@ export class FleetMap {
 
   listen() {
     let from = null;
+    const down = new Map(); // the fingers, or the mouse, by where they are
     this.svg.addEventListener("pointerdown", (event) => {
+      down.set(event.pointerId, this.pixelsOf(event));
+      if (down.size > 1) {
+        from = null; // two fingers zoom: that is no click
+        return;
+      }
       const waypoint = this.page.isDrawing() ? this.waypointAt(this.pixelsOf(event)) : -1;
       from = { x: event.clientX, y: event.clientY, centre: { ...this.centre }, moved: false, waypoint };
       this.svg.setPointerCapture(event.pointerId);
     });
     this.svg.addEventListener("pointermove", (event) => {
+      if (down.size === 2 && down.has(event.pointerId)) {
+        const before = apart(down);
+        down.set(event.pointerId, this.pixelsOf(event));
+        this.zoom(apart(down) / before);
+      }
       if (from === null) return;
       const [dx, dy] = [event.clientX - from.x, event.clientY - from.y];
       const begins = !from.moved && Math.hypot(dx, dy) > DRAG_PX;
@@ -101,11 +118,13 @@ export class FleetMap {
       }
     });
     this.svg.addEventListener("pointerup", (event) => {
+      down.delete(event.pointerId);
       const wasClick = from !== null && !from.moved && from.waypoint < 0;
       from = null;
       if (wasClick) this.click(this.pixelsOf(event));
     });
-    this.svg.addEventListener("pointercancel", () => {
+    this.svg.addEventListener("pointercancel", (event) => {
+      down.delete(event.pointerId);
       from = null;
     });
     this.svg.addEventListener("keydown", (event) => this.onKey(event));

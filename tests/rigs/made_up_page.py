@@ -1,0 +1,38 @@
+"""The live page of a made-up fleet, in the test's own process, and a browser that shows it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from typing import cast
+
+from mqttxt import Fog, GroundStation
+from mqttxt.page.process import serve
+from tests.rigs.live_page import LivePage
+from tests.rigs.processes import eventually, free_port
+from tests.simulation.page_fleet import FakeLinks, FakeStation
+from tests.tools.programs import chromium
+
+
+@contextlib.asynccontextmanager
+async def served(station: FakeStation, port: int, links: FakeLinks | None = None) -> AsyncIterator[str]:
+    """The page at a port; its address."""
+    fogs = cast("list[Fog]", [station.the_fog])
+    serving = asyncio.create_task(serve(cast("GroundStation", station), fogs, "127.0.0.1", port, False, links))
+    try:
+        yield f"http://127.0.0.1:{port}/"
+    finally:
+        serving.cancel()
+        await eventually(serving.done, "the page has ended")
+
+
+@contextlib.asynccontextmanager
+async def shown(station: FakeStation, links: FakeLinks | None = None, width: int = 1600) -> AsyncIterator[LivePage]:
+    """The page, open in a browser, whose calls run in a thread beside the page's loop."""
+    path = chromium()
+    assert path is not None
+    async with served(station, free_port(), links) as url:
+        with LivePage(path) as browser:
+            await asyncio.to_thread(browser.open, url, width)
+            yield browser
