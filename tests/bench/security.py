@@ -135,7 +135,9 @@ def _size_lines(fleets: dict[str, Fleet], capture: Capture) -> list[str]:
     found = {}
     for how, fleet in fleets.items():
         calls = [capture.between(*mark) for mark in fleet.marks]
-        down = [next(frame for frame in frames if _carries(frame) and frame.source == fleet.fog_port) for frames in calls]
+        down = [
+            next(frame for frame in frames if _carries(frame) and frame.source == fleet.fog_port) for frames in calls
+        ]
         (drone,) = {frame.target for frame in down}
         up = [sum(frame.size for frame in frames if _carries(frame) and frame.source == drone) for frames in calls]
         found[how] = (median(frame.size for frame in down), median(up))
