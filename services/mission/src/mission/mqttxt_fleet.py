@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import AsyncIterable, Callable, Coroutine, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -241,8 +241,8 @@ class MqttxtFleet:
                 value = {name: plain(found) for name, found in vars(event.state).items()}
                 self._log.write("state", drone=event.drone, name=event.state.name, value=value, age_ms=event.age_ms)
             elif isinstance(event, SensorReading):
-                carried = {name: value for name, value in asdict(event).items() if name != "fog"}
-                self._readings.append(reading := Reading(**carried))
+                reading = Reading(**{field.name: getattr(event, field.name) for field in fields(Reading)})
+                self._readings.append(reading)
                 self._log.reading(event.fog, reading)
             self._heard.set()
 
