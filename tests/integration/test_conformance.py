@@ -62,12 +62,6 @@ ACTIVATOR_VARIANTS = {
     "activator-chooses-who-cannot-go": {"leaves-out-who-cannot-go"},
     "activator-believes-every-puback": {"passes-readings-on"},
     "activator-answers-nothing-anew": {"answers-what-is-not-shown"},
-    "activator-knows-one-link": {
-        "a-drone-is-there-while-one-link-is",
-        "sends-a-halt-over-both-links",
-        "tries-both-links-where-no-word-comes",
-    },
-    "activator-sends-over-one-link": {"sends-a-halt-over-both-links", "tries-both-links-where-no-word-comes"},
     "activator-obeys-everybody": {"lets-one-station-command", "raises-the-epoch-at-a-takeover"},
 }
 GS_VARIANTS = {

@@ -32,15 +32,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.apart]
 class SecureSystem:
     """A cloud's and a fog's broker, an activator, one drone with its sensors' broker, an autopilot and a sensor."""
 
-    def __init__(
-        self,
-        folder: Path,
-        signed: bool = False,
-        *of_the_drone: str,
-        prefix: str = "",
-        links: tuple[str, ...] | None = None,
-    ) -> None:
-        """`links`: where the drone reaches its fog's broker, if that is not at its own address."""
+    def __init__(self, folder: Path, signed: bool = False, *of_the_drone: str, prefix: str = "") -> None:
         self.folder = folder
         self.acme = acme = Authority.create(folder / "acme", "acme")
         brokers = ("broker-cloud", "broker-fog1", "broker-drone1")
@@ -54,8 +46,8 @@ class SecureSystem:
         sitl = ["fly", "--fleet", str(quick_fleet(folder, LANDING)), "--system", "1", "--listen", "127.0.0.1:0"]
         activator = ["activator", "--fog", "1", "--cloud", cloud, "--fog-broker", fog, "--drones", "1"]
         activator += ["--audit", str(folder / "fog1.audit"), "--prefix", prefix]
-        uav = ["uav", "--drone", "1", "--autopilot", f"udp:127.0.0.1:{port}", "--sensor-broker", field, *of_the_drone]
-        uav += [option for address in links or (fog,) for option in ("--broker", address)]
+        uav = ["uav", "--drone", "1", "--broker", fog, "--autopilot", f"udp:127.0.0.1:{port}", "--sensor-broker", field]
+        uav += of_the_drone
         sitl += ["--events", str(folder / "sitl.jsonl")]
         files = ["--journal", str(folder / "journal"), "--sensor-store", str(folder / "readings")]
         files += ["--audit", str(folder / "drone1.audit")]

@@ -431,20 +431,6 @@ def gs_grants_too_much() -> None:
     wrap(FogView, "_grant", make)
 
 
-def activator_knows_one_link() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, number, presence, now_ms, way: original(self, number, presence, now_ms)
-
-    wrap(Drones, "on_presence", make)
-
-
-def activator_sends_over_one_link() -> None:
-    def make(original: Any) -> Any:
-        return lambda self, entry, leg, remaining_ms, over_both: original(self, entry, leg, remaining_ms, False)
-
-    wrap(Relay, "_publish_command", make)
-
-
 def takes_any_reading() -> None:
     def make(original: Any) -> Any:
         def opened_reading(self: Any, payload: bytes, *more: Any) -> bytes:
@@ -490,8 +476,6 @@ VARIANTS: dict[str, Patch] = {
     "activator-signs-drones-words": activator_signs_drones_words,
     "activator-takes-any-reading": takes_any_reading,
     "activator-names-no-holder": activator_names_no_holder,
-    "activator-knows-one-link": activator_knows_one_link,
-    "activator-sends-over-one-link": activator_sends_over_one_link,
     "gs-counts-nothing": gs_counts_nothing,
     "gs-retains-commands": gs_retains_commands,
     "gs-never-renews": gs_never_renews,

@@ -161,7 +161,7 @@ class Proxy:
 
     def __init__(self, target_port: int) -> None:
         self.delay_s = 0.0
-        self.target_port = target_port
+        self._target_port = target_port
         self._open = asyncio.Event()
         self._open.set()
         self._server: asyncio.Server | None = None
@@ -182,11 +182,6 @@ class Proxy:
     def go_on(self) -> None:
         self._open.set()
 
-    def cut(self) -> None:
-        """Every connection ends; new ones are passed on."""
-        for task in self._tasks:
-            task.cancel()
-
     async def close(self) -> None:
         assert self._server is not None
         self._server.close()
@@ -195,7 +190,7 @@ class Proxy:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        there, to_there = await asyncio.open_connection("127.0.0.1", self.target_port)
+        there, to_there = await asyncio.open_connection("127.0.0.1", self._target_port)
         for source, sink in ((reader, to_there), (there, writer)):
             task = asyncio.create_task(self._pass_on(source, sink))
             self._tasks.add(task)

@@ -90,7 +90,7 @@ class Judge:
 
     def publishes(self, node: Any, publish: Publish, read_us: int) -> None:
         """What a process says: commands handed on, and `expired`."""
-        if publish.topic.startswith("drone") and publish.topic.endswith(("/commands", "/both_links")):
+        if publish.topic in ("drone1/commands", "drone2/commands"):
             self._hands_on(node, publish)
         elif "/commands_result/" in publish.topic:
             if node.name == "activator" and publish.link == "cloud" and publish.topic.startswith("fog1/commands_"):

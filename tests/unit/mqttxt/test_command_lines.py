@@ -41,18 +41,6 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ("uav --drone 0 --broker mqtt://x", "--drone 0: expected a whole number from 1 to 250"),
         ("uav --drone 1 --broker mqtt://127.0.0.1 --autopilot usb", "autopilot 'usb': expected udp:"),
         ("uav --drone 1 --broker mqtt://127.0.0.1 --autopilot serial:/dev/x:0", "expected a baud rate from 1"),
-        (
-            "uav --drone 1 --broker mqtt://127.0.0.1 --broker mqtt://127.0.0.1:1883",
-            "--broker mqtt://127.0.0.1:1883: given twice; expected another address of the same broker",
-        ),
-        (
-            "uav --drone 1 --broker mqtt://[::1] --broker mqtt://localhost --broker mqtt://127.0.0.1",
-            "--broker mqtt://127.0.0.1:1883: expected one or two addresses of the fog's broker",
-        ),
-        (
-            "uav --drone 1 --broker mqtt://127.0.0.1 --broker mqtt://sat.example",
-            f"--broker mqtt://sat.example:1883: {ADVICE}",
-        ),
         ("uav --drone 1 --broker mqtt://fog.example", f"--broker mqtt://fog.example:1883: {ADVICE}"),
         ("activator --fog 1 --cloud mqtt://127.0.0.1 --listen x", "--listen 'x': expected HOST:PORT"),
         ("gs page --fog 1 --listen 127.0.0.1:80000", "expected HOST:PORT, with a port from 1 to 65535"),

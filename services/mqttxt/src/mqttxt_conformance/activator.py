@@ -18,7 +18,7 @@ from .subject import Subject
 from .tap import Tap, clear_retained
 
 # Their import enters their rules, in this order.
-from . import activator_gate, activator_presence, activator_commands, activator_control, activator_links  # isort: skip
+from . import activator_gate, activator_presence, activator_commands, activator_control  # isort: skip
 
 ENDING = (
     activator_presence.will_carries_the_session,
@@ -59,7 +59,7 @@ async def check_activator(
     await fog.connect("--fog-broker")
     kit = ActivatorKit(topics, fog_side, cloud, fog, subject, clock)
     try:
-        await clear_retained(fog, [*map(fog_side.reachable, (1, 2)), *map(fog_side.second_reachable, (1, 2))])
+        await clear_retained(fog, [fog_side.reachable(number) for number in (1, 2)])
         if subject.is_ours:
             records = [topics.drone_reachable(number) for number in (1, 2)]
             await clear_retained(cloud, [topics.reachable, *records])
@@ -125,7 +125,6 @@ __all__ = [
     "activator_commands",
     "activator_control",
     "activator_gate",
-    "activator_links",
     "activator_signed",
     "check_activator",
     "rules",

@@ -253,8 +253,7 @@ class ActivatorKit:
         await self.subject.kill()
         drones = [self.topics.drone_reachable(number) for number in self.drones]
         await clear_retained(self.cloud, [self.topics.reachable, *drones])
-        links = [*map(self.fog_side.reachable, self.drones), *map(self.fog_side.second_reachable, self.drones)]
-        await clear_retained(self.fog, links)
+        await clear_retained(self.fog, [self.fog_side.reachable(number) for number in self.drones])
         await self.cloud.close()
         await self.fog.close()
 

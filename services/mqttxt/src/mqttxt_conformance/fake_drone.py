@@ -82,7 +82,7 @@ class FakeDrone:
         try:
             if heard.topic == self._topics.init_connect(self.number) and heard.payload:
                 self._on_lease(heard, shapes.read("drone-lease", heard.payload))
-            elif heard.topic in (self._topics.commands(self.number), self._topics.both_links(self.number)):
+            elif heard.topic == self._topics.commands(self.number) and heard.payload:
                 self._on_command(heard, shapes.read("command", heard.payload))
         except Broken:
             return  # the rule about what comes down reads it again

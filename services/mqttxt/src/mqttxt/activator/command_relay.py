@@ -34,8 +34,6 @@ from .signed_commands import SignedCommand, SignedCommands
 
 FLYING = (Takeoff, Goto, Land, Return, Offboard, StartMission, Resume)
 """A drone is busy from one of these to its last word."""
-OVER_BOTH_MS = 300
-"""After which a command without a word goes over both links of a drone that has two."""
 
 
 class Relay:
@@ -176,14 +174,11 @@ class Relay:
         command_id, drone = ref
         entry = self.ledger.get(command_id)
         leg = entry.record.legs.get(drone) if entry is not None else None
-        if entry is None or leg is None or leg.is_closed or leg.words or code != NO_MATCHING_SUBSCRIBERS:
+        if entry is None or leg is None or leg.is_closed or leg.words or leg.publishes > 1:
             return []
-        leg.unheard += 1
-        if leg.over_both_ms is not None:
-            return [self._publish_over_both(entry, leg, now_ms)]
-        if leg.unheard < leg.publishes or entry.record.query or entry.record.signed is not None:
-            return []
-        return self.words.close(entry, leg, Word.UNREACHABLE, "no_subscriber", now_ms)
+        if code == NO_MATCHING_SUBSCRIBERS and not entry.record.query and entry.record.signed is None:
+            return self.words.close(entry, leg, Word.UNREACHABLE, "no_subscriber", now_ms)
+        return []
 
     def on_drone_reachable(self, link: DroneLink, now_ms: int) -> list[Effect]:
         """A drone is (again) there: what is open for it is sent once more, as a query where it has a new session."""
@@ -206,9 +201,6 @@ class Relay:
                     out += self.words.close(entry, leg, Word.UNCONFIRMED, None, now_ms)
                 elif link is not None and link.announced and leg.retry is not None and leg.retry.is_due(now_ms):
                     out += self._send_again(entry, leg, link, now_ms)
-                elif leg.over_both_ms is not None and now_ms >= leg.over_both_ms:
-                    out += [self._publish_over_both(entry, leg, now_ms)] if not leg.words else []
-                    leg.over_both_ms = None
         return out
 
     def _refusal(self, job: Job, known: bool, retained: bool, now_ms: int) -> str | None:
@@ -260,28 +252,19 @@ class Relay:
         leg.retry = Retry.of(self._channel.settings.qos, now_ms, remaining_ms)
         if isinstance(job.message.command, Offboard):
             link.in_offboard, link.next_lease_ms = True, now_ms
-        is_over_both = link.has_second and isinstance(job.message.command, OVERRIDING)
-        leg.over_both_ms = now_ms + OVER_BOTH_MS if link.has_second and not is_over_both else None
-        return [self._publish_command(entry, leg, remaining_ms, is_over_both)]
+        return [self._publish_command(entry, leg, remaining_ms)]
 
     def _send_again(self, entry: Entry[Job], leg: Leg, link: DroneLink | None, now_ms: int) -> list[Effect]:
         if link is None or link.session is None or not self.fog_connected:
             return []
         if leg.sent is None or leg.sent.executor_session != link.session:
             leg.sent = replace(entry.record.message, executor_session=link.session, deadline_ms=QUERY_DEADLINE_MS)
-        leg.over_both_ms = None
-        return [self._publish_command(entry, leg, entry.record.deadline_ms - now_ms, link.has_second)]
+        return [self._publish_command(entry, leg, entry.record.deadline_ms - now_ms)]
 
-    def _publish_over_both(self, entry: Entry[Job], leg: Leg, now_ms: int) -> Publish:
-        """The same command once more: the link that it went over first may be dead (R19.5)."""
-        leg.over_both_ms = None
-        return self._publish_command(entry, leg, entry.record.deadline_ms - now_ms, True)
-
-    def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int, over_both: bool) -> Publish:
+    def _publish_command(self, entry: Entry[Job], leg: Leg, remaining_ms: int) -> Publish:
         assert leg.sent is not None
         leg.publishes += 1
-        topic = self._fog.both_links(leg.drone) if over_both else self._fog.commands(leg.drone)
-        signed, qos = entry.record.signed, self._channel.settings.qos
+        topic, signed, qos = self._fog.commands(leg.drone), entry.record.signed, self._channel.settings.qos
         if signed is None:
             payload = self._channel.payload(topic, leg.sent)
         else:

@@ -11,7 +11,7 @@ from ..core.effects import Effect, Log, Publish
 from ..core.settings import Rebirth
 from ..protocol.messages import BeaconMessage, DroneLease, DroneRecord, Presence, RosterEntry
 from ..protocol.state_payload import PlainState
-from ..protocol.topics import SECOND, CloudSide, FogSide
+from ..protocol.topics import CloudSide, FogSide
 from .leases import Key, Leases
 
 FOG = "fog"
@@ -36,22 +36,16 @@ class Known:
 
 @dataclass
 class DroneLink:
-    """One drone: the session bound to its number, and what is known of it.
-
-    `ways` are the links of that session that are up, `SECOND` one of them; `has_second`: that one was seen, up or not.
-    """
+    """One drone: the session bound to its number, and what is known of it."""
 
     number: int
     session: int | None = None
     up: bool = False
-    ways: set[str] = field(default_factory=set)
-    has_second: bool = False
     announced: bool = False
     clock: RemoteClock | None = None
     states: dict[str, Known] = field(default_factory=dict)
     nonces: dict[int, int] = field(default_factory=dict)
     challenger: int | None = None
-    challenger_ways: set[str] = field(default_factory=set)
     contest_until_ms: int = 0
     next_lease_ms: int = 0
     in_offboard: bool = False
@@ -132,37 +126,29 @@ class Drones:
         gone = [link.number for link in self.links.values() if link.announced]
         for link in self.links.values():
             link.up = link.announced = False
-            link.ways.clear()
             link.missed = True
             link.nonces.clear()
         self.roster_changed = self.roster_changed or bool(gone)
         return gone
 
-    def on_presence(self, number: int, presence: Presence, now_ms: int, way: str = "") -> list[Effect]:
-        """`droneY/reachable`, or with `way` that of the second link: bind, contest, or mark as gone."""
+    def on_presence(self, number: int, presence: Presence, now_ms: int) -> list[Effect]:
+        """`droneY/reachable`: bind, contest, or mark as gone."""
         link = self.links.get(number)
         if link is None:
             link = self.links[number] = DroneLink(number)
             self._leases.add(number, now_ms)
             self.roster_changed = True
-        is_bound = presence.session == link.session
-        link.has_second = link.has_second or (is_bound and way == SECOND)
         if not presence.up:
-            if presence.session == link.challenger:
-                link.challenger_ways.discard(way)
-            if is_bound and link.up:
-                link.ways.discard(way)
-                if not link.ways:
-                    link.up = False
-                    return self._announce(link, False)
+            if presence.session == link.session and link.up:
+                link.up = False
+                return self._announce(link, False)
             return []
-        if is_bound:
+        if presence.session == link.session:
             link.up = True
-            link.ways.add(way)
             return [self._lease(link, now_ms)]
         if link.is_live(now_ms, self._settings.beacon_interval_ms):
-            return self._contest(link, presence.session, way, now_ms)
-        return self._bind(link, presence.session, {way}, now_ms)
+            return self._contest(link, presence.session, now_ms)
+        return self._bind(link, presence.session, now_ms)
 
     def on_beacon(self, number: int, message: BeaconMessage, now_ms: int) -> list[Effect]:
         """`droneY/clock`: what the bound session's clock reads; the first echo makes the drone reachable."""
@@ -250,17 +236,16 @@ class Drones:
         for link in self.links.values():
             if link.challenger is not None and now_ms >= link.contest_until_ms:
                 challenger, link.challenger = link.challenger, None
-                out += self._bind(link, challenger, set(link.challenger_ways), now_ms)
+                out += self._bind(link, challenger, now_ms)
             if link.announced and not link.is_live(now_ms, self._settings.beacon_interval_ms):
                 out += self._announce(link, False)
             if link.up and now_ms >= link.next_lease_ms:
                 out.append(self._lease(link, now_ms))
         return out
 
-    def _bind(self, link: DroneLink, session: int, ways: set[str], now_ms: int) -> list[Effect]:
+    def _bind(self, link: DroneLink, session: int, now_ms: int) -> list[Effect]:
         out = self._announce(link, False) if link.announced else []
         link.session = session
-        link.ways, link.has_second = ways, SECOND in ways
         link.challenger = None
         link.up = True
         link.clock = RemoteClock(session)
@@ -270,11 +255,10 @@ class Drones:
         link.heard_ms = None
         return [*out, self._lease(link, now_ms)]
 
-    def _contest(self, link: DroneLink, challenger: int, way: str, now_ms: int) -> list[Effect]:
+    def _contest(self, link: DroneLink, challenger: int, now_ms: int) -> list[Effect]:
         if link.challenger == challenger:
-            link.challenger_ways.add(way)
             return []
-        link.challenger, link.challenger_ways = challenger, {way}
+        link.challenger = challenger
         link.contest_until_ms = now_ms + CONTEST_MS
         return [
             Log(

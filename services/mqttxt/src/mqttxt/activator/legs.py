@@ -18,18 +18,14 @@ CHOSEN = 0
 class Leg:
     """A command on its way to one drone, and its words; `signed` has the envelopes of those that the drone signed.
 
-    `unheard` says of how many `publishes` a broker has said that nobody was there to hear them. From `over_both_ms` on
-    an unanswered command goes over both of its drone's links, None where it does not, or has gone.
     `said` are the newest word and the truth behind it as they were published, for who asks again.
     """
 
     drone: int
     sent: CommandMessage | None = None
     publishes: int = 0
-    unheard: int = 0
     words: list[ResultMessage] = field(default_factory=list)
     retry: Retry | None = None
-    over_both_ms: int | None = None
     truth: ResultMessage | None = None
     said: list[Publish] = field(default_factory=list)
     signed: dict[ResultMessage, Envelope] = field(default_factory=dict)

@@ -224,15 +224,11 @@ class Activator:
         return self.relay.words.on_result(link, signed.payload, topic.name, now_ms, signed.envelope.bare())
 
     def _on_drone_presence(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
-        """A drone's birth or will; a signed birth is passed on to who is to verify what the drone says.
-
-        That of a second link is signed as that of the first (R19.3).
-        """
+        """A drone's birth or will; a signed birth is passed on to who is to verify what the drone says."""
         drone = topic.drone
-        signed_as = self._to_fog.signed_topic(self.fog_side.reachable(drone))
-        presence = decode(Presence, self._to_fog.opened(message, f"drone{drone}", signed_as))
+        presence = decode(Presence, self._to_fog.opened(message, f"drone{drone}"))
         passed_on = self._births.on_drone(drone, message.payload) if self._seal is not None and presence.up else []
-        return passed_on + self._watched(self.drones.on_presence(drone, presence, now_ms, topic.name), now_ms)
+        return passed_on + self._watched(self.drones.on_presence(drone, presence, now_ms), now_ms)
 
     def _on_drone_beacon(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A drone's beacon; a signed one is passed on: who signs commands makes their deadlines of it."""

@@ -167,10 +167,7 @@ def activator(
 @app.command()
 def uav(
     drone: Annotated[int, typer.Option(help="This drone's number: its autopilot's MAVLink system id.")],
-    broker: Annotated[
-        list[str],
-        typer.Option(help="The fog's broker: mqtt://HOST[:PORT]; given twice: its addresses over two networks."),
-    ],
+    broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
     autopilot: Annotated[
         str, typer.Option(help="udp:HOST:PORT (listen), tcp:HOST:PORT or serial:DEVICE:BAUD.")
     ] = "udp:127.0.0.1:14540",
@@ -259,10 +256,9 @@ def uav(
             raise ConfigurationError(f"--logs-limit-mb {logs_limit_mb}: expected 1 or more")
         transport = Transport.of(identity, insecure, f"drone{number}")
         carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
-        first, second = _addresses(broker, transport)
         return UavRunner(
             number,
-            first,
+            transport.check(BrokerAddress.parse(broker, "--broker"), "--broker"),
             AutopilotAddress.parse(autopilot),
             JournalFile(journal_file, with_front=True),
             settings(qos, json, bundles),
@@ -287,23 +283,9 @@ def uav(
             audit=audit_log(audit, audit_required, f"drone{number}", transport),
             parameters=ParameterFile(journal_file.with_name(f"{journal_file.name}.parameters")),
             logs=LogFiles(logs or journal_file.with_name(f"{journal_file.name}.logs"), 1_000_000 * logs_limit_mb),
-            second=second,
         )
 
     run_role(make)
-
-
-def _addresses(given: list[str], transport: Transport) -> tuple[BrokerAddress, BrokerAddress | None]:
-    """The fog's broker, and where it is over another network, if it is; raises ConfigurationError."""
-    first, *others = (transport.check(BrokerAddress.parse(url, "--broker"), "--broker") for url in given)
-    if not others:
-        return first, None
-    if len(others) > 1:
-        raise ConfigurationError(f"--broker {others[1]}: expected one or two addresses of the fog's broker")
-    second = others[0]
-    if (second.host, second.port) == (first.host, first.port):
-        raise ConfigurationError(f"--broker {second}: given twice; expected another address of the same broker")
-    return first, second
 
 
 def _own_fog(fog: int | None, signed: bool) -> int:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from ..errors import ConfigurationError, Refused
 from .clock import SessionClock
 from .effects import Audit, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
-from .mqtt.events import Link
+from .mqtt.link import MqttLink
 from .settings import REBIRTH_MS
 from .shared_lists import LISTS, SharedLists
 
@@ -78,7 +78,7 @@ class Runner:
         self.identity = identity
         self._audit = audit
         self.service: Service | None = None
-        self.links: dict[str, Link] = {}
+        self.links: dict[str, MqttLink] = {}
         fleet = identity.fleet if identity is not None else None
         self.lists = SharedLists(fleet, lists or {}, patience_ms, told)
         self.counts: Counter[str] = Counter()

@@ -9,10 +9,7 @@ from typing import Any
 
 from ..core.audit_log import AuditLog
 from ..core.clock import SessionClock
-from ..core.ledger import OVERRIDING
 from ..core.mqtt.link import BrokerAddress, MqttLink
-from ..core.mqtt.pair import MqttLinkPair
-from ..core.mqtt.two_links import Shared
 from ..core.runner import Runner
 from ..core.settings import Settings
 from ..errors import ConfigurationError
@@ -49,21 +46,9 @@ LIST_PATIENCE_MS = 3000
 """The activator publishes the revocation list sooner: otherwise all drones of a fog would at once."""
 
 
-def shared_topics(topics: FogSide, drone: int) -> Shared:
-    """What two links of a drone treat in a way of their own."""
-    return Shared(
-        (topics.reachable(drone), topics.second_reachable(drone)),
-        topics.both_links(drone),
-        topics.commands(drone),
-        topics.init_connect(drone),
-        frozenset(topics.commands_result(drone, command.name) for command in OVERRIDING),
-    )
-
-
 class UavRunner(Runner):
     """Runs a UAV client: first the autopilot's heartbeat with the right system id, then the broker.
 
-    `second` is another address of the same broker, over another network (section 19 of docs/protocol.md).
     With a `seal` messages are signed, and `fog` is the one whose activator's leases the drone takes; with a `signing`
     MAVLink is signed. `audit` is its log, `parameters` keeps what a station was given of the autopilot's, `logs` the
     autopilot's flight logs.
@@ -89,7 +74,6 @@ class UavRunner(Runner):
         audit: AuditLog | None = None,
         parameters: ParameterFile | None = None,
         logs: LogFiles | None = None,
-        second: BrokerAddress | None = None,
     ) -> None:
         clock = SessionClock()
         remembers = not journal.has_gap
@@ -115,15 +99,9 @@ class UavRunner(Runner):
         self._wrong_id: int | None = None
         self._unknown_kind: Any = None
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
-        if second is None:
-            self.links[LINK] = MqttLink(
-                LINK, broker, client_id, self.client.will, self, identity=identity, may_be_ended=seal is None
-            )
-        else:
-            shared = shared_topics(self.client.topics, drone)
-            self.links[LINK] = MqttLinkPair(
-                LINK, (broker, second), client_id, self.client.will, shared, self, clock.now_ms, identity=identity
-            )
+        self.links[LINK] = MqttLink(
+            LINK, broker, client_id, self.client.will, self, identity=identity, may_be_ended=seal is None
+        )
         self._sensors: SensorPort | None = None
         if sensors is not None and self.client.carrier is not None:
             self._sensors = SensorPort(

@@ -89,7 +89,7 @@ class UavClient:
             staged.sources[LOGS] = staged.logs.listed
         self._bulk = BulkPort(drone, self._channel, self.topics, owners, staged)
         self.carrier = Carrier(drone, self._channel, self.topics) if options.carries_sensors else None
-        self.connected = self._has_moved = False
+        self.connected = False
         self._streams = self.desk.executor.streams
         self._states = PublishedStates(
             drone, session, self._channel, self.topics, self._streams, policies, options.all_states
@@ -121,7 +121,7 @@ class UavClient:
     def on_connected(self, link: str, now_ms: int) -> list[Effect]:
         if link == SENSORS and self.carrier is not None:
             return self.carrier.on_connected(now_ms)
-        self.connected, self._has_moved = True, self.born
+        self.connected = True
         self._awaited_subacks = 2
         commands = Subscribe(LINK, (self.topics.commands(self.drone),), live_only=True)
         others = [f(self.drone) for f in (self.topics.init_connect, self.topics.reachable, self.topics.bulk)]
@@ -129,14 +129,7 @@ class UavClient:
             others += [self.topics.stations(self.drone), self.topics.control(self.drone)]
         if self.carrier is not None:
             others.append(self.topics.sensor_ack(self.drone))
-        subscribes: list[Effect] = [commands, Subscribe(LINK, tuple(others))]
-        return subscribes + self._moved(now_ms) if self._has_moved else subscribes
-
-    def _moved(self, now_ms: int) -> list[Effect]:
-        """Another of two links is the main one: what the one before may have swallowed is said again (R19.12)."""
-        self._states.throttle.forget_published()
-        out: list[Effect] = [self._beacon(now_ms), *self.desk.republish()]
-        return out + (self.carrier.on_fog_up(now_ms) if self.carrier is not None else [])
+        return [commands, Subscribe(LINK, tuple(others))]
 
     def on_disconnected(self, link: str, now_ms: int) -> list[Effect]:
         if link == SENSORS:
@@ -153,8 +146,6 @@ class UavClient:
         self._awaited_subacks -= 1
         if self._awaited_subacks != 0:
             return []
-        if self._has_moved:
-            return [self._birth()]
         self.desk.may_publish = True
         self._states.throttle.forget_published()
         self._listener = None

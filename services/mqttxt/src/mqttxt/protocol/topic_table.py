@@ -146,11 +146,6 @@ CLOUD_SIDE = (
 
 FOG_SIDE = (
     TopicRow(*("droneY/reachable", UAV, ACTIVATOR, 1, True, Presence), "the drone's birth and will"),
-    TopicRow(
-        *("droneY/second/reachable", UAV, ACTIVATOR, 1, True, Presence),
-        "the same of its second link; only where a UAV client has two (section 19)",
-        choice=True,
-    ),
     TopicRow(*("droneY/clock", UAV, ACTIVATOR, 0, False, BeaconMessage), "beacon", choice=True),
     TopicRow(
         *("droneY/init_connect", ACTIVATOR, UAV, 1, False, DroneLease),
@@ -173,11 +168,6 @@ FOG_SIDE = (
         choice=True,
     ),
     TopicRow(*("droneY/commands", ACTIVATOR, UAV, 1, False, CommandMessage), "a command"),
-    TopicRow(
-        *("droneY/both_links", ACTIVATOR, UAV, 1, False, CommandMessage),
-        "a command that goes over both of the drone's links",
-        choice=True,
-    ),
     TopicRow(*("droneY/commands_result/C", UAV, ACTIVATOR, 1, False, ResultMessage), "words about a command"),
     TopicRow(
         *("droneY/bulk", ACTIVATOR, UAV, 0, False, BulkAsk),

@@ -94,9 +94,8 @@ class DroneTopic:
     """What a fog-side topic, or the rest of a cloud-side one behind `fogX/`, says: drone, kind, name.
 
     kind is `reachable`, `clock`, `init_connect`, `state`, `states`, `commands`, `commands_result`, `sensor`,
-    `sensor_ack`, `birth`, `stations`, `control`, `bulk`, `bulk_answer` or `both_links`; name is the state's, the
-    command's or the sensor value's kind, `SECOND` where it is the presence of a second link, empty for the others;
-    sensor is the number in `sensorS`, 0 for the others.
+    `sensor_ack`, `birth`, `stations`, `control`, `bulk` or `bulk_answer`; name is the state's, the
+    command's or the sensor value's kind, empty for the others; sensor is the number in `sensorS`, 0 for the others.
     """
 
     drone: int
@@ -131,12 +130,10 @@ _FOG_KINDS = frozenset({"reachable", "clock", "init_connect", "commands", "state
 _DRONE_KINDS = frozenset(
     {
         *("reachable", "clock", "init_connect", "commands", "states", "sensor_ack", "birth", "stations", "control"),
-        *("bulk", "bulk_answer", "both_links"),
+        *("bulk", "bulk_answer"),
     }
 )
 _NAMED_KINDS = frozenset({"state", "commands_result"})
-SECOND = "second"
-"""The level of a drone's second link."""
 MAVLINK_STATE = "mavlink/"
 """Leads the name of a state that is a MAVLink message as it is."""
 SELECTABLE = ("goto",)
@@ -164,9 +161,6 @@ class FogSide:
 
     def reachable(self, drone: int) -> str:
         return f"{self.root}drone{drone}/reachable"
-
-    def second_reachable(self, drone: int) -> str:
-        return f"{self.root}drone{drone}/{SECOND}/reachable"
 
     def clock(self, drone: int) -> str:
         return f"{self.root}drone{drone}/clock"
@@ -201,16 +195,13 @@ class FogSide:
     def commands(self, drone: int) -> str:
         return f"{self.root}drone{drone}/commands"
 
-    def both_links(self, drone: int) -> str:
-        return f"{self.root}drone{drone}/both_links"
-
     def commands_result(self, drone: int, command: str) -> str:
         return f"{self.root}drone{drone}/commands_result/{command}"
 
     def activator_filters(self) -> tuple[str, ...]:
         """What an activator subscribes to; no two of them match one topic.
 
-        `+/+/+` is states, results, sensors and second links: a filter cannot say `sensor` and any number.
+        `+/+/+` is states, results and sensors: a filter cannot say `sensor` and any number.
         """
         kinds = ("reachable", "clock", "states", "bulk_answer", "+/+", "state/mavlink/+")
         return tuple(f"{self.root}+/{rest}" for rest in kinds)
@@ -361,8 +352,6 @@ def _drone_topic(topic: str, below: str) -> DroneTopic:
     if drone is not None and len(levels) == 3 and _NAME.fullmatch(levels[2]):
         if levels[1] in _NAMED_KINDS:
             return DroneTopic(drone, levels[1], levels[2])
-        if levels[1:] == [SECOND, "reachable"]:
-            return DroneTopic(drone, "reachable", SECOND)
         sensor = _number(levels[1], "sensor", MAX_SENSOR)
         if sensor is not None:
             return DroneTopic(drone, "sensor", check_kind(levels[2]), sensor)

@@ -90,7 +90,6 @@ class Connection:
         self._held = self._owed = 0
         self._last_in_s = self._last_out_s = 0.0
         self._pinged_s: float | None = None
-        self._pings: deque[Callable[[], None] | None] = deque()
         self._serial = next(_SERIALS) if manual_ack else None
         self._client = client = make_client(address, client_id, will, ssl_context)
         self._subscriptions = Subscriptions(client, events.subscribed, self._refused)
@@ -166,12 +165,6 @@ class Connection:
         serial, mid = receipt
         if serial == self._serial:
             self._client.ack(mid, 1)
-
-    def probe(self, answered: Callable[[], None]) -> None:
-        """Ask the broker for an answer, and call `answered` when it comes: PINGREQ and PINGRESP, in their order."""
-        sock = self._socket
-        if sock is not None:
-            self._ping(sock, answered)
 
     def wrong_with_broker(self, identity: Identity) -> str | None:
         """Why the broker's certificate is not good now, in words; None while it is."""
@@ -283,9 +276,6 @@ class Connection:
             self._take_message(came, start, body, end)
         elif came[start] == PINGRESP:
             self._pinged_s = None
-            answered = self._pings.popleft() if self._pings else None
-            if answered is not None:
-                self._note(answered)
         elif end - start > _LONGEST_OTHER:
             raise ValueError(f"{end - start} bytes that are no PUBLISH; expected at most {_LONGEST_OTHER}")
         else:
@@ -356,13 +346,9 @@ class Connection:
         quiet_s = now_s - min(self._last_in_s, self._last_out_s)
         if self._pinged_s is None and quiet_s >= keepalive_s:
             self._pinged_s = now_s
-            self._ping(sock, None)
+            sock.send(PINGREQ)
+            self._flush_soon()
         self._loop.call_later(_MISC_S, self._look_after)
-
-    def _ping(self, sock: Buffered, answered: Callable[[], None] | None) -> None:
-        self._pings.append(answered)
-        sock.send(PINGREQ)
-        self._flush_soon()
 
     # What paho calls. Only while one of its loop functions runs, so in the event loop's thread.
 

@@ -1,27 +1,11 @@
-"""A link to a broker for whoever runs it, and what it reports."""
+"""What a connection to a broker reports to whoever runs it."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable
 from typing import Protocol
 
-from ..address import BrokerAddress
-from ..effects import Inbound, Publish, Subscribe, Unsubscribe
-
-
-class Link(Protocol):
-    """A connection to a broker that heals, as a runner uses it: `link.MqttLink`, or two of them (`pair`)."""
-
-    @property
-    def address(self) -> BrokerAddress: ...
-    @property
-    def failure(self) -> str | None: ...
-    async def run(self) -> None: ...
-    def publish(self, effect: Publish) -> None: ...
-    def subscribe(self, effect: Subscribe) -> None: ...
-    def unsubscribe(self, effect: Unsubscribe) -> None: ...
-    def check_broker(self) -> None: ...
-    async def close(self) -> None: ...
+from ..effects import Inbound, Subscribe
 
 
 class LinkEvents(Protocol):

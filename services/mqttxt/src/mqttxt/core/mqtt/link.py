@@ -107,16 +107,6 @@ class MqttLink:
         if self._connection is not None:
             self._connection.acknowledge(receipt)
 
-    def probe(self, answered: Callable[[], None]) -> None:
-        """Ask the broker for an answer; `answered` is not called where the connection ends before that, or is none."""
-        if self._connection is not None:
-            self._connection.probe(answered)
-
-    def give_up(self, reason: str) -> None:
-        """End the connection, with its will, and begin another one."""
-        if self._connection is not None:
-            self._connection.give_up(reason)
-
     def check_broker(self) -> None:
         """Give up a connection to a broker whose certificate is not good any more, as after a revocation."""
         if self._identity is not None and self._connection is not None:
