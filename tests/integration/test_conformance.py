@@ -28,7 +28,7 @@ from tests.rigs.secure import SecureBroker
 pytestmark = [
     pytest.mark.integration,
     pytest.mark.alone,
-    pytest.mark.timeout(240),
+    pytest.mark.timeout(600),
     pytest.mark.soak("services/mqttxt/src", "tests/rigs/broken_roles.py"),
 ]
 
