@@ -12,12 +12,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pmtiles.tile import TileType
 
+from mqttxt.demo.fleet import PLACES
 from mqttxt.demo.process import CLOUD_PORT, PAGE_PORT
 from tests.rigs.demonstration import READY, Demonstration
 from tests.rigs.installed import installed_demo
-from tests.rigs.live_page import LivePage
+from tests.rigs.live_page import LivePage, done, is_ready
 from tests.rigs.processes import ROOT, wait_until
+from tests.simulation.map_tiles import pmtiles, png
 from tests.tools.programs import chromium
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(400)]
@@ -84,6 +87,34 @@ def test_its_page_flies_and_typed_lines_take_over_from_it(demo: Demonstration) -
         browser.click("#send-land")
         landed = "document.querySelectorAll('#orders > li:first-child li[data-word=completed]').length === 4"
         browser.until(landed, "all four have landed", 60)
+        assert browser.said == []
+
+
+@pytest.mark.skipif(chromium() is None, reason="no Chromium; `make tools` has it")
+def test_drone_2_flies_to_the_church_and_everybody_gets_down(demo: Demonstration, tmp_path: Path) -> None:
+    tiles = pmtiles(tmp_path / "a.pmtiles", png((1, 2, 3)), TileType.PNG, *PLACES["Church"])
+    demo.start("--tiles", os.path.relpath(tiles, ROOT))
+    demo.wait_for(READY)
+    path = chromium()
+    assert path is not None
+    with LivePage(path) as browser:
+        browser.open(demo.page())
+        is_ready(browser, 1, 2, 3, 4)
+        assert browser.text("#map-credit") == "Map: A & B."
+        browser.click("tr[data-drone='1/2'] th")
+        browser.click("#send-arm")
+        done(browser, "arm to drone 2")
+        browser.click("#send-takeoff")
+        done(browser, "takeoff altitude 10 m to drone 2")
+        names = "[...document.querySelectorAll('.places text')].map(e => e.textContent).join()"
+        assert browser.value(names) == ",".join(PLACES)
+        browser.click(".places text")
+        browser.until_text("#goto-distance", "Church, ")
+        browser.click("#send-goto")
+        done(browser, "(Church) to drone 2")
+        browser.click("#to-fog-1")
+        browser.click("#send-land")
+        done(browser, "land to all drones of fog 1", drones=4)
         assert browser.said == []
 
 

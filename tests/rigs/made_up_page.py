@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 from typing import cast
 
 from mqttxt import Fog, GroundStation
+from mqttxt.page.places import Place
 from mqttxt.page.process import serve
 from tests.rigs.live_page import LivePage
 from tests.rigs.processes import eventually, free_port
@@ -16,10 +17,14 @@ from tests.tools.programs import chromium
 
 
 @contextlib.asynccontextmanager
-async def served(station: FakeStation, port: int, links: FakeLinks | None = None) -> AsyncIterator[str]:
+async def served(
+    station: FakeStation, port: int, links: FakeLinks | None = None, places: tuple[Place, ...] = ()
+) -> AsyncIterator[str]:
     """The page at a port; its address."""
     fogs = cast("list[Fog]", [station.the_fog])
-    serving = asyncio.create_task(serve(cast("GroundStation", station), fogs, "127.0.0.1", port, False, links))
+    serving = asyncio.create_task(
+        serve(cast("GroundStation", station), fogs, "127.0.0.1", port, False, links, places=places)
+    )
     try:
         yield f"http://127.0.0.1:{port}/"
     finally:
@@ -28,11 +33,13 @@ async def served(station: FakeStation, port: int, links: FakeLinks | None = None
 
 
 @contextlib.asynccontextmanager
-async def shown(station: FakeStation, links: FakeLinks | None = None, width: int = 1600) -> AsyncIterator[LivePage]:
+async def shown(
+    station: FakeStation, links: FakeLinks | None = None, width: int = 1600, places: tuple[Place, ...] = ()
+) -> AsyncIterator[LivePage]:
     """The page, open in a browser, whose calls run in a thread beside the page's loop."""
     path = chromium()
     assert path is not None
-    async with served(station, free_port(), links) as url:
+    async with served(station, free_port(), links, places) as url:
         with LivePage(path) as browser:
             await asyncio.to_thread(browser.open, url, width)
             yield browser

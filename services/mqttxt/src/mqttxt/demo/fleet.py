@@ -1,7 +1,8 @@
-"""The demo's drones: where each stands, what its battery holds, and how fast it flies."""
+"""The demo's drones: where each stands, what its battery holds, and how fast it flies; and the places around them."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 FOG = 1
@@ -30,6 +31,15 @@ DRONES = {
 }
 """By number. Each differs from the others, so that a ranking has something to rank."""
 
+PLACES = {
+    "Church": (47.39850, 8.54700),
+    "Farm": (47.39870, 8.54480),
+    "Football pitch": (47.39770, 8.54430),
+    "Mill": (47.39680, 8.54530),
+    "Bridge": (47.39700, 8.54720),
+}
+"""Invented ones, in degrees north and east, by name."""
+
 
 def fleet_file() -> str:
     """The drones as YAML, for the autopilot stand-in."""
@@ -40,3 +50,16 @@ def fleet_file() -> str:
         speed = f"parameters: {{MPC_XY_VEL_MAX: {drone.speed_m_s}, MPC_XY_CRUISE: {drone.speed_m_s}}}"
         lines.append(f"  {number}: {{{place}, {battery}, {speed}}}")
     return "\n".join(lines) + "\n"
+
+
+def places_file() -> str:
+    """The places as GeoJSON, for the page."""
+    points = [
+        {
+            "type": "Feature",
+            "properties": {"name": name},
+            "geometry": {"type": "Point", "coordinates": [longitude_deg, latitude_deg]},
+        }
+        for name, (latitude_deg, longitude_deg) in PLACES.items()
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": points})

@@ -18,7 +18,7 @@ from ..core import mosquitto
 from ..core.printable import printable
 from ..errors import ConfigurationError, FogUnreachable
 from ..station.ground_station import GroundStation
-from .fleet import DRONES, FOG, fleet_file
+from .fleet import DRONES, FOG, fleet_file, places_file
 from .parts import Part
 from .ports import HOST, free_ports
 
@@ -54,12 +54,23 @@ class Demo:
         tell: takes each line for the person.
         verbose: tell also what the parts write.
         open_page: open the page in a browser, too.
+        tiles: the page's `--tiles`, a file by its whole path.
+        places: the page's `--places`, the same; None: places that are invented.
     """
 
-    def __init__(self, tell: Callable[[str], None], verbose: bool = False, open_page: bool = False) -> None:
+    def __init__(
+        self,
+        tell: Callable[[str], None],
+        verbose: bool = False,
+        open_page: bool = False,
+        tiles: str | None = None,
+        places: str | None = None,
+    ) -> None:
         self._tell = tell
         self._verbose = verbose
         self._open_page = open_page
+        self._tiles = tiles
+        self._places = places
         self._stages: list[list[Part]] = []
         """Those of one stage are started and ended together; the last stage ends first."""
         self._ports = free_ports(CLOUD_PORT)
@@ -145,10 +156,15 @@ class Demo:
 
     async def _start_page(self, folder: Path, cloud: str) -> str:
         """Start the page at the first port that is free when it is served; returns its address."""
+        places = folder / "places.geojson"
+        places.write_text(places_file(), encoding="ascii")
+        of_map = ["--places", self._places or str(places)]
+        if self._tiles is not None:
+            of_map += ["--tiles", self._tiles]
         for port in self._page_ports:
             where = f"{HOST}:{port}"
             options = ("--fog", f"{FOG}", "--cloud", cloud, "--listen", where, "--timeout", f"{READY_S:g}")
-            page = self._module("the page", "mqttxt", "gs", "page", *options, sign=f"open http://{where}/")
+            page = self._module("the page", "mqttxt", "gs", "page", *options, *of_map, sign=f"open http://{where}/")
             if await self._listens(folder, page):
                 return f"http://{where}/"
         raise _no_port()

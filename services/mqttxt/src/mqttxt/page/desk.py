@@ -23,6 +23,7 @@ from ..station.views import UPLOAD_TTL_S, Drone, Fog
 from .drafts import path_of
 from .event_log import EventLog
 from .offers import DroneKey, FogKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
+from .places import Place
 from .words import in_plain_english
 
 KEPT = 200
@@ -74,6 +75,7 @@ class Desk:
         log: what was sent is entered there.
         group: where the tasks run that follow the commands.
         changed: is called with an order whenever it has changed.
+        places: whose names a command to one of them says.
     """
 
     def __init__(
@@ -83,12 +85,14 @@ class Desk:
         log: EventLog,
         group: asyncio.TaskGroup,
         changed: Callable[[Order], None],
+        places: tuple[Place, ...] = (),
     ) -> None:
         self._station = station
         self._fogs = {(fog.fleet, fog.number): fog for fog in fogs}
         self._log = log
         self._group = group
         self._changed = changed
+        self._names = {(place.latitude_deg, place.longitude_deg): place.name for place in places}
         self._of_id: dict[tuple[str, CommandId], Order] = {}
         self._plans: dict[DroneKey, Plan] = {}
         self._last = 0
@@ -113,8 +117,10 @@ class Desk:
         if isinstance(request, MissionRequest):
             return self._fly(request)
         command, target = request.command, request.target
-        order = self._new(f"{_text(command)} to {_who(target)}", request.ttl_s, command.limit_s)
-        order.goal = _goal(command)
+        goal = _goal(command)
+        name = f" ({self._names[goal]})" if goal in self._names else ""
+        order = self._new(f"{_text(command)}{name} to {_who(target)}", request.ttl_s, command.limit_s)
+        order.goal = goal
         for sender in self._senders(command, target, request.ttl_s):
             self._send(order, sender)
         return order

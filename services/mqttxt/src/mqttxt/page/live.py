@@ -21,6 +21,7 @@ from .fleet import STALE_MS, drone_of, fog_of, name_of, standing_of
 from .history import ChartKey, History
 from .links import Links
 from .offers import LONGEST_TTL_S, TTL_S, DroneKey, LinkRequest, LookRequest, catalogue, read_request
+from .places import Place
 from .tiles import Offer
 
 REVIEW_S = 0.5
@@ -100,6 +101,7 @@ class Live:
         watch_only: no command that a page asks for is carried out.
         links: shown and changed, too; None: there are none.
         tiles: what the map may ask for; None: nothing.
+        places: shown on the map and found by their names.
     """
 
     def __init__(
@@ -109,6 +111,7 @@ class Live:
         watch_only: bool,
         links: Links | None = None,
         tiles: Offer | None = None,
+        places: tuple[Place, ...] = (),
     ) -> None:
         self.fogs = fogs
         self.log = EventLog()
@@ -116,6 +119,7 @@ class Live:
         self._station = station
         self._watch_only = watch_only
         self._tiles = tiles
+        self._places = places
         self.shown_links: list[dict[str, Any]] = []
         self._links = links
         self._linking = asyncio.Lock()
@@ -133,7 +137,7 @@ class Live:
             async with asyncio.TaskGroup() as group:
                 self._group = group
                 if not self._watch_only:
-                    self._desk = Desk(self._station, self.fogs, self.log, group, self._on_order)
+                    self._desk = Desk(self._station, self.fogs, self.log, group, self._on_order, self._places)
                 reviewing = [group.create_task(self._review())]
                 if self._links is not None:
                     reviewing.append(group.create_task(self._look(self._links)))
@@ -188,6 +192,7 @@ class Live:
             "stale_ms": STALE_MS,
             "links": self._links.title if self._links is not None else None,
             "tiles": asdict(self._tiles) if self._tiles is not None else None,
+            "places": [asdict(place) for place in self._places],
         }
 
     def drones(self) -> dict[DroneKey, tuple[Fog, Drone]]:

@@ -11,6 +11,7 @@ from ..station.ground_station import GroundStation
 from ..station.views import Fog
 from .links import Links
 from .live import Live
+from .places import Place
 from .server import Server
 from .tiles import Tiles
 
@@ -36,6 +37,7 @@ async def serve(
     watch_only: bool,
     links: Links | None = None,
     tiles: Tiles | None = None,
+    places: tuple[Place, ...] = (),
 ) -> None:
     """Serve the page until cancelled, or until the station has ended.
 
@@ -47,12 +49,13 @@ async def serve(
         watch_only: no page can command.
         links: shown and changed, too; None: there are none.
         tiles: for the map; None: it has a grid alone.
+        places: shown on the map and found by their names.
 
     Raises:
         ConfigurationError: the server cannot listen there.
         BrokerRefused: the broker has ended the station.
     """
-    live = Live(station, fogs, watch_only, links, None if tiles is None else tiles.offer)
+    live = Live(station, fogs, watch_only, links, None if tiles is None else tiles.offer, places)
     server = Server(live, host, port, tiles)
     await server.start()
     logger.info("open %s%s", server.url, " (it only watches)" if watch_only else "")

@@ -26,7 +26,21 @@ HEARTBEAT_S = 20.0
 SHUTDOWN_S = 1.0
 TICK_S = 0.1
 """How often a browser is sent what has changed."""
-_MODULES = ("main", "dom", "fleet", "map", "marks", "commands", "log", "plans", "draft", "rankings", "sensors", "links")
+_MODULES = (
+    "main",
+    "dom",
+    "fleet",
+    "map",
+    "marks",
+    "places",
+    "commands",
+    "log",
+    "plans",
+    "draft",
+    "rankings",
+    "sensors",
+    "links",
+)
 _OF_TILES = ("tiles", "shapes", "pbf", "vector-tile", "point-geometry")
 _FILES = {
     **{"page.html": "text/html", "page.css": "text/css", "page.svg": "image/svg+xml", "licences.txt": "text/plain"},

@@ -29,6 +29,7 @@ export class Commands {
     byId("ttl").dataset.high = longest_ttl_s;
     this.forms.clear();
     byId("commands").replaceChildren(...Object.entries(commands).map(([name, command]) => this.form(name, command)));
+    this.forms.get("goto").form.before(this.page.places.form);
     this.page.forgetFound();
     this.showTargets();
     this.showPlace();
@@ -108,6 +109,7 @@ export class Commands {
     const all = `All drones of fog ${fogs}${more}${ONE_ALONE}`;
     const others = to.best ? `Whoever arrives first of fog ${fogs}: Go to alone` : all;
     setText(byId("who"), to.drones ? drones : others);
+    this.fillHeight();
     this.showDistance();
     byId("take-over").disabled = this.page.selected.size === 0;
     for (const [name, { button }] of this.forms) button.disabled = this.whyNot(name) !== null;
@@ -147,9 +149,15 @@ export class Commands {
 
   choosePlace(place) {
     for (const [field, value] of Object.entries(place)) byId(`goto-${field}`).value = value.toFixed(7);
-    if (byId("goto-altitude_m").value === "") byId("goto-altitude_m").value = this.likelyHeight();
+    this.fillHeight();
     this.page.forgetFound();
     this.showPlace();
+  }
+
+  // Of a place that has none yet, also where the drone is selected after the place.
+  fillHeight() {
+    const input = byId("goto-altitude_m");
+    if (input.value === "" && byId("goto-latitude_deg").value !== "") input.value = this.likelyHeight();
   }
 
   // Of the one drone that is selected: where it is in the air, as high as it is, and before that, as it will take off.
@@ -168,14 +176,15 @@ export class Commands {
     this.showDistance();
   }
 
-  // How far the place is from the drone: two numbers that changed places are found by it.
+  // The place's name, and how far it is from the drone: two numbers that changed places are found by it.
   showDistance() {
     const [key] = this.page.selected.size === 1 && this.target === "selected" ? this.page.selected : [];
     const drone = this.page.drones.get(key);
     const from = drone?.states.location;
     const metres = from === undefined || this.page.place === null ? null : metresBetween(from, this.page.place);
     const shown = metres < 10000 ? `${Math.round(metres)} m` : `${Math.round(metres / 1000)} km`;
-    setText(byId("goto-distance"), metres === null ? "" : `${shown} from drone ${named(drone.fleet, drone.drone)}`);
+    const far = metres === null ? null : `${shown} from drone ${named(drone.fleet, drone.drone)}`;
+    setText(byId("goto-distance"), [this.page.places.nameOf(this.page.place), far].filter(Boolean).join(", "));
   }
 
   // A place as maps give it, both numbers in one: it fills in both fields.

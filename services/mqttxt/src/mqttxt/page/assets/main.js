@@ -7,6 +7,7 @@ import { Fleet } from "./fleet.js";
 import { Links } from "./links.js";
 import { Log } from "./log.js";
 import { FleetMap } from "./map.js";
+import { Places } from "./places.js";
 import { Plans } from "./plans.js";
 import { showRankings } from "./rankings.js";
 import { Sensors } from "./sensors.js";
@@ -26,6 +27,7 @@ class Page {
     this.asked = 0;
     this.ahead = -Infinity; // of this page's clock the program's, in ms: at least so much, for updates take their time
     this.fleet = new Fleet(this);
+    this.places = new Places(this);
     this.map = new FleetMap(this);
     this.commands = new Commands(this);
     this.log = new Log();
@@ -85,6 +87,7 @@ class Page {
     this.sensors.clear();
     this.commands.clear();
     this.map.tiles.begin(hello.tiles);
+    this.places.begin(hello.places);
     if (!this.canCommand) return;
     this.commands.build(hello);
     this.draft.build(hello);
@@ -148,6 +151,7 @@ class Page {
 
   showPlace(place) {
     this.place = place;
+    this.places.show();
     this.map.draw();
   }
 

@@ -57,7 +57,7 @@ export class FleetMap {
     this.waypoints = shape("g", { class: "waypoints" });
     this.chosen = shape("g", { class: "chosen" });
     this.frame = shape("g", { class: "frame" });
-    this.svg.append(this.grid, this.tiles.names, this.metres, this.goals, this.chosen, this.drones, this.waypoints, this.frame);
+    this.svg.append(this.grid, this.tiles.names, this.page.places.signs, this.metres, this.goals, this.chosen, this.drones, this.waypoints, this.frame);
     this.seen = new Map();
     this.changed = new Set();
     this.origin = null;
@@ -155,8 +155,10 @@ export class FleetMap {
     const near = [...this.seen].find(([, seen]) => isNear(this.toPixels(seen.place)));
     if (this.origin === null) return;
     const place = this.toDegrees(this.toMetres(at));
+    const named = this.page.places.at(at);
     if (this.page.isDrawing()) this.page.addWaypoint(place);
     else if (near !== undefined) this.page.toggle(near[0]);
+    else if (named !== undefined) this.page.places.choose(named);
     else this.page.choosePlace(place);
   }
 
@@ -173,7 +175,10 @@ export class FleetMap {
   update(drone) {
     const location = drone.states.location;
     if (location === undefined) return;
-    if (this.origin === null) this.origin = location;
+    if (this.origin === null) {
+      this.origin = location;
+      this.page.places.locate();
+    }
     const key = keyOf(drone);
     let seen = this.seen.get(key);
     if (seen === undefined) seen = this.add(key, drone);
@@ -243,7 +248,7 @@ export class FleetMap {
   // The view stays where everything is in it and not too small: a map that follows every metre cannot be read.
   fit() {
     const places = [...this.seen.values()].flatMap((seen) => [seen.place, seen.home]).filter((place) => place !== null);
-    places.push(...this.goalPlaces(), ...this.draftPlaces());
+    places.push(...this.goalPlaces(), ...this.draftPlaces(), ...this.page.places.near);
     if (this.origin !== null) places.push(...this.page.looked().map((place) => this.degreesToPlace(place)));
     if (this.page.found !== null && this.origin !== null) places.push(this.toPlace(this.page.found));
     if (places.length === 0) return;
@@ -297,6 +302,7 @@ export class FleetMap {
       this.marks.isWhole = false;
     }
     if (isMoved || this.tiles.isChanged) this.tiles.paint();
+    if (isMoved || this.page.places.isChanged) this.page.places.paint();
     for (const seen of isMoved ? this.seen.values() : this.changed) {
       seen.marker.setAttribute("transform", translated(this.toPixels(seen.place)));
     }
