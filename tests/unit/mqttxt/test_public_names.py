@@ -67,7 +67,7 @@ PUBLIC = {
 
 
 def own(cls: type[Any]) -> dict[str, Any]:
-    return {name: found for name, found in vars(cls).items() if not name.startswith("_")}
+    return {name: getattr(cls, name) for name in dir(cls) if not name.startswith("_")}
 
 
 def methods() -> dict[str, tuple[type[Any], Callable[..., Any]]]:

@@ -1,4 +1,4 @@
-"""Fogs and drones as their ground station sees them: what is known of them, and the commands to them."""
+"""A drone as its ground station sees it."""
 
 from __future__ import annotations
 
@@ -7,43 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar, cast
 
-from ..core.clock import DEFAULT_TTL_MS
-from ..errors import ConfigurationError, PayloadError, TransferFailed
-from ..protocol.commands import (
-    Arm,
-    ClearPlan,
-    Command,
-    Disarm,
-    Goto,
-    Hold,
-    Land,
-    Pause,
-    Resume,
-    Return,
-    SetCurrentItem,
-    SetParameter,
-    StartMission,
-    Takeoff,
-    UploadPlan,
-)
-from ..protocol.logs import LOGS, FlightLog, unpack_logs
-from ..protocol.parameters import PARAMETERS, ParameterSet
-from ..protocol.plans import PLAN, PlanObject
-from ..protocol.rankings import Ranked
-from ..protocol.states import Home, Location, State, VitalState
-from ..protocol.topics import MAX_DRONE, check_number, in_fleet
-from .best import Place, best
-from .drone_view import DroneView
-from .fog import FogView
-from .heard import SentCommand
-from .log_download import LEAST_BYTES_S, MOST_BYTES_S, LogDownload, LogProgress
-from .outcomes import Outcome, Outcomes, PsmiList, SensorReading, last_word
-from .parameters import Parameters
-from .plan import Plan
-from .process import StationRunner
-from .transfers import Fetching, Staging
+from ...errors import ConfigurationError, PayloadError, TransferFailed
+from ...protocol.commands import Command, UploadPlan
+from ...protocol.logs import LOGS, FlightLog, unpack_logs
+from ...protocol.parameters import PARAMETERS, ParameterSet
+from ...protocol.plans import PLAN, PlanObject
+from ...protocol.states import Home, Location, State, VitalState
+from ...protocol.topics import in_fleet
+from ..drone_view import DroneView
+from ..fog import FogView
+from ..heard import SentCommand
+from ..log_download import LEAST_BYTES_S, MOST_BYTES_S, LogDownload, LogProgress
+from ..outcomes import Outcome, SensorReading, last_word
+from ..parameters import Parameters
+from ..plan import Plan
+from ..process import StationRunner
+from ..transfers import Fetching, Staging
+from .commands import TTL_S, DroneCommands
 
-TTL_S = DEFAULT_TTL_MS / 1000
 TAKEOVER_S = 10.0
 UPLOAD_TTL_S = 30.0
 """How soon an upload has to begin: the drone reads what its autopilot has before."""
@@ -68,118 +49,7 @@ class KnownState(Generic[AState]):
     age_ms: int | None
 
 
-class Fog:
-    """One fog, as its ground station sees it: `GroundStation.connect` and `GroundStation.fog` return it."""
-
-    def __init__(self, runner: StationRunner, view: FogView) -> None:
-        self._runner = runner
-        self._view = view
-
-    @property
-    def number(self) -> int:
-        """The fog's number."""
-        return self._view.number
-
-    @property
-    def fleet(self) -> str:
-        """The name of its fleet, where the station is one of `Fleets`; empty where it is alone."""
-        return self._runner.fleet
-
-    @property
-    def is_live(self) -> bool:
-        """Whether its activator is there: it says so, and its beacons keep coming."""
-        return self._view.is_live(self._runner.clock.now_ms())
-
-    @property
-    def drones(self) -> list[Drone]:
-        """Every drone that the fog knows, by number."""
-        numbers = {*self._view.drones, *self._view.configured}
-        return [Drone(self._runner, self._view, number) for number in sorted(numbers)]
-
-    def drone(self, number: int) -> Drone:
-        """A drone of this fog, whether or not the fog knows it yet.
-
-        Parameters:
-            number: the drone's number, 1 to 250.
-
-        Raises:
-            ConfigurationError: the number cannot be a drone's.
-        """
-        return Drone(self._runner, self._view, check_number("drone", number, MAX_DRONE))
-
-    @property
-    def ranking(self) -> tuple[Ranked, ...]:
-        """QoDS: the available drones, best first, as the activator last ranked them."""
-        return self._view.ranking
-
-    async def take_over(self, timeout_s: float = TAKEOVER_S, *, drones: tuple[int, ...] | None = None) -> None:
-        """Take control of drones of the fog, whoever has it.
-
-        Parameters:
-            timeout_s: how long to wait for the confirmation, in seconds.
-            drones: the drones' numbers; None: all of the fog.
-
-        Raises:
-            FogUnreachable: the activator is not live, or has not confirmed in time.
-            ConfigurationError: a number that cannot be a drone's, or a timeout that is not above 0.
-            StationEnded, BrokerRefused: the station has ended.
-        """
-        numbers = None if drones is None else tuple(check_number("drone", number, MAX_DRONE) for number in drones)
-        await self._runner.take_over(self.number, numbers, timeout_s)
-
-    def best(
-        self, command: Command, *, ttl_s: float = TTL_S, limit_s: float | None = None
-    ) -> SentCommand[Outcome, Outcome | PsmiList]:
-        """Send a command to the drone of this fog that arrives first (PSMI); as `GroundStation.best` with this fog.
-
-        Parameters:
-            command: a `Goto`.
-            ttl_s: seconds within which the execution must start, at most 60.
-            limit_s: seconds within which the execution must end; None: the command's own limit.
-
-        Raises:
-            FogUnreachable: the activator is not live; nothing was sent.
-            ConfigurationError: another command, or a time that cannot be; nothing was sent.
-            PayloadError: a field of the command that cannot be carried; nothing was sent.
-            StationEnded, BrokerRefused: the station has ended; nothing was sent.
-        """
-        return best([self._place], command, ttl_s, limit_s)
-
-    def broadcast(
-        self, command: Command, *, ttl_s: float = TTL_S, limit_s: float | None = None
-    ) -> SentCommand[Outcomes, Outcome]:
-        """Send a command to every drone of the fog, by this call; `await` gives each drone's last word.
-
-        Parameters:
-            command: one that is the same for every drone: no `Goto`, `Offboard` or `Mavlink`.
-            ttl_s: seconds within which the execution must start, at most 60.
-            limit_s: seconds within which the execution must end; None: the command's own limit.
-
-        Raises:
-            FogUnreachable: the activator is not live; nothing was sent.
-            ConfigurationError: another command, or a time that cannot be; nothing was sent.
-            PayloadError: a field of the command that cannot be carried; nothing was sent.
-            StationEnded, BrokerRefused: the station has ended; nothing was sent.
-        """
-        return self._runner.send(self._view, None, command, ttl_s, limit_s, Outcomes.of)
-
-    @property
-    def _place(self) -> Place:
-        return self._runner, self.number
-
-
-def _telling(staging: Staging, size: int, progress: Callable[[int, int], None] | None) -> Callable[[], Awaitable[None]]:
-    """What passes on how far a plan has come."""
-
-    async def tell() -> None:
-        staging.told = staging.done
-        if progress is not None:
-            progress(staging.done, size)
-
-    return tell
-
-
-class Drone:
+class Drone(DroneCommands):
     """One drone, as its ground station sees it: `Fog.drone` and `Fog.drones` return it.
 
     Each of its commands is sent by the call. `await` gives the drone's one last word; `async for` follows every word up
@@ -292,54 +162,6 @@ class Drone:
             command: what to do.
         """
         return self._runner.send(self._fog, self._number, command, ttl_s, limit_s, last_word)
-
-    def arm(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
-        """Start the motors; completed when the autopilot reports itself armed."""
-        return self.send(Arm(), ttl_s=ttl_s, limit_s=limit_s)
-
-    def disarm(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
-        """Stop the motors, on the ground only: it is never forced."""
-        return self.send(Disarm(), ttl_s=ttl_s, limit_s=limit_s)
-
-    def takeoff(
-        self, altitude_m: float, *, ttl_s: float = TTL_S, limit_s: float | None = None
-    ) -> SentCommand[Outcome, Outcome]:
-        """Climb; completed when airborne at the altitude.
-
-        Parameters:
-            altitude_m: metres above home, 0.5 to 10,000.
-        """
-        return self.send(Takeoff(altitude_m), ttl_s=ttl_s, limit_s=limit_s)
-
-    def goto(
-        self,
-        latitude_deg: float,
-        longitude_deg: float,
-        altitude_m: float,
-        *,
-        ttl_s: float = TTL_S,
-        limit_s: float | None = None,
-    ) -> SentCommand[Outcome, Outcome]:
-        """Fly to a position; completed on arrival.
-
-        Parameters:
-            latitude_deg: degrees north, WGS84.
-            longitude_deg: degrees east, WGS84.
-            altitude_m: metres above home, -500 to 10,000.
-        """
-        return self.send(Goto(latitude_deg, longitude_deg, altitude_m), ttl_s=ttl_s, limit_s=limit_s)
-
-    def hold(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
-        """Stop and stay; completed when the drone stands still in its hold mode."""
-        return self.send(Hold(), ttl_s=ttl_s, limit_s=limit_s)
-
-    def land(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
-        """Land where it is; completed when landed and disarmed."""
-        return self.send(Land(), ttl_s=ttl_s, limit_s=limit_s)
-
-    def return_home(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
-        """Return to the take-off point and land there; completed when landed and disarmed."""
-        return self.send(Return(), ttl_s=ttl_s, limit_s=limit_s)
 
     async def upload(
         self,
@@ -465,57 +287,6 @@ class Drone:
         download = LogDownload(self._runner, self._fog, self.number, log, Path(path), most_bytes_s, progress)
         await download.run(timeout_s)
 
-    def set_parameter(
-        self, name: str, value: float, *, ttl_s: float = TTL_S, limit_s: float | None = None
-    ) -> SentCommand[Outcome, Outcome]:
-        """Set a parameter of the autopilot; completed when it was read back as that value.
-
-        Parameters:
-            name: the parameter, at most 16 characters.
-            value: what to set it to; a whole number where the parameter is one.
-        """
-        return self.send(SetParameter(name, value), ttl_s=ttl_s, limit_s=limit_s)
-
-    def clear_plan(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
-        """Remove mission, geofence and rally points; completed when they were read back as empty."""
-        return self.send(ClearPlan(), ttl_s=ttl_s, limit_s=limit_s)
-
-    def start_mission(
-        self, plan: Plan, item: int = 1, *, ttl_s: float = TTL_S, limit_s: float | None = None
-    ) -> SentCommand[Outcome, Outcome]:
-        """Fly the mission of a plan, if that is the one that the drone has; completed at its end.
-
-        Parameters:
-            plan: whose mission to fly.
-            item: where to begin, counted from 1.
-        """
-        return self.send(StartMission(plan.mission_hash, item), ttl_s=ttl_s, limit_s=limit_s)
-
-    def pause(self, *, ttl_s: float = TTL_S, limit_s: float | None = None) -> SentCommand[Outcome, Outcome]:
-        """Stop the mission that is flown, and stay; completed when the drone stands still."""
-        return self.send(Pause(), ttl_s=ttl_s, limit_s=limit_s)
-
-    def resume(
-        self, plan: Plan, *, ttl_s: float = TTL_S, limit_s: float | None = None
-    ) -> SentCommand[Outcome, Outcome]:
-        """Fly the mission of a plan on from its current item; completed at its end.
-
-        Parameters:
-            plan: whose mission to fly.
-        """
-        return self.send(Resume(plan.mission_hash), ttl_s=ttl_s, limit_s=limit_s)
-
-    def set_current_item(
-        self, plan: Plan, item: int, *, ttl_s: float = TTL_S, limit_s: float | None = None
-    ) -> SentCommand[Outcome, Outcome]:
-        """Make an item of a plan's mission the current one; a mission that is flown goes on from there.
-
-        Parameters:
-            plan: whose mission it is.
-            item: the item, counted from 1.
-        """
-        return self.send(SetCurrentItem(plan.mission_hash, item), ttl_s=ttl_s, limit_s=limit_s)
-
     @property
     def _view(self) -> DroneView:
         return self._fog.drones.get(self.number) or DroneView(self.number)
@@ -535,3 +306,14 @@ class Drone:
     def _check_control(self) -> None:
         if not self.is_controlled:
             raise ConfigurationError(f"drone {self}: expected this station in control, not {self.holder or 'nobody'}")
+
+
+def _telling(staging: Staging, size: int, progress: Callable[[int, int], None] | None) -> Callable[[], Awaitable[None]]:
+    """What passes on how far a plan has come."""
+
+    async def tell() -> None:
+        staging.told = staging.done
+        if progress is not None:
+            progress(staging.done, size)
+
+    return tell
