@@ -27,7 +27,8 @@ from ..protocol.rankings import SelectMessage
 from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic
 from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_SIGNED
 from .command_words import RelayWords
-from .drones import DroneLink, Drones
+from .drone_link import DroneLink
+from .drones import Drones
 from .leases import Leases
 from .legs import CHOSEN, Job, Leg
 from .signed_commands import SignedCommand, SignedCommands

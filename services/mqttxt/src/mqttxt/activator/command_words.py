@@ -24,7 +24,8 @@ from ..protocol.messages import (
 from ..protocol.topics import CloudSide
 from ..protocol.words import NO_DEADLINE
 from ..security.cose import Envelope
-from .drones import DroneLink, Drones
+from .drone_link import DroneLink
+from .drones import Drones
 from .legs import CHOSEN, Job, Leg
 
 

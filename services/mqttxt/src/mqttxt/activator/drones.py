@@ -1,17 +1,17 @@
-"""The drones of one fog as its activator knows them: identity, presence, clocks and last states."""
+"""The drones of one fog as its activator knows them: who is there, and what stations and drones are told of that."""
 
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from ..core.channel import Channel
-from ..core.clock import Beacon, RemoteClock, stamp_supersedes
+from ..core.clock import Beacon
 from ..core.effects import Effect, Log, Publish
 from ..core.settings import Rebirth
 from ..protocol.messages import BeaconMessage, DroneLease, DroneRecord, Presence, RosterEntry
-from ..protocol.state_payload import PlainState
 from ..protocol.topics import CloudSide, FogSide
+from .drone_link import DroneLink
 from .leases import Key, Leases
 
 FOG = "fog"
@@ -21,60 +21,6 @@ CONTEST_MS = 1500
 OFFBOARD_LEASE_MS = 3000
 """How long an offboard flight may go on after its station's newest renewal was sent."""
 OFFBOARD_RENEWAL_MS = 500
-STATE_KEPT_MS = 600_000
-"""A stamp's span is 655 s: older states are not published any more."""
-
-
-@dataclass(slots=True)
-class Known:
-    """A state as it came, and when; `said_ms` is a lower bound of when the drone sent it, once its clock is known."""
-
-    state: PlainState
-    received_ms: int
-    said_ms: int | None = None
-
-
-@dataclass
-class DroneLink:
-    """One drone: the session bound to its number, and what is known of it."""
-
-    number: int
-    session: int | None = None
-    up: bool = False
-    announced: bool = False
-    clock: RemoteClock | None = None
-    states: dict[str, Known] = field(default_factory=dict)
-    nonces: dict[int, int] = field(default_factory=dict)
-    challenger: int | None = None
-    contest_until_ms: int = 0
-    next_lease_ms: int = 0
-    in_offboard: bool = False
-    knows_certificate: bool = False
-    heard_ms: int | None = None
-    leases: int = 0
-    missed: bool = False
-    """Whether the connection to the fog broker is another one, and the drone has not echoed a lease that says so."""
-
-    def age_ms(self, name: str, now_ms: int) -> int | None:
-        """Upper bound of a state's age; None where it or the drone's clock is not known."""
-        said_ms = self.said_ms(name, now_ms)
-        return None if said_ms is None else now_ms - said_ms
-
-    def said_ms(self, name: str, now_ms: int) -> int | None:
-        """A lower bound, in the own time, of when the drone sent a state; None where that or its clock is not known.
-
-        Decided once: a bound of the drone's clock that came later says nothing about earlier times.
-        """
-        known = self.states.get(name)
-        if known is None or self.clock is None or now_ms - known.received_ms > STATE_KEPT_MS:
-            return None
-        if known.said_ms is None:
-            age_ms = self.clock.age_ms(known.state.stamp, now_ms)
-            known.said_ms = None if age_ms is None else now_ms - age_ms
-        return known.said_ms
-
-    def is_live(self, now_ms: int, interval_ms: int) -> bool:
-        return self.up and self.clock is not None and self.clock.is_live(now_ms, interval_ms)
 
 
 class Drones:
@@ -172,16 +118,6 @@ class Drones:
                 out.append(self._lease(link, now_ms))
         return out
 
-    def keep_state(self, link: DroneLink, state: PlainState, now_ms: int) -> bool:
-        """Keep a state if it is newer than what is known, and say whether it is."""
-        if link.clock is None:
-            return False
-        known = link.states.get(state.name)
-        if known is not None and not stamp_supersedes(state.stamp, known.state.stamp, now_ms - known.received_ms):
-            return False
-        link.states[state.name] = Known(state, now_ms)
-        return True
-
     def records(self) -> list[Effect]:
         """Every drone's record, in this session's words; none before it is the fog's."""
         return [self._record(link) for link in self.links.values()] if self.tells else []
@@ -245,14 +181,7 @@ class Drones:
 
     def _bind(self, link: DroneLink, session: int, now_ms: int) -> list[Effect]:
         out = self._announce(link, False) if link.announced else []
-        link.session = session
-        link.challenger = None
-        link.up = True
-        link.clock = RemoteClock(session)
-        link.states.clear()
-        link.nonces.clear()
-        link.knows_certificate = False
-        link.heard_ms = None
+        link.bind(session)
         return [*out, self._lease(link, now_ms)]
 
     def _contest(self, link: DroneLink, challenger: int, now_ms: int) -> list[Effect]:

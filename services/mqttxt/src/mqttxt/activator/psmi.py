@@ -8,7 +8,7 @@ from typing import TypeVar
 from ..protocol.commands import Goto, haversine_m
 from ..protocol.rankings import Candidate
 from ..protocol.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed, VitalState
-from .drones import DroneLink
+from .drone_link import DroneLink
 from .leases import Leases
 
 RESERVE_PCT = 20

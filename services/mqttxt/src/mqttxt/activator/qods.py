@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 from ..protocol.rankings import Ranked
 from ..protocol.states import Battery, MaxGroundspeed
-from .drones import DroneLink
+from .drone_link import DroneLink
+
 
 DECILES = 10
 HEARTBEAT_MS = 30_000

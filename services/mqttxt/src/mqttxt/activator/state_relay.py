@@ -17,7 +17,8 @@ from ..protocol.state_payload import PlainState, encode_relayed, plain_state
 from ..protocol.states import CODES
 from ..protocol.topics import CloudSide, DroneTopic
 from . import qods
-from .drones import CLOUD, DroneLink, Drones
+from .drone_link import DroneLink
+from .drones import CLOUD, Drones
 from .leases import Leases
 
 PATIENCE = 0.75
@@ -92,7 +93,7 @@ class StateRelay:
     def _is_news(self, link: DroneLink, state: PlainState, now_ms: int) -> bool:
         """Keep a state, unless it is older than what is known."""
         known = link.states.get(state.name)
-        if not self._drones.keep_state(link, state, now_ms):
+        if not link.keep_state(state, now_ms):
             return False
         if state.name in URGENT and (known is None or known.state.item != state.item):
             self._is_urgent = True

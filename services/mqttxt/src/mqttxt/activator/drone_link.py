@@ -1,0 +1,84 @@
+"""One drone as its activator knows it: the session bound to its number, its clock and last states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..core.clock import RemoteClock, stamp_supersedes
+from ..protocol.state_payload import PlainState
+
+STATE_KEPT_MS = 600_000
+"""A stamp's span is 655 s: older states are not published any more."""
+
+
+@dataclass(slots=True)
+class Known:
+    """A state as it came, and when; `said_ms` is a lower bound of when the drone sent it, once its clock is known."""
+
+    state: PlainState
+    received_ms: int
+    said_ms: int | None = None
+
+
+@dataclass
+class DroneLink:
+    """One drone: the session bound to its number, and what is known of it."""
+
+    number: int
+    session: int | None = None
+    up: bool = False
+    announced: bool = False
+    clock: RemoteClock | None = None
+    states: dict[str, Known] = field(default_factory=dict)
+    nonces: dict[int, int] = field(default_factory=dict)
+    challenger: int | None = None
+    contest_until_ms: int = 0
+    next_lease_ms: int = 0
+    in_offboard: bool = False
+    knows_certificate: bool = False
+    heard_ms: int | None = None
+    leases: int = 0
+    missed: bool = False
+    """Whether the connection to the fog broker is another one, and the drone has not echoed a lease that says so."""
+
+    def age_ms(self, name: str, now_ms: int) -> int | None:
+        """Upper bound of a state's age; None where it or the drone's clock is not known."""
+        said_ms = self.said_ms(name, now_ms)
+        return None if said_ms is None else now_ms - said_ms
+
+    def said_ms(self, name: str, now_ms: int) -> int | None:
+        """A lower bound, in the own time, of when the drone sent a state; None where that or its clock is not known.
+
+        Decided once: a bound of the drone's clock that came later says nothing about earlier times.
+        """
+        known = self.states.get(name)
+        if known is None or self.clock is None or now_ms - known.received_ms > STATE_KEPT_MS:
+            return None
+        if known.said_ms is None:
+            age_ms = self.clock.age_ms(known.state.stamp, now_ms)
+            known.said_ms = None if age_ms is None else now_ms - age_ms
+        return known.said_ms
+
+    def is_live(self, now_ms: int, interval_ms: int) -> bool:
+        return self.up and self.clock is not None and self.clock.is_live(now_ms, interval_ms)
+
+    def bind(self, session: int) -> None:
+        """The number is a new session's: nothing is known of that yet but that it is there."""
+        self.session = session
+        self.challenger = None
+        self.up = True
+        self.clock = RemoteClock(session)
+        self.states.clear()
+        self.nonces.clear()
+        self.knows_certificate = False
+        self.heard_ms = None
+
+    def keep_state(self, state: PlainState, now_ms: int) -> bool:
+        """Keep a state if it is newer than what is known, and say whether it is."""
+        if self.clock is None:
+            return False
+        known = self.states.get(state.name)
+        if known is not None and not stamp_supersedes(state.stamp, known.state.stamp, now_ms - known.received_ms):
+            return False
+        self.states[state.name] = Known(state, now_ms)
+        return True
