@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
-from ..errors import BrokerRefused, ConfigurationError, FogUnreachable, PayloadError, StationEnded
 from ..protocol.commands import Arm, Command, Hold, Mavlink, Resume, SetCurrentItem, StartMission, Stream, Takeoff
-from ..protocol.messages import Word
 from ..protocol.states import Armed, Severity
 from ..station.outcomes import Outcome
 from ..station.views import Drone
@@ -21,13 +18,11 @@ from .entries import (
     FIRST_PROGRESS_MS,
     GROUND_HOLD_MS,
     MODE_PATIENCE_MS,
-    PERCENT_UNKNOWN,
     PROGRESS_MS,
-    RESULTS,
-    SEVERITIES,
     Arming,
     Entry,
     KeptTakeoff,
+    declining,
     is_quiet,
 )
 from .telemetry import View
@@ -101,7 +96,7 @@ class Desk:
                 self._ground_holds[drone.number] = entry
             self._group.create_task(self._carry_out(entry, drone, command))
         except Declined as declined:
-            self._decline(entry, declined)
+            entry.decline(declined, self._now_ms())
 
     def on_taken(self, drone: int) -> None:
         """Another station controls a drone now: nothing that still waits takes it back."""
@@ -115,16 +110,16 @@ class Desk:
         for entry in self._entries:
             is_silent = entry.waits and not entry.is_answered and not entry.is_kept
             if is_silent and now_ms > entry.asked_ms + self._ttl_s * 1000 + UNANSWERED_MS:
-                self._end(entry, None)
+                entry.end(None, now_ms)
                 text = f"{name_of(entry.request.mav_cmd)}: no answer, it may have been done"
                 send_text(entry.client.peer, entry.drone, Severity.CRITICAL, text)
             elif entry.waits and entry.is_quiet and entry.is_kept and now_ms >= entry.asked_ms + MODE_PATIENCE_MS:
                 text = (
                     f"{name_of(entry.request.mav_cmd)}: the drone does not have the plan yet, not sent: send it again"
                 )
-                self._decline(entry, Declined(text, NOT_NOW))
+                entry.decline(Declined(text, NOT_NOW), now_ms)
             elif entry.waits and entry.ground_hold is not None and now_ms >= entry.asked_ms + GROUND_HOLD_MS:
-                self._end(entry, ACCEPTED)
+                entry.end(ACCEPTED, now_ms)
             elif entry.waits and now_ms >= entry.next_progress_ms:
                 entry.next_progress_ms = now_ms + PROGRESS_MS
                 entry.progress()
@@ -159,11 +154,11 @@ class Desk:
     async def _carry_out(self, entry: Entry, drone: Drone, command: Command) -> None:
         """A command of a client that is alive; a takeoff that was kept follows an arm."""
         try:
-            with self._declining(entry):
+            with declining(entry, self._now_ms):
                 await self._control.heard(entry.client)
                 await self._begin(entry, drone, command)
         finally:
-            _settle(entry, False)
+            entry.settle(False)
 
     async def _begin(self, entry: Entry, drone: Drone, command: Command) -> None:
         """Send a command in its turn; raises Declined."""
@@ -242,7 +237,7 @@ class Desk:
 
     async def _send(self, entry: Entry, drone: Drone, command: Command) -> Outcome | None:
         """Send a command once this station controls the drone; its last word, None where it was not sent."""
-        with self._declining(entry):
+        with declining(entry, self._now_ms):
             if isinstance(command, _BY_THE_PLAN):
                 await self._wait_for_plan(entry, drone)
             async with self._turns.setdefault(drone.number, asyncio.Lock()):
@@ -252,7 +247,7 @@ class Desk:
                     self._revoke(drone.number)
                 sent = drone.send(command, ttl_s=self._left_s(entry))
             async for outcome in sent:
-                self._hear(entry, drone, command, outcome)
+                entry.hear(command, outcome, self._now_ms())
             return await sent
         return None
 
@@ -279,50 +274,21 @@ class Desk:
 
     async def _change_control(self, entry: Entry, drone: Drone) -> None:
         """MAV_CMD_REQUEST_OPERATOR_CONTROL: 1 takes control, whoever has it, 0 gives it up."""
-        with self._declining(entry):
+        with declining(entry, self._now_ms):
             await self._control.heard(entry.client)
             async with self._turns.setdefault(drone.number, asyncio.Lock()):
                 if entry.request.whole(1) == 0:
                     self._control.give_up(entry.client, drone)
                 else:
                     await self._control.take_over(entry.client, drone, self._left_s(entry))
-            self._end(entry, ACCEPTED)
-
-    @contextlib.contextmanager
-    def _declining(self, entry: Entry) -> Iterator[None]:
-        """What keeps a command from being sent is its definite no; where the station ends nobody knows."""
-        try:
-            yield
-        except Declined as declined:
-            self._decline(entry, declined)
-        except FogUnreachable as error:
-            self._decline(entry, Declined(str(error), NOT_NOW))
-        except (ConfigurationError, PayloadError) as error:
-            self._decline(entry, Declined(str(error)))
-        except (StationEnded, BrokerRefused):
-            self._end(entry, None)
-
-    def _hear(self, entry: Entry, drone: Drone, command: Command, outcome: Outcome) -> None:
-        entry.is_answered = True
-        if outcome.word is Word.ACCEPTED or outcome.completed:
-            _settle(entry, True)
-        if outcome.word is Word.IN_PROGRESS:
-            entry.percent = PERCENT_UNKNOWN if outcome.percent is None else outcome.percent
-        elif outcome.word is Word.ACCEPTED:
-            self._end(entry, ACCEPTED)
-        elif outcome.is_last:
-            self._end(entry, RESULTS[outcome.word])
-            if not (isinstance(command, Stream) and outcome.completed):
-                severity = SEVERITIES.get(outcome.word, Severity.WARNING)
-                text = str(replace(outcome, superseded_by=None)).removeprefix(f"drone {drone.number}: ")
-                send_text(entry.client.peer, drone.number, severity, text)
+            entry.end(ACCEPTED, self._now_ms())
 
     def _keep(self, entry: Entry, command: Takeoff) -> None:
         """QGroundControl arms once a takeoff is accepted; until then nothing is sent."""
         self._kept[entry.drone] = KeptTakeoff(entry.client, command, self._now_ms() + KEPT_MS)
         text = f"takeoff to {command.altitude_m:g} m waits {KEPT_MS // 1000} s for arm"
         send_text(entry.client.peer, entry.drone, Severity.NOTICE, text)
-        self._end(entry, ACCEPTED)
+        entry.end(ACCEPTED, self._now_ms())
 
     def _left_s(self, entry: Entry) -> float:
         """Seconds within which a command must still start: waiting for control counts; raises Declined at the end."""
@@ -330,26 +296,3 @@ class Desk:
         if left_s <= 0:
             raise Declined(f"{name_of(entry.request.mav_cmd)}: no control in time, not sent", NOT_NOW)
         return left_s
-
-    def _decline(self, entry: Entry, declined: Declined) -> None:
-        """A definite no; there is only one."""
-        if entry.is_declined:
-            return
-        entry.is_declined = True
-        self._end(entry, declined.result)
-        send_text(entry.client.peer, entry.drone, Severity.WARNING, str(declined))
-
-    def _end(self, entry: Entry, result: int | None) -> None:
-        """Acknowledge a command for good, once; without a result it is not acknowledged any more."""
-        if not entry.waits:
-            return
-        entry.waits, entry.result = False, result
-        entry.ended_ms = self._now_ms()
-        if result is not None:
-            entry.acknowledge(result)
-
-
-def _settle(entry: Entry, is_accepted: bool) -> None:
-    """What has become of a HOLD before arming, once."""
-    if entry.ground_hold is not None and not entry.ground_hold.done():
-        entry.ground_hold.set_result(is_accepted)

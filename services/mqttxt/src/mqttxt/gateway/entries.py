@@ -1,19 +1,24 @@
-"""A client's command as it is acknowledged, and when it is the same one again."""
+"""A client's command as it is acknowledged, from its first COMMAND_ACK to the last, and when it is the same again."""
 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..protocol.commands import Command, Hold, Resume, StartMission, Takeoff
+from ..errors import BrokerRefused, ConfigurationError, FogUnreachable, PayloadError, StationEnded
+from ..protocol.commands import Command, Hold, Resume, StartMission, Stream, Takeoff
 from ..protocol.messages import Word
 from ..protocol.states import Severity
+from ..station.outcomes import Outcome
 from .answers import ACCEPTED
 from .clients import Client
-from .translation import DENIED, NOT_NOW, UNSUPPORTED, Request
+from .texts import send_text
+from .translation import DENIED, NOT_NOW, UNSUPPORTED, Declined, Request
 
 IN_PROGRESS, FAILED = int(mavlink.MAV_RESULT_IN_PROGRESS), int(mavlink.MAV_RESULT_FAILED)
 CANCELLED = 6
@@ -102,6 +107,43 @@ class Entry:
             return False
         return self.waits or now_ms - self.ended_ms <= (NUMBERED_REPEAT_MS if confirmation else REPEAT_MS)
 
+    def hear(self, command: Command, outcome: Outcome, now_ms: int) -> None:
+        """A word of the drone about it."""
+        self.is_answered = True
+        if outcome.word is Word.ACCEPTED or outcome.completed:
+            self.settle(True)
+        if outcome.word is Word.IN_PROGRESS:
+            self.percent = PERCENT_UNKNOWN if outcome.percent is None else outcome.percent
+        elif outcome.word is Word.ACCEPTED:
+            self.end(ACCEPTED, now_ms)
+        elif outcome.is_last:
+            self.end(RESULTS[outcome.word], now_ms)
+            if not (isinstance(command, Stream) and outcome.completed):
+                severity = SEVERITIES.get(outcome.word, Severity.WARNING)
+                text = str(replace(outcome, superseded_by=None)).removeprefix(f"drone {self.drone}: ")
+                send_text(self.client.peer, self.drone, severity, text)
+
+    def decline(self, declined: Declined, now_ms: int) -> None:
+        """A definite no; there is only one."""
+        if self.is_declined:
+            return
+        self.is_declined = True
+        self.end(declined.result, now_ms)
+        send_text(self.client.peer, self.drone, Severity.WARNING, str(declined))
+
+    def end(self, result: int | None, now_ms: int) -> None:
+        """Acknowledge it for good, once; without a result it is not acknowledged any more."""
+        if not self.waits:
+            return
+        self.waits, self.result, self.ended_ms = False, result, now_ms
+        if result is not None:
+            self.acknowledge(result)
+
+    def settle(self, is_accepted: bool) -> None:
+        """What has become of a HOLD before arming, once."""
+        if self.ground_hold is not None and not self.ground_hold.done():
+            self.ground_hold.set_result(is_accepted)
+
     def acknowledge(self, result: int, percent: int = 0) -> None:
         """COMMAND_ACK."""
         acknowledge(self.client, self.drone, self.request, result, percent)
@@ -123,6 +165,21 @@ class Arming:
     client: Client
     is_over: asyncio.Event
     completed_ms: int | None = None
+
+
+@contextlib.contextmanager
+def declining(entry: Entry, now_ms: Callable[[], int]) -> Iterator[None]:
+    """What keeps a command from being sent is its definite no; where the station ends nobody knows."""
+    try:
+        yield
+    except Declined as declined:
+        entry.decline(declined, now_ms())
+    except FogUnreachable as error:
+        entry.decline(Declined(str(error), NOT_NOW), now_ms())
+    except (ConfigurationError, PayloadError) as error:
+        entry.decline(Declined(str(error)), now_ms())
+    except (StationEnded, BrokerRefused):
+        entry.end(None, now_ms())
 
 
 def acknowledge(client: Client, drone: int, request: Request, result: int, percent: int = 0) -> None:
