@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mqttxt.cli.broker import address_of
-from mqttxt.cli.main import _drone_numbers
+from mqttxt.cli.activator import _drone_numbers
 from mqttxt.cli.parameters import parse_command
 from mqttxt.core.effects import Publish, Subscribe
 from mqttxt.core.mqtt.link import BrokerAddress

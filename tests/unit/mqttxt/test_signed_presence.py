@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from mqttxt.activator.role import Activator
-from mqttxt.cli.main import _own_fog
+from mqttxt.cli.uav import _own_fog
 from mqttxt.core.effects import Inbound, Log, Publish, Stop
 from mqttxt.core.settings import Settings
 from mqttxt.core.transport import Transport

@@ -3,36 +3,16 @@
 from __future__ import annotations
 
 import io
-import os
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from .. import __version__
-from ..core.address import BrokerAddress, whole_number
-from ..drone.logs import DEFAULT_LIMIT_MB
-from ..drone.sensors import DEFAULT_LIMIT
-from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_root
+from .activator import activator
 from .audit import audit_app
-from .broker import address_of, broker
-from .common import (
-    AuditPath,
-    AuditRequired,
-    IdentityFolder,
-    Insecure,
-    Signed,
-    SignedReadings,
-    SignedStates,
-    audit_log,
-    check_system,
-    errors_as_lines,
-    run_role,
-    set_up_logging,
-    settings,
-)
+from .broker import broker
+from .common import errors_as_lines
 from .conformance import conformance_app
 from .demo import demo
 from .gs import gs_app
@@ -42,13 +22,7 @@ from .mavlink_key import mavlink
 from .page import page
 from .params import params_app
 from .plan import plan_app
-
-if TYPE_CHECKING:
-    from ..activator.process import ActivatorRunner
-    from ..core.embedded_broker import EmbeddedBroker
-    from ..core.transport import Transport
-    from ..drone.process import UavRunner
-    from ..drone.sensors.port import SensorOptions
+from .uav import uav
 
 app = typer.Typer(
     name="mqttxt",
@@ -69,19 +43,8 @@ app.add_typer(keys_app, name="keys")
 app.add_typer(audit_app, name="audit")
 app.command()(broker)
 app.command()(demo)
-
-Qos = Annotated[int, typer.Option(help="QoS of commands and results: 0 or 1.")]
-Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")]
-Ready = Annotated[
-    Path | None,
-    typer.Option(help="File that is touched every second while the role is ready, for health checks."),
-]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")]
-BrokerIdentity = Annotated[
-    Path | None,
-    typer.Option(help="The folder of the embedded broker's identity; without: broker-NODE beside the node's."),
-]
-Prefix = Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")]
+app.command()(activator)
+app.command()(uav)
 
 
 def _show_version(wanted: bool) -> None:
@@ -97,273 +60,6 @@ def _of_all(
     ] = False,
 ) -> None:
     """What every subcommand has."""
-
-
-@app.command()
-def activator(
-    fog: Annotated[int, typer.Option(help="This fog's number.")],
-    cloud: Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].")],
-    listen: Annotated[
-        str | None,
-        typer.Option(help="HOST:PORT of the embedded broker; 0.0.0.0:8883 with an identity, else 0.0.0.0:1883."),
-    ] = None,
-    fog_broker: Annotated[
-        str | None, typer.Option(help="A broker that runs elsewhere, instead of the embedded one.")
-    ] = None,
-    fog_root: Annotated[str | None, typer.Option(help="Root of the fog side's topics, as fog1/local/.")] = None,
-    drones: Annotated[str, typer.Option(help="Numbers of the fog's drones, as 1,2,3: they are in every roster.")] = "",
-    identity: IdentityFolder = None,
-    broker_identity: BrokerIdentity = None,
-    signed: Signed = False,
-    signed_states: SignedStates = False,
-    signed_readings: SignedReadings = False,
-    insecure: Insecure = False,
-    audit: AuditPath = None,
-    audit_required: AuditRequired = False,
-    qos: Qos = 1,
-    json: Json = False,
-    prefix: Prefix = "",
-    ready_file: Ready = None,
-    verbose: Verbose = False,
-) -> None:
-    """Run a fog's activator and its embedded broker."""
-    check_system("activator")
-    from ..activator.process import ActivatorRunner
-    from ..core.transport import Transport
-
-    set_up_logging(verbose)
-
-    def make() -> ActivatorRunner:
-        number = check_number("--fog", fog)
-        transport = Transport.of(identity, insecure, f"fog{number}")
-        cloud_broker = transport.check(BrokerAddress.parse(cloud, "--cloud"), "--cloud")
-        embedded = None
-        if fog_broker is None:
-            where = listen or ("0.0.0.0:8883" if transport.identity is not None else "0.0.0.0:1883")
-            embedded = _embedded(where, transport, broker_identity, cuts=not signed)
-        elif broker_identity is not None:
-            raise ConfigurationError(f"--broker-identity {broker_identity}: expected none beside --fog-broker")
-        fog_url = fog_broker if fog_broker is not None else embedded.url if embedded is not None else ""
-        advertised = embedded.url_towards(cloud_broker.host, cloud_broker.port) if embedded is not None else None
-        return ActivatorRunner(
-            number,
-            cloud_broker,
-            transport.check(BrokerAddress.parse(fog_url, "--fog-broker"), "--fog-broker"),
-            settings(qos, json),
-            drones=_drone_numbers(drones),
-            embedded=embedded,
-            advertised=BrokerAddress.parse(advertised) if advertised is not None else None,
-            fog_root=check_root(fog_root) if fog_root is not None else None,
-            prefix=prefix,
-            ready_file=ready_file,
-            identity=transport.identity,
-            seal=transport.seal(signed, signed_states, signed_readings),
-            audit=audit_log(audit, audit_required, f"fog{number}", transport),
-        )
-
-    run_role(make)
-
-
-@app.command()
-def uav(
-    drone: Annotated[int, typer.Option(help="This drone's number: its autopilot's MAVLink system id.")],
-    broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
-    autopilot: Annotated[
-        str, typer.Option(help="udp:HOST:PORT (listen), tcp:HOST:PORT or serial:DEVICE:BAUD.")
-    ] = "udp:127.0.0.1:14540",
-    journal: Annotated[
-        Path | None, typer.Option(help="File that survives a restart and says which commands were open.")
-    ] = None,
-    fog_root: Annotated[str, typer.Option(help="Root of the fog side's topics, as fog1/local/.")] = "",
-    bundles: Annotated[
-        bool, typer.Option("--bundles", help="Publish states together, at most once a second, in one message.")
-    ] = False,
-    all_states: Annotated[
-        bool,
-        typer.Option("--all-states", help="Publish the states on request too, as MAVLink at the ground needs them."),
-    ] = False,
-    endurance_s: Annotated[
-        int | None, typer.Option(help="Seconds of flight of a full battery; measured in flight without.")
-    ] = None,
-    allow_mav_cmd: Annotated[
-        list[int] | None, typer.Option(help="A guarded MAV_CMD that `mavlink` may send; may be given several times.")
-    ] = None,
-    allow_component: Annotated[
-        list[int] | None, typer.Option(help="A component beside the autopilot that `mavlink` may command.")
-    ] = None,
-    allow_parameter: Annotated[
-        list[str] | None, typer.Option(help="A guarded parameter that may be set; may be given several times.")
-    ] = None,
-    parameter_ranges: Annotated[
-        Path | None,
-        typer.Option(help="What a parameter may be: PX4's parameters.json (.xz) or ArduPilot's apm.pdef.json."),
-    ] = None,
-    logs: Annotated[
-        Path | None, typer.Option(help="Folder that keeps the autopilot's flight logs that stations ask for.")
-    ] = None,
-    logs_limit_mb: Annotated[
-        int, typer.Option(help="Millions of bytes that the folder may hold; a log may have half of them.")
-    ] = DEFAULT_LIMIT_MB,
-    sensors: Annotated[
-        str | None, typer.Option(help="HOST:PORT of an embedded broker where sensors publish; without: none is run.")
-    ] = None,
-    sensor_broker: Annotated[
-        str | None, typer.Option(help="A broker for sensors that runs elsewhere, instead of the embedded one.")
-    ] = None,
-    sensor_store: Annotated[
-        Path | None, typer.Option(help="File that keeps readings until the activator has acknowledged them.")
-    ] = None,
-    sensor_store_limit: Annotated[int, typer.Option(help="Readings that the file may hold.")] = DEFAULT_LIMIT,
-    identity: IdentityFolder = None,
-    broker_identity: BrokerIdentity = None,
-    signed: Signed = False,
-    signed_states: SignedStates = False,
-    signed_readings: SignedReadings = False,
-    fog: Annotated[
-        int | None, typer.Option(help="With --signed: the fog's number; leases are taken of its activator alone.")
-    ] = None,
-    insecure: Insecure = False,
-    mavlink_key: Annotated[
-        Path | None, typer.Option(help="The autopilot's MAVLink key: sign, and hear only what is signed with it.")
-    ] = None,
-    audit: AuditPath = None,
-    audit_required: AuditRequired = False,
-    qos: Qos = 1,
-    json: Json = False,
-    ready_file: Ready = None,
-    verbose: Verbose = False,
-) -> None:
-    """Run a drone's UAV client: the interpreter between its autopilot and MQTT."""
-    check_system("uav")
-    from ..core.transport import Transport
-    from ..drone import parameter_ranges as ranges
-    from ..drone.journal import JournalFile
-    from ..drone.logs.files import LogFiles
-    from ..drone.mavlink.raw import Limits
-    from ..drone.mavlink.signing import Signing
-    from ..drone.mavlink.transports import AutopilotAddress
-    from ..drone.options import UavOptions
-    from ..drone.parameter_file import ParameterFile
-    from ..drone.process import UavRunner
-
-    set_up_logging(verbose)
-
-    def make() -> UavRunner:
-        number = check_number("--drone", drone, MAX_DRONE)
-        store = sensor_store or _default_state(number, "sensors")
-        journal_file = journal or _default_state(number, "journal")
-        if logs_limit_mb < 1:
-            raise ConfigurationError(f"--logs-limit-mb {logs_limit_mb}: expected 1 or more")
-        transport = Transport.of(identity, insecure, f"drone{number}")
-        carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
-        return UavRunner(
-            number,
-            transport.check(BrokerAddress.parse(broker, "--broker"), "--broker"),
-            AutopilotAddress.parse(autopilot),
-            JournalFile(journal_file, with_front=True),
-            settings(qos, json, bundles),
-            topics=FogSide(check_root(fog_root)),
-            ready_file=ready_file,
-            options=UavOptions(
-                endurance_s,
-                Limits(
-                    *(frozenset(allow_mav_cmd or ()), frozenset(allow_component or ())),
-                    frozenset(allow_parameter or ()),
-                    ranges.load(parameter_ranges) if parameter_ranges is not None else {},
-                ),
-                carries_sensors=carried is not None,
-                all_states=all_states,
-                keeps_logs=True,
-            ),
-            sensors=carried,
-            identity=transport.identity,
-            seal=transport.seal(signed, signed_states, signed_readings),
-            fog=_own_fog(fog, signed),
-            signing=Signing.load(mavlink_key, journal_file) if mavlink_key is not None else None,
-            audit=audit_log(audit, audit_required, f"drone{number}", transport),
-            parameters=ParameterFile(journal_file.with_name(f"{journal_file.name}.parameters")),
-            logs=LogFiles(logs or journal_file.with_name(f"{journal_file.name}.logs"), 1_000_000 * logs_limit_mb),
-        )
-
-    run_role(make)
-
-
-def _own_fog(fog: int | None, signed: bool) -> int:
-    """The fog that a signing drone belongs to; raises ConfigurationError."""
-    if not signed and fog is not None:
-        raise ConfigurationError(f"--fog {fog}: expected --signed beside it")
-    if signed and fog is None:
-        raise ConfigurationError("--signed: expected --fog X, the fog's number, beside it")
-    return check_number("--fog", fog) if fog is not None else 0
-
-
-def sensor_options(
-    listen: str | None,
-    elsewhere: str | None,
-    store: Path,
-    limit: int,
-    transport: Transport,
-    broker_identity: Path | None = None,
-) -> SensorOptions | None:
-    """Where sensors publish, None where nothing was asked for; raises ConfigurationError."""
-    from ..drone.sensors.port import SensorOptions
-
-    if listen is not None and elsewhere is not None:
-        raise ConfigurationError(f"--sensor-broker {elsewhere!r}: expected no --sensors beside it")
-    if limit < 1:
-        raise ConfigurationError(f"--sensor-store-limit {limit}: expected 1 or more")
-    if broker_identity is not None and listen is None:
-        raise ConfigurationError(f"--broker-identity {broker_identity}: expected --sensors beside it")
-    if elsewhere is not None:
-        address = BrokerAddress.parse(elsewhere, "--sensor-broker")
-        return SensorOptions(transport.check(address, "--sensor-broker"), store, limit)
-    if listen is None:
-        return None
-    embedded = _embedded(listen, transport, broker_identity, "--sensors", "--sensor-broker")
-    return SensorOptions(BrokerAddress.parse(embedded.url), store, limit, embedded)
-
-
-def _embedded(
-    listen: str,
-    transport: Transport,
-    broker_identity: Path | None,
-    option: str = "--listen",
-    instead: str = "--fog-broker",
-    cuts: bool = True,
-) -> EmbeddedBroker:
-    """A broker of this node's own; with an identity of the node it has one too, raises ConfigurationError without."""
-    from ..core.embedded_broker import EmbeddedBroker
-    from ..security.broker import BrokerFiles
-
-    host, port = address_of(listen, option)
-    identity = transport.identity
-    if identity is None:
-        if broker_identity is not None:
-            raise ConfigurationError(f"--broker-identity {broker_identity}: expected --identity beside it")
-        transport.check(BrokerAddress(host, port), option)
-        return EmbeddedBroker(host, port, instead=instead)
-    name = f"broker-{identity.name}"
-    folder = broker_identity or identity.folder.absolute().with_name(name)
-    files = BrokerFiles(folder)
-    if files.identity.name != name:
-        raise ConfigurationError(f"--broker-identity {folder}: {files.identity.name}; expected {name}")
-    if files.identity.fleet.key_hash != identity.fleet.key_hash:
-        raise ConfigurationError(f"--broker-identity {folder}: of another fleet; expected that of {identity.folder}")
-    return EmbeddedBroker(host, port, instead=instead, files=files, cuts=cuts)
-
-
-def _drone_numbers(text: str) -> tuple[int, ...]:
-    numbers = {whole_number(part.strip(), MAX_DRONE) for part in text.split(",") if part.strip()}
-    if None in numbers:
-        raise ConfigurationError(
-            f"--drones {text!r}: expected numbers from 1 to {MAX_DRONE} separated by commas, as 1,2,3"
-        )
-    return tuple(sorted(number for number in numbers if number is not None))
-
-
-def _default_state(drone: int, what: str) -> Path:
-    state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
-    return Path(state) / "mqttxt" / f"drone{drone}.{what}"
 
 
 def main() -> None:

@@ -1,0 +1,57 @@
+"""What an activator and a UAV client have in common: options, and the embedded broker."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..core.address import BrokerAddress
+from ..errors import ConfigurationError
+from .broker import address_of
+
+if TYPE_CHECKING:
+    from ..core.embedded_broker import EmbeddedBroker
+    from ..core.transport import Transport
+
+Qos = Annotated[int, typer.Option(help="QoS of commands and results: 0 or 1.")]
+Json = Annotated[bool, typer.Option("--json", help="Payloads in JSON, for people, instead of CBOR.")]
+Ready = Annotated[
+    Path | None,
+    typer.Option(help="File that is touched every second while the role is ready, for health checks."),
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")]
+BrokerIdentity = Annotated[
+    Path | None,
+    typer.Option(help="The folder of the embedded broker's identity; without: broker-NODE beside the node's."),
+]
+
+
+def embedded_broker(
+    listen: str,
+    transport: Transport,
+    broker_identity: Path | None,
+    option: str = "--listen",
+    instead: str = "--fog-broker",
+    cuts: bool = True,
+) -> EmbeddedBroker:
+    """A broker of this node's own; with an identity of the node it has one too, raises ConfigurationError without."""
+    from ..core.embedded_broker import EmbeddedBroker
+    from ..security.broker import BrokerFiles
+
+    host, port = address_of(listen, option)
+    identity = transport.identity
+    if identity is None:
+        if broker_identity is not None:
+            raise ConfigurationError(f"--broker-identity {broker_identity}: expected --identity beside it")
+        transport.check(BrokerAddress(host, port), option)
+        return EmbeddedBroker(host, port, instead=instead)
+    name = f"broker-{identity.name}"
+    folder = broker_identity or identity.folder.absolute().with_name(name)
+    files = BrokerFiles(folder)
+    if files.identity.name != name:
+        raise ConfigurationError(f"--broker-identity {folder}: {files.identity.name}; expected {name}")
+    if files.identity.fleet.key_hash != identity.fleet.key_hash:
+        raise ConfigurationError(f"--broker-identity {folder}: of another fleet; expected that of {identity.folder}")
+    return EmbeddedBroker(host, port, instead=instead, files=files, cuts=cuts)
