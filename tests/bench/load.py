@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mqttxt.protocol.topics import MAX_DRONE
+from mqttxt.protocol.names import MAX_DRONE
 from tests.bench.brokers import BenchBroker, cpu_s, rss_mb
 from tests.bench.load_station import LAST_WORDS_S, REACHABLE_S, TTL_S
 from tests.rigs.processes import Process, eventually

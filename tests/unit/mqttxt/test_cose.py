@@ -14,7 +14,7 @@ from pycose.keys.curves import Ed25519
 from pycose.messages import Sign1Message
 
 from mqttxt.errors import PayloadError
-from mqttxt.protocol.topics import MAX_DRONE
+from mqttxt.protocol.names import MAX_DRONE
 from mqttxt.security.cose import MOST_CERTIFICATE_BYTES, PROTECTED, ROUTE, Envelope, external_aad
 from mqttxt.security.identity import KEY_FILE, Identity, read_key
 from mqttxt.security.rights import Rights

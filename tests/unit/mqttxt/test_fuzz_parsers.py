@@ -12,8 +12,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mqttxt.cli.broker import address_of
 from mqttxt.cli.activator import _drone_numbers
+from mqttxt.cli.broker import address_of
 from mqttxt.cli.parameters import parse_command
 from mqttxt.core.effects import Publish, Subscribe
 from mqttxt.core.mqtt.link import BrokerAddress
@@ -23,7 +23,7 @@ from mqttxt.drone.mavlink.transports import AutopilotAddress
 from mqttxt.drone.role import UavClient
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.commands import COMMANDS
-from mqttxt.protocol.topics import check_prefix, check_station_name
+from mqttxt.protocol.names import check_prefix, check_station_name
 from mqttxt.protocol.values import Encoding
 from tests.examples import examples
 from tests.simulation.strategies import PLAIN

@@ -7,17 +7,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mqttxt.errors import ConfigurationError, PayloadError
-from mqttxt.protocol.topics import (
-    CloudSide,
-    DroneTopic,
-    FogSide,
-    FogTopic,
-    StationTopic,
-    check_prefix,
-    in_fleet,
-    parse_in_fleet,
-    station_reachable,
-)
+from mqttxt.protocol.names import check_prefix, in_fleet, parse_in_fleet
+from mqttxt.protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic, StationTopic, station_reachable
 from tests.simulation.world import matches
 
 DRONES = st.integers(1, 250)

@@ -12,7 +12,7 @@ from mqttxt.cli.common import IdentityFolder, Insecure, errors_as_lines, run_rol
 from mqttxt.core.mqtt.link import BrokerAddress
 from mqttxt.core.transport import Transport
 from mqttxt.errors import ConfigurationError
-from mqttxt.protocol.topics import check_number
+from mqttxt.protocol.names import check_number
 
 from .model import QUANTITIES
 from .node import SensorOptions

@@ -8,7 +8,6 @@ from ..protocol.rankings import Ranked
 from ..protocol.states import Battery, MaxGroundspeed
 from .drone_link import DroneLink
 
-
 DECILES = 10
 HEARTBEAT_MS = 30_000
 LOOK_MS = 500

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..core.address import BrokerAddress, whole_number
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, check_number, check_root
+from ..protocol.names import MAX_DRONE, check_number, check_root
 from .common import (
     AuditPath,
     AuditRequired,

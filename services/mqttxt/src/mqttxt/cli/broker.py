@@ -10,7 +10,7 @@ import typer
 
 from ..core.address import is_host, whole_number
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_FOG, check_prefix
+from ..protocol.names import MAX_FOG, check_prefix
 from .common import errors_as_lines
 
 

@@ -12,7 +12,7 @@ import typer
 from ..core.address import BrokerAddress
 from ..core.clock import MAX_TTL_MS
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, check_number, check_prefix, check_root
+from ..protocol.names import MAX_DRONE, check_number, check_prefix, check_root
 from .common import run_coroutine
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ from ..core.address import BrokerAddress
 from ..core.settings import CONNECT_S
 from ..errors import ConfigurationError
 from ..protocol.commands import BROADCASTABLE, COMMANDS, Command
-from ..protocol.topics import SELECTABLE, check_prefix, check_root
+from ..protocol.names import check_prefix, check_root
+from ..protocol.topics import SELECTABLE
 from .advice import GroundStationCommands, connect, line_of, not_there
 from .broker import address_of
 from .common import errors_as_lines, run_coroutine, set_up_logging, settings

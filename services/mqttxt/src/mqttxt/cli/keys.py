@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, MAX_FOG, MAX_SENSOR
+from ..protocol.names import MAX_DRONE, MAX_FOG, MAX_SENSOR
 from .common import errors_as_lines
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE
+from ..protocol.names import MAX_DRONE
 from .common import errors_as_lines, run_coroutine, set_up_logging
 
 SHORTEST = 16

@@ -14,7 +14,7 @@ import typer
 
 from ..core.settings import CONNECT_S, Settings
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, MAX_FOG, check_prefix, parse_in_fleet
+from ..protocol.names import MAX_DRONE, MAX_FOG, check_prefix, parse_in_fleet
 from .advice import connect
 from .common import (
     INSECURE_HELP,

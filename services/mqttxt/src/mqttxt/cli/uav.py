@@ -12,7 +12,8 @@ from ..core.address import BrokerAddress
 from ..drone.logs import DEFAULT_LIMIT_MB
 from ..drone.sensors import DEFAULT_LIMIT
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, FogSide, check_number, check_root
+from ..protocol.names import MAX_DRONE, check_number, check_root
+from ..protocol.topics import FogSide
 from .common import (
     AuditPath,
     AuditRequired,

@@ -12,8 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..core.printable import printable
+from ..protocol.names import MAX_DRONE, in_fleet
 from ..protocol.states import Armed, Battery, FlightMode, Groundspeed, Heading, Health, LandedState
-from ..protocol.topics import MAX_DRONE, in_fleet
 from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
 from ..station.views import Drone, Fog

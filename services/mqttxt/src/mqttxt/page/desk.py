@@ -13,7 +13,7 @@ from ..errors import FogUnreachable, MqttxtError
 from ..protocol.codec import layout_of
 from ..protocol.commands import Command, Goto, Resume, StartMission, UploadPlan
 from ..protocol.messages import CommandId
-from ..protocol.topics import in_fleet
+from ..protocol.names import in_fleet
 from ..station.fleets import Fleets
 from ..station.ground_station import GroundStation
 from ..station.heard import SentCommand

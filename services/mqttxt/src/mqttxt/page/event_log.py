@@ -11,8 +11,8 @@ from typing import Any
 
 from ..core.printable import printable
 from ..protocol.fields import Named
+from ..protocol.names import in_fleet
 from ..protocol.states import Armed, AutopilotText, FlightMode, LandedState, State
-from ..protocol.topics import in_fleet
 from ..station.outcomes import ControlChanged, Event, Outcome, QodsRanking, Reachability, StateUpdate
 from .words import in_plain_english
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..protocol.names import in_fleet
 from ..protocol.states import STATES, AutopilotText
-from ..protocol.topics import in_fleet
 from ..station.views import Drone, Fog
 from .event_log import as_plain
 

@@ -14,7 +14,8 @@ from ..core.clock import DEFAULT_TTL_MS
 from ..errors import ConfigurationError
 from ..protocol.codec import layout_of
 from ..protocol.commands import BROADCASTABLE, Arm, Command, Goto, Hold, Land, Pause, Return, Takeoff
-from ..protocol.topics import MAX_DRONE, SELECTABLE, parse_in_fleet
+from ..protocol.names import MAX_DRONE, parse_in_fleet
+from ..protocol.topics import SELECTABLE
 from ..station.plan import Plan
 
 OFFERED: dict[str, type[Command]] = {cls.name: cls for cls in (Arm, Takeoff, Goto, Hold, Land, Return, Pause)}

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Annotated, Any
 
 from ..errors import PayloadError
-from .topics import NAME
+from .names import NAME
 
 
 @dataclass(frozen=True)

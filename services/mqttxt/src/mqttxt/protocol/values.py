@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 from ..errors import PayloadError
 from .fields import Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
-from .topics import NAME_EXPECTED
+from .names import NAME_EXPECTED
 
 Plain = Any
 """What cbor2 and json read and write."""

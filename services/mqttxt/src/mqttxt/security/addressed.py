@@ -10,7 +10,7 @@ import cbor2
 from ..errors import PayloadError
 from ..protocol.codec import parse_cbor
 from ..protocol.fields import VERSION
-from ..protocol.topics import MAX_DRONE
+from ..protocol.names import MAX_DRONE
 from .cose import Envelope
 
 _MOST_U32, _MOST_MS = 2**32 - 1, 2**53 - 1

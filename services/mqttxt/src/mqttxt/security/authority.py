@@ -22,7 +22,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import NameOID
 
 from ..errors import ConfigurationError
-from ..protocol.topics import NAME, NAME_EXPECTED
+from ..protocol.names import NAME, NAME_EXPECTED
 from . import files
 from .certificate import Certificate, usage_of
 from .fleet import FLEET_FILE, REVOKED_FILE, Fleet

@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from ..errors import ConfigurationError
-from ..protocol.topics import NAME, NAME_EXPECTED
+from ..protocol.names import NAME, NAME_EXPECTED
 from .names import Kind, NodeName
 from .rights import FLEET, SCHEME, Rights
 

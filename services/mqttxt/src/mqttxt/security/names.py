@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from ..errors import ConfigurationError
-from ..protocol.topics import MAX_DRONE, MAX_FOG, MAX_SENSOR
+from ..protocol.names import MAX_DRONE, MAX_FOG, MAX_SENSOR
 
 _STATION, _BROKER = "gs-", "broker-"
 _LABEL = r"[A-Za-z0-9_.-]{1,%d}"

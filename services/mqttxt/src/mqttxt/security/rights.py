@@ -12,7 +12,7 @@ from itertools import pairwise
 
 from ..errors import ConfigurationError
 from ..protocol.commands import Command, PlanCommand, SetParameter
-from ..protocol.topics import MAX_DRONE
+from ..protocol.names import MAX_DRONE
 
 SCHEME = "mqttxt:"
 FLEET = SCHEME + "fleet/"

@@ -11,7 +11,7 @@ from typing import Self
 from ..core.settings import CONNECT_S
 from ..errors import ConfigurationError, FogUnreachable, StationEnded
 from ..protocol.commands import Command
-from ..protocol.topics import MAX_DRONE, NAME, parse_in_fleet
+from ..protocol.names import MAX_DRONE, NAME, parse_in_fleet
 from .best import best
 from .ground_station import GroundStation
 from .heard import EventStream, Record, SentCommand

@@ -15,7 +15,7 @@ from ..core.settings import CONNECT_S, Settings
 from ..core.transport import Transport
 from ..errors import ConfigurationError, FogUnreachable
 from ..protocol.commands import Command
-from ..protocol.topics import MAX_DRONE, check_number, check_station_name
+from ..protocol.names import MAX_DRONE, check_number, check_station_name
 from ..protocol.values import Encoding
 from ..security.names import Kind
 from .best import best

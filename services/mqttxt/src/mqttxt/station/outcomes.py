@@ -8,9 +8,9 @@ from typing import Self
 
 from ..core.printable import printable
 from ..protocol.messages import CommandId, Word
+from ..protocol.names import in_fleet
 from ..protocol.rankings import Candidate, Ranked
 from ..protocol.states import State
-from ..protocol.topics import in_fleet
 
 
 @dataclass(frozen=True)

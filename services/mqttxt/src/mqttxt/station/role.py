@@ -19,9 +19,10 @@ from ..protocol.messages import (
     FogResultMessage,
     Presence,
 )
+from ..protocol.names import check_prefix
 from ..protocol.rankings import PsmiMessage, QodsMessage
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
-from ..protocol.topics import REVOKED, CloudSide, DroneTopic, FogSide, FogTopic, Topic, check_prefix, station_reachable
+from ..protocol.topics import REVOKED, CloudSide, DroneTopic, FogSide, FogTopic, Topic, station_reachable
 from ..security.rights import TAKE_OVER
 from .commands import Output, StationCommands
 from .drone_words import DroneWords

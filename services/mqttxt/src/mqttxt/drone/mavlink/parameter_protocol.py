@@ -16,8 +16,8 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import common as mavlink
 
 from ...errors import PayloadError
+from ...protocol.names import NAME
 from ...protocol.parameters import MOST_PARAMETERS, Parameter, ParameterSet, ParameterType, expected
-from ...protocol.topics import NAME
 from .mission_protocol import SENDS, Step, Steps, TransferFailed
 from .plans import AUTOPILOT_COMPONENT, CannotExecute
 

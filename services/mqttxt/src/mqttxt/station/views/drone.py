@@ -10,10 +10,10 @@ from typing import Generic, TypeVar, cast
 from ...errors import ConfigurationError, PayloadError, TransferFailed
 from ...protocol.commands import Command, UploadPlan
 from ...protocol.logs import LOGS, FlightLog, unpack_logs
+from ...protocol.names import in_fleet
 from ...protocol.parameters import PARAMETERS, ParameterSet
 from ...protocol.plans import PLAN, PlanObject
 from ...protocol.states import Home, Location, State, VitalState
-from ...protocol.topics import in_fleet
 from ..drone_view import DroneView
 from ..fog import FogView
 from ..heard import SentCommand

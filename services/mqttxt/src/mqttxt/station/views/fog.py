@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ...protocol.commands import Command
+from ...protocol.names import MAX_DRONE, check_number
 from ...protocol.rankings import Ranked
-from ...protocol.topics import MAX_DRONE, check_number
 from ..best import Place, best
 from ..fog import FogView
 from ..heard import SentCommand
