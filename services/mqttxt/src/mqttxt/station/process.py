@@ -148,9 +148,10 @@ class StationRunner(Runner):
         self.check()
         self.check_certificate(command)
         view, now_ms = self.station.fog(fog, command.name), self.clock.now_ms()
-        how: dict[str, Any] = {"mode": mode, "reservation": reservation, "ttl_ms": ttl_ms, "limit_s": limit_s}
-        how["drone"] = drone
-        return self._follow(self.station.commands.select(view, command, now_ms, **how), last_word)
+        sent = self.station.commands.select(
+            view, command, now_ms, mode=mode, reservation=reservation, ttl_ms=ttl_ms, limit_s=limit_s, drone=drone
+        )
+        return self._follow(sent, last_word)
 
     def check_certificate(self, command: Command) -> None:
         """A station whose certificate ends in flight can still bring its drones down (R11.11)."""
