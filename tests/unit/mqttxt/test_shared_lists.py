@@ -9,9 +9,10 @@ import pytest
 
 from mqttxt.core.effects import Inbound, Log, Publish, Subscribe
 from mqttxt.core.shared_lists import LISTS, LISTS_AT_ONCE, SharedLists
-from mqttxt.protocol.codec import MAX_PAYLOAD
-from mqttxt.security.authority import Authority, _signed_list
+from mqttxt.protocol.cbor import MAX_PAYLOAD
+from mqttxt.security.authority import Authority
 from mqttxt.security.fleet import Fleet
+from mqttxt.security.signed_by_authority import signed_list
 
 TOPIC = "fleet/revoked"
 
@@ -122,7 +123,7 @@ def test_another_list_of_the_same_number_changes_nothing(acme: Authority) -> Non
     own = numbered(acme, 2)[0]
     bench = Bench(acme, own)
     number = acme.fleet.revoked.number
-    other = _signed_list(acme._key, acme.fleet.authority, number, {})
+    other = signed_list(acme._key, acme.fleet.authority, number, {})
     assert bench.hear(other, 100) == ([], False)
     assert bench.fleet.revoked.der == own
     assert bench.until(5000) == [(1000, "fog")]

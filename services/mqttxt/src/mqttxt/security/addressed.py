@@ -8,7 +8,7 @@ from typing import Any, Self
 import cbor2
 
 from ..errors import PayloadError
-from ..protocol.codec import parse_cbor
+from ..protocol.cbor import parse_cbor
 from ..protocol.fields import VERSION
 from ..protocol.names import MAX_DRONE
 from .cose import Envelope

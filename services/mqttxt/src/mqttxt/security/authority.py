@@ -9,7 +9,6 @@ FLEET/NAME/           the identity of a node, to be brought to it
 
 from __future__ import annotations
 
-import ipaddress
 import re
 import shutil
 from collections.abc import Iterable
@@ -19,27 +18,21 @@ from pathlib import Path
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
-from cryptography.x509.oid import NameOID
 
 from ..errors import ConfigurationError
 from ..protocol.names import NAME, NAME_EXPECTED
 from . import files
-from .certificate import Certificate, usage_of
+from .certificate import Certificate
 from .fleet import FLEET_FILE, REVOKED_FILE, Fleet
 from .identity import CERTIFICATE_FILE, KEY_FILE, MEMBERS_FILE, check_pair, read_certificate, read_key
 from .names import Kind, NodeName
-from .rights import FLEET, Rights
+from .rights import Rights
+from .signed_by_authority import AUTHORITY_DAYS, BACKDATED, self_signed, signed_certificate, signed_list
 
 AUTHORITY_FILE = "authority.pem"
 ISSUED = "issued"
-AUTHORITY_DAYS = 10_957
-"""30 years: an authority is not renewed; a new fleet is made instead."""
 NODE_DAYS = 365.0
 STATION_DAYS = 90.0
-_BACKDATED = timedelta(minutes=5)
-"""The clocks of a fleet's machines differ."""
-_HOST = re.compile(r"[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*")
-_LOOPBACK = ("127.0.0.1", "::1")
 
 
 class Authority:
@@ -61,10 +54,10 @@ class Authority:
         except OSError as error:
             raise ConfigurationError(f"{folder}: {error.strerror or error}; expected a new folder") from error
         key = Ed25519PrivateKey.generate()
-        authority = _self_signed(key, fleet)
+        authority = self_signed(key, fleet)
         files.write(folder / AUTHORITY_FILE, _pem_of(key), 0o600)
         files.write(folder / FLEET_FILE, authority.public_bytes(Encoding.PEM))
-        files.write(folder / REVOKED_FILE, _signed_list(key, authority, 1, {}))
+        files.write(folder / REVOKED_FILE, signed_list(key, authority, 1, {}))
         return cls.load(folder)
 
     @classmethod
@@ -132,7 +125,7 @@ class Authority:
             entries = _entries(self.fleet)
             entries |= dict.fromkeys(new, datetime.now(UTC))
             number = self.fleet.revoked.number + 1
-            self.fleet.take(self.fleet.read(_signed_list(self._key, self.fleet.authority, number, entries)))
+            self.fleet.take(self.fleet.read(signed_list(self._key, self.fleet.authority, number, entries)))
             files.write(self.folder / REVOKED_FILE, self.fleet.revoked.pem())
             self._bring_up_to_date()
         return len(new)
@@ -184,10 +177,10 @@ class Authority:
             raise ConfigurationError(f"hosts for {node}: expected a broker")
         if not 0 < days <= AUTHORITY_DAYS:
             raise ConfigurationError(f"days {days:g}: expected more than 0 and at most {AUTHORITY_DAYS}")
-        start = not_before or datetime.now(UTC) - _BACKDATED
+        start = not_before or datetime.now(UTC) - BACKDATED
         end = min(start + timedelta(days=days), self.fleet.authority.not_valid_after_utc)
         key = Ed25519PrivateKey.generate()
-        certificate = self._sign(key, node, rights, hosts, start, end)
+        certificate = signed_certificate(self._key, self.fleet, key.public_key(), node, rights, hosts, start, end)
         folder = self.folder / f".{node}.new"
         with files.changing(folder):
             shutil.rmtree(folder, ignore_errors=True)
@@ -200,36 +193,6 @@ class Authority:
         check_pair(folder, key, found)
         files.write(self.folder / ISSUED / f"{node}-{found.hash.hex()[:16]}.pem", certificate)
         return folder
-
-    def _sign(
-        self,
-        key: Ed25519PrivateKey,
-        node: NodeName,
-        rights: Rights,
-        hosts: tuple[str, ...],
-        start: datetime,
-        end: datetime,
-    ) -> bytes:
-        uris = (FLEET + self.fleet.name, *rights.uris())
-        names: list[x509.GeneralName] = [x509.UniformResourceIdentifier(uri) for uri in uris]
-        if node.kind is Kind.BROKER:
-            names += [_host(host) for host in dict.fromkeys(("localhost", *_LOOPBACK, *hosts))]
-        authority_key = x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key())
-        builder = (
-            x509.CertificateBuilder()
-            .subject_name(_common_name(str(node)))
-            .issuer_name(self.fleet.authority.subject)
-            .public_key(key.public_key())
-            .serial_number(x509.random_serial_number())
-            .not_valid_before(start)
-            .not_valid_after(end)
-            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-            .add_extension(_key_usage(digital_signature=True), critical=True)
-            .add_extension(x509.ExtendedKeyUsage([usage_of(node.kind)]), critical=False)
-            .add_extension(x509.SubjectAlternativeName(names), critical=False)
-            .add_extension(authority_key, critical=False)
-        )
-        return builder.sign(self._key, None).public_bytes(Encoding.PEM)
 
     def _bring_up_to_date(self) -> None:
         """Every identity below the authority's folder has the newest list; brokers also have the fleet's members."""
@@ -249,72 +212,9 @@ def hosts_of(certificate: Certificate) -> tuple[str, ...]:
     return (*found.get_values_for_type(x509.DNSName), *addresses)
 
 
-def _host(host: str) -> x509.GeneralName:
-    try:
-        return x509.IPAddress(ipaddress.ip_address(host))
-    except ValueError:
-        if len(host) > 253 or not _HOST.fullmatch(host):
-            raise ConfigurationError(f"host {host!r}: expected a DNS name or an address") from None
-        return x509.DNSName(host)
-
-
-def _self_signed(key: Ed25519PrivateKey, fleet: str) -> x509.Certificate:
-    start = datetime.now(UTC) - _BACKDATED
-    key_id = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
-    builder = (
-        x509.CertificateBuilder()
-        .subject_name(_common_name(fleet))
-        .issuer_name(_common_name(fleet))
-        .public_key(key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(start)
-        .not_valid_after(start + timedelta(days=AUTHORITY_DAYS))
-        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        .add_extension(_key_usage(key_cert_sign=True, crl_sign=True), critical=True)
-        .add_extension(key_id, critical=False)
-    )
-    return builder.sign(key, None)
-
-
-def _signed_list(
-    key: Ed25519PrivateKey, authority: x509.Certificate, number: int, entries: dict[int, datetime]
-) -> bytes:
-    """Valid for as long as the authority: past `nextUpdate` OpenSSL would refuse everybody."""
-    builder = (
-        x509.CertificateRevocationListBuilder()
-        .issuer_name(authority.subject)
-        .last_update(datetime.now(UTC) - _BACKDATED)
-        .next_update(authority.not_valid_after_utc)
-        .add_extension(x509.CRLNumber(number), critical=False)
-        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(key.public_key()), critical=False)
-    )
-    for serial, at in sorted(entries.items()):
-        entry = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(at)
-        builder = builder.add_revoked_certificate(entry.build())
-    return builder.sign(key, None).public_bytes(Encoding.PEM)
-
-
 def _entries(fleet: Fleet) -> dict[int, datetime]:
     found = x509.load_der_x509_crl(fleet.revoked.der)
     return {entry.serial_number: entry.revocation_date_utc for entry in found}
-
-
-def _common_name(name: str) -> x509.Name:
-    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
-
-
-def _key_usage(digital_signature: bool = False, key_cert_sign: bool = False, crl_sign: bool = False) -> x509.KeyUsage:
-    return x509.KeyUsage(
-        digital_signature=digital_signature,
-        content_commitment=False,
-        key_encipherment=False,
-        data_encipherment=False,
-        key_agreement=False,
-        key_cert_sign=key_cert_sign,
-        crl_sign=crl_sign,
-        encipher_only=False,
-        decipher_only=False,
-    )
 
 
 def _pem_of(key: Ed25519PrivateKey) -> bytes:

@@ -8,7 +8,7 @@ from typing import Any
 import cbor2
 
 from ..errors import PayloadError
-from ..protocol.codec import MAX_PAYLOAD, parse_cbor
+from ..protocol.cbor import MAX_PAYLOAD, parse_cbor
 
 PROTECTED = cbor2.dumps({1: -8})
 """The protected header: EdDSA, as the only algorithm there is nothing to choose."""
