@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mqttxt import Hold, Word
-from mqttxt.protocol.codec import MAX_PAYLOAD
+from mqttxt.protocol.cbor import MAX_PAYLOAD
 from mqttxt.security import broker as brokers
 from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity

@@ -13,7 +13,8 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 
 from mqttxt.core.mqtt.tls import client_context
-from mqttxt.protocol.codec import MAX_PAYLOAD, encode
+from mqttxt.protocol.cbor import MAX_PAYLOAD
+from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Hold
 from mqttxt.protocol.messages import CommandMessage, Control, Presence, Registration
 from mqttxt.security.addressed import Addressed

@@ -10,7 +10,8 @@ from mqttxt.core.effects import Publish
 from mqttxt.core.settings import Settings
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.bundles import MAX_DRONES, DroneBundle, FogBundle, drone_bundle, fog_bundles, states_of
-from mqttxt.protocol.codec import MAX_PAYLOAD, decode, encode, layout_of
+from mqttxt.protocol.cbor import MAX_PAYLOAD
+from mqttxt.protocol.codec import decode, encode, layout_of
 from mqttxt.protocol.fields import Binary, Integer, Scaled
 from mqttxt.protocol.messages import Control
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, QodsMessage, Ranked

@@ -21,7 +21,8 @@ from mqttxt.drone.effects import Journal, LoadReadings, StoreReading, Transmit
 from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient
 from mqttxt.errors import ConfigurationError, FogUnreachable
-from mqttxt.protocol.codec import MAX_PAYLOAD, encode
+from mqttxt.protocol.cbor import MAX_PAYLOAD
+from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Goto, Takeoff
 from mqttxt.protocol.messages import BeaconMessage, CommandId, CommandMessage, FogPresence, Presence
 from mqttxt.protocol.topic_table import CLOUD_SIDE, FOG_SIDE, SENSOR_SIDE

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 import mqttxt
 from mqttxt.errors import PayloadError
-from mqttxt.protocol.codec import MAX_PAYLOAD, decode, encode, encoding_of, parse_cbor
+from mqttxt.protocol.cbor import MAX_PAYLOAD, parse_cbor
+from mqttxt.protocol.codec import decode, encode, encoding_of
 from mqttxt.protocol.commands import COMMAND, Attitude, Goto, Offboard, Stream, Takeoff, Velocity
 from mqttxt.protocol.identify import identify
 from mqttxt.protocol.messages import (

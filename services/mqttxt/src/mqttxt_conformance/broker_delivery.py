@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import AsyncExitStack
 from functools import partial
 
-from mqttxt.protocol.codec import MAX_PAYLOAD
+from mqttxt.protocol.cbor import MAX_PAYLOAD
 
 from .broker_kit import COMES_S, LARGEST_PACKET, BrokerKit, Peer, first_of, options, publish_properties
 from .registry import Need, expect, rule

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..errors import ConfigurationError
-from ..protocol.codec import MAX_PAYLOAD
+from ..protocol.cbor import MAX_PAYLOAD
 from .effects import Effect, Inbound, Log, Publish, Subscribe
 from .floods import Budget
 from .settings import REBIRTH_MS, Rebirth

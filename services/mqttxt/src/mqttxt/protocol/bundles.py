@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated
 
-from .codec import encode, encode_plain, is_whole, layout_of, plain_of
+from .cbor import encode_plain
+from .codec import encode, is_whole, layout_of, plain_of
 from .fields import DroneNumber, Items, Stamp
 from .state_payload import PlainState, StampedState
 from .states import STATE, State

@@ -10,36 +10,16 @@ import json
 import types
 from collections.abc import Callable, Container
 from dataclasses import MISSING, dataclass, fields, replace
-from io import BytesIO
 from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
-import cbor2
-
 from ..errors import PayloadError
+from .cbor import check_length, encode_plain, read_cbor
 from .fields import Integer, Items, Variant
 from .values import Converters, Encoding, Plain, converters, item_of, mark_of, refuse, whole_numbers
 
-MAX_PAYLOAD = 61_440
-"""Bytes; a longer payload is refused unread. The rankings of 250 drones in JSON are shorter."""
-_MAX_DEPTH = 8
 _JSON = b"{"
 """The first byte of a JSON object; no message in CBOR begins so."""
 
-
-class _NoTags(dict[int, Callable[..., NoReturn]]):
-    """Refuses every tag. No message has one, and what a tag makes of a value can cost anything: 60 kB of a regular
-    expression (35) take half a minute to read, some hundred bytes that refer to each other (28, 29) fill a memory.
-    """
-
-    def __missing__(self, tag: int) -> Callable[..., NoReturn]:
-        return _refuse_tag
-
-
-def _refuse_tag(*_: Any) -> NoReturn:
-    raise ValueError("a tag")
-
-
-NO_TAGS = _NoTags()
 
 Message = TypeVar("Message")
 
@@ -77,7 +57,7 @@ def encode(message: object, encoding: Encoding = Encoding.CBOR) -> bytes:
     """The bytes of a message; raises PayloadError when a field cannot be carried."""
     if encoding is Encoding.JSON:
         return json.dumps(_to_object(message), separators=(",", ":"), allow_nan=False).encode()
-    return cbor2.dumps(_to_array(message), canonical=True)  # floats in the shortest form that loses nothing
+    return encode_plain(_to_array(message))
 
 
 def decode(cls: type[Message], payload: bytes) -> Message:
@@ -87,19 +67,14 @@ def decode(cls: type[Message], payload: bytes) -> Message:
 
 def decode_values(cls: type[Any], payload: bytes) -> dict[str, Any]:
     """The checked values of a message's fields, by name, where the message itself is not needed."""
-    _check_length(payload)
+    check_length(payload)
     if payload[:1] != _JSON:
-        return _values_of_array(cls, _parse_cbor(payload), "")
+        return _values_of_array(cls, read_cbor(payload), "")
     try:
         plain = json.loads(payload.decode("utf-8"), parse_constant=_reject_constant, object_pairs_hook=_unique)
     except (ValueError, RecursionError) as error:
         raise PayloadError(f"payload: not JSON: {error}") from error
     return _values_of_object(cls, plain, "")
-
-
-def encode_plain(plain: Plain) -> bytes:
-    """CBOR of what is an array of a message already."""
-    return cbor2.dumps(plain, canonical=True)
 
 
 def plain_of(
@@ -111,8 +86,8 @@ def plain_of(
     """
     if payload[:1] == _JSON:
         return _to_array(decode(cls, payload))
-    _check_length(payload)
-    plain: list[Plain] = _parse_cbor(payload)
+    check_length(payload)
+    plain: list[Plain] = read_cbor(payload)
     if not is_whole(_LAYOUTS[cls].whole, plain) and not is_plainly_right(plain):
         _values_of_array(cls, plain, "")
     return plain
@@ -136,13 +111,6 @@ def is_whole(fields: tuple[Container[int], ...] | None, plain: Plain) -> bool:
 def encoding_of(payload: bytes) -> Encoding:
     """Which form a payload has, by its first byte."""
     return Encoding.JSON if payload[:1] == _JSON else Encoding.CBOR
-
-
-def _check_length(payload: bytes) -> None:
-    if not payload:
-        raise PayloadError("payload: expected CBOR or JSON, got nothing", "empty")
-    if len(payload) > MAX_PAYLOAD:
-        raise PayloadError(f"payload: expected at most {MAX_PAYLOAD} bytes, got {len(payload)}", "too_long")
 
 
 def layout_of(cls: type[Any]) -> Layout:
@@ -194,30 +162,6 @@ def _unique(pairs: list[tuple[str, Plain]]) -> dict[str, Plain]:
     if len(found) != len(pairs):
         raise PayloadError("payload: expected each field once")
     return found
-
-
-def parse_cbor(data: bytes) -> Plain:
-    """What one item of CBOR says; raises PayloadError for anything else."""
-    if not 0 < len(data) <= MAX_PAYLOAD:
-        raise PayloadError(f"payload: expected 1 to {MAX_PAYLOAD} bytes, got {len(data)}", "too_long")
-    return _parse_cbor(data)
-
-
-def _parse_cbor(payload: bytes) -> Plain:
-    stream = BytesIO(payload)
-    try:
-        plain = cbor2.CBORDecoder(
-            stream,
-            max_depth=_MAX_DEPTH,
-            allow_indefinite=False,
-            allow_duplicate_keys=False,
-            semantic_decoders=NO_TAGS,
-        ).decode()
-    except (ValueError, cbor2.CBORError, RecursionError) as error:
-        raise PayloadError(f"payload: not CBOR: {error}") from error
-    if stream.tell() != len(payload):
-        raise PayloadError("payload: bytes behind the end of the message")
-    return plain
 
 
 def _to_array(message: object) -> list[Plain]:

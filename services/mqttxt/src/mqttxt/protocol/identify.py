@@ -8,7 +8,7 @@ from typing import Any
 
 import cbor2
 
-from .codec import MAX_PAYLOAD, NO_TAGS
+from .cbor import MAX_PAYLOAD, NO_TAGS
 from .messages import CommandId
 
 

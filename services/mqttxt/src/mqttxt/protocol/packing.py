@@ -6,7 +6,8 @@ import zlib
 from typing import Any, TypeVar
 
 from ..errors import PayloadError
-from .codec import MAX_PAYLOAD, decode, encode
+from .cbor import MAX_PAYLOAD
+from .codec import decode, encode
 
 Message = TypeVar("Message")
 

@@ -11,7 +11,8 @@ from functools import cache
 from typing import Any, get_type_hints
 
 from ..errors import PayloadError
-from .codec import decode_values, encode, encode_plain, plain_of, values_of_plain
+from .cbor import encode_plain
+from .codec import decode_values, encode, plain_of, values_of_plain
 from .fields import Stamp
 from .mavlink_states import fields_of, kind_of
 from .states import CODES, STATES, MavlinkState, State

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, get_args
 
-from ..errors import PayloadError
-from .codec import layout_of
 from .fields import U16, U32, Altitude, Hash, Integer, Latitude, Longitude, Named, Scaled, Text, Variant
 
 Speed = Annotated[float, Scaled(100, 0, 655)]
@@ -310,29 +307,7 @@ VitalState = (
 
 State = VitalState | MavlinkState
 
-STATES: dict[str, type[VitalState]] = {
-    cls.name: cls
-    for cls in (
-        Battery,
-        Location,
-        Heading,
-        Groundspeed,
-        FlightMode,
-        Armed,
-        LandedState,
-        MaxGroundspeed,
-        Home,
-        Health,
-        Endurance,
-        VelocityNed,
-        Gps,
-        Power,
-        Airframe,
-        AutopilotText,
-        Mission,
-        Fence,
-    )
-}
+STATES: dict[str, type[VitalState]] = {cls.name: cls for cls in get_args(VitalState)}
 """Every state by its name, but for MAVLink messages as they are."""
 
 
@@ -343,19 +318,3 @@ STATE = Variant(
 """A state by its code (CBOR) or its name (JSON), where no topic names it: in bundles, which carry no text."""
 CODES: dict[str, int] = {name: code for code, name, _ in STATE.codes}
 """The code of each state that bundles carry."""
-
-
-@cache
-def _ranges(name: str) -> tuple[tuple[str, Integer | Scaled], ...]:
-    layout = layout_of(STATES[name])
-    return tuple((field.name, field.mark) for field in layout.fields if isinstance(field.mark, Integer | Scaled))
-
-
-def check_range(state: State) -> None:
-    """Raises PayloadError where a number of a state is outside the range that the state has."""
-    if isinstance(state, MavlinkState):
-        return
-    for field, mark in _ranges(state.name):
-        value = getattr(state, field)
-        if value is not None and not mark.low <= value <= mark.high:
-            raise PayloadError(f"{state.name}.{field}: expected {mark.low:g} to {mark.high:g}, got {value!r}")

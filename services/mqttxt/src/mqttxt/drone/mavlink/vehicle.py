@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from ...protocol.state_fields import check_range
 from ...protocol.states import (
     Airframe,
     Armed,
@@ -28,7 +29,6 @@ from ...protocol.states import (
     State,
     VelocityNed,
     VitalState,
-    check_range,
 )
 from .autopilot import Autopilot
 from .autopilots import kind_of
