@@ -29,6 +29,8 @@ message_size_limit 61440
 # The default, 20 unacknowledged messages a connection, would hold back broadcasts on slow links.
 max_inflight_messages 1000
 max_queued_messages 1000
+# No longer than a drone's session of readings (R9.11), whatever a client asks for.
+persistent_client_expiration 1h
 log_dest stderr
 log_type error
 log_type warning
