@@ -192,7 +192,9 @@ def _real_px4s(found: Findings) -> Iterator[str]:
     yield f"{times[0]} in `{BUNDLED}` instead of {times[1]}, {times[2]} in `{FIVE}` instead of {times[3]}"
     second = [found.both(name, "ideal", "mission", "scenario-2")[0] for name in (real[BUNDLED], BUNDLED)]
     yield f"scenario 2 over MQTT-XT takes {second[0]} instead of {second[1]}"
-    apart = [abs(_mission_s(found, side, real[arm]) / _mission_s(found, side, arm) - 1) for side in SIDES for arm in real]
+    apart = [
+        abs(_mission_s(found, side, real[arm]) / _mission_s(found, side, arm) - 1) for side in SIDES for arm in real
+    ]
     yield f"The missions of scenario 1 differ by {words.share(max(apart))} at most"
 
 
