@@ -6,11 +6,12 @@ import asyncio
 
 import pytest
 
-from mqttxt import ControlChanged, Word
+from mqttxt import CommandId, ControlChanged, Word
 from tests.rigs.live_page import LivePage
 from tests.rigs.made_up_page import served, shown
 from tests.rigs.processes import free_port
 from tests.simulation.page_fleet import FakeStation, outcome
+from tests.tools.axe import AXE
 from tests.tools.programs import chromium
 
 pytestmark = [
@@ -69,6 +70,60 @@ async def test_the_words_of_the_newest_command_are_in_sight_of_its_button(width:
             await asyncio.to_thread(browser.until_text, "#newest", f"to drone 1: in progress, {word.label}")
             assert await asyncio.to_thread(browser.value, is_in_sight("#newest"))
             assert await asyncio.to_thread(browser.value, "document.querySelector('#newest').matches('.bad')") == is_bad
+
+
+async def test_why_not_is_said_in_plain_words_with_the_code_as_a_tip() -> None:
+    station = FakeStation()
+    async with shown(station) as browser:
+        await asyncio.to_thread(browser.click, "tr[data-drone='1/1'] input")
+        for number, (said, why, code) in enumerate(
+            [
+                (
+                    outcome(Word.DENIED, reason="on_ground"),
+                    "The drone is on the ground: let it take off first.",
+                    "denied(on_ground)",
+                ),
+                (
+                    outcome(Word.SUPERSEDED, superseded_by=CommandId(7, 2)),
+                    "A later command took its place.",
+                    "superseded(by 00000007:2)",
+                ),
+            ]
+        ):
+            await asyncio.to_thread(browser.click, "#send-hold")
+            await asyncio.to_thread(browser.until_text, "#newest", "hold to drone 1: sent")
+            station.sent[number][1].words.put_nowait(said)
+            station.heard.put_nowait(said)
+            await asyncio.to_thread(browser.until_text, "#newest", f"hold to drone 1: {said.word.label}. ")
+            await asyncio.to_thread(browser.until_text, "#log li", said.word.label)
+            for place in ("#newest", "#orders > li:first-child", "#log li"):
+                text = await asyncio.to_thread(browser.text, place)
+                assert why in text
+                assert "(" not in text, "no code of the specification"
+            for place in ("#orders > li:first-child strong", "#log li"):
+                tip = await asyncio.to_thread(browser.value, f"document.querySelector('{place}').title")
+                assert tip == f"drone 1: takeoff {code}"
+
+
+@pytest.mark.skipif(not AXE.exists(), reason="no axe-core; `make tools` has it")
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [PHONE, DESK])
+async def test_a_notice_and_a_refusal_keep_nobody_out(width: int, dark: bool) -> None:
+    station = FakeStation()
+    async with shown(station, width=width) as browser:
+        await asyncio.to_thread(browser.resize, width, dark)
+        await asyncio.to_thread(browser.click, "tr[data-drone='1/1'] input")
+        await asyncio.to_thread(browser.click, "#send-arm")
+        await asyncio.to_thread(browser.until_text, "#newest", "sent")
+        station.sent[0][1].words.put_nowait(outcome(Word.DENIED, reason="not_in_control, rival"))
+        drone = station.the_fog.drone(1)
+        drone.holder, drone.is_controlled = "rival", False
+        station.heard.put_nowait(ControlChanged(1, 1, "rival", False, 2))
+        await asyncio.to_thread(browser.until_text, "#notice", "rival has it.")
+        await asyncio.to_thread(browser.until_text, "#newest", "Another ground station controls the drone: rival.")
+        assert await asyncio.to_thread(browser.violations) == []
+        assert await asyncio.to_thread(browser.wider) == []
+        assert browser.said == []
 
 
 @pytest.mark.parametrize("width", [PHONE, DESK])

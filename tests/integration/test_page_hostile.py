@@ -68,7 +68,7 @@ async def test_every_figure_of_a_choice_is_seen(width: int) -> None:
     async with shown(station) as browser:
         await station.heard.put(PsmiList(1, CommandId(7, 1), (listed,), (left_out,), 1))
         await asyncio.to_thread(browser.until_text, "#rankings", "98.7 s")
-        for text in ("1234 m", "12.5 m/s", "88 %", "12345 m", "1.5 s", "busy: the drone is reserved"):
+        for text in ("1234 m", "12.5 m/s", "88 %", "12345 m", "1.5 s", "busy with another choice"):
             assert text in await asyncio.to_thread(browser.text, "#rankings")
         await asyncio.to_thread(browser.resize, width, False)
         box = "document.querySelector('#rankings')"

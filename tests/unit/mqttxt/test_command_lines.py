@@ -106,7 +106,7 @@ def test_a_word_that_is_as_wished_is_printed_as_it_is() -> None:
         (
             *(Word.DENIED, "not_in_control, gs-page"),
             "drone 1: takeoff denied(not_in_control, gs-page). Refused. It was not started. "
-            "Another ground station controls the drone. --take-over takes control from it.",
+            "Another ground station controls the drone: gs-page. --take-over takes control from it.",
         ),
         (
             *(Word.DENIED, "disarmed"),

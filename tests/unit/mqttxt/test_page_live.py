@@ -297,7 +297,7 @@ async def test_rankings_come_with_every_figure_and_reason() -> None:
         await eventually(lambda: not bench.viewer.has_rankings, "the list")
         (psmi,) = bench.viewer.take()["rankings"]["lists"]
         assert psmi["listed"][0]["arrival_s"] == 2.0
-        assert psmi["left_out"][0]["reason"] == "disarmed"
+        assert (psmi["left_out"][0]["reason"], psmi["left_out"][0]["plain"]) == ("disarmed", "disarmed")
         assert psmi["chosen"] == 1
 
 

@@ -10,9 +10,13 @@ from mqttxt import (
     Armed,
     AutopilotText,
     Battery,
+    Candidate,
+    CommandId,
     ControlChanged,
     Event,
     Location,
+    Outcome,
+    PsmiList,
     QodsRanking,
     Ranked,
     Reachability,
@@ -23,7 +27,15 @@ from mqttxt import (
     Word,
 )
 from mqttxt.page.event_log import EventLog
-from mqttxt.page.words import OF_ACTIVATOR, WORDS, in_plain_english
+from mqttxt.page.words import (
+    OF_ACTIVATOR,
+    WORDS,
+    choice_in_plain_english,
+    code_of,
+    headline,
+    in_plain_english,
+    why_left_out,
+)
 from tests.simulation.page_fleet import outcome
 
 
@@ -38,7 +50,12 @@ def test_every_word_is_explained() -> None:
 @pytest.mark.parametrize(
     ("said", "says"),
     [
-        (outcome(Word.DENIED, reason="not_in_control, gs-x"), "Refused. It was not started. Another ground station"),
+        (
+            outcome(Word.DENIED, reason="not_in_control, gs-x\x1b"),
+            "It was not started. Another ground station controls the drone: gs-x\\x1b.",
+        ),
+        (outcome(Word.FAILED, reason="no_ack: twice"), "The autopilot did not answer. (twice)"),
+        (outcome(Word.SUPERSEDED, superseded_by=CommandId(7, 2)), "A later command took its place."),
         (outcome(Word.DENIED, reason="not_in_control"), "Refused. It was not started. This station does not control"),
         (outcome(Word.FAILED, reason="autopilot: Arming denied\x1b"), "refused and gave"),
         (outcome(Word.FAILED, reason="low battery\x1b[2J"), "Reason: low battery\\x1b[2J"),
@@ -49,6 +66,56 @@ def test_every_word_is_explained() -> None:
 )
 def test_an_outcome_in_plain_english(said: object, says: str) -> None:
     assert says in in_plain_english(said)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("said", "shown", "code"),
+    [
+        (
+            outcome(Word.SUPERSEDED, superseded_by=CommandId(7, 2)),
+            "drone 1: takeoff superseded",
+            "drone 1: takeoff superseded(by 00000007:2)",
+        ),
+        (
+            outcome(Word.DENIED, reason="on_ground", fleet="acme"),
+            "drone acme/1: takeoff denied",
+            "drone acme/1: takeoff denied(on_ground)",
+        ),
+        (
+            outcome(Word.IN_PROGRESS, percent=40),
+            "drone 1: takeoff in progress 40 %",
+            "drone 1: takeoff in_progress 40 %",
+        ),
+    ],
+)
+def test_the_codes_of_the_specification_are_beside_what_is_shown(said: Outcome, shown: str, code: str) -> None:
+    assert (headline(said), code_of(said)) == (shown, code)
+
+
+@pytest.mark.parametrize(
+    ("reason", "shown"),
+    [
+        ("on_ground", "on the ground"),
+        ("not_in_control, gs-x", "controlled by gs-x"),
+        ("not_in_control", "this station does not control it"),
+        ("unknown(max_groundspeed)", "max groundspeed not known"),
+        ("stale(battery)", "battery too old"),
+        ("busy: the drone is reserved for another choice", "busy with another choice"),
+        ("\x1b[2J", "\\x1b[2J"),
+    ],
+)
+def test_why_a_drone_was_left_out_of_a_choice(reason: str, shown: str) -> None:
+    assert why_left_out(Candidate(drone=1, reason=reason)) == shown
+
+
+def test_a_choice_in_plain_english() -> None:
+    listed = Candidate(drone=2, distance_m=106.6, arrival_s=10.66), Candidate(drone=4)
+    found = PsmiList(1, CommandId(7, 1), listed, (Candidate(drone=1, reason="on_ground"),), 2, fleet="acme")
+    text, plain = choice_in_plain_english(found)
+    assert text == "choice of fog acme/1: drone acme/2"
+    assert plain == "Soonest first: drone 2 (107 m, 10.7 s), drone 4. Left out: drone 1 (on the ground)."
+    assert entries(found) == [f"{text}. {plain}"]
+    assert choice_in_plain_english(PsmiList(1, CommandId(7, 1), (), (), None)) == ("choice of fog 1: nobody", "")
 
 
 @pytest.mark.parametrize(

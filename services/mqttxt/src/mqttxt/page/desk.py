@@ -24,7 +24,7 @@ from .drafts import path_of
 from .event_log import EventLog
 from .offers import DroneKey, FogKey, MissionRequest, Request, TakeOverRequest, Target, UploadRequest
 from .places import Place
-from .words import in_plain_english
+from .words import choice_in_plain_english, code_of, headline, in_plain_english
 
 KEPT = 200
 """Commands that the page still shows."""
@@ -190,7 +190,9 @@ class Desk:
         try:
             async for said in sent:
                 if isinstance(said, PsmiList):
-                    self._say(order, "choice", printable(str(said).replace("\n", ";")))
+                    text, plain = choice_in_plain_english(said)
+                    order.words.append({"word": "choice", "text": text, "plain": plain, "code": code_of(said)})
+                    self._changed(order)
                 else:
                     self._of_id[said.fleet, said.id] = order
                     self._add(order, said)
@@ -235,12 +237,14 @@ class Desk:
             self._changed(order)
 
     def _add(self, order: Order, outcome: Outcome) -> None:
-        order.words.append({"word": outcome.word.label, "text": str(outcome), "plain": in_plain_english(outcome)})
+        plain = in_plain_english(outcome)
+        word = {"word": outcome.word.label, "text": headline(outcome), "plain": plain, "code": code_of(outcome)}
+        order.words.append(word)
         self._changed(order)
 
     def _say(self, order: Order, word: str, text: str) -> None:
         """Something about an order that is no word of a drone's."""
-        order.words.append({"word": word, "text": f"{word}: {text}", "plain": ""})
+        order.words.append({"word": word, "text": f"{word}: {text}", "plain": "", "code": None})
         self._log.add("Answer", f"{order.text}: {word}: {text}")
         self._changed(order)
 

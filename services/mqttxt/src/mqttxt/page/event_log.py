@@ -13,8 +13,8 @@ from ..core.printable import printable
 from ..protocol.fields import Named
 from ..protocol.names import in_fleet
 from ..protocol.states import Armed, AutopilotText, FlightMode, LandedState, State
-from ..station.outcomes import ControlChanged, Event, Outcome, QodsRanking, Reachability, StateUpdate
-from .words import in_plain_english
+from ..station.outcomes import ControlChanged, Event, Outcome, PsmiList, QodsRanking, Reachability, StateUpdate
+from .words import choice_in_plain_english, code_of, headline, in_plain_english
 
 KEPT = 10_000
 KEPT_OF_ALL = 20_000
@@ -39,11 +39,11 @@ class EventLog:
     def on_event(self, event: Event) -> None:
         """Enter an event of note; any other is only in what is exported with all of them."""
         if self._is_of_note(event):
-            self.add(type(event).__name__, text_of(event), as_plain(event))
+            self.add(type(event).__name__, text_of(event), event)
         else:
             self._all.append((datetime.now(UTC), event))
 
-    def add(self, kind: str, text: str, event: dict[str, Any] | None = None) -> None:
+    def add(self, kind: str, text: str, event: Event | None = None) -> None:
         """Enter an event with its fields, or something that this page did itself."""
         self.last += 1
         entry = {"number": self.last, **_entry(datetime.now(UTC), kind, text, event)}
@@ -84,17 +84,21 @@ class EventLog:
 
 
 def _entry_of(at: datetime, event: Event) -> dict[str, Any]:
-    return _entry(at, type(event).__name__, text_of(event), as_plain(event))
+    return _entry(at, type(event).__name__, text_of(event), event)
 
 
-def _entry(at: datetime, kind: str, text: str, event: dict[str, Any] | None) -> dict[str, Any]:
-    return {"time": at.isoformat(timespec="milliseconds"), "kind": kind, "text": text, "event": event}
+def _entry(at: datetime, kind: str, text: str, event: Event | None) -> dict[str, Any]:
+    code = code_of(event) if isinstance(event, Outcome | PsmiList) else None
+    plain = None if event is None else as_plain(event)
+    return {"time": at.isoformat(timespec="milliseconds"), "kind": kind, "text": text, "code": code, "event": plain}
 
 
 def text_of(event: Event) -> str:
     """An event as one line of plain English."""
     if isinstance(event, Outcome):
-        return f"{event}. {in_plain_english(event)}"
+        return f"{headline(event)}. {in_plain_english(event)}"
+    if isinstance(event, PsmiList):
+        return ". ".join(choice_in_plain_english(event))
     if isinstance(event, Reachability):
         return f"drone {in_fleet(event.fleet, event.drone)}: {'reachable' if event.reachable else 'not reachable'}"
     if isinstance(event, ControlChanged):

@@ -23,6 +23,7 @@ from .links import Links
 from .offers import LONGEST_TTL_S, TTL_S, DroneKey, LinkRequest, LookRequest, catalogue, read_request
 from .places import Place
 from .tiles import Offer
+from .words import why_left_out
 
 REVIEW_S = 0.5
 MOST_ENTRIES = 500
@@ -82,7 +83,7 @@ class Viewer:
             self.orders = {}
         entries = live.log.after(self._entry, MOST_ENTRIES)
         if entries:
-            update["log"] = [{name: entry[name] for name in ("number", "time", "text")} for entry in entries]
+            update["log"] = [{name: entry[name] for name in ("number", "time", "text", "code")} for entry in entries]
             self._entry = entries[-1]["number"]
         if self.answers:
             update["answers"] = list(self.answers)
@@ -203,7 +204,7 @@ class Live:
         """QoDS's order of each fog, and PSMI's newest lists."""
         return {
             "fogs": [{"fog": name_of(fog), "ranking": as_plain(fog.ranking)} for fog in self.fogs],
-            "lists": as_plain(list(self.history.lists)),
+            "lists": [_shown(found) for found in self.history.lists],
         }
 
     def orders(self) -> list[Order]:
@@ -285,6 +286,13 @@ def _seen(plan: Plan) -> dict[str, Any]:
         "draft": asdict(draft) if isinstance(draft, Draft) else None,
         "why": draft if isinstance(draft, str) else None,
     }
+
+
+def _shown(found: PsmiList) -> dict[str, Any]:
+    """A choice with why each drone was left out, in plain English."""
+    left_out = [as_plain(one) | {"plain": why_left_out(one)} for one in found.left_out]
+    shown: dict[str, Any] = as_plain(found)
+    return shown | {"left_out": left_out}
 
 
 def _first(lines: tuple[str, ...]) -> list[str]:

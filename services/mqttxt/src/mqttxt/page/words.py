@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 from ..core.printable import printable
 from ..protocol.messages import Word
+from ..protocol.names import in_fleet
+from ..protocol.rankings import Candidate
 from ..protocol.words import (
     CERTIFICATE_EXPIRED,
     NO_DEADLINE,
@@ -12,7 +17,7 @@ from ..protocol.words import (
     NOT_IN_CONTROL,
     NOT_SIGNED,
 )
-from ..station.outcomes import Outcome
+from ..station.outcomes import Outcome, PsmiList
 
 WORDS = {
     Word.ACCEPTED: "The autopilot has accepted it and carries it out.",
@@ -68,8 +73,33 @@ REASONS = {
 
 OF_ACTIVATOR = "The fog's activator says so; the drone has not signed it."
 """What it says in a fleet that signs, where a last word is not the drone's own (R12.11)."""
-HELD = "Another ground station controls the drone."
+HELD = "Another ground station controls the drone"
 """What it says where the reason names that station (R6.6)."""
+
+LEFT_OUT = {
+    NOT_IN_CONTROL: "this station does not control it",
+    "busy": "busy with another choice",
+    "disarmed": "disarmed",
+    "on_ground": "on the ground",
+    "out_of_range": "too little battery for the way",
+    "tried": "asked before",
+    "unreachable": "not reachable",
+}
+"""Why a drone was left out of a choice; a state of which nothing, or nothing new, is known is named."""
+_OF_STATE = re.compile(r"(unknown|stale)\((\w+)\)")
+_KNOWN = {"unknown": "not known", "stale": "too old"}
+
+
+def headline(outcome: Outcome) -> str:
+    """An outcome as `drone 1: takeoff superseded`, without the specification's code of the reason."""
+    text = str(replace(outcome, reason=None, superseded_by=None))
+    said = outcome.word.label
+    return text.replace(said, said.replace("_", " "))
+
+
+def code_of(said: Outcome | PsmiList) -> str:
+    """What the specification's words say, in one line."""
+    return printable(str(said).replace("\n", ";"))
 
 
 def in_plain_english(outcome: Outcome) -> str:
@@ -82,8 +112,49 @@ def in_plain_english(outcome: Outcome) -> str:
     return f"{text} {OF_ACTIVATOR}" if outcome.is_of_activator and outcome.is_last else text
 
 
+def choice_in_plain_english(found: PsmiList) -> tuple[str, str]:
+    """Whom a fog chose, and of whom."""
+    chosen = "nobody" if found.chosen is None else f"drone {in_fleet(found.fleet, found.chosen)}"
+    parts = []
+    if found.listed:
+        parts.append(f"Soonest first: {', '.join(_candidate(one) for one in found.listed)}.")
+    if found.left_out:
+        parts.append(f"Left out: {', '.join(f'drone {one.drone} ({why_left_out(one)})' for one in found.left_out)}.")
+    return f"choice of fog {in_fleet(found.fleet, found.fog)}: {chosen}", " ".join(parts)
+
+
+def why_left_out(candidate: Candidate) -> str:
+    """Why a drone was left out of a choice."""
+    reason = candidate.reason or ""
+    of_state = _OF_STATE.fullmatch(reason)
+    if of_state is not None:
+        return f"{of_state[2].replace('_', ' ')} {_KNOWN[of_state[1]]}"
+    code, detail = _parted(reason)
+    if code == NOT_IN_CONTROL and detail:
+        return f"controlled by {detail}"
+    return LEFT_OUT.get(code, printable(reason))
+
+
+def _candidate(one: Candidate) -> str:
+    figures = [
+        f"{value:.{digits}f} {unit}"
+        for value, unit, digits in ((one.distance_m, "m", 0), (one.arrival_s, "s", 1))
+        if value is not None
+    ]
+    return f"drone {one.drone} ({', '.join(figures)})" if figures else f"drone {one.drone}"
+
+
 def _reason(reason: str) -> str:
-    if reason.startswith(f"{NOT_IN_CONTROL}, "):
-        return HELD
-    known = REASONS.get(reason.split(":")[0].split(",")[0].strip())
-    return known if known is not None else f"Reason: {printable(reason)}"
+    code, detail = _parted(reason)
+    if code == NOT_IN_CONTROL and detail:
+        return f"{HELD}: {detail}."
+    known = REASONS.get(code)
+    if known is None:
+        return f"Reason: {printable(reason)}"
+    return f"{known} ({detail})" if detail else known
+
+
+def _parted(reason: str) -> tuple[str, str]:
+    """A reason's code, and what follows it, printable."""
+    code, *details = re.split("[:,]", reason, maxsplit=1)
+    return code.strip(), printable("".join(details).strip())

@@ -207,7 +207,7 @@ export class Commands {
     }
     shown.order = { ...order, at: performance.now() };
     for (const word of order.words.slice(shown.words.children.length)) {
-      const text = el("strong", { class: `word ${word.word.replaceAll(" ", "-")}` }, word.text);
+      const text = el("strong", { class: `word ${word.word.replaceAll(" ", "-")}`, title: word.code }, word.text);
       shown.words.append(el("li", { "data-word": word.word }, text, " ", word.plain));
     }
     shown.line.classList.toggle("open", order.open);
@@ -215,14 +215,16 @@ export class Commands {
     this.showNewest();
   }
 
-  // Beside the buttons: the newest command with its words, where several drones have said one how many.
+  // Beside the buttons: the newest command with its words, where several drones have said one how many, and why not.
   showNewest() {
     const { order } = this.orders.get(Math.max(...this.orders.keys()));
     const counts = new Map();
     for (const { word } of order.words) counts.set(word, (counts.get(word) ?? 0) + 1);
     const words = [...counts].map(([word, count]) => `${word.replaceAll("_", " ")}${count > 1 ? ` ${count}` : ""}`);
-    setText(byId("newest"), `${order.text}: ${words.join(", ") || "sent"}`);
-    byId("newest").classList.toggle("bad", [...counts.keys()].some((word) => !GOOD.includes(word)));
+    const bad = order.words.findLast(({ word }) => !GOOD.includes(word));
+    const why = bad === undefined ? [] : [bad.plain || bad.text];
+    setText(byId("newest"), [`${order.text}: ${words.join(", ") || "sent"}`, ...why].join(". "));
+    byId("newest").classList.toggle("bad", bad !== undefined);
   }
 
   showLeft({ order, left }) {

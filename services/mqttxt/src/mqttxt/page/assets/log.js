@@ -37,9 +37,12 @@ export class Log {
     const asked = search ? [`search=${encodeURIComponent(search)}`] : [];
     byId("export").href = ["log.jsonl", ...asked].join("?");
     byId("export-all").href = `log.jsonl?${["all", ...asked].join("&")}`;
-    const found = this.entries.filter((entry) => entry.text.toLowerCase().includes(wanted)).slice(-SHOWN).reverse();
+    const isFound = ({ text, code }) => [text, code ?? ""].some((one) => one.toLowerCase().includes(wanted));
+    const found = this.entries.filter(isFound).slice(-SHOWN).reverse();
     byId("log").replaceChildren(
-      ...found.map((entry) => el("li", {}, el("time", { datetime: entry.time }, localTime(entry.time)), " ", entry.text)),
+      ...found.map(({ time, text, code }) =>
+        el("li", { title: code }, el("time", { datetime: time }, localTime(time)), " ", text),
+      ),
     );
   }
 }

@@ -19,12 +19,13 @@ const PSMI = [
   ["Battery", (one) => figure(one.remaining_pct, "%")],
   ["Range", (one) => figure(one.range_m, "m")],
   ["Age when chosen", (one) => figure(one.age_s, "s", 1)],
-  ["Left out because", (one) => one.reason ?? ""],
+  ["Left out because", (one) => one.plain ?? "", (one) => one.reason],
 ];
 
 function table(title, columns, rows) {
   const head = columns.map(([heading]) => el("th", { role: "columnheader", scope: "col" }, heading));
-  const cell = (row) => ([heading, show]) => el("td", { role: "cell", "data-heading": heading }, show(row));
+  const cell = (row) => ([heading, show, code = () => null]) =>
+    el("td", { role: "cell", "data-heading": heading, title: code(row) ?? null }, show(row));
   const shown = el(
     "table",
     { role: "table", "aria-label": title },
