@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from testbed.plan.experiments import EXPERIMENTS
 from testbed.present.summary.cells import Found, find_cells
 from testbed.present.summary.markdown import fill
-from tests.unit.docs.what_was_said import Findings, said
+from tests.unit.docs.figures_of_findings import Findings, passages
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE = DOCS / "results.md"
@@ -21,6 +22,11 @@ pytestmark = pytest.mark.long  # some twenty metrics.json are held to their sche
 @pytest.fixture(scope="module")
 def found() -> Found:
     return find_cells([DOCS / "findings"])
+
+
+def pattern(figures: Sequence[str]) -> re.Pattern[str]:
+    """Of a line that has these figures, each whole, in this order."""
+    return re.compile(".*?".join(rf"(?<![\w.,]){re.escape(figure)}(?!\w|[.,]\d)" for figure in figures))
 
 
 def test_the_tables_are_what_the_command_writes(found: Found, tmp_path: Path) -> None:
@@ -33,9 +39,17 @@ def test_the_tables_are_what_the_command_writes(found: Found, tmp_path: Path) ->
     assert {name.split(":")[1] for name in names} == flown & set(EXPERIMENTS)
 
 
-def test_the_figures_in_the_text_are_those_of_the_series(found: Found) -> None:
-    text = PAGE.read_text()
-    assert [clause for clause in said(Findings(found.cells)) if clause not in text] == []
+def test_the_figures_in_the_text_are_those_of_the_series_in_their_order(found: Found) -> None:
+    lines = PAGE.read_text().splitlines()
+    held = list(passages(Findings(found.cells)))
+    assert len(held) > 15
+    assert [figures for figures in held if not any(map(pattern(figures).search, lines))] == []
+
+
+def test_a_figure_is_found_whole_and_in_its_place_alone() -> None:
+    held = pattern(["1.2 times", "63 %"])
+    assert held.search("it sends 1.2 times as many; 63 % of that is upkeep")
+    assert not any(map(held.search, ("11.2 times; 63 %", "1.2 times; 163 %", "63 %; 1.2 times", "1.2 timess; 63 %")))
 
 
 def test_every_series_that_is_kept_is_named_and_every_named_one_kept() -> None:

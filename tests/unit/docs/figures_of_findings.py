@@ -1,4 +1,7 @@
-"""The clauses of docs/results.md that tell a figure, each made from the series of docs/findings."""
+"""The figures in the text of docs/results.md, made from the series of docs/findings.
+
+Each function yields passages: the figures of one paragraph, bullet or table row, in their order.
+"""
 
 from __future__ import annotations
 
@@ -84,76 +87,72 @@ def _known(lost: Figure) -> str:
     return f"{lost.loss.known:,}" if lost.loss else ""
 
 
-def said(found: Findings) -> Iterator[str]:
-    yield from _traffic(found)
-    yield from _commands(found)
-    yield from _missions(found)
-    yield from _losses(found)
-    yield from _delays(found)
+def passages(found: Findings) -> Iterator[list[str]]:
+    yield _traffic(found)
+    yield _commands(found)
+    yield _missions(found)
+    yield _losses(found)
+    yield _lossy(found)
+    yield _delays(found)
     yield from _real_px4s(found)
     yield from _layers(found)
-    yield from _readings(found)
+    yield _readings(found)
     yield from _message_set(found)
     yield from _targets(found)
 
 
-def _traffic(found: Findings) -> Iterator[str]:
-    streamed = found.one(PX4, "thesis", "rates")
-    yield f"On the profile `thesis` MAVLink sends {streamed} times the bytes a second of MQTT-XT where PX4 streams"
+def _traffic(found: Findings) -> list[str]:
+    """MAVLink's bytes over MQTT-XT's: PX4's streams; five states by chains per drone; by one router per node."""
     chains = [found.cell(f"{arm}+chain-per-uav", "thesis") for arm in (FIVE, BUNDLED)]
-    alone, bundled = (found.one(cell.arm, "thesis", "rates") for cell in chains)
-    yield f"it sends {alone} times as many if MQTT-XT publishes topic by topic, and {bundled} times with its bundles"
+    times = [found.one(arm, "thesis", "rates") for arm in (PX4, *(cell.arm for cell in chains))]
     upkeep = found.bytes_of("mavlink", chains[0].arm).purposes["upkeep"]
-    yield f"{words.share(upkeep)} of that is heartbeats and upkeep of its routers"
-    alone, bundled = (claims()[1].judge(cell).figure.removesuffix("×") for cell in chains)
-    yield f"its states alone need {alone} of MQTT-XT's bytes, or {bundled} times those of the bundles"
-    alone, bundled = (found.one(arm, "thesis", "rates") for arm in (FIVE, BUNDLED))
-    yield f"that makes it {alone} and {bundled} times"
+    states = [claims()[1].judge(cell).figure.removesuffix("×") for cell in chains]
+    shared = [found.one(arm, "thesis", "rates") for arm in (FIVE, BUNDLED)]
+    return [*(f"{one} times" for one in times), words.share(upkeep), *states, *shared]
 
 
-def _commands(found: Findings) -> Iterator[str]:
-    told = {
-        (side, name): words.size(found.purpose(side, BUNDLED, "lte", name, "bytes"))
-        for side in SIDES
-        for name in ("command", "result")
-    }
-    frames = {side: f"{found.purpose(side, BUNDLED, 'lte', 'command', 'packets'):g} frames" for side in SIDES}
-    yield f"in `{BUNDLED}` on `lte` {frames['mqttxt']} and {told['mqttxt', 'command']} a mission"
-    yield f"against {frames['mavlink']} and {told['mavlink', 'command']}"
-    yield f"{told['mqttxt', 'result']} against the {told['mavlink', 'result']} of MAVLink's acknowledgements"
-    yield f"as on `lte`, MAVLink needs {found.commands_bytes(BUNDLED, 'lte')} of MQTT-XT's bytes for commands"
+def _commands(found: Findings) -> list[str]:
+    """Commands' frames and bytes of either side, results' bytes, and the ratios on `lte` and on `thesis`."""
+    figures = []
+    for side in SIDES:
+        packets = found.purpose(side, BUNDLED, "lte", "command", "packets")
+        figures += [f"{packets:g} frames", words.size(found.purpose(side, BUNDLED, "lte", "command", "bytes"))]
+    figures += [words.size(found.purpose(side, BUNDLED, "lte", "result", "bytes")) for side in SIDES]
     judged = (claims()[0].judge(cell) for cell in found.on("thesis") if cell.experiment != "messages")
     ratios = (one.figure.removesuffix("×") for one in judged if one.holds is not None)
-    yield f"every command goes out three times, and it needs {_span(ratios)} of them, by scenario and arm"
+    return [*figures, found.commands_bytes(BUNDLED, "lte"), _span(ratios)]
 
 
-def _missions(found: Findings) -> Iterator[str]:
+def _missions(found: Findings) -> list[str]:
+    """Mission times: each scenario on `thesis`, how many MAVLink completed; other links; all drones at once."""
+    figures = []
     for number in _timed(found):
-        ours, theirs = found.both(PX4, "thesis", "mission", f"scenario-{number}")
-        shorter = found.one(PX4, "thesis", "change", f"scenario-{number}")
-        yield f"scenario {number} takes {ours} instead of {theirs}, {shorter} less"
-    of_three = (_completed(found, PX4, f"scenario-{number}") for number in _timed(found))
-    yield f"of the missions that it completed, {wording.listed([f'{done} of 3' for done in of_three])}"
-    for profile in ("lte", "lossy"):
-        ours, theirs = found.both(PX4, profile, "mission")
-        yield f"{ours} instead of {theirs} on `{profile}`"
-    for profile in ("thesis", "lte"):
-        yield " and ".join(found.both(FIVE, profile, "mission")) + f" on `{profile}`"
-    yield " and ".join(found.both(PX4, "ideal", "mission")) + " on `ideal`"
+        figures += [f"scenario {number}", *found.both(PX4, "thesis", "mission", f"scenario-{number}")]
+        figures.append(found.one(PX4, "thesis", "change", f"scenario-{number}"))
+    figures += [f"{_completed(found, PX4, f'scenario-{number}')} of 3" for number in _timed(found)]
+    for arm, profile in ((PX4, "lte"), (PX4, "lossy"), (PX4, "ideal"), (FIVE, "thesis"), (FIVE, "lte")):
+        figures += [*found.both(arm, profile, "mission"), f"`{profile}`"]
+    return figures
 
 
-def _losses(found: Findings) -> Iterator[str]:
+def _losses(found: Findings) -> list[str]:
+    """MAVLink's states lost and missions failed with PX4's streams on `thesis`, and its loss with five states."""
     flown = [found.attempts("mavlink", arm, "thesis", experiment) for experiment, arm in STREAMED]
     shares = [lost_of(STATES_LOST, attempts) for attempts in flown]
     least, *_, most = sorted((share.brief for share in shares), key=lambda text: float(text.split()[0]))
-    yield f"{least.removesuffix(' %')} to {most} of MAVLink's states are lost"
     statuses = [one["status"] for attempts in flown for one in attempts]
-    failed = statuses.count("failed")
-    yield f"so that {failed} of {len(statuses)} missions end with a call that nobody answered in time"
-    of_five = lost_of(STATES_LOST, found.attempts("mavlink", FIVE, "thesis"))
-    yield f"there MAVLink loses {of_five.brief}, and completes every mission"
+    of_five = found.attempts("mavlink", FIVE, "thesis")
+    assert {one["status"] for one in of_five} == {"completed"}
+    return [
+        f"{least.removesuffix(' %')} to {most}",
+        f"{statuses.count('failed')} of {len(statuses)} missions",
+        lost_of(STATES_LOST, of_five).brief,
+    ]
+
+
+def _lossy(found: Findings) -> list[str]:
+    """What either side loses on `lossy`, its longest state, and its median command: MAVLink's loss comes first."""
     ours, theirs = (lost_of(STATES_LOST, found.attempts(side, FIVE, "lossy")) for side in SIDES)
-    yield f"in `{FIVE}`, MAVLink loses {theirs.brief} of its states and MQTT-XT {_none(ours)} of {_known(ours)}"
     longest = {
         side: max(
             delay["captures"]["max"] or 0.0
@@ -162,40 +161,35 @@ def _losses(found: Findings) -> Iterator[str]:
         )
         for side in SIDES
     }
-    yield f"a state that TCP sends again comes up to {words.milliseconds(longest['mqttxt'])} after it left the drone"
-    yield f"none of MAVLink's takes longer than {longest['mavlink']:.0f}"
-    ours, theirs = found.both(FIVE, "lossy", "delay")
-    yield f"The median command takes {ours} there, MAVLink's {theirs.removesuffix(' ms')}"
+    figures = [theirs.brief, f"{_none(ours)} of {_known(ours)}"]
+    figures += [words.milliseconds(longest["mqttxt"]), f"{longest['mavlink']:.0f} ms"]
+    return [*figures, *found.both(FIVE, "lossy", "delay")]
 
 
-def _delays(found: Findings) -> Iterator[str]:
+def _delays(found: Findings) -> list[str]:
+    """The median command: MAVLink's and MQTT-XT's on `ideal`, MQTT-XT's and MAVLink's on `lte`."""
     ours, theirs = found.both(PX4, "ideal", "delay")
-    yield f"On `ideal` one is at its drone in {theirs}, MQTT-XT's in {ours}"
-    ours, theirs = found.both(PX4, "lte", "delay")
-    yield f"on `lte` {ours} against {theirs.removesuffix(' ms')}"
+    return [theirs, ours, *found.both(PX4, "lte", "delay")]
 
 
-def _real_px4s(found: Findings) -> Iterator[str]:
+def _real_px4s(found: Findings) -> Iterator[list[str]]:
+    """Real PX4s beside the stand-ins: attempts; bytes over MQTT-XT's; bytes per second; mission times."""
     real = {arm: f"{arm}+autopilot-px4" for arm in (BUNDLED, FIVE)}
     flown = [one for arm in real.values() for side in SIDES for one in found.attempts(side, arm, "ideal")]
     assert {one["status"] for one in flown} == {"completed"}
     completions = [found.cell(arm, "ideal").metrics["statistics"]["completion"] for arm in real.values()]
     void = sum(each[side]["void"] for each in completions for side in SIDES)
-    yield f"None of {len(flown)} missions that count failed; {void} more were void"
-    rates = [found.one(name, "ideal", "rates") for arm in real for name in (real[arm], arm)]
-    yield f"MAVLink sends {rates[0]} times the bytes a second of MQTT-XT, where the stand-in's series has {rates[1]}"
-    yield f"in `{FIVE}` {rates[2]} times, where it has {rates[3]}"
+    yield [f"{len(flown)} missions", f"{void} more"]
     assert not any(lost_of(quantity, flown).loss.lost for quantity in (COMMANDS_LOST, STATES_LOST))
+    yield [found.one(name, "ideal", "rates") for arm in real for name in (real[arm], arm)]
     ours, theirs = zip(*(found.both(name, "ideal", "rate") for name in (real[BUNDLED], BUNDLED)), strict=True)
-    yield f"{ours[0]} a second in `{BUNDLED}` instead of {ours[1]}. MAVLink sends {theirs[0]} instead of {theirs[1]}"
+    yield [*ours, *theirs]
     times = [" and ".join(found.both(name, "ideal", "mission")) for arm in real for name in (real[arm], arm)]
-    yield f"{times[0]} in `{BUNDLED}` instead of {times[1]}, {times[2]} in `{FIVE}` instead of {times[3]}"
     second = [found.both(name, "ideal", "mission", "scenario-2")[0] for name in (real[BUNDLED], BUNDLED)]
-    yield f"scenario 2 over MQTT-XT takes {second[0]} instead of {second[1]}"
     apart = [
         abs(_mission_s(found, side, real[arm]) / _mission_s(found, side, arm) - 1) for side in SIDES for arm in real
     ]
-    yield f"The missions of scenario 1 differ by {words.share(max(apart))} at most"
+    yield [*times, *second, words.share(max(apart))]
 
 
 def _mission_s(found: Findings, side: str, arm: str) -> float:
@@ -203,82 +197,72 @@ def _mission_s(found: Findings, side: str, arm: str) -> float:
     return median(one["mission_s"] for one in completed(found.cell(arm, "ideal").metrics["protocols"][side]))
 
 
-def _layers(found: Findings) -> Iterator[str]:
+def _layers(found: Findings) -> Iterator[list[str]]:
+    """MQTT-XT's payload, headers and acknowledgements; payload and bytes per second with bundles and without."""
     ours = found.bytes_of("mqttxt", PX4)
     headers = sum(ours.layers[name] for name in ("TCP or UDP", "IP", "Ethernet"))
-    yield f"Of MQTT-XT's bytes in the arm `{PX4}` {words.share(ours.layers['payload'])} is what it has to say"
-    yield f"Headers of TCP, IP and Ethernet are {words.share(headers)}"
-    yield f"and {words.share(ours.purposes['acknowledgement'])} of all are acknowledgements"
+    shares = [words.share(one) for one in (ours.layers["payload"], headers, ours.purposes["acknowledgement"])]
     alone, bundled = (found.bytes_of("mqttxt", arm) for arm in (FIVE, BUNDLED))
     payloads = [words.share(one.layers["payload"]) for one in (bundled, alone)]
-    rates = [one.a_second for one in (bundled, alone)]
-    yield f"{' instead of '.join(payloads)} payload, and {' instead of '.join(rates)} a second"
+    yield [*shares, *payloads, *(one.a_second for one in (bundled, alone))]
 
 
-def _readings(found: Findings) -> Iterator[str]:
-    delays = {}
+def _readings(found: Findings) -> list[str]:
+    """How many values arrived, and after how long: in each arm MQTT-XT's, then MAVLink's."""
+    delays = []
     for arm in (PX4, BUNDLED):
         for side in SIDES:
             done = completed(found.cell(arm, "thesis", "scenario-4").metrics["protocols"][side])
             assert all(series["delivered"] == 30 and not series["wrong"] for one in done for series in one["series"])
             assert all(len(one["series"]) == 18 for one in done)
-            delays[arm, side] = words.milliseconds(median(one["reading_delay_ms"]["captures"]["p50"] for one in done))
-    yield "In every completed attempt all 30 values of the 18 series arrived, and arrived as they were measured"
-    yield f"after {delays[PX4, 'mqttxt']} over MQTT-XT and {delays[PX4, 'mavlink']} through the brokers beside MAVLink"
-    yield f"{delays[BUNDLED, 'mqttxt']} and {delays[BUNDLED, 'mavlink']} in `{BUNDLED}`"
+            delays.append(words.milliseconds(median(one["reading_delay_ms"]["captures"]["p50"] for one in done)))
+    return ["all 30 values", "18 series", *delays]
 
 
-def _message_set(found: Findings) -> Iterator[str]:
+def _message_set(found: Findings) -> Iterator[list[str]]:
+    """States' packets; commands' bytes; delays, calls and losses."""
     cell = found.cell(PX4, "thesis", "messages")
     rows = {str(row[0]): dict(zip(COLUMNS, row, strict=True)) for row in rows_of(cell)}
     sets = {side: found.attempts(side, PX4, "thesis", "messages")[0]["message_set"] for side in SIDES}
     commands, states = (
         [name for name, kind in sets["mqttxt"].items() if kind["form"] == form] for form in ("command", "state")
     )
-    yield f"so the ratio is {_span(rows[name]['packets, all ×'] for name in states)} instead of 16 to 23"
-    yield f"location is {rows['location']['packets, alone ×']} times"
-    yield f"Commands alone cost MAVLink {_span(rows[name]['bytes, alone ×'] for name in commands)} of MQTT-XT's bytes"
-    ours, theirs = (getattr(rows["location"]["delay"], side) for side in SIDES)
-    yield f"A position takes {ours} over MQTT-XT and {theirs.removesuffix(' ms')} over MAVLink"
+    yield [_span(rows[name]["packets, all ×"] for name in states), str(rows["location"]["packets, alone ×"])]
+    yield [_span(rows[name]["bytes, alone ×"] for name in commands)]
     calls = [sets["mavlink"][name] for name in commands]
     asked, received = (sum(kind[count] for kind in calls) for count in ("asked", "received"))
-    yield f"Of MAVLink's {asked} calls {wording.in_words(asked - received)} were not acknowledged"
     first, last = (sets["mavlink"][name] for name in ("flight_mode", "groundspeed"))
     speeds = Figure.of_loss(Loss(last["lost"], last["sent"] - last["open"])).brief
-    yield f"{first['lost'] or 'none'} of its flight modes, first in each burst, and {speeds} of its ground speeds"
     all_ = sum((Loss(kind["lost"], kind["sent"] - kind["open"]) for kind in sets["mqttxt"].values()), Loss(0, 0))
-    yield f"Of MQTT-XT's {all_.known:,} messages {all_.lost or 'none'} was lost"
+    delays = [getattr(rows["location"]["delay"], side) for side in SIDES]
+    calls_lost = [f"{asked} calls", wording.in_words(asked - received)]
+    yield [*delays, *calls_lost, str(first["lost"] or "none"), speeds, str(all_.lost or "none"), f"{all_.known:,}"]
 
 
 def _span(ratios: Iterable[str | Pair]) -> str:
     """'0.65 to 0.98'."""
-    told = sorted((str(ratio) for ratio in ratios), key=float)
-    return f"{told[0]} to {told[-1]}"
+    ordered = sorted((str(ratio) for ratio in ratios), key=float)
+    return f"{ordered[0]} to {ordered[-1]}"
 
 
-def _targets(found: Findings) -> Iterator[str]:
-    times = {
-        profile: [found.one(PX4, profile, column) for column in ("packets", "bytes")]
-        for profile in ("ideal", "thesis", "lte", "lossy")
-    }
-    ratios = ", ".join(f"{packets} and {size} on `{profile}`" for profile, (packets, size) in times.items())
-    yield f"| {ratios}; {found.one(PX4, 'thesis', 'rates')} times the bytes a second on `thesis` |"
-    bundled = ", ".join(
-        f"{found.one(BUNDLED, profile, 'bytes')} on `{profile}`" for profile in ("thesis", "lte", "lossy")
-    )
-    yield f"| {bundled} |"
+def _targets(found: Findings) -> Iterator[list[str]]:
+    """The column of the table of targets, row by row, and the time of flight alone."""
+    figures = []
+    for profile in ("ideal", "thesis", "lte", "lossy"):
+        figures += [*(found.one(PX4, profile, column) for column in ("packets", "bytes")), f"`{profile}`"]
+    yield [*figures, f"{found.one(PX4, 'thesis', 'rates')} times"]
+    bundled = [(found.one(BUNDLED, profile, "bytes"), f"`{profile}`") for profile in ("thesis", "lte", "lossy")]
+    yield [text for pair in bundled for text in pair]
     shorter = {number: found.one(PX4, "thesis", "change", f"scenario-{number}") for number in _timed(found)}
-    yield f"| {', '.join(f'−{share} in scenario {number}' for number, share in shorter.items())} |"
-    concurrent = ("thesis-concurrent", FIVE, BUNDLED)
-    yield "| " + ", ".join(f"{_ours_over_theirs(found, arm)} in `{arm}`" for arm in concurrent) + " |"
+    yield [text for number, share in shorter.items() for text in (f"−{share}", f"scenario {number}")]
+    arms = ("thesis-concurrent", FIVE, BUNDLED)
+    yield [text for arm in arms for text in (_ours_over_theirs(found, arm), f"`{arm}`")]
     commands = lost_of(COMMANDS_LOST, found.attempts("mqttxt", PX4, "thesis"))
-    states = (lost_of(STATES_LOST, found.attempts("mqttxt", arm, "thesis")) for arm in (FIVE, BUNDLED))
-    told = ", ".join(f"{one.counts} in `{arm}`" for arm, one in zip((FIVE, BUNDLED), states, strict=True))
-    yield f"| {commands.counts}; {told} |"
-    delays = ", ".join(f"{found.one(arm, 'lte', 'delay ratio')} in `{arm}`" for arm in (PX4, FIVE, BUNDLED))
-    yield f"| {delays} |"
+    states = [(lost_of(STATES_LOST, found.attempts("mqttxt", arm, "thesis")), arm) for arm in (FIVE, BUNDLED)]
+    yield [commands.counts, *(text for lost, arm in states for text in (lost.counts, f"`{arm}`"))]
+    yield [text for arm in (PX4, FIVE, BUNDLED) for text in (found.one(arm, "lte", "delay ratio"), f"`{arm}`")]
     alone, _ = found.both(PX4, "ideal", "mission")
-    yield f"Scenario 1 takes {alone} of flight and holding"
+    yield [f"Scenario 1 takes {alone}"]
 
 
 def _timed(found: Findings) -> list[int]:
