@@ -105,6 +105,50 @@ async def test_why_not_is_said_in_plain_words_with_the_code_as_a_tip() -> None:
                 assert tip == f"drone 1: takeoff {code}"
 
 
+async def test_whose_the_drones_are_is_said_before_they_are_commanded() -> None:
+    station = FakeStation()
+    drone = station.the_fog.drone(2)
+    drone.holder, drone.is_controlled = "rival", False
+    async with shown(station) as browser:
+        await asyncio.to_thread(browser.until, "document.querySelector('#send-arm') !== null", "the commands")
+        assert await asyncio.to_thread(browser.text, "#holders") == ""
+        await asyncio.to_thread(browser.click, "#select-all")
+        await asyncio.to_thread(browser.until_text, "#holders", "rival controls drone 2: take control first")
+        await asyncio.to_thread(browser.click, "#to-fog-1")
+        assert await asyncio.to_thread(browser.text, "#holders") == "rival controls drone 2"
+        drone.holder, drone.is_controlled = "page", True
+        station.heard.put_nowait(ControlChanged(1, 2, "page", True, 2))
+        await asyncio.to_thread(browser.until, "document.querySelector('#holders').textContent === ''", "it is ours")
+
+
+async def test_of_many_drones_of_others_the_number_is_said() -> None:
+    station = FakeStation(drones=9)
+    for drone in station.the_fog.drones:
+        drone.holder, drone.is_controlled = "page", False
+    async with shown(station) as browser:
+        await asyncio.to_thread(browser.click, "#to-fog-1")
+        await asyncio.to_thread(browser.until_text, "#holders", "another page controls 9 of these drones")
+
+
+@pytest.mark.parametrize("width", [PHONE, DESK])
+async def test_that_the_pages_program_is_gone_is_in_sight_and_its_values_look_old(width: int) -> None:
+    station, port, path = FakeStation(), free_port(), chromium()
+    assert path is not None
+    line = "getComputedStyle(document.querySelector('#fleet-rows td[data-heading=Armed] span')).textDecorationLine"
+    with LivePage(path) as browser:
+        async with served(station, port) as url:
+            await asyncio.to_thread(browser.open, url, width)
+            await asyncio.to_thread(browser.until_text, "#connection", "connected to")
+            await asyncio.to_thread(browser.value, "scrollTo({top: 900, behavior: 'instant'})")
+            assert await asyncio.to_thread(browser.value, line) == "none"
+        await asyncio.to_thread(browser.until_text, "#notice", "The page's program does not answer.")
+        assert await asyncio.to_thread(browser.value, is_in_sight("#notice"))
+        assert await asyncio.to_thread(browser.value, line) == "line-through"
+        async with served(station, port):
+            await asyncio.to_thread(browser.until, "document.querySelector('#notice').textContent === ''", "it is back")
+            assert await asyncio.to_thread(browser.value, line) == "none"
+
+
 @pytest.mark.skipif(not AXE.exists(), reason="no axe-core; `make tools` has it")
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize("width", [PHONE, DESK])
@@ -121,6 +165,10 @@ async def test_a_notice_and_a_refusal_keep_nobody_out(width: int, dark: bool) ->
         station.heard.put_nowait(ControlChanged(1, 1, "rival", False, 2))
         await asyncio.to_thread(browser.until_text, "#notice", "rival has it.")
         await asyncio.to_thread(browser.until_text, "#newest", "Another ground station controls the drone: rival.")
+        await asyncio.to_thread(browser.value, "document.querySelector('#send-land').scrollIntoView({block: 'end'})")
+        apart = "document.querySelector('#newest').getBoundingClientRect().bottom"
+        apart += " - document.querySelector('#notice').getBoundingClientRect().top"
+        assert await asyncio.to_thread(browser.value, f"{apart} <= 0.5"), "one does not cover the other"
         assert await asyncio.to_thread(browser.violations) == []
         assert await asyncio.to_thread(browser.wider) == []
         assert browser.said == []

@@ -1,12 +1,14 @@
 // Commands: to whom, their parameters, what was sent and every word about it.
 
 import { byId, el, hasNumber, named, numberIn, seconds, setText } from "./dom.js";
+import { holder } from "./fleet.js";
 import { metresBetween } from "./map.js";
 
 const TITLES = { arm: "Arm", takeoff: "Take off", goto: "Go to", hold: "Hold", land: "Land", return: "Return", pause: "Pause mission" };
 const TWO_NUMBERS = /^[\s(]*([-+]?\d+\.\d+)[,;\s]\s*([-+]?\d+\.\d+)[\s)]*$/;
 const ONE_ALONE = "; Go to takes one drone";
 const GOOD = ["accepted", "in_progress", "completed", "choice"];
+const MOST_NAMED = 8;
 const KEYS = { h: "hold", l: "land", r: "return" };
 
 export class Commands {
@@ -110,10 +112,29 @@ export class Commands {
     const others = to.best ? `Whoever arrives first of fog ${fogs}: Go to alone` : all;
     setText(byId("who"), to.drones ? drones : others);
     this.fillHeight();
+    this.showHolders();
     this.showDistance();
     byId("take-over").disabled = this.page.selected.size === 0;
     for (const [name, { button }] of this.forms) button.disabled = this.whyNot(name) !== null;
     if (this.page.said === this.refusal) this.page.say("");
+  }
+
+  // Who controls those of whom To names that this station does not control: they would refuse.
+  showHolders() {
+    const to = this.to();
+    const isMeant = this.target === "selected"
+      ? (drone, key) => this.page.selected.has(key)
+      : ({ fog }) => (to.fogs ?? to.best).includes(fog);
+    const names = new Map();
+    for (const [key, drone] of this.page.drones) {
+      if (drone.mine || !drone.reachable || !isMeant(drone, key)) continue;
+      const who = holder(drone, this.page);
+      names.set(who, [...(names.get(who) ?? []), named(drone.fleet, drone.drone)]);
+    }
+    const which = (drones) => (drones.length > MOST_NAMED ? `${drones.length} of these drones` : `drone ${drones.join(", ")}`);
+    const texts = [...names].map(([who, drones]) => `${who} controls ${which(drones)}`);
+    const advice = this.target === "selected" ? ": take control first" : "";
+    setText(byId("holders"), texts.length > 0 ? `${texts.join(", ")}${advice}` : "");
   }
 
   // Why a command is not for whom To names; null where it is.

@@ -9,7 +9,7 @@ const state = (name, show) => (drone) => {
 const words = (text) => text.replaceAll("_", " ");
 const plain = (show) => (drone, page) => ({ text: show(drone, page), known: null });
 
-function holder(drone, page) {
+export function holder(drone, page) {
   if (drone.mine) return "this station";
   if (drone.holder === page.names[drone.fleet]) return `another ${drone.holder}`;
   return drone.holder === null ? "nobody" : drone.holder;

@@ -35,6 +35,10 @@ class Page {
     this.plans = new Plans(this);
     this.sensors = new Sensors();
     this.links = new Links(this);
+    const notice = byId("notice"); // what stays in sight above it has to know how high it is
+    new ResizeObserver(() => {
+      document.documentElement.style.setProperty("--notice", `${notice.offsetHeight}px`);
+    }).observe(notice);
     this.connect();
   }
 
@@ -52,6 +56,8 @@ class Page {
   showConnection(text, isConnected) {
     setText(byId("connection"), text);
     document.body.classList.toggle("disconnected", !isConnected);
+    this.gone = isConnected ? "" : text;
+    this.showNotice();
   }
 
   hear(update) {
@@ -66,7 +72,10 @@ class Page {
     if (update.rankings) showRankings(update.rankings);
     for (const chart of update.sensors ?? []) this.sensors.update(chart);
     if (update.drones) this.plans.show();
-    if (update.drones && this.canCommand) this.commands.showDistance();
+    if (update.drones && this.canCommand) {
+      this.commands.showHolders();
+      this.commands.showDistance();
+    }
     if (update.log) this.log.add(update.log);
   }
 
@@ -221,7 +230,7 @@ class Page {
   }
 
   showNotice() {
-    setText(byId("notice"), [this.lostText, this.said].filter(Boolean).join(" "));
+    setText(byId("notice"), [this.gone, this.lostText, this.said].filter(Boolean).join(" "));
   }
 }
 
