@@ -91,6 +91,27 @@ async def test_a_place_is_chosen_on_the_map_by_its_sign_or_its_name_and_gets_its
         assert await asyncio.to_thread(browser.text, "#place-found") == ""
 
 
+@pytest.mark.parametrize("width", [PHONE, DESK])
+async def test_the_map_says_what_go_to_has_leads_there_and_nothing_moves(width: int) -> None:
+    async with shown(FakeStation(), width=width, places=PLACES) as browser:
+        await asyncio.to_thread(browser.until, "document.querySelectorAll('.places path').length === 4", "those near")
+        tops = "['#map-box', '#map-scale', '#send-goto', '#send-land'].map(s => document.querySelector(s))"
+        tops += ".map(e => Math.round(e.getBoundingClientRect().top + scrollY))"
+        before = await asyncio.to_thread(browser.value, tops)
+        assert not await asyncio.to_thread(browser.value, "document.querySelector('#map-goto').checkVisibility()")
+        await asyncio.to_thread(browser.click, "tr[data-drone='1/2'] th")
+        await asyncio.to_thread(browser.click, ".places text")
+        says = f"Go to has {CHURCH.name}, 77 m from drone 2."
+        assert await asyncio.to_thread(browser.text, "#map-chosen") == says
+        assert (await asyncio.to_thread(browser.value, tops))[:2] == before[:2]
+        assert (await asyncio.to_thread(browser.value, tops))[3] == before[3] or width == PHONE
+        await asyncio.to_thread(browser.click, "#map-goto a")
+        box = "document.querySelector('#send-goto').getBoundingClientRect()"
+        await asyncio.to_thread(browser.until, f"{box}.top >= 0 && {box}.bottom <= innerHeight", "Go to is in sight")
+        await asyncio.to_thread(browser.click, "#map", 0.5, 0.98)
+        await asyncio.to_thread(browser.until_text, "#map-chosen", "Go to has the place, ")
+
+
 @pytest.mark.parametrize(
     ("typed", "says"), [("m", "4 places: choose one."), ("zoo", "No place has this in its name."), ("mill", "Mill is")]
 )

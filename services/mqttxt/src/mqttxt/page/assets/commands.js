@@ -73,7 +73,7 @@ export class Commands {
     if (fogs === this.shownFogs) return; // a new button would not have the focus
     this.shownFogs = fogs;
     const choices = [["selected", "the selected drones"]];
-    for (const fog of this.page.fogs) choices.push([`fog-${fog.fog}`, `all of fog ${fog.fog}`]);
+    for (const fog of this.page.fogs) choices.push([`fog-${fog.fog}`, `all drones of fog ${fog.fog}`]);
     if (this.page.fogs.length > 1) choices.push(["all", "all drones"]);
     choices.push(["best", "whoever arrives first (Go to)"]);
     const radios = choices.map(([value, text]) => {
@@ -205,7 +205,10 @@ export class Commands {
     const metres = from === undefined || this.page.place === null ? null : metresBetween(from, this.page.place);
     const shown = metres < 10000 ? `${Math.round(metres)} m` : `${Math.round(metres / 1000)} km`;
     const far = metres === null ? null : `${shown} from drone ${named(drone.fleet, drone.drone)}`;
-    setText(byId("goto-distance"), [this.page.places.nameOf(this.page.place), far].filter(Boolean).join(", "));
+    const name = this.page.places.nameOf(this.page.place);
+    setText(byId("goto-distance"), [name, far].filter(Boolean).join(", "));
+    byId("map-goto").hidden = this.page.place === null;
+    setText(byId("map-place"), [name ?? "the place", far].filter(Boolean).join(", "));
   }
 
   // A place as maps give it, both numbers in one: it fills in both fields.
