@@ -60,7 +60,7 @@ def changes(
         known = dict.fromkeys(name.rpartition(":")[0] for name in plan.links)
         raise UserError(f"link {link}: expected one of {', '.join(known)}, with :up or :down for one direction of it")
     if back and (typed or closed):
-        raise UserError("--back: expected alone: it brings a link back to what its profile says")
+        raise UserError("--back: expected no other option, because it restores the link's profile")
     if not (typed or closed or back):
         raise UserError(f"link {link}: expected what to change, as --loss 20%, --closed, or --back")
     figures = dict(read_figure(name, text, "by hand", f"--{name}") for name, text in typed.items())

@@ -53,7 +53,7 @@ def read_fleet(path: Path) -> Fleet:
         if times > 1:
             raise UserError(f"{where}: fogs: drone {drone} is there {times} times: expected each drone once")
         if drone not in drones:
-            raise UserError(f"{where}: drones.{drone}: missing: expected what the file says of each drone of a fog")
+            raise UserError(f"{where}: drones.{drone}: missing: expected an entry for each drone of a fog")
     fleet = Fleet(fogs, networks, drones, found.get("parameters", {}), found["sensor_range_m"])
     _check_addresses(fleet, f"{where}: addresses", "another one for it")
     _check_parameters(found.get("parameters", {}), f"{where}: parameters")

@@ -37,7 +37,7 @@ def parse_rate_bps(text: str) -> int | None:
         return None
     found = re.fullmatch(rf"{_NUMBER} ?(bit|kbit|Mbit|Gbit)", text)
     if found is None:
-        raise ValueError("bits a second with their unit (bit, kbit, Mbit, Gbit), as 20Mbit, or unlimited")
+        raise ValueError("bits per second with their unit (bit, kbit, Mbit, Gbit), as 20Mbit, or unlimited")
     rate_bps = round(float(found[1]) * _RATE_BPS[found[2]])
     if not SLOWEST_BPS <= rate_bps <= FASTEST_BPS:
         raise ValueError("a rate from 1kbit to 100Gbit, or unlimited")

@@ -76,7 +76,7 @@ def choose(attempts: list[Attempt], choice: Choice) -> list[Chosen]:
     except ResultsError as error:
         raise UserError(str(error)) from error
     if choice.link is not None and not any(_is_below(link, choice.link) for link in links):
-        raise UserError(f"--link {choice.link}: expected one of {', '.join(dict.fromkeys(links))}, or how some begin")
+        raise UserError(f"--link {choice.link}: expected one of {', '.join(dict.fromkeys(links))}, or a prefix")
     _check_name("--protocol", choice.protocol, [table.frames["protocol"] for table in tables])
     _check_name("--kind", choice.kind, [table.messages["kind"] for table in tables])
     return [_choose(*each, choice) for each in zip(attempts, tables, starts_ns, strict=True)]

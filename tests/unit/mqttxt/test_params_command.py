@@ -86,7 +86,7 @@ def test_what_a_full_disk_does_not_keep_is_printed_all_the_same(
 ) -> None:
     (tmp_path / "cache").write_text("no folder")
     assert typed("get", "A_WHOLE").stdout == "-5\n"
-    assert "the parameters are fetched as a whole the next time" in caplog.text
+    assert "next time all parameters are fetched" in caplog.text
 
 
 def test_a_file_that_was_saved_differs_where_something_was_set(drone: Drone, tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def test_session_keys_are_logged_with_one_warning(
         contexts = [tls.client_context(identity) for _ in range(2)]
     assert [context.keylog_filename for context in contexts] == [path, path]
     assert [record.getMessage() for record in caplog.records] == [
-        f"SSLKEYLOGFILE: session keys go to {path}; whoever has them reads what this node says"
+        f"SSLKEYLOGFILE: session keys are written to {path}; who has them can decrypt this node's traffic"
     ]
 
 

@@ -141,7 +141,7 @@ def _changed(*path: Any, to: Any = None) -> dict[str, Any]:
         (_changed("fogs", 1, to=[251]), "fogs.1[0]: 251: expected a drone's number from 1 to 250"),
         (_changed("fogs", 251, to=[1]), "fogs: '251': expected a number from 1 to 250"),
         (_changed("fogs", 1, to=[1, 4]), "fogs: drone 4 is there 2 times: expected each drone once"),
-        (_changed("drones", 5), "drones.5: missing: expected what the file says of each drone of a fog"),
+        (_changed("drones", 5), "drones.5: missing: expected an entry for each drone of a fog"),
         (_changed("drones", 5, "latitude_deg", to="north"), "drones.5.latitude_deg: 'north': expected degrees from"),
         (_changed("drones", 5, "point"), "drones.5.point: missing: expected a place: latitude_deg, longitude_deg and"),
         (_changed("drones", 5, "latitude_deg", to=float("nan")), "drones.5.latitude_deg: '.nan': expected degrees"),

@@ -173,7 +173,7 @@ async def _fetched(there: Drone) -> Parameters:
             part.write_bytes(found.content.packed())
             os.replace(part, path)
         except OSError as error:
-            logger.warning("%s: %s; the parameters are fetched as a whole the next time", path, error.strerror)
+            logger.warning("%s: %s; next time all parameters are fetched", path, error.strerror)
     return found
 
 

@@ -138,7 +138,7 @@ class Endpoints:
             frames, clock, is_first = StreamFrames(), asyncio.get_running_loop(), True
             while data := await reader.read(_READ_BYTES):
                 if is_first and data[0] not in MAGIC:  # a page of any site makes its browser send here what it likes
-                    logger.warning("%s: refused; it begins with something else than a MAVLink frame", peer.name)
+                    logger.warning("%s: refused; it does not begin with a MAVLink frame", peer.name)
                     return
                 is_first = False
                 for found in frames.feed(data, clock.time()):

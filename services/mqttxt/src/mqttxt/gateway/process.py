@@ -205,7 +205,7 @@ class Gateway:
             (self._shown.add if is_shown else self._shown.discard)(drone.number)
         if drone.is_reachable and view.get(Armed) is not None and not is_known and drone.number not in self._unknown:
             self._unknown.add(drone.number)
-            logger.warning("drone %d does not say what it is: start its UAV client with --all-states", drone.number)
+            logger.warning("drone %d does not publish its kind: start its UAV client with --all-states", drone.number)
         if is_shown:
             made = (LOCAL[name].make(view) for name in due)
             self._send(drone.number, [message for message in made if message is not None])

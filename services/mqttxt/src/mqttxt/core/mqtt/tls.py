@@ -91,7 +91,7 @@ def client_context(identity: Identity) -> FleetContext:
 @functools.cache
 def _tell_of_keys(path: str) -> None:
     """Once: it is for measurements, and nobody is to find it out late."""
-    logger.warning("%s: session keys go to %s; whoever has them reads what this node says", KEY_LOG, path)
+    logger.warning("%s: session keys are written to %s; who has them can decrypt this node's traffic", KEY_LOG, path)
 
 
 def wrong_with(identity: Identity, der: bytes | None) -> str | None:

@@ -50,9 +50,9 @@ class Installation:
         """Until the autopilot signs with the key; raises TransportError with the reason where it does not."""
         reading = asyncio.create_task(self._link.run())
         try:
-            await self._wait(self._heard, f"no heartbeat of system {self._drone} that could be believed")
+            await self._wait(self._heard, f"no valid heartbeat of system {self._drone}")
             if self._is_armed:
-                raise TransportError(f"drone {self._drone} is armed; an autopilot takes a key on the ground alone")
+                raise TransportError(f"drone {self._drone} is armed; disarm it before the autopilot takes a key")
             await self._wait(self._signs, f"it does not sign with this key. {_HINT}", self._say)
         finally:
             reading.cancel()

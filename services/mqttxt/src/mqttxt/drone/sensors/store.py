@@ -174,7 +174,7 @@ class SensorStore:
             try:
                 rows.append((place, _restored(sensor, kind, payload)))
             except PayloadError as error:
-                logger.error("%s: reading at place %d is spoilt and is removed: %s", self.path, place, error)
+                logger.error("%s: reading at place %d is corrupt and is removed: %s", self.path, place, error)
                 spoilt.append(place)
             if len(rows) == wanted.most:
                 break
