@@ -64,7 +64,7 @@ def test_the_kernel_is_told_the_same() -> None:
         ("air:uav1", {"delay": "200"}, "--delay: '200': expected a time with its unit (us, ms, s), as 25ms"),
         ("air:uav1", {"rate": "1Mbit"}, "air:uav1:up: --rate 1Mbit: expected a queue beside it"),
         ("air:uav1", {"jitter": "5ms"}, "air:uav1:up: --jitter 5ms: expected at most the delay"),
-        ("air:uav1", {"loss": "1%", "back": True}, "--back: expected alone"),
+        ("air:uav1", {"loss": "1%", "back": True}, "--back: expected no other option"),
     ],
 )
 def test_a_mistake_is_named_with_what_was_expected(link: str, options: dict[str, Any], said: str) -> None:
