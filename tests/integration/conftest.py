@@ -12,9 +12,13 @@ import pytest
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 
 from tests.rigs.container import Container
+from tests.rigs.fleets import TwoFleets
 from tests.rigs.gateway import Client, Ground
+from tests.rigs.live_page import LivePage
 from tests.rigs.processes import Broker, System
+from tests.rigs.served_page import Served
 from tests.rigs.shaped_link import ShapedLink
+from tests.tools.programs import chromium
 
 MOST_SHOWN = 4000
 """Characters of the end of each log that a failed test shows."""
@@ -62,6 +66,33 @@ def shared_system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
         yield made.start()
     finally:
         made.close()
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoFleets]:
+    """The fleets `acme` and `acme/eu` in one cloud, for all tests of a file."""
+    made = TwoFleets(tmp_path_factory.mktemp("fleets"))
+    try:
+        yield made.start()
+    finally:
+        made.close()
+
+
+@pytest.fixture(scope="module")
+def page(shared_system: System) -> Iterator[Served]:
+    """The live page of `shared_system`."""
+    served = Served(shared_system.folder, shared_system.cloud, "page")
+    yield served
+    served.process.kill()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[LivePage]:
+    """Chromium, for all tests of a file."""
+    path = chromium()
+    assert path is not None, "there is no Chromium: make tools"
+    with LivePage(path) as started:
+        yield started
 
 
 @pytest.fixture(scope="session")

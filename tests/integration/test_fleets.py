@@ -5,7 +5,7 @@ What the autopilots received says so, not what the stations heard.
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 
 import pytest
 
@@ -18,15 +18,6 @@ pytestmark = pytest.mark.integration
 
 SURVEY = ROOT / "tests" / "unit" / "mqttxt" / "plans" / "survey.plan"
 NEAR = Goto(47.397742, 8.546526, 8)
-
-
-@pytest.fixture(scope="module")
-def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoFleets]:
-    made = TwoFleets(tmp_path_factory.mktemp("fleets"))
-    try:
-        yield made.start()
-    finally:
-        made.close()
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ def fill(folder: Path) -> None:
 async def test_a_full_disk_denies_and_room_is_all_that_is_needed(tmp_path: Path, small: Path) -> None:
     system = System(tmp_path)
     options = ["--journal", str(small / "journal")]
-    system.uavs[1] = uav = system.make_uav(1, system.fog.url, None, None, *options)
+    system.uavs[1] = uav = system.make_uav(1, system.fog.url).with_more(*options)
     try:
         await asyncio.to_thread(system.start)
         async with GroundStation(system.cloud.url) as station:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -44,17 +45,8 @@ class KeyedSystem(System):
         more = ["--mavlink-key", str(self.key_file), *(["--gcs"] if self._pilots and drone == 1 else [])]
         return made.with_more(*more)
 
-    def make_uav(
-        self,
-        drone: int,
-        broker: str,
-        name: str | None = None,
-        autopilot_port: int | None = None,
-        *more: str,
-        ppm: int | None = None,
-    ) -> Process:
-        keyed = ("--mavlink-key", str(self.key_file))
-        return super().make_uav(drone, broker, name, autopilot_port, *more, *keyed, ppm=ppm)
+    def make_uav(self, drone: int, broker: str, **how: Any) -> Process:
+        return super().make_uav(drone, broker, **how).with_more("--mavlink-key", str(self.key_file))
 
     @asynccontextmanager
     async def drone(self) -> AsyncIterator[Drone]:

@@ -8,7 +8,6 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -34,21 +33,6 @@ PICTURES = os.environ.get("PAGE_PICTURES")
 @pytest.fixture(scope="module")
 def system(shared_system: System) -> System:
     return shared_system
-
-
-@pytest.fixture(scope="module")
-def page(system: System) -> Iterator[Served]:
-    served = Served(system.folder, system.cloud, "page")
-    yield served
-    served.process.kill()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[LivePage]:
-    path = chromium()
-    assert path is not None
-    with LivePage(path) as started:
-        yield started
 
 
 def take_picture(browser: LivePage, name: str, width: int, dark: bool = False) -> None:

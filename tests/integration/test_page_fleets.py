@@ -22,27 +22,10 @@ ARM = 400
 
 
 @pytest.fixture(scope="module")
-def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoFleets]:
-    made = TwoFleets(tmp_path_factory.mktemp("fleets"))
-    try:
-        yield made.start()
-    finally:
-        made.close()
-
-
-@pytest.fixture(scope="module")
 def page(two: TwoFleets) -> Iterator[Served]:
     served = Served(two.folder, two.cloud, "page", fogs=("acme/1", "acme/eu/1"))
     yield served
     served.process.kill()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[LivePage]:
-    path = chromium()
-    assert path is not None
-    with LivePage(path) as started:
-        yield started
 
 
 def is_ready(browser: LivePage) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -27,21 +26,6 @@ METRE_DEG = 360 / 40_030_000
 @pytest.fixture(scope="module")
 def system(shared_system: System) -> System:
     return shared_system
-
-
-@pytest.fixture(scope="module")
-def page(system: System) -> Iterator[Served]:
-    served = Served(system.folder, system.cloud, "page")
-    yield served
-    served.process.kill()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[LivePage]:
-    path = chromium()
-    assert path is not None
-    with LivePage(path) as started:
-        yield started
 
 
 def waypoints(browser: LivePage) -> list[list[str]]:

@@ -38,7 +38,7 @@ class TwoFogs(System):
         brokers = {1: self.fog.url, 2: self.second_fog.url}
         fog_of = {drone: fog for fog, drones in FLEET.items() for drone in drones}
         self.uavs = {
-            drone: self.make_uav(drone, brokers[fog_of[drone]], None, None, "--endurance-s", "700")
+            drone: self.make_uav(drone, brokers[fog_of[drone]]).with_more("--endurance-s", "700")
             for drone in self.autopilots
         }
         ready = str(folder / "activator2.ready")

@@ -91,7 +91,7 @@ class SensorSystem(System):
         self.drones = {drone: Broker(folder, f"drone{drone}") for drone in self.autopilots}
         for drone, broker in self.drones.items():
             carrying = ["--sensor-broker", broker.url, "--sensor-store", str(folder / f"uav{drone}.sensors")]
-            self.uavs[drone] = self.make_uav(drone, self.fog.url, None, None, *carrying)
+            self.uavs[drone] = self.make_uav(drone, self.fog.url).with_more(*carrying)
 
     def start(self) -> Self:
         for broker in self.drones.values():
@@ -283,7 +283,7 @@ async def test_the_pages_own_mission_flies(tmp_path: Path, low_fleet: Path) -> N
     program.write_text(page.split("```python\n")[1].split("```")[0])
     system = System(tmp_path, fleet_file=low_fleet)
     for drone in DRONES:
-        system.uavs[drone] = system.make_uav(drone, system.fog.url, None, None, "--endurance-s", "700")
+        system.uavs[drone] = system.make_uav(drone, system.fog.url).with_more("--endurance-s", "700")
     where = ["--fleet", "1:1,2", "--cloud", system.cloud.url, "--events", str(tmp_path / "events.jsonl")]
     flying = Process(tmp_path, "mission", "mission", "fly", str(program), *where)
     try:

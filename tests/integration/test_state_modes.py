@@ -77,7 +77,7 @@ async def set_up(folder: Path, states: str, streams: str = "px4-normal") -> Asyn
     """A fog with two drones and its fleet, whose clients bundle where the mission asks for bundles."""
     system = System(folder, streams=streams)
     if states == "bundle":
-        system.uavs = {drone: system.make_uav(drone, system.fog.url, None, None, "--bundles") for drone in DRONES}
+        system.uavs = {drone: system.make_uav(drone, system.fog.url).with_more("--bundles") for drone in DRONES}
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(asyncio.to_thread, system.close)
         await asyncio.to_thread(system.start)

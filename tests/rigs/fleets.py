@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from tests.rigs.processes import Broker, Process, System
 
@@ -27,16 +27,8 @@ class OneFleet(System):
     def make_activator(self, cloud: str, fog: str, name: str = "activator", ppm: int | None = None) -> Process:
         return super().make_activator(self.shared.url, fog, name, ppm).with_more("--prefix", self.prefix)
 
-    def make_uav(
-        self,
-        drone: int,
-        broker: str,
-        name: str | None = None,
-        autopilot_port: int | None = None,
-        *more: str,
-        ppm: int | None = None,
-    ) -> Process:
-        return super().make_uav(drone, broker, name, autopilot_port, *more, "--endurance-s", "700", ppm=ppm)
+    def make_uav(self, drone: int, broker: str, **how: Any) -> Process:
+        return super().make_uav(drone, broker, **how).with_more("--endurance-s", "700")
 
     def flown(self, drone: int) -> dict[str, int]:
         """How often an autopilot was sent each of them; what it was not sent is left out."""

@@ -38,8 +38,8 @@ class Ground(System):
         station = ["gs", "mavlink", "--fog", "1", "--cloud", cloud]
         self.gateway = Process(folder, "gateway", "mqttxt", *station, *where, *options)
 
-    def make_uav(self, drone: int, broker: str, *more: Any, **how: Any) -> Process:
-        return super().make_uav(drone, broker, *(more or (None, None)), "--all-states", **how)
+    def make_uav(self, drone: int, broker: str, **how: Any) -> Process:
+        return super().make_uav(drone, broker, **how).with_more("--all-states")
 
     def start(self) -> Ground:
         super().start()

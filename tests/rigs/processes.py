@@ -244,14 +244,13 @@ class System:
         broker: str,
         name: str | None = None,
         autopilot_port: int | None = None,
-        *more: str,
         ppm: int | None = None,
     ) -> Process:
         called = name or f"uav{drone}"
         address = f"udp:127.0.0.1:{autopilot_port or self.autopilots[drone]}"
         options = ["--drone", str(drone), "--broker", broker, "--autopilot", address, "--qos", str(self.qos)]
         files = ["--journal", str(self.folder / called), "--ready-file", str(self.folder / f"{called}.ready")]
-        return Process(self.folder, called, "mqttxt", "uav", *options, *files, *more, ppm=ppm)
+        return Process(self.folder, called, "mqttxt", "uav", *options, *files, ppm=ppm)
 
     def make_sitl(self, drone: int) -> Process:
         base = str(self.folder / f"sitl{drone}")
