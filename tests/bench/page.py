@@ -25,7 +25,6 @@ from tests.bench.raw_mqtt import RawClient
 from tests.rigs.live_page import LivePage
 from tests.rigs.processes import Process, eventually
 from tests.rigs.served_page import Served
-from tests.tools.programs import chromium
 
 DRONES = 250
 """As many as there are MAVLink system ids."""
@@ -114,8 +113,6 @@ def _at(ranked: list[float], share: float) -> float:
 
 
 async def _measure() -> Shown:
-    path = chromium()
-    assert path is not None, "no Chromium; `make tools` installs it"
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         cloud, fog = BenchBroker(folder, "cloud"), BenchBroker(folder, "fog")
@@ -136,7 +133,7 @@ async def _measure() -> Shown:
         listener = await RawClient.connect(cloud.port, "bench-listener", lambda *said: _note(heard, *said))
         stack.callback(listener.close)
         await listener.subscribe("+/+/state/groundspeed")
-        browser = stack.enter_context(LivePage(path))
+        browser = stack.enter_context(LivePage())
         await asyncio.to_thread(browser.open, page.url, WIDTH)
         turn = 0
         for turn in range(1, WARM_UP_TURNS + 1):

@@ -18,7 +18,6 @@ from tests.rigs.live_page import LivePage
 from tests.rigs.processes import Broker, System
 from tests.rigs.served_page import Served
 from tests.rigs.shaped_link import ShapedLink
-from tests.tools.programs import chromium
 
 MOST_SHOWN = 4000
 """Characters of the end of each log that a failed test shows."""
@@ -89,9 +88,7 @@ def page(shared_system: System) -> Iterator[Served]:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[LivePage]:
     """Chromium, for all tests of a file."""
-    path = chromium()
-    assert path is not None, "there is no Chromium: make tools"
-    with LivePage(path) as started:
+    with LivePage() as started:
         yield started
 
 

@@ -70,9 +70,7 @@ def test_its_page_flies_and_typed_lines_take_over_from_it(demo: Demonstration) -
     demo.start()
     demo.wait_for(READY)
     assert demo.said().index(demo.page()) < demo.said().index("drone 1 is ready")
-    path = chromium()
-    assert path is not None
-    with LivePage(path) as browser:
+    with LivePage() as browser:
         browser.open(demo.page())
         control = "[...document.querySelectorAll('#fleet-rows tr')].map(row => row.cells[4].innerText).join()"
         browser.until(f"{control}.match(/this station/g)?.length === 4", "the page controls all four")
@@ -95,9 +93,7 @@ def test_drone_2_flies_to_the_church_and_everybody_gets_down(demo: Demonstration
     tiles = pmtiles(tmp_path / "a.pmtiles", png((1, 2, 3)), TileType.PNG, *PLACES["Church"])
     demo.start("--tiles", os.path.relpath(tiles, ROOT))
     demo.wait_for(READY)
-    path = chromium()
-    assert path is not None
-    with LivePage(path) as browser:
+    with LivePage() as browser:
         browser.open(demo.page())
         is_ready(browser, 1, 2, 3, 4)
         assert browser.text("#map-credit") == "Map: A & B."

@@ -268,10 +268,8 @@ async def test_two_stations_compete_and_both_see_it(system: System, page: Served
 
 def test_two_pages_compete_and_both_see_who_has_control(system: System, page: Served, browser: LivePage) -> None:
     other = Served(system.folder, system.cloud, "other")
-    path = chromium()
-    assert path is not None
     try:
-        with LivePage(path) as second:
+        with LivePage() as second:
             browser.open(page.url)
             is_ready(browser, 1, 2)
             second.open(other.url)

@@ -217,9 +217,8 @@ async def test_the_focus_stays_when_a_fog_is_not_heard_any_more() -> None:
 
 
 async def test_what_was_typed_stays_when_the_pages_program_comes_back() -> None:
-    station, port, path = FakeStation(), free_port(), chromium()
-    assert path is not None
-    with LivePage(path) as browser:
+    station, port = FakeStation(), free_port()
+    with LivePage() as browser:
         async with served(station, port) as url:
             await asyncio.to_thread(browser.open, url)
             await asyncio.to_thread(browser.until_text, "#connection", "connected to")

@@ -6,17 +6,15 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import cast
 
 import pytest
 from aiohttp import web
 from pmtiles.tile import TileType
 
-from mqttxt import Fog, GroundStation
-from mqttxt.page.process import serve
 from mqttxt.page.tiles import opened
 from tests.rigs.live_page import LivePage
-from tests.rigs.processes import eventually, free_port
+from tests.rigs.made_up_page import shown
+from tests.rigs.processes import free_port
 from tests.simulation.map_tiles import named, pmtiles, png, shapes
 from tests.simulation.page_fleet import FakeStation
 from tests.tools.axe import AXE
@@ -36,22 +34,10 @@ MIDDLE = """(() => { const canvas = document.getElementById('tiles');
 
 
 @contextlib.asynccontextmanager
-async def shown(source: str | None) -> AsyncIterator[LivePage]:
+async def shown_on(source: str | None) -> AsyncIterator[LivePage]:
     """The page with these tiles, open in a browser."""
-    station, port, path = FakeStation(), free_port(), chromium()
-    assert path is not None
-    async with opened(source) as tiles:
-        fogs = cast("list[Fog]", [station.the_fog])
-        serving = asyncio.create_task(
-            serve(cast("GroundStation", station), fogs, "127.0.0.1", port, watch_only=False, tiles=tiles)
-        )
-        try:
-            with LivePage(path) as browser:
-                await asyncio.to_thread(browser.open, f"http://127.0.0.1:{port}/")
-                yield browser
-        finally:
-            serving.cancel()
-            await eventually(serving.done, "the page has ended")
+    async with opened(source) as tiles, shown(FakeStation(), tiles=tiles) as browser:
+        yield browser
 
 
 async def middle_is(browser: LivePage, colour: tuple[int, ...]) -> None:
@@ -61,7 +47,7 @@ async def middle_is(browser: LivePage, colour: tuple[int, ...]) -> None:
 
 
 async def test_a_file_of_pictures_is_below_the_map(tmp_path: Path) -> None:
-    async with shown(str(pmtiles(tmp_path / "map.pmtiles", png(COLOUR), TileType.PNG, *PLACE))) as browser:
+    async with shown_on(str(pmtiles(tmp_path / "map.pmtiles", png(COLOUR), TileType.PNG, *PLACE))) as browser:
         await middle_is(browser, COLOUR)
         assert await asyncio.to_thread(browser.text, "#map-credit") == "Map: A & B."
         await asyncio.to_thread(browser.click, "#map-in")
@@ -73,7 +59,7 @@ async def test_a_file_of_pictures_is_below_the_map(tmp_path: Path) -> None:
 
 
 async def test_a_file_of_shapes_is_painted_in_the_pages_colours_light_and_dark(tmp_path: Path) -> None:
-    async with shown(str(pmtiles(tmp_path / "map.pmtiles", shapes("water"), TileType.MVT, *PLACE))) as browser:
+    async with shown_on(str(pmtiles(tmp_path / "map.pmtiles", shapes("water"), TileType.MVT, *PLACE))) as browser:
         await middle_is(browser, (0xBC, 0xD9, 0xEE))
         await asyncio.to_thread(browser.resize, 1600, True)
         await middle_is(browser, (0x14, 0x28, 0x3A))
@@ -85,7 +71,7 @@ async def test_names_of_places_and_what_points_of_interest_are_stand_on_the_map(
     hill = named("places", "Oak <b>Hill</b>", "village")
     found = "[...new Set([...document.querySelectorAll('#map .names text')].map(e => e.textContent))].join()"
     for tile, name in ((church, "St. Martin, place of worship"), (church + hill, "Oak <b>Hill</b>")):
-        async with shown(str(pmtiles(tmp_path / "map.pmtiles", tile, TileType.MVT, *PLACE))) as browser:
+        async with shown_on(str(pmtiles(tmp_path / "map.pmtiles", tile, TileType.MVT, *PLACE))) as browser:
             for _ in range(4):
                 await asyncio.to_thread(browser.click, "#map-out")
             await asyncio.to_thread(browser.until, f"{found} !== ''", "names")
@@ -107,7 +93,7 @@ async def test_a_tile_server_is_asked_by_the_page_alone() -> None:
     await runner.setup()
     try:
         await web.TCPSite(runner, "127.0.0.1", port).start()
-        async with shown(f"http://127.0.0.1:{port}/{{z}}/{{x}}/{{y}}.png") as browser:
+        async with shown_on(f"http://127.0.0.1:{port}/{{z}}/{{x}}/{{y}}.png") as browser:
             await middle_is(browser, COLOUR)
             assert asked
             assert {request.headers["User-Agent"] for request in asked} == {"mqttxt"}, "no browser asked"
@@ -117,7 +103,7 @@ async def test_a_tile_server_is_asked_by_the_page_alone() -> None:
 
 
 async def test_without_tiles_there_is_the_grid() -> None:
-    async with shown(None) as browser:
+    async with shown_on(None) as browser:
         await asyncio.to_thread(browser.until, "document.querySelectorAll('#map .grid line').length > 0", "the grid")
         assert await asyncio.to_thread(browser.value, "document.getElementById('tiles').hidden")
         assert await asyncio.to_thread(browser.text, "#map-credit") == ""

@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 from tests.rigs.browser import Browser
 from tests.rigs.processes import PATIENCE_S, listens, wait_until
 from tests.tools.axe import AXE
+from tests.tools.programs import chromium
 
 _KEYS = {"Tab": 9, "Enter": 13, " ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
 REACHABLE, CONTROL, ARMED, HEIGHT = 3, 4, 5, 8
@@ -20,6 +21,11 @@ TALLEST = 4000
 
 class LivePage(Browser):
     """A browser with one live page open."""
+
+    def __init__(self) -> None:
+        program = chromium()
+        assert program is not None, "there is no Chromium: make tools"
+        super().__init__(program)
 
     def open(self, url: str, width: int = 1600, dark: bool = False) -> None:
         """Show the page at a width once it is served, and wait until it knows its drones."""

@@ -10,20 +10,24 @@ from typing import cast
 from mqttxt import Fog, GroundStation
 from mqttxt.page.places import Place
 from mqttxt.page.process import serve
+from mqttxt.page.tiles import Tiles
 from tests.rigs.live_page import LivePage
 from tests.rigs.processes import eventually, free_port
 from tests.simulation.page_fleet import FakeLinks, FakeStation
-from tests.tools.programs import chromium
 
 
 @contextlib.asynccontextmanager
 async def served(
-    station: FakeStation, port: int, links: FakeLinks | None = None, places: tuple[Place, ...] = ()
+    station: FakeStation,
+    port: int,
+    links: FakeLinks | None = None,
+    places: tuple[Place, ...] = (),
+    tiles: Tiles | None = None,
 ) -> AsyncIterator[str]:
     """The page at a port; its address."""
     fogs = cast("list[Fog]", [station.the_fog])
     serving = asyncio.create_task(
-        serve(cast("GroundStation", station), fogs, "127.0.0.1", port, False, links, places=places)
+        serve(cast("GroundStation", station), fogs, "127.0.0.1", port, False, links, tiles, places)
     )
     try:
         yield f"http://127.0.0.1:{port}/"
@@ -34,12 +38,14 @@ async def served(
 
 @contextlib.asynccontextmanager
 async def shown(
-    station: FakeStation, links: FakeLinks | None = None, width: int = 1600, places: tuple[Place, ...] = ()
+    station: FakeStation,
+    links: FakeLinks | None = None,
+    width: int = 1600,
+    places: tuple[Place, ...] = (),
+    tiles: Tiles | None = None,
 ) -> AsyncIterator[LivePage]:
     """The page, open in a browser, whose calls run in a thread beside the page's loop."""
-    path = chromium()
-    assert path is not None
-    async with served(station, free_port(), links, places) as url:
-        with LivePage(path) as browser:
+    async with served(station, free_port(), links, places, tiles) as url:
+        with LivePage() as browser:
             await asyncio.to_thread(browser.open, url, width)
             yield browser
