@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from ..plan.wording import PROTOCOL_NAMES
+from .written import AttemptEntry, KindEntry, KindOfMessages, SideEntry, SizeEntry
 
 
 @dataclass(frozen=True)
@@ -123,22 +123,22 @@ Sides = dict[str, Side]
 NO_SIDE = Side((), 0)
 
 
-def in_order(protocols: Mapping[str, Any]) -> list[str]:
+def in_order(protocols: Mapping[str, object]) -> list[str]:
     """The protocols of a series; MQTT-XT first, then MAVLink."""
     known = list(PROTOCOL_NAMES)
     return sorted(protocols, key=lambda name: (known.index(name) if name in known else len(known), name))
 
 
-def observe(protocols: Mapping[str, Any]) -> Sides:
+def observe(protocols: Mapping[str, SideEntry]) -> Sides:
     """`protocols` of a series' metrics."""
     return {name: _side(protocols[name]) for name in in_order(protocols)}
 
 
-def _side(side: Mapping[str, Any]) -> Side:
+def _side(side: SideEntry) -> Side:
     return Side(tuple(observe_attempt(one) for one in side["attempts"]), len(side["void"]))
 
 
-def observe_attempt(entry: Mapping[str, Any]) -> Attempt:
+def observe_attempt(entry: AttemptEntry) -> Attempt:
     """One attempt's entry in `metrics.json`."""
     window = entry["window"]
     lost = sum(link["lost"] for link in entry["links"].values())
@@ -164,15 +164,15 @@ def observe_attempt(entry: Mapping[str, Any]) -> Attempt:
     )
 
 
-def _messages(kinds: Mapping[str, Mapping[str, Any]]) -> Loss:
+def _messages(kinds: Mapping[str, KindOfMessages]) -> Loss:
     return sum((_loss(kind) for kind in kinds.values()), NOTHING_SENT)
 
 
-def _loss(counted: Mapping[str, Any]) -> Loss:
+def _loss(counted: KindOfMessages | KindEntry) -> Loss:
     return Loss(counted["lost"], counted["sent"] - counted["open"], counted["open"])
 
 
-def _kind(name: str, kind: Mapping[str, Any]) -> Kind:
+def _kind(name: str, kind: KindEntry) -> Kind:
     return Kind(
         name=name,
         form=kind["form"],
@@ -191,5 +191,5 @@ def _kind(name: str, kind: Mapping[str, Any]) -> Kind:
     )
 
 
-def _sizes(size: Mapping[str, Any]) -> FrameSizes:
+def _sizes(size: SizeEntry) -> FrameSizes:
     return FrameSizes(size["n"], size["mean"], size["min"], size["max"], size["ack_bytes"])

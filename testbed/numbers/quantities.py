@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
-from typing import Any
 
 from . import words
 from .observed import NO_SIDE, NOTHING_SENT, Attempt, Loss, Side, Sides
 from .quantity import ABOVE, BELOW, ByCommand, Completed, Figure, Quantity, Share
 from .statistics import loss_of, paired_test, significant
+from .written import CompletionEntry, LossEntry, PairedTestEntry, SpreadEntry, Statistics
 
 
 def share(key: str, name: str, count: Callable[[Attempt], Loss], *, counted: bool = False) -> Share:
@@ -167,7 +167,7 @@ def ratios(sides: Sides) -> dict[str, float]:
     return {name: round(ratio, 4) for name, ratio in made.items() if ratio is not None}
 
 
-def statistics(sides: Sides) -> dict[str, Any]:
+def statistics(sides: Sides) -> Statistics:
     """As `metrics.json` has them: completion, each quantity over attempts, and losses of all attempts together."""
     return {
         "completion": {name: _completion(side) for name, side in sides.items()},
@@ -176,13 +176,13 @@ def statistics(sides: Sides) -> dict[str, Any]:
     }
 
 
-def _completion(side: Side) -> dict[str, int]:
+def _completion(side: Side) -> CompletionEntry:
     done, flown = len(side.completed), len(side.attempts)
     return {"flown": flown, "completed": done, "failed": flown - done, "void": side.void}
 
 
-def _spread(quantity: Quantity, sides: Sides) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+def _spread(quantity: Quantity, sides: Sides) -> dict[str, SpreadEntry | PairedTestEntry | None]:
+    found: dict[str, SpreadEntry | PairedTestEntry | None] = {}
     figures = {protocol: Figure("", None, quantity.points(side)) for protocol, side in sides.items()}
     for protocol, one in figures.items():
         found[protocol] = {
@@ -195,13 +195,13 @@ def _spread(quantity: Quantity, sides: Sides) -> dict[str, Any]:
     return {**found, "test": _test(figures)}
 
 
-def _test(figures: Mapping[str, Figure]) -> dict[str, Any] | None:
+def _test(figures: Mapping[str, Figure]) -> PairedTestEntry | None:
     """Of the attempts that both sides have."""
     above, below = (figures[name].by_attempt if name in figures else {} for name in (ABOVE, BELOW))
     return paired_test([above[number] - below[number] for number in sorted(set(above) & set(below))])
 
 
-def _pooled(quantity: Share, side: Side) -> dict[str, Any]:
+def _pooled(quantity: Share, side: Side) -> LossEntry:
     loss = quantity.figure(side).loss or NOTHING_SENT
     return loss_of(loss.known + loss.open, loss.lost, loss.open)
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .written import LossEntry, PairedTestEntry
+
 ENOUGH = 6
 """Attempts from which on there is an interval and a test; below there are points only."""
 RESAMPLES = 10_000
@@ -27,7 +29,7 @@ def interval(points: Sequence[float]) -> tuple[float, float] | None:
     return least, most
 
 
-def paired_test(differences: Sequence[float]) -> dict[str, Any] | None:
+def paired_test(differences: Sequence[float]) -> PairedTestEntry | None:
     """A two-sided permutation test that flips the signs of paired differences; None below six pairs.
 
     `effect` is the matched-pairs rank-biserial correlation: 1 when every pair differs upwards, -1 when downwards, 0
@@ -66,7 +68,7 @@ def _rank_biserial(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
     return float((ranks * np.sign(told)).sum() / ranks.sum())
 
 
-def loss_of(sent: int, lost: int, still_open: int = 0) -> dict[str, Any]:
+def loss_of(sent: int, lost: int, still_open: int = 0) -> LossEntry:
     """`share` is lost / n, n what was sent but for what is still open; where nothing of it was lost, `below` is 3/n:
     the rule of three's bound at 95 %."""
     known = sent - still_open

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from .observed import in_order
+from .written import Metrics, SideEntry
 
 NOTHING = "–"
 
 
-def sides(metrics: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+def sides(metrics: Metrics) -> list[tuple[str, SideEntry]]:
     """The protocols of a series with what was measured of each; always MQTT-XT first."""
     return [(name, metrics["protocols"][name]) for name in in_order(metrics["protocols"])]
 

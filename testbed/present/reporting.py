@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from ..errors import DockerError
 from ..fly.results import Series, open_series
 from ..numbers.metrics import measure_series
+from ..numbers.written import Metrics
 from ..plan.documents import ROOT
 from .report.html import write_report
 from .report.terminal import print_summary
@@ -36,7 +36,7 @@ def reported_without_docker(series: Series, console: Console) -> Iterator[None]:
         raise
 
 
-def report_series(path: Path, console: Console) -> dict[str, Any]:
+def report_series(path: Path, console: Console) -> Metrics:
     """Metrics, page and figures of a series from its folder alone, and its summary on the terminal.
 
     Returns the metrics. Raises ResultsError.

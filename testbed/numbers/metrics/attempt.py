@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from typing import Any
+from typing import Any, cast
 
 import polars as pl
 
@@ -14,6 +14,7 @@ from ...fly.results import Attempt
 from ...fly.validity import COMPLETED, Verdict
 from ..observed import observe_attempt
 from ..packets import Packets, load
+from ..written import AttemptEntry, KindOfMessages, OutcomeEntry
 from . import delays, mavlink, mqttxt, readings, timeline
 from .causes import losses
 from .exchange import count_messages
@@ -26,7 +27,7 @@ from .ways import Ways
 from .window import Window, arm_asked_ns, mission_window
 
 
-def measure_attempt(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict) -> dict[str, Any]:
+def measure_attempt(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict) -> AttemptEntry:
     """One attempt's entry. Raises ResultsError for a file that is missing or cannot be read."""
     completed = verdict.status == COMPLETED
     if completed and (lost := uncaptured(attempt, manifest)):
@@ -39,7 +40,7 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict
         raise ResultsError(f"{attempt.key_log}: expected {expected}")
     window = mission_window(attempt, events, packets)
     flights = flight_logs.compare_flights(attempt) if completed else {}
-    entry = {
+    measured = {
         "attempt": attempt.number,
         "repeat": attempt.repeat,
         **verdict.to_data(),
@@ -56,7 +57,9 @@ def measure_attempt(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict
         "cpu_s": manifest.get("cpu_s", {}),
         "memory_bytes": manifest.get("memory_bytes", {}),
     }
-    return entry | {"wire_loss": observe_attempt(entry).frames.share}
+    entry = cast("AttemptEntry", measured)
+    entry["wire_loss"] = observe_attempt(entry).frames.share
+    return entry
 
 
 def _measured(
@@ -118,7 +121,7 @@ def _measured(
     }
 
 
-def _share(kinds: dict[str, dict[str, Any]]) -> float | None:
+def _share(kinds: dict[str, KindOfMessages]) -> float | None:
     known = sum(kind["sent"] - kind["open"] for kind in kinds.values())
     return sum(kind["lost"] for kind in kinds.values()) / known if known else None
 
@@ -136,13 +139,18 @@ NOT_FLOWN: dict[str, Any] = {
 """What there is to say of an attempt whose mission never began."""
 
 
-def outcomes(events: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+def outcomes(events: list[dict[str, Any]]) -> dict[str, list[OutcomeEntry]]:
     """Each drone's last words in their order, with the milliseconds from the call to each."""
     calls = {event["call"]: event["t_ns"] for event in events if event["event"] == "command"}
-    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    found: dict[str, list[OutcomeEntry]] = defaultdict(list)
     for event in events:
         if event["event"] == "outcome" and event["final"] and event["drone"] is not None:
             after_ms = round((event["t_ns"] - calls[event["call"]]) / 1e6, 1)
-            entry = {name: event[name] for name in ("command", "word", "reason")}
-            found[str(event["drone"])].append({**entry, "after_ms": after_ms})
+            word: OutcomeEntry = {
+                "command": event["command"],
+                "word": event["word"],
+                "reason": event["reason"],
+                "after_ms": after_ms,
+            }
+            found[str(event["drone"])].append(word)
     return dict(sorted(found.items()))

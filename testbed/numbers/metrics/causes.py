@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import polars as pl
 
 from ..packets import Packets
+from ..written import Losses
 
 CAUSES = ("random", "queue", "closed", "overload", "corrupted")
 """Drawn; no room in the link's queue; a closed link's refusals; the shaper did not keep up; a bit was turned."""
@@ -16,7 +17,7 @@ TOLERANCE_FRAMES = 2
 """By so many frames of a link both may differ: its first and last ones, which one of them saw and the other not."""
 
 
-def losses(packets: Packets, counters: Mapping[str, Any] | None, start_ns: int | None = None) -> dict[str, Any]:
+def losses(packets: Packets, counters: Mapping[str, Any] | None, start_ns: int | None = None) -> Losses:
     """Frames lost since the links' start, as the shaper counts them: over all links by cause, and for each link.
 
     `captured` is the captures' own count of frames that entered and did not leave unchanged; what of it no cause
@@ -37,7 +38,8 @@ def losses(packets: Packets, counters: Mapping[str, Any] | None, start_ns: int |
         entry[UNKNOWN] = max(0, seen - sum(entry.values()))
         links[name] = {**entry, "captured": seen, "open": under_way.get(name, 0)}
     total = {key: sum(link[key] for link in links.values()) for key in (*CAUSES, UNKNOWN, "captured", "open")}
-    return {**total, "links": {name: link for name, link in links.items() if any(link.values())}}
+    some = {name: link for name, link in links.items() if any(link.values())}
+    return cast("Losses", {**total, "links": some})
 
 
 def disagreements(found: Mapping[str, Any], shaped: bool) -> list[str]:

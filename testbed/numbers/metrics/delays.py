@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from ..written import Delays, Summary
 from .mavlink import CALLS
 from .window import Window
 
@@ -15,14 +16,18 @@ LEAST_FOR_P99 = 1000
 """Values from which on a 99th percentile says something."""
 
 
-def summary(values: list[float]) -> dict[str, Any]:
+def summary(values: list[float]) -> Summary:
     """n, mean, p50, p90, p99 (null below 1,000 values) and the greatest; of no values all but n are null."""
     if not values:
-        return {"n": 0, **dict.fromkeys(("mean", "p50", "p90", "p99", "max"))}
+        return {"n": 0, "mean": None, "p50": None, "p90": None, "p99": None, "max": None}
     p50, p90, p99 = (round(float(value), 3) for value in np.percentile(values, (50, 90, 99)))
     return {
-        **{"n": len(values), "mean": round(sum(values) / len(values), 3), "p50": p50, "p90": p90},
-        **{"p99": p99 if len(values) >= LEAST_FOR_P99 else None, "max": round(max(values), 3)},
+        "n": len(values),
+        "mean": round(sum(values) / len(values), 3),
+        "p50": p50,
+        "p90": p90,
+        "p99": p99 if len(values) >= LEAST_FOR_P99 else None,
+        "max": round(max(values), 3),
     }
 
 
@@ -87,7 +92,7 @@ def received_ms(
     return dict(sorted(found.items()))
 
 
-def states_ms(states: pl.DataFrame, events: list[dict[str, Any]], window: Window) -> dict[str, dict[str, Any]]:
+def states_ms(states: pl.DataFrame, events: list[dict[str, Any]], window: Window) -> dict[str, Delays]:
     """By state both ways: `captures` from the drone to the station, `app` the age (an upper bound) that the ground
     station's program got with it, null where the protocol has none."""
     by_capture = by_capture_ms(states)

@@ -10,6 +10,7 @@ import polars as pl
 
 from ..packets import Packets
 from ..statistics import loss_of
+from ..written import DroneMessages, KindOfMessages
 from .ways import STATION, Ways
 from .window import Window
 
@@ -77,26 +78,25 @@ def with_arrivals(sent: pl.DataFrame, arrived: pl.DataFrame, by: list[str], repe
     return sent.join(found, on="number", how="left", maintain_order="left").drop("number")
 
 
-def count_messages(sent: pl.DataFrame, until_ns: dict[int, int]) -> dict[str, dict[str, Any]]:
+def count_messages(sent: pl.DataFrame, until_ns: dict[int, int]) -> dict[str, KindOfMessages]:
     """By name how many were sent and lost, and for each drone.
 
     What has not come is `open`, not lost, if it left so late that no message of its name was as slow as the time that
     was left until `until_ns`: the time, by drone, until which the far end could take it.
     """
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, KindOfMessages] = {}
     for (name,), group in sorted(sent.group_by("name", maintain_order=True)):
         longest = (group["arrived_ns"] - group["t_ns"]).max() or 0
-        by_drone: dict[str, dict[str, int]] = {}
+        by_drone: dict[str, DroneMessages] = {}
         for drone, t_ns, arrived_ns in group.sort("drone").select("drone", "t_ns", "arrived_ns").iter_rows():
             count = by_drone.setdefault(str(drone), {"sent": 0, "lost": 0, "open": 0})
             count["sent"] += 1
             if arrived_ns is None:
-                is_open = t_ns is not None and t_ns + longest > until_ns.get(drone, 0)
-                count["open" if is_open else "lost"] += 1
-        total = {key: sum(count[key] for count in by_drone.values()) for key in ("sent", "lost", "open")}
-        found[str(name)] = {
-            **loss_of(total["sent"], total["lost"], total["open"]),
-            "open": total["open"],
-            "drones": by_drone,
-        }
+                if t_ns is not None and t_ns + longest > until_ns.get(drone, 0):
+                    count["open"] += 1
+                else:
+                    count["lost"] += 1
+        lost = sum(count["lost"] for count in by_drone.values())
+        still_open = sum(count["open"] for count in by_drone.values())
+        found[str(name)] = {**loss_of(len(group), lost, still_open), "open": still_open, "drones": by_drone}
     return found

@@ -11,6 +11,7 @@ from typing import Any
 import polars as pl
 
 from ..packets import Packets
+from ..written import Mavlink, MavlinkMessage, MavlinkStream, Router
 from .exchange import SENT, Exchange, calls_in, mean_frames, with_arrivals
 from .ways import STATION, Ways
 from .window import MAV_CMD_ARM, Window
@@ -118,7 +119,7 @@ def name_messages(messages: pl.DataFrame, drones: Iterable[int]) -> pl.DataFrame
     return rows.select("row", pl.coalesce(names).alias("name")).filter(pl.col("name").is_not_null())
 
 
-def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> dict[str, Any]:
+def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> Mavlink:
     """The `mavlink` part of an attempt: the message mix, what was commanded, what each router passed on.
 
     In a shared chain a router passes what names no target on to all its neighbours.
@@ -133,11 +134,7 @@ def describe(packets: Packets, ways: Ways, window: Window, shared: bool) -> dict
         "streams": _streams(shares, ways, window),
         "commands": _from_station(shares, ways),
         "routers": [
-            {
-                "node": node,
-                "way": "up" if up else "down",
-                **_passed_on(messages.filter(~pl.col("own")), ways.through(node, up), window, shared),
-            }
+            _router(messages.filter(~pl.col("own")), ways, node, up, window, shared)
             for node in ways.between
             for up in (True, False)
         ],
@@ -169,7 +166,7 @@ def _states(messages: pl.DataFrame, ways: Ways, window: Window) -> pl.DataFrame:
     return with_arrivals(own, arrived, ["key"], repeats=False).filter(window.entered).select(SENT.names())
 
 
-def _streams(shares: pl.DataFrame, ways: Ways, window: Window) -> list[dict[str, Any]]:
+def _streams(shares: pl.DataFrame, ways: Ways, window: Window) -> list[MavlinkStream]:
     """What the drones send, measured where it enters the link; what answers somebody is named so."""
     answers = pl.when(pl.col("target_system").fill_null(0) > 0).then(pl.lit(" (answer)")).otherwise(pl.lit(""))
     own = shares.filter(_by_its_drone(ways))
@@ -189,28 +186,33 @@ def _streams(shares: pl.DataFrame, ways: Ways, window: Window) -> list[dict[str,
     ]
 
 
-def _from_station(shares: pl.DataFrame, ways: Ways) -> list[dict[str, Any]]:
+def _from_station(shares: pl.DataFrame, ways: Ways) -> list[MavlinkMessage]:
     """What leaves the ground station; commands by their number."""
     name = pl.concat_str(pl.col("kind").cast(pl.String), pl.col("command"), separator=" ", ignore_nulls=True)
     sent = shares.filter(pl.col("link").cast(pl.String).is_in(ways.leaving(STATION)), ~pl.col("own"))
     counts = sent.group_by(name.alias("name")).agg(
         pl.len().alias("count"), pl.col("share").sum().round().cast(pl.Int64).alias("bytes")
     )
-    return counts.sort("count", "name", descending=[True, False]).to_dicts()
+    rows = counts.sort("count", "name", descending=[True, False]).select("name", "count", "bytes").iter_rows()
+    return [{"name": name, "count": count, "bytes": size} for name, count, size in rows]
 
 
-def _passed_on(
-    messages: pl.DataFrame, through: tuple[list[str], list[str]], window: Window, shared: bool
-) -> dict[str, int]:
+def _router(messages: pl.DataFrame, ways: Ways, node: str, up: bool, window: Window, shared: bool) -> Router:
     """Messages that came to a node in the window, went on from it, and never did though they should have."""
-    into, out = through
+    into, out = ways.through(node, up)
     link = pl.col("link").cast(pl.String)
     came = messages.filter(link.is_in(into), window.left)
     went = messages.filter(link.is_in(out))
     for_all = shared & (pl.col("target_system").fill_null(0) == 0)
     dropped = _missing(came.filter(~for_all), went)
     dropped += sum(_missing(came.filter(for_all), went.filter(link == each)) for each in out) if shared else 0
-    return {"in": len(came), "out": len(went.filter(window.entered)), "dropped": dropped}
+    return {
+        "node": node,
+        "way": "up" if up else "down",
+        "in": len(came),
+        "out": len(went.filter(window.entered)),
+        "dropped": dropped,
+    }
 
 
 def _missing(first: pl.DataFrame, then: pl.DataFrame) -> int:

@@ -10,6 +10,7 @@ import polars as pl
 from ...fly.pcap import Ints
 from ..packets import Packets
 from ..statistics import loss_of
+from ..written import AmountEntry, KindEntry, KindMessages, KindOfMessages
 from .exchange import Exchange, count_messages
 from .message_kinds import own_mavlink, own_mqttxt, setpoints
 from .message_spans import Kind, kinds_of
@@ -22,12 +23,11 @@ _SAME_MESSAGE = {"heading": "location"}
 """Over MAVLink one message carries both, and end to end it is known by the second's name."""
 _BETWEEN = ":"
 """Between a kind and the name of one of its own messages, while all kinds are measured together."""
-_COUNTED = ("sent", "lost", "share", "below", "open")
 
 
 def measure_kinds(
     packets: Packets, ways: Ways, window: Window, events: list[dict[str, Any]], exchange: Exchange, is_mavlink: bool
-) -> dict[str, dict[str, Any]] | None:
+) -> dict[str, KindEntry] | None:
     """By kind, in the order in which they were flown; None for a mission that is no message set."""
     if not is_message_set(events):
         return None
@@ -37,7 +37,8 @@ def measure_kinds(
     answers = acknowledgements(frames, pl.col("begins").is_not_null()).join(acks, on="answer", how="semi")
     t_ns, said_ns = frames["t_ns"].to_numpy(), messages["t_ns"].to_numpy()
     same = _SAME_MESSAGE if is_mavlink else {}
-    found, all_own = {}, []
+    found: dict[str, KindEntry] = {}
+    all_own = []
     for kind in kinds_of(events):
         rows, said = kind.rows_within(t_ns), messages[kind.rows_within(said_ns)]
         own = own_mavlink(said, kind.name, drones) if is_mavlink else own_mqttxt(said, kind.name, ways)
@@ -80,7 +81,7 @@ def _own_frames(carrying: pl.Series, within: pl.DataFrame, answers: pl.DataFrame
     return mine.to_numpy(), later.unique().to_numpy()
 
 
-def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: Exchange) -> dict[str, Any]:
+def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: Exchange) -> KindMessages:
     """How many of the kind's messages were sent and lost, and how long each took, in their order; null: lost.
 
     `name` is what `exchange` calls them.
@@ -92,9 +93,17 @@ def _end_to_end(kind: Kind, name: str, packets: Packets, ways: Ways, exchange: E
         sent = exchange.states.filter(kind.entered, pl.col("name") == name).sort("t_ns", maintain_order=True)
         until_ns = exchange.states_until_ns(packets, ways)
     named = sent.with_columns(pl.lit(name).alias("name"))
-    counted = count_messages(named, until_ns).get(name) or {**loss_of(0, 0), "open": 0}
+    nothing: KindOfMessages = {**loss_of(0, 0), "open": 0, "drones": {}}
+    counted = count_messages(named, until_ns).get(name, nothing)
     took = ((sent["arrived_ns"] - sent["t_ns"]) / 1e6).round(3).to_list()
-    return {**{field: counted[field] for field in _COUNTED}, "delay_ms": took}
+    return {
+        "sent": counted["sent"],
+        "lost": counted["lost"],
+        "share": counted["share"],
+        "below": counted["below"],
+        "open": counted["open"],
+        "delay_ms": took,
+    }
 
 
 def _of_calls(kind: Kind, commands: pl.DataFrame) -> pl.DataFrame:
@@ -114,11 +123,11 @@ def _of_calls(kind: Kind, commands: pl.DataFrame) -> pl.DataFrame:
     return joined.with_columns(pl.col("drone").fill_null(drone))
 
 
-def _setpoints(frames: pl.DataFrame, said: pl.DataFrame, ways: Ways) -> dict[str, int]:
+def _setpoints(frames: pl.DataFrame, said: pl.DataFrame, ways: Ways) -> AmountEntry:
     return _traffic(frames.filter(pl.col("frame").is_in(setpoints(said, ways)["frame"].unique().to_list())))
 
 
-def _traffic(frames: pl.DataFrame) -> dict[str, int]:
+def _traffic(frames: pl.DataFrame) -> AmountEntry:
     return {"packets": len(frames), "bytes": int(frames["size"].sum())}
 
 

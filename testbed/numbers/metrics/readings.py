@@ -17,6 +17,7 @@ from mqttxt.protocol.readings import UNITS, ReadingMessage
 from ...errors import ResultsError
 from ...fly.results import Attempt, read_json_lines
 from ..packets import Packets
+from ..written import AmountEntry, ReadingDelays, ReadingsEntry, Summary
 from .delays import summary
 from .shaping import Shaping
 from .ways import STATION, Ways
@@ -120,7 +121,7 @@ def sensors_of(attempt: Attempt) -> list[int]:
     return sorted(int(name.removeprefix("uav")) for kind, name in links if kind == SENSE)
 
 
-def series_of(readings: Readings, drones: list[int], samples: int) -> list[dict[str, Any]]:
+def series_of(readings: Readings, drones: list[int], samples: int) -> list[ReadingsEntry]:
     """An entry for each series that there should be, whether anything of it was measured or not."""
     by_series: dict[tuple[int, int, str], list[Measured]] = {
         (drone, drone, kind): [] for drone in drones for kind in UNITS
@@ -130,7 +131,7 @@ def series_of(readings: Readings, drones: list[int], samples: int) -> list[dict[
     return [_series(key, own, readings.wrong[key], samples) for key, own in by_series.items()]
 
 
-def delays_ms(readings: Readings) -> dict[str, Any]:
+def delays_ms(readings: Readings) -> ReadingDelays:
     """Of all series together: `captures` from node to node, `app` from measuring to the program having it."""
     return {
         "captures": _summary(readings.measured, lambda one: one.delay_ms),
@@ -144,13 +145,13 @@ def name_readings(messages: pl.DataFrame) -> pl.DataFrame:
     return rows.with_columns(pl.lit("reading").alias("name"))
 
 
-def carried(packets: Packets, window: Window) -> dict[str, dict[str, dict[str, int]]]:
+def carried(packets: Packets, window: Window) -> dict[str, dict[str, AmountEntry]]:
     """MQTT's frames in the window by kind of link and purpose: readings, what acknowledges, what keeps connections.
 
     A frame counts for its first message. Beside MAVLink all of it is the sensors'; over MQTT-XT the last two serve
     everything else too, but on the links to the sensors.
     """
-    found: dict[str, dict[str, dict[str, int]]] = {}
+    found: dict[str, dict[str, AmountEntry]] = {}
     counts = (
         packets.frames.filter(window.entered, pl.col("protocol").cast(pl.String) == "mqtt")
         .with_columns(pl.col("link").cast(pl.String).str.split(":").list.first(), pl.col("purpose").cast(pl.String))
@@ -182,20 +183,25 @@ def out_of_range(packets: Packets, window: Window, events: Iterable[Mapping[str,
     return count
 
 
-def _series(key: tuple[int, int, str], own: list[Measured], wrong: int, samples: int) -> dict[str, Any]:
+def _series(key: tuple[int, int, str], own: list[Measured], wrong: int, samples: int) -> ReadingsEntry:
     drone, sensor, kind = key
     delivered = sum(one.told_ns is not None for one in own)
     return {
-        **{"drone": drone, "sensor": sensor, "kind": kind},
+        "drone": drone,
+        "sensor": sensor,
+        "kind": kind,
         "unit": own[0].unit if own else UNITS.get(kind, ""),
-        **{"samples": samples, "measured": len(own), "delivered": delivered, "wrong": wrong},
+        "samples": samples,
+        "measured": len(own),
+        "delivered": delivered,
+        "wrong": wrong,
         "whole": len(own) == delivered == samples and wrong == 0,
         "delay_ms": _summary(own, lambda one: one.delay_ms),
         "delay_app_ms": _summary(own, lambda one: one.delay_app_ms),
     }
 
 
-def _summary(own: list[Measured] | tuple[Measured, ...], of: Callable[[Measured], float | None]) -> dict[str, Any]:
+def _summary(own: list[Measured] | tuple[Measured, ...], of: Callable[[Measured], float | None]) -> Summary:
     return summary([delay for one in own if (delay := of(one)) is not None])
 
 

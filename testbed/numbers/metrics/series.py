@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jsonschema
 
@@ -15,6 +16,7 @@ from ...fly.results import METRICS, Attempt, Series, read_json, write_json
 from ...fly.validity import Verdict, paired, unmeasured, unread
 from ..observed import observe
 from ..quantities import ratios, statistics
+from ..written import AttemptEntry, Metrics, SideEntry, VoidEntry
 from .attempt import NOT_FLOWN, measure_attempt
 from .conditions import Flown, check_same, common_machine, common_revision, differences
 from .shaping import read_shaping
@@ -24,7 +26,7 @@ METRICS_VERSION = 2
 SCHEMA = Path(__file__).parents[1] / "schemas" / "metrics.schema.json"
 
 
-def measure_series(series: Series) -> dict[str, Any]:
+def measure_series(series: Series) -> Metrics:
     """Metrics of every attempt; written to `metrics.json`.
 
     An attempt that cannot be read is void, for that reason. Raises ResultsError for a series that mixes conditions,
@@ -34,29 +36,30 @@ def measure_series(series: Series) -> dict[str, Any]:
     shapings = [read_shaping(attempt) for attempt, _ in flown]
     check_same(flown, shapings)
     _, first = flown[0]
-    document: dict[str, Any] = {
-        "version": METRICS_VERSION,
-        **{name: first[name] for name in ("experiment", "arm", "profile")},
-        "revision": common_revision(flown),
-        "machine": common_machine(flown),
-        "shaper": first["shaper"],
-        "protocols": {},
-        "ratios": {},
-        "statistics": {},
-        "notes": differences(flown),
-    }
+    revision, machine, notes = common_revision(flown), common_machine(flown), differences(flown)
+    protocols: dict[str, SideEntry] = {}
     loads = {attempt: manifest["host"]["load_after"] for attempt, manifest in flown if "load_after" in manifest["host"]}
     verdicts, entries = _measure(series, flown, unreadable)
     for attempt in series.attempts():
-        side = document["protocols"].setdefault(attempt.protocol, {"attempts": [], "void": []})
+        side = protocols.setdefault(attempt.protocol, {"attempts": [], "void": []})
         if verdicts[attempt].is_void:
-            repeat = {"repeat": attempt.repeat} if attempt.repeat else {}
-            load = {"load": loads[attempt]} if attempt in loads else {}
-            side["void"].append({"attempt": attempt.number, **repeat, "reason": verdicts[attempt].reason, **load})
+            side["void"].append(_void(attempt, verdicts[attempt], loads.get(attempt)))
         else:
             side["attempts"].append(entries[attempt])
-    sides = observe(document["protocols"])
-    document |= {"ratios": ratios(sides), "statistics": statistics(sides)}
+    sides = observe(protocols)
+    document: Metrics = {
+        "version": METRICS_VERSION,
+        "experiment": first["experiment"],
+        "arm": first["arm"],
+        "profile": first["profile"],
+        "revision": revision,
+        "machine": machine,
+        "shaper": first["shaper"],
+        "protocols": protocols,
+        "ratios": ratios(sides),
+        "statistics": statistics(sides),
+        "notes": notes,
+    }
     error = schema_error(document)
     if error is not None:
         raise ResultsError(f"{series.path}: its metrics break their schema: {error}")
@@ -64,7 +67,7 @@ def measure_series(series: Series) -> dict[str, Any]:
     return document
 
 
-def read_metrics(series: Series) -> dict[str, Any]:
+def read_metrics(series: Series) -> Metrics:
     """What `metrics.json` says, measured now where there is none. Raises ResultsError for one of another version."""
     path = series.path / METRICS
     if not path.exists():
@@ -73,10 +76,10 @@ def read_metrics(series: Series) -> dict[str, Any]:
     error = schema_error(document)
     if error is not None:
         raise ResultsError(f"{path}: made by another version ({error}); type: testbed report {series.path}")
-    return document
+    return cast("Metrics", document)
 
 
-def schema_error(document: dict[str, Any]) -> str | None:
+def schema_error(document: Mapping[str, Any]) -> str | None:
     """Where and how a document breaks the schema of `metrics.json`; None if it does not."""
     error = jsonschema.exceptions.best_match(_validator().iter_errors(document))
     return None if error is None else f"{error.json_path}: {error.message[:200]}"
@@ -116,11 +119,11 @@ def _manifests(series: Series) -> tuple[list[Flown], dict[Attempt, str]]:
 
 def _measure(
     series: Series, flown: list[Flown], unreadable: dict[Attempt, str]
-) -> tuple[dict[Attempt, Verdict], dict[Attempt, dict[str, Any]]]:
+) -> tuple[dict[Attempt, Verdict], dict[Attempt, AttemptEntry]]:
     """Every attempt's verdict, and the entry of each that counts. Raises ResultsError where none can be measured."""
     verdicts = {attempt: verdict_of(attempt, manifest) for attempt, manifest in flown}
     verdicts |= {attempt: unread(reason) for attempt, reason in unreadable.items()}
-    entries: dict[Attempt, dict[str, Any]] = {}
+    entries: dict[Attempt, AttemptEntry] = {}
     broken: list[ResultsError] = []
     for attempt, manifest in flown:
         if paired(verdicts)[attempt].is_void:
@@ -137,10 +140,17 @@ def _measure(
     return paired(verdicts), entries
 
 
-def _without_numbers(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict, note: str) -> dict[str, Any]:
+def _void(attempt: Attempt, verdict: Verdict, load: float | None) -> VoidEntry:
+    repeat = {"repeat": attempt.repeat} if attempt.repeat else {}
+    at_its_end = {"load": load} if load is not None else {}
+    return cast("VoidEntry", {"attempt": attempt.number, **repeat, "reason": verdict.reason, **at_its_end})
+
+
+def _without_numbers(attempt: Attempt, manifest: dict[str, Any], verdict: Verdict, note: str) -> AttemptEntry:
     used = {name: manifest.get(name, {}) for name in ("cpu_s", "memory_bytes")}
     head = {"attempt": attempt.number, "repeat": attempt.repeat, **verdict.to_data(), "mission_s": None}
-    return {**head, **NOT_FLOWN, "notes": [note], "outcomes": {}, "links_measured": {}, **used}
+    entry = {**head, **NOT_FLOWN, "notes": [note], "outcomes": {}, "links_measured": {}, **used}
+    return cast("AttemptEntry", entry)
 
 
 def _relative(series: Series, error: ResultsError) -> str:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import polars as pl
 
 from ..packets import Packets
 from ..statistics import significant
+from ..written import SizeEntry
 from .window import Window
 
 
-def message_sizes(packets: Packets, named: pl.DataFrame, window: Window) -> dict[str, dict[str, Any]]:
+def message_sizes(packets: Packets, named: pl.DataFrame, window: Window) -> dict[str, SizeEntry]:
     """By kind, over all links: whole frames' bytes, the message's share of a frame that carries several, its ACK.
 
     `named` has the columns `row` (in the messages table) and `name`. `ack_bytes` is the mean cost of what answers a
@@ -30,7 +29,7 @@ def message_sizes(packets: Packets, named: pl.DataFrame, window: Window) -> dict
         .sort("name", "row")
     )
     costs = own.join(acknowledgements(frames, pl.col("messages") > 0), on="frame", how="left", maintain_order="left")
-    found = {}
+    found: dict[str, SizeEntry] = {}
     for (name,), group in costs.group_by("name", maintain_order=True):
         size, share = group["size"], (group["size"] * group["part"]).to_list()
         acked = group["ack"].drop_nulls().to_list()

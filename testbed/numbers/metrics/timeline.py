@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import polars as pl
 
 from ..packets import Packets
+from ..written import AmountEntry, Load, Retransmissions
 from .ways import Ways
 from .window import SECOND_NS, Window
 
@@ -15,7 +14,7 @@ _BINS = (0, 20, 40, 80, 160, 320, 640, 1280, 2560, 5120)
 """The least size of each of Wireshark's bins (Statistics > Packet Lengths)."""
 
 
-def load(packets: Packets, ways: Ways, window: Window) -> dict[str, Any]:
+def load(packets: Packets, ways: Ways, window: Window) -> Load:
     """Bytes per second since the window's begin: L(x), through fog x by drone, and their sum, TotalLoad.
 
     A drone's bytes through its fog are the frames that entered its air link in either direction. The last second may
@@ -25,15 +24,15 @@ def load(packets: Packets, ways: Ways, window: Window) -> dict[str, Any]:
     frames = packets.frames.filter(window.entered).select(
         pl.col("link").cast(pl.String), "size", ((pl.col("t_ns") - window.start_ns) // SECOND_NS).alias("second")
     )
-    found: dict[str, Any] = {}
+    found: Load = {}
     total = np.zeros(seconds, dtype=np.int64)
     for fog, drones in ways.fogs.items():
-        found[fog] = {}
+        by_drone = found[fog] = dict[str, list[int]]()
         for node in drones:
             own = frames.filter(pl.col("link").is_in(ways.both(node, fog)))
             at = np.minimum(own["second"].to_numpy(), seconds - 1)
             series = np.bincount(at, weights=own["size"].to_numpy(), minlength=seconds).astype(np.int64)
-            found[fog][node] = series.tolist()
+            by_drone[node] = series.tolist()
             total += series
     return {**found, "total": total.tolist()}
 
@@ -66,7 +65,7 @@ def histogram(sizes: pl.Series) -> dict[str, int]:
     return {_bin_name(number): count for number, count in enumerate(counts) if count}
 
 
-def purposes(packets: Packets, window: Window) -> dict[str, dict[str, int]]:
+def purposes(packets: Packets, window: Window) -> dict[str, AmountEntry]:
     """Bytes and frames by purpose. A frame counts for its first message; its bytes are shared by length among all
     messages that begin in it."""
     frames = packets.frames.with_row_index("frame").filter(window.entered)
@@ -89,7 +88,7 @@ def purposes(packets: Packets, window: Window) -> dict[str, dict[str, int]]:
     }
 
 
-def retransmissions(packets: Packets, window: Window) -> dict[str, Any]:
+def retransmissions(packets: Packets, window: Window) -> Retransmissions:
     """TCP's frames that brought bytes again: how many, their bytes, how many of them needlessly, and on which links."""
     again = packets.frames.filter(window.entered, pl.col("repeats").is_not_null())
     links = again.group_by(pl.col("link").cast(pl.String)).len().sort("link")

@@ -10,6 +10,7 @@ from ...fly.results import Attempt, Series, read_json
 from ...numbers.metrics.detail import detail_of
 from ...numbers.observed import observe_attempt
 from ...numbers.quantities import of_attempt
+from ...numbers.written import AttemptEntry, Metrics, VoidEntry
 from ...plan import wording
 from . import sentences
 from .figures.flights import Flights, flights, flights_of
@@ -18,7 +19,7 @@ from .gallery import Seen
 from .message_set import is_message_set
 
 
-def page_of(series: Series, attempt: Attempt, metrics: dict[str, Any], repeat: int = 0) -> dict[str, Any]:
+def page_of(series: Series, attempt: Attempt, metrics: Metrics, repeat: int = 0) -> dict[str, Any]:
     """`measured` is its entry in `metrics.json`, None for a void one.
 
     `repeat` is how often the attempt had been flown before: what was void was flown again under the same number.
@@ -74,7 +75,7 @@ def seen_of(page: dict[str, Any]) -> Seen:
     return Seen(flown, detail.per_link, measured)
 
 
-def with_losses(attempt: Attempt, measured: dict[str, Any]) -> dict[str, Any]:
+def with_losses(attempt: Attempt, measured: AttemptEntry) -> AttemptEntry:
     """Its entry with each link's random loss beside what the probes measured: as planned, and as the shaper counted it
     of the frames that could be lost at random. Unchanged where the shaper left no counts.
     """
@@ -86,7 +87,7 @@ def with_losses(attempt: Attempt, measured: dict[str, Any]) -> dict[str, Any]:
         share = counted.get("random", 0) / frames if frames else None
         if name in links and name in planned and "loss" not in links[name]:
             links[name]["loss"] = {"configured": planned[name].get("loss"), "measured": share}
-    return measured | {"links_measured": links}
+    return {**measured, "links_measured": links}
 
 
 def _object(path: Path) -> dict[str, Any]:
@@ -110,14 +111,14 @@ _MONTHS = (
 """Not strftime's, which speaks the machine's language."""
 
 
-def _window(measured: dict[str, Any]) -> tuple[int, float] | None:
+def _window(measured: AttemptEntry) -> tuple[int, float] | None:
     """When the mission began, and how many seconds were counted; None when it never began."""
     told = measured["window"]
     return (told["start_ns"], told["seconds"]) if told is not None else None
 
 
 def _trouble(
-    measured: dict[str, Any] | None, void: dict[str, Any] | None, events: list[dict[str, Any]]
+    measured: AttemptEntry | None, void: VoidEntry | None, events: list[dict[str, Any]]
 ) -> dict[str, Any] | None:
     """Why an attempt failed or does not count, how far it came, which captures were cut off, what else to know."""
     truncated = measured["truncated"] if measured is not None else []

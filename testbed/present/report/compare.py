@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from ...numbers import kinds, quantities, words
 from ...numbers.observed import observe
 from ...numbers.quantities import DELAY, MISSION, PACKETS, SIZE
 from ...numbers.quantity import Figure, quotient
+from ...numbers.written import Metrics
 from ...plan import wording
 from ...plan.experiments import FACTORS
 from . import comparison, factors, message_set
@@ -26,11 +27,11 @@ class Result:
 
     name: str
     series: Series
-    metrics: dict[str, Any]
+    metrics: Metrics
     manifests: tuple[dict[str, Any], ...]
 
 
-def result_of(name: str, series: Series, metrics: dict[str, Any]) -> Result:
+def result_of(name: str, series: Series, metrics: Metrics) -> Result:
     """Reads the manifests; raises ResultsError where one cannot be read."""
     return Result(name, series, metrics, tuple(attempt.manifest() for attempt in series.attempts()))
 
@@ -103,7 +104,7 @@ def rows(first: Result, second: Result) -> list[Row]:
     ]
 
 
-def _table(metrics: dict[str, Any]) -> list[quantities.Row]:
+def _table(metrics: Metrics) -> list[quantities.Row]:
     if message_set.is_message_set(metrics):
         return kinds.compared(observe(metrics["protocols"]))
     return list(comparison.rows(metrics).values())
@@ -163,7 +164,11 @@ def _missing(one: Result, other: Result) -> list[str]:
 
 
 def _of_series(name: str) -> Callable[[Result], str]:
-    return lambda one: str(one.metrics[name])
+    def told(one: Result) -> str:
+        facts: Mapping[str, object] = one.metrics
+        return str(facts[name])
+
+    return told
 
 
 def _fleet(one: Result) -> str:

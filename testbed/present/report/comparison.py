@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from ...numbers import quantities, words
 from ...numbers.observed import observe
 from ...numbers.quantities import Row
+from ...numbers.written import AttemptEntry, Metrics, SideEntry, VoidEntry
 from ...plan import wording
 
-Attempt = dict[str, Any]
 
-
-def rows(metrics: dict[str, Any]) -> dict[str, Row]:
+def rows(metrics: Metrics) -> dict[str, Row]:
     """Completion first, then traffic, time, losses, delay and frames per call; by the quantity's key."""
     return quantities.rows(observe(metrics["protocols"]))
 
 
-def completed(side: dict[str, Any]) -> list[Attempt]:
+def completed(side: SideEntry) -> list[AttemptEntry]:
     return [attempt for attempt in side["attempts"] if attempt["status"] == "completed"]
 
 
-def fleet_size(attempt: Attempt) -> tuple[int, int]:
+def fleet_size(attempt: AttemptEntry) -> tuple[int, int]:
     """How many fogs and drones a completed attempt had, by what was measured."""
     fogs = {link.split(":")[1] for link in attempt["links"] if link.startswith("backhaul:")}
     return len(fogs), len(attempt["outcomes"])
@@ -42,7 +41,7 @@ class Completion:
         return sum(len(attempts) for _, attempts in reasons)
 
 
-def completion(metrics: dict[str, Any]) -> dict[str, Completion]:
+def completion(metrics: Metrics) -> dict[str, Completion]:
     """By protocol. Void attempts are flown too, but they are not among those that count."""
     found = {}
     for protocol, side in words.sides(metrics):
@@ -52,14 +51,14 @@ def completion(metrics: dict[str, Any]) -> dict[str, Completion]:
     return found
 
 
-def _by_reason(attempts: list[dict[str, Any]]) -> tuple[tuple[str, tuple[int, ...]], ...]:
+def _by_reason(attempts: Sequence[AttemptEntry | VoidEntry]) -> tuple[tuple[str, tuple[int, ...]], ...]:
     found: dict[str, list[int]] = {}
     for attempt in attempts:
         found.setdefault(wording.first_line(attempt["reason"]), []).append(attempt["attempt"])
     return tuple((reason, tuple(numbers)) for reason, numbers in found.items())
 
 
-def shown(metrics: dict[str, Any]) -> dict[str, Attempt]:
+def shown(metrics: Metrics) -> dict[str, AttemptEntry]:
     """Which attempt of each protocol is shown in detail: the first number completed by all, else the first
     completed one, else the first. A protocol without any is left out."""
     numbers = [{attempt["attempt"] for attempt in completed(side)} for _, side in words.sides(metrics)]

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from statistics import median
-from typing import Any
+from typing import Any, TypedDict
 
+from ...numbers.written import (
+    AttemptEntry,
+    Delays,
+    LinkEntry,
+    MavlinkMessage,
+    MavlinkStream,
+    OutcomeEntry,
+    Router,
+    SizeEntry,
+)
 from ...plan.topology import by_number, place_of_link
 from . import thesis
 
-Shown = dict[str, dict[str, Any]]
+Shown = dict[str, AttemptEntry]
 """The attempt of each protocol that is shown, as `metrics.json` has it."""
 
 LAYERS = (
@@ -20,8 +31,7 @@ LAYERS = (
     ("IP", ("ip",)),
     ("Ethernet", ("ethernet",)),
 )
-_NO_ROUTERS: dict[str, Any] = {"routers": []}
-_NO_COUNT = {"packets": 0, "bytes": 0, "lost": 0}
+_NO_COUNT: LinkEntry = {"packets": 0, "bytes": 0, "lost": 0}
 _NODES = ("gs", "cloud", "fog", "uav", "sensor")
 _IDLE = "nodes that only hold an address"
 _ROLES = (
@@ -37,6 +47,24 @@ _ROLES = (
     (_IDLE, ("cloud", "fog", "uav", "sensor")),
 )
 _NOT_THE_PROTOCOLS = ("autopilots", "sensors", "network and captures")
+
+
+class StreamShare(MavlinkStream):
+    """A stream with its share of the bytes, and how wide its bar is."""
+
+    percent: float
+    width: float
+
+
+class Mix(TypedDict):
+    """What the MAVLink side sends, summed up."""
+
+    streams: list[StreamShare]
+    count: int
+    rate_hz: float
+    bytes: int
+    commands: list[MavlinkMessage]
+    own_heartbeats: int
 
 
 @dataclass(frozen=True)
@@ -64,7 +92,7 @@ class Command:
     frames: float | None
 
 
-def links_of(shown: Shown) -> list[tuple[str, dict[str, tuple[dict[str, Any], dict[str, Any]]]]]:
+def links_of(shown: Shown) -> list[tuple[str, dict[str, tuple[LinkEntry, LinkEntry]]]]:
     """Each link with its directions up and down by protocol; wan first, then backhaul, then air; all links last."""
     names = sorted(
         {name.rsplit(":", 1)[0] for attempt in shown.values() for name in attempt["links"]},
@@ -74,10 +102,8 @@ def links_of(shown: Shown) -> list[tuple[str, dict[str, tuple[dict[str, Any], di
         (name, {p: (_count(a, f"{name}:up"), _count(a, f"{name}:down")) for p, a in shown.items()}) for name in names
     ]
     if len(table) > 1:
-        sums = {
-            p: tuple({f: sum(row[p][way][f] for _, row in table) for f in _NO_COUNT} for way in (0, 1)) for p in shown
-        }
-        table.append(("all links", {p: (up, down) for p, (up, down) in sums.items()}))
+        sums = {p: (_sum(row[p][0] for _, row in table), _sum(row[p][1] for _, row in table)) for p in shown}
+        table.append(("all links", sums))
     return table
 
 
@@ -87,7 +113,7 @@ def by_layer(layers: dict[str, int]) -> dict[str, int]:
     return {**counted, "other": sum(layers.values()) - sum(counted.values())}
 
 
-def mix_of(attempt: dict[str, Any]) -> dict[str, Any] | None:
+def mix_of(attempt: AttemptEntry) -> Mix | None:
     """The MAVLink side's streams, largest first, each with its share; commands; sums. None where there is no mix."""
     mavlink = attempt["mavlink"]
     if not mavlink:
@@ -109,14 +135,14 @@ def mix_of(attempt: dict[str, Any]) -> dict[str, Any] | None:
     }
 
 
-def routers_of(attempt: dict[str, Any]) -> list[tuple[str, dict[str, dict[str, Any]]]]:
+def routers_of(attempt: AttemptEntry) -> list[tuple[str, dict[str, Router]]]:
     """For each node what its routers were given, let through and dropped, by way; ground station first."""
-    entries = (attempt["mavlink"] or _NO_ROUTERS)["routers"]
+    entries = attempt["mavlink"]["routers"] if attempt["mavlink"] else []
     nodes = sorted({entry["node"] for entry in entries}, key=lambda node: (_place(node, _NODES), by_number(node)))
     return [(node, {entry["way"]: entry for entry in entries if entry["node"] == node}) for node in nodes]
 
 
-def roles_of(cpu: dict[str, dict[str, float]]) -> list[Role]:
+def roles_of(cpu: Mapping[str, Mapping[str, float]]) -> list[Role]:
     """CPU seconds by role, from those by protocol and container."""
     by_protocol = {protocol: _by_role(seconds) for protocol, seconds in cpu.items()}
     names = [name for name, _ in _ROLES] + ["other"]
@@ -141,7 +167,7 @@ def protocols_own(roles: list[Role]) -> dict[str, float]:
     return sums
 
 
-def command_of(attempt: dict[str, Any], events: list[dict[str, Any]], name: str) -> Command:
+def command_of(attempt: AttemptEntry, events: list[dict[str, Any]], name: str) -> Command:
     """What there is to say of a command on one side."""
     delays = sorted(attempt["delay_ms"].get(name, []))
     calls = sum(event["event"] == "command" and event["command"] == name for event in events)
@@ -151,7 +177,7 @@ def command_of(attempt: dict[str, Any], events: list[dict[str, Any]], name: str)
     return Command(calls, len(delays), delays[0], median(delays), delays[-1], frames)
 
 
-def outcomes_of(attempt: dict[str, Any], commands: list[str]) -> dict[str, list[dict[str, Any] | None]]:
+def outcomes_of(attempt: AttemptEntry, commands: list[str]) -> dict[str, list[OutcomeEntry | None]]:
     """For each drone its outcome of every command, in the order in which they were sent."""
     found = {}
     for drone, entries in attempt["outcomes"].items():
@@ -189,7 +215,7 @@ def measured_links(shown: Shown) -> list[tuple[str, dict[str, dict[str, Measured
     return table
 
 
-def sizes_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]], dict[str, int]]]:
+def sizes_of(shown: Shown) -> list[tuple[str, dict[str, SizeEntry], dict[str, int]]]:
     """Each kind of message with its frames' sizes by protocol, and the sizes that the thesis printed."""
     printed = thesis.packet_sizes()
     kinds = {p: attempt["message_sizes"] for p, attempt in shown.items()}
@@ -199,14 +225,14 @@ def sizes_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]], dict[st
     return [(name, {p: by[name] for p, by in kinds.items() if name in by}, printed.get(name, {})) for name in order]
 
 
-def states_of(shown: Shown) -> list[tuple[str, dict[str, dict[str, Any]]]]:
+def states_of(shown: Shown) -> list[tuple[str, dict[str, Delays]]]:
     """Each state with its delays by protocol, summed up."""
     kinds = {p: attempt["state_delay_ms"] for p, attempt in shown.items()}
     names = sorted({name for by in kinds.values() for name in by})
     return [(name, {p: by[name] for p, by in kinds.items() if name in by}) for name in names]
 
 
-def _by_role(seconds: dict[str, float]) -> dict[str, list[tuple[str, float]]]:
+def _by_role(seconds: Mapping[str, float]) -> dict[str, list[tuple[str, float]]]:
     found: dict[str, list[tuple[str, float]]] = {}
     for service in sorted(seconds, key=lambda name: (_place(name.removeprefix("router-"), _NODES), by_number(name))):
         matching = [role for role, starts in _ROLES if service.startswith(starts)]
@@ -214,9 +240,15 @@ def _by_role(seconds: dict[str, float]) -> dict[str, list[tuple[str, float]]]:
     return found
 
 
-def _count(attempt: dict[str, Any], name: str) -> dict[str, Any]:
-    found: dict[str, Any] = attempt["links"].get(name, _NO_COUNT)
-    return found
+def _count(attempt: AttemptEntry, name: str) -> LinkEntry:
+    return attempt["links"].get(name, _NO_COUNT)
+
+
+def _sum(links: Iterable[LinkEntry]) -> LinkEntry:
+    packets, bytes_, lost = 0, 0, 0
+    for link in links:
+        packets, bytes_, lost = packets + link["packets"], bytes_ + link["bytes"], lost + link["lost"]
+    return {"packets": packets, "bytes": bytes_, "lost": lost}
 
 
 def _place(name: str, order: tuple[str, ...]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ from ...numbers import quantity, words
 from ...numbers.metrics.detail import PerLink
 from ...numbers.observed import observe
 from ...numbers.quantities import MISSION
+from ...numbers.written import AttemptEntry, Load, Metrics
 from ...plan.topology import place_of_link
 from . import details, thesis
 from .comparison import completed
@@ -38,7 +40,7 @@ class Seen:
 
 
 def figures_of(
-    metrics: dict[str, Any],
+    metrics: Metrics,
     shown: details.Shown,
     seen: dict[str, Seen],
     links: list[tuple[str, str, str]],
@@ -71,7 +73,7 @@ def figures_of(
     return {figure.name: figure for figure in made if figure is not None}
 
 
-def of_links(metrics: dict[str, Any], shown: details.Shown, links: list[tuple[str, str, str]]) -> Figure | None:
+def of_links(metrics: Metrics, shown: details.Shown, links: list[tuple[str, str, str]]) -> Figure | None:
     """What was measured on each link; `links` are (name, lower node, upper node)."""
     return topology(_topology(metrics, shown, links), metrics["profile"], metrics["shaper"])
 
@@ -107,7 +109,7 @@ def losses_of(shown: details.Shown, seen: dict[str, Seen]) -> dict[str, dict[str
         per = seen[protocol].per_link
         in_mission = {name: count["packets"] for name, count in attempt["links"].items()}
         entered = (per.entered if per is not None else {}) or in_mission  # where the captures are gone
-        by_link = (attempt["losses"] or {}).get("links", {})
+        by_link: Mapping[str, Mapping[str, Any]] = attempt["losses"]["links"] if attempt["losses"] else {}
         found[protocol] = {
             name: Lost(count, {cause: n for cause in CAUSES if (n := by_link.get(name, {}).get(cause, 0))})
             for name, count in sorted(entered.items(), key=lambda item: place_of_link(item[0]))
@@ -115,7 +117,7 @@ def losses_of(shown: details.Shown, seen: dict[str, Seen]) -> dict[str, dict[str
     return {protocol: links for protocol, links in found.items() if links}
 
 
-def _topology(metrics: dict[str, Any], shown: details.Shown, links: list[tuple[str, str, str]]) -> list[Link]:
+def _topology(metrics: Metrics, shown: details.Shown, links: list[tuple[str, str, str]]) -> list[Link]:
     measured: dict[str, Any] = {}
     for attempt in shown.values():
         measured = {**attempt["links_measured"], **measured}
@@ -138,12 +140,12 @@ def way_of(figures: dict[str, Any] | None) -> Way | None:
     return Way(*found)
 
 
-def _bins(attempt: dict[str, Any]) -> tuple[int, ...]:
+def _bins(attempt: AttemptEntry) -> tuple[int, ...]:
     counts = attempt["size_histogram"]
     return tuple(counts.get(f"{least}-{most}", 0) for least, most in BINS)
 
 
-def _loads(load: dict[str, Any]) -> dict[str, tuple[int, ...]]:
+def _loads(load: Load) -> dict[str, tuple[int, ...]]:
     """L(x) of each fog, over its drones, and the total."""
     found = {}
     for name, one in load.items():
@@ -166,7 +168,7 @@ def _purposes(shown: details.Shown) -> dict[str, dict[str, int]]:
 
 
 def _missions(
-    metrics: dict[str, Any],
+    metrics: Metrics,
 ) -> tuple[dict[str, list[Mission]], dict[str, quantity.Figure], dict[str, float]]:
     observed = observe(metrics["protocols"])
     sides = {}
@@ -179,7 +181,7 @@ def _missions(
     return sides, figures, {p: value for p, value in printed.items() if p in sides}
 
 
-def _scenarios(metrics: dict[str, Any], done: dict[str, list[dict[str, Any]]]) -> Figure | None:
+def _scenarios(metrics: Metrics, done: dict[str, list[AttemptEntry]]) -> Figure | None:
     """All scenarios of the thesis, with this one's attempts on its line; none for another experiment or fleet."""
     names = thesis.scenarios()
     if metrics["experiment"] not in names or not thesis.flew_alike(metrics):

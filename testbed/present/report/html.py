@@ -12,6 +12,7 @@ import jinja2
 from ...fly.results import REPORT, Series
 from ...numbers import words
 from ...numbers.quantities import OF_ATTEMPT
+from ...numbers.written import Metrics
 from ...plan import wording
 from . import (
     attempt_page,
@@ -34,7 +35,7 @@ MOST_ROWS = 150
 """Rows of a figure's data that the page itself has; what is longer is in the CSV file only."""
 
 
-def write_report(series: Series, metrics: dict[str, Any], papers: bool = False) -> Path:
+def write_report(series: Series, metrics: Metrics, papers: bool = False) -> Path:
     """Write `report.html` and `figures/*.csv` into the series folder, with `papers` also a PDF of each figure.
 
     Returns the page's path.
@@ -113,7 +114,7 @@ def _links(series: Series) -> list[tuple[str, str, str]]:
     return [(link.name, link.lower, link.upper) for link in topology.links]
 
 
-def _conditions(metrics: dict[str, Any], attempts: list[dict[str, Any]]) -> dict[str, Any]:
+def _conditions(metrics: Metrics, attempts: list[dict[str, Any]]) -> dict[str, Any]:
     """How the series was flown: its factors in words, and whether all attempts were flown alike."""
     configuration: dict[str, Any] = {}
     for attempt in attempts:
@@ -127,7 +128,7 @@ def _conditions(metrics: dict[str, Any], attempts: list[dict[str, Any]]) -> dict
     }
 
 
-def _sensors(metrics: dict[str, Any], shown: details.Shown) -> dict[str, Any]:
+def _sensors(metrics: Metrics, shown: details.Shown) -> dict[str, Any]:
     """The section on sensors; its rows are empty where there are none."""
     return {
         "rows": readings.rows_of(shown),
@@ -138,7 +139,7 @@ def _sensors(metrics: dict[str, Any], shown: details.Shown) -> dict[str, Any]:
     }
 
 
-def _kinds(metrics: dict[str, Any], attempts: list[dict[str, Any]]) -> dict[str, Any]:
+def _kinds(metrics: Metrics, attempts: list[dict[str, Any]]) -> dict[str, Any]:
     """What only the message set's page has."""
     table = message_set.rows(metrics)
     states = {str(attempt["manifest"]["configuration"].get("states")) for attempt in attempts}

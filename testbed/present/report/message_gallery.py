@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ...numbers import words
 from ...numbers.kinds import COMMANDS, STATES
+from ...numbers.written import Metrics
 from . import details, message_set
 from .comparison import completed
 from .figures.figure import Figure
@@ -16,7 +15,7 @@ from .gallery import Seen, of_links, of_traffic
 
 
 def figures_of(
-    metrics: dict[str, Any], shown: details.Shown, seen: dict[str, Seen], links: list[tuple[str, str, str]]
+    metrics: Metrics, shown: details.Shown, seen: dict[str, Seen], links: list[tuple[str, str, str]]
 ) -> dict[str, Figure]:
     """By name; what cannot be drawn of these results is left out."""
     done = {p: attempts for p, side in words.sides(metrics) if (attempts := completed(side))}
@@ -31,7 +30,7 @@ def figures_of(
     return {figure.name: figure for figure in made if figure is not None}
 
 
-def _ratios(metrics: dict[str, Any]) -> dict[str, dict[str, Ratio]]:
+def _ratios(metrics: Metrics) -> dict[str, dict[str, Ratio]]:
     return {row.name: {what: _ratio(row, what) for what in PANELS} for row in message_set.rows(metrics)}
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ...numbers import words
 from ...numbers.kinds import Side
+from ...numbers.written import Metrics
 from ...plan import wording
 from .comparison import completed
 from .message_set import Row, is_message_set, rows, totals
@@ -13,7 +12,7 @@ from .message_set import Row, is_message_set, rows, totals
 _FORMS = {"command": "a command", "state": "a state"}
 
 
-def finding(metrics: dict[str, Any]) -> str | None:
+def finding(metrics: Metrics) -> str | None:
     """How many times MQTT-XT's frames and bytes MAVLink's are; None without a completed attempt on each side."""
     both = _both(metrics)
     if not both:
@@ -26,7 +25,7 @@ def finding(metrics: dict[str, Any]) -> str | None:
     )
 
 
-def basis(metrics: dict[str, Any]) -> str | None:
+def basis(metrics: Metrics) -> str | None:
     """What the finding stands on: the amounts, the delays, what was lost, the thesis's ratios, how many attempts."""
     both = _both(metrics)
     if not both:
@@ -40,7 +39,7 @@ def basis(metrics: dict[str, Any]) -> str | None:
     return " ".join(said)
 
 
-def shortfalls(metrics: dict[str, Any]) -> list[str]:
+def shortfalls(metrics: Metrics) -> list[str]:
     """Which kinds did not all do what they should, a line each: 'MAVLink, takeoff: 3 of 100 not as asked: …'."""
     said = []
     for row in rows(metrics):
@@ -56,7 +55,7 @@ def shortfalls(metrics: dict[str, Any]) -> list[str]:
     return said
 
 
-def _both(metrics: dict[str, Any]) -> list[Row]:
+def _both(metrics: Metrics) -> list[Row]:
     """One command and one state, as far as both sides have them; none for another experiment."""
     if not is_message_set(metrics):
         return []
@@ -100,7 +99,7 @@ def _thesis(table: list[Row]) -> str:
     return f"The thesis has {wording.listed(parts)}."
 
 
-def _how(metrics: dict[str, Any], both: list[Row]) -> str:
+def _how(metrics: Metrics, both: list[Row]) -> str:
     counts = {p: len(completed(side)) for p, side in words.sides(metrics)}
     attempts = set(counts.values())
     if attempts == {1}:
@@ -109,6 +108,6 @@ def _how(metrics: dict[str, Any], both: list[Row]) -> str:
         how = f"means of {attempts.pop()} attempts each"
     else:
         how = f"means of {wording.listed([f'{n} attempts over {wording.name_of(p)}' for p, n in counts.items()])}"
-    asked = completed(metrics["protocols"]["mqttxt"])[0]["message_set"]
-    each = next(iter(asked.values()))["asked"]
+    kinds = completed(metrics["protocols"]["mqttxt"])[0]["message_set"] or {}
+    each = next(iter(kinds.values()))["asked"]
     return f"{each:,} of each kind, one drone, on links of profile {metrics['profile']}; {how}."

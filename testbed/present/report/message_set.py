@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import mean
-from typing import Any
 
 from ...numbers.kinds import Side, form_of, kinds_of, means_of
 from ...numbers.observed import observe
 from ...numbers.quantity import quotient
+from ...numbers.written import Metrics
 from . import thesis
 
 EXPERIMENT = thesis.MESSAGE_SET
@@ -44,11 +44,11 @@ class Row:
         return quotient(by.get("mavlink"), by.get("mqttxt"))
 
 
-def is_message_set(metrics: dict[str, Any]) -> bool:
+def is_message_set(metrics: Metrics) -> bool:
     return bool(metrics["experiment"] == EXPERIMENT)
 
 
-def rows(metrics: dict[str, Any]) -> list[Row]:
+def rows(metrics: Metrics) -> list[Row]:
     """A row for each kind of which a completed attempt has numbers: commands, then states."""
     return [
         Row(
@@ -63,7 +63,7 @@ def rows(metrics: dict[str, Any]) -> list[Row]:
     ]
 
 
-def totals(metrics: dict[str, Any]) -> list[Row]:
+def totals(metrics: Metrics) -> list[Row]:
     """A row for one command and one for one state: means over the kinds of each form that all sides have."""
     found = []
     for form, (names, sides) in means_of(kinds_of(observe(metrics["protocols"]))).items():

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from ...numbers import words
+from ...numbers.written import Metrics
 from ...plan import wording
 from . import message_sentences
 from .message_set import Row, rows, totals
 
 
-def print_kinds(metrics: dict[str, Any], console: Console) -> None:
+def print_kinds(metrics: Metrics, console: Console) -> None:
     """What each kind took, how long and how much of it was lost, and what did not do what it should."""
     table = rows(metrics)
     if not table:
@@ -25,7 +24,7 @@ def print_kinds(metrics: dict[str, Any], console: Console) -> None:
         console.print(said, soft_wrap=True, markup=False)
 
 
-def traffic_table(metrics: dict[str, Any], table: list[Row]) -> Table:
+def traffic_table(metrics: Metrics, table: list[Row]) -> Table:
     """Frames and bytes for one message, first all of them and then its own alone; and the thesis's packet ratio."""
     protocols = [protocol for protocol, _ in words.sides(metrics)]
     made = _table("for one message: all frames on the links meanwhile, and its own alone")
@@ -49,7 +48,7 @@ def traffic_table(metrics: dict[str, Any], table: list[Row]) -> Table:
     return made
 
 
-def delay_table(metrics: dict[str, Any], table: list[Row]) -> Table:
+def delay_table(metrics: Metrics, table: list[Row]) -> Table:
     """The mean delay of one message and how many were lost, with the thesis's figures."""
     protocols = [protocol for protocol, _ in words.sides(metrics)]
     made = _table("one message: one-way delay (mean) and loss, and the thesis's")

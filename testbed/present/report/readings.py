@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from ...numbers import words
+from ...numbers.written import AmountEntry, AttemptEntry, Metrics, ReadingsEntry
 from ...plan import wording
 from .details import Shown
 
 LINKS = ("sense", "air", "backhaul", "wan")
 PURPOSES = (("sensor", "frames"), ("acknowledgement", "ACKs"), ("upkeep", "upkeep"))
-_NOTHING = {"packets": 0, "bytes": 0}
+_NOTHING: AmountEntry = {"packets": 0, "bytes": 0}
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Row:
     drone: int
     kind: str
     unit: str
-    by: dict[str, dict[str, Any]]
+    by: dict[str, ReadingsEntry]
 
 
 def rows_of(shown: Shown) -> list[Row]:
@@ -39,7 +39,7 @@ def unit_of(unit: str) -> str:
     return "°C" if unit == "degC" else unit
 
 
-def said(metrics: dict[str, Any]) -> list[str]:
+def said(metrics: Metrics) -> list[str]:
     """For each side in how many attempts every series arrived whole, and what is missing of the others."""
     sentences = []
     for protocol, side in words.sides(metrics):
@@ -60,9 +60,9 @@ def said(metrics: dict[str, Any]) -> list[str]:
     return sentences
 
 
-def missing(attempt: dict[str, Any]) -> list[str]:
+def missing(attempt: AttemptEntry) -> list[str]:
     """What of an attempt's series is not as it should be, drone by drone."""
-    by_drone: dict[int, list[dict[str, Any]]] = {}
+    by_drone: dict[int, list[ReadingsEntry]] = {}
     for one in attempt["series"]:
         if not one["whole"]:
             by_drone.setdefault(one["drone"], []).append(one)
@@ -75,12 +75,12 @@ def missing(attempt: dict[str, Any]) -> list[str]:
     return found
 
 
-def _of(one: dict[str, Any]) -> str:
+def _of(one: ReadingsEntry) -> str:
     wrong = f", {one['wrong']} wrong" if one["wrong"] else ""
     return f"{one['kind']} {one['delivered']} of {one['samples']}{wrong}"
 
 
-def traffic_of(shown: Shown) -> list[tuple[str, dict[str, list[dict[str, int]]]]]:
+def traffic_of(shown: Shown) -> list[tuple[str, dict[str, list[AmountEntry]]]]:
     """For each kind of link, and all of them, packets and bytes by PURPOSES; empty where nothing was counted."""
     counted = {p: attempt["reading_traffic"] for p, attempt in shown.items()}
     if not any(counted.values()):
@@ -89,11 +89,12 @@ def traffic_of(shown: Shown) -> list[tuple[str, dict[str, list[dict[str, int]]]]
         (link, {p: [by.get(link, {}).get(purpose, _NOTHING) for purpose, _ in PURPOSES] for p, by in counted.items()})
         for link in LINKS
     ]
-    sums = {
-        p: [{f: sum(row[p][at][f] for _, row in table) for f in _NOTHING} for at in range(len(PURPOSES))]
-        for p in counted
-    }
+    sums = {p: [_sum([row[p][at] for _, row in table]) for at in range(len(PURPOSES))] for p in counted}
     return [*table, ("all links", sums)]
+
+
+def _sum(amounts: list[AmountEntry]) -> AmountEntry:
+    return {"packets": sum(one["packets"] for one in amounts), "bytes": sum(one["bytes"] for one in amounts)}
 
 
 def cost(shown: Shown) -> str | None:

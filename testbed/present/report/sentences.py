@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ...numbers import words
 from ...numbers.quantities import COMMANDS_LOST, DELAY, FRAMES_LOST, MISSION, PACKETS, SIZE, STATES_LOST
+from ...numbers.written import Metrics, OutcomeEntry
 from ...plan import wording
 from . import message_sentences
 from .comparison import completed, fleet_size, rows
@@ -17,7 +16,7 @@ _SAME_TIME = 0.02
 _LOSSES = (COMMANDS_LOST, STATES_LOST, FRAMES_LOST)
 
 
-def finding(metrics: dict[str, Any]) -> str:
+def finding(metrics: Metrics) -> str:
     """Which, by how much: one sentence. Without a completed attempt on each side it says so and makes no ratio."""
     sides = words.sides(metrics)
     if (of_kinds := message_sentences.finding(metrics)) is not None:
@@ -30,12 +29,12 @@ def finding(metrics: dict[str, Any]) -> str:
     return " ".join([*said, "There is no ratio to make."] if len(sides) > 1 else said)
 
 
-def basis(metrics: dict[str, Any]) -> str | None:
+def basis(metrics: Metrics) -> str | None:
     """What the finding stands on: the other side's numbers, the fleet, the links, how many attempts."""
     if (of_kinds := message_sentences.basis(metrics)) is not None:
         return of_kinds
     sides = dict(words.sides(metrics))
-    if not all(completed(sides.get(protocol, {"attempts": []})) for protocol in ("mqttxt", "mavlink")):
+    if not all(completed(sides.get(protocol, {"attempts": [], "void": []})) for protocol in ("mqttxt", "mavlink")):
         return None
     mission, packets, bytes_ = _middles(metrics, "mqttxt")
     flown = {protocol: (len(completed(side)), len(side["attempts"])) for protocol, side in sides.items()}
@@ -53,7 +52,7 @@ def basis(metrics: dict[str, Any]) -> str | None:
     )
 
 
-def notes(metrics: dict[str, Any]) -> list[str]:
+def notes(metrics: Metrics) -> list[str]:
     """What one must know before believing the numbers: why attempts failed or are void, and what was cut off."""
     said = []
     for protocol, side in words.sides(metrics):
@@ -73,7 +72,7 @@ def notes(metrics: dict[str, Any]) -> list[str]:
     return said
 
 
-def not_completed(outcomes: dict[str, list[dict[str, Any]]], reason: str) -> list[str]:
+def not_completed(outcomes: dict[str, list[OutcomeEntry]], reason: str) -> list[str]:
     """The last words other than `completed` that a reason leaves out: 'drone 3: takeoff denied (not healthy)'."""
     return [
         f"drone {drone}: {entry['command']} {entry['word']}" + (f" ({entry['reason']})" if entry["reason"] else "")
@@ -93,7 +92,7 @@ def none_lost(sides: dict[str, dict[str, Lost]]) -> str | None:
     return f"No link lost a frame: of {wording.listed(counts)} every one that entered a link left it."
 
 
-def _compared(metrics: dict[str, Any]) -> str:
+def _compared(metrics: Metrics) -> str:
     ratios = {row.name: row.ratio for row in rows(metrics).values()}
     mission = ratios[MISSION.name]
     as_long = mission is not None and abs(mission - 1) <= _SAME_TIME
@@ -105,7 +104,7 @@ def _compared(metrics: dict[str, Any]) -> str:
     return f"Over MAVLink the same mission took {took}, {packets} packets and {bytes_}{by}{in_time}."
 
 
-def _delays(metrics: dict[str, Any]) -> str:
+def _delays(metrics: Metrics) -> str:
     """How long commands took to reach a drone on each side, where both are known."""
     row = rows(metrics)[DELAY.key]
     if row.ratio is None:
@@ -114,7 +113,7 @@ def _delays(metrics: dict[str, Any]) -> str:
     return f" A command reached its drone in {mavlink} over MAVLink, in {mqttxt} over MQTT-XT (medians)."
 
 
-def _losses(metrics: dict[str, Any]) -> str:
+def _losses(metrics: Metrics) -> str:
     """What was lost, where anything was."""
     said = []
     table = rows(metrics)
@@ -125,14 +124,14 @@ def _losses(metrics: dict[str, Any]) -> str:
     return "".join(said)
 
 
-def _middles(metrics: dict[str, Any], protocol: str) -> tuple[str, str, str]:
+def _middles(metrics: Metrics, protocol: str) -> tuple[str, str, str]:
     """Mission time, packets and bytes of one side, as text."""
     table = rows(metrics)
     mission, packets, size = (table[quantity.key].cells[protocol].text for quantity in (MISSION, PACKETS, SIZE))
     return mission, packets, size
 
 
-def _one_side(metrics: dict[str, Any], protocol: str) -> str:
+def _one_side(metrics: Metrics, protocol: str) -> str:
     side, name = metrics["protocols"][protocol], wording.name_of(protocol)
     flown, done = side["attempts"], completed(side)
     if not flown:
@@ -149,6 +148,6 @@ def _one_side(metrics: dict[str, Any], protocol: str) -> str:
     )
 
 
-def _experiment(metrics: dict[str, Any]) -> str:
+def _experiment(metrics: Metrics) -> str:
     name: str = metrics["experiment"]
     return "the message set" if is_message_set(metrics) else wording.EXPERIMENT_NAMES.get(name, name).lower()

@@ -14,6 +14,7 @@ from ...fly.results import Attempt, Series
 from ...numbers import words
 from ...numbers.observed import observe_attempt
 from ...numbers.quantities import OF_ATTEMPT, of_attempt
+from ...numbers.written import AttemptEntry, Metrics
 from ...plan import wording
 from . import comparison, details, factors, message_set, readings, sentences, thesis_rows
 from .attempt_page import with_losses
@@ -24,7 +25,7 @@ ROOM_FOR_BOTH = 105
 """Columns of the terminal from which both sides' links go into one table."""
 
 
-def print_summary(series: Series, metrics: dict[str, Any], console: Console) -> None:
+def print_summary(series: Series, metrics: Metrics, console: Console) -> None:
     """What is wrong, the finding, how it was flown; then both sides beside each other, every attempt, every link."""
     console.print()
     for note in sentences.notes(metrics):
@@ -58,7 +59,7 @@ def _table(title: str) -> Table:
     return Table(title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
 
 
-def comparison_table(metrics: dict[str, Any]) -> Table:
+def comparison_table(metrics: Metrics) -> Table:
     """A row a metric, a column a protocol, and the ratio of the two."""
     sides = [protocol for protocol, _ in words.sides(metrics)]
     table = _table(f"arm {metrics['arm']}, profile {metrics['profile']}")
@@ -74,7 +75,7 @@ def comparison_table(metrics: dict[str, Any]) -> Table:
     return table
 
 
-def thesis_table(metrics: dict[str, Any]) -> Table:
+def thesis_table(metrics: Metrics) -> Table:
     """Means here beside the thesis's, a row a metric; what to know about its figures is on the page."""
     rows = thesis_rows.rows(metrics)
     table = _table("means here, and the thesis's (the report says what to know)")
@@ -127,7 +128,7 @@ def _span(values: list[float | None], text: Callable[[float], str]) -> str:
     return least if least == most else f"{least} to {most}"
 
 
-def attempts_table(metrics: dict[str, Any]) -> Table:
+def attempts_table(metrics: Metrics) -> Table:
     """Every attempt; failed ones stay in it, void ones are named and not counted."""
     table = _table("attempts")
     for heading in ("protocol", "attempt", "status"):
@@ -162,7 +163,7 @@ def links_table(shown: details.Shown) -> Table:
     return table
 
 
-def mix_table(mix: dict[str, Any]) -> Table:
+def mix_table(mix: details.Mix) -> Table:
     """What the drones stream over MAVLink, largest first."""
     table = _table("what the drones send over MAVLink")
     table.add_column("message")
@@ -190,7 +191,7 @@ def mix_table(mix: dict[str, Any]) -> Table:
     return table
 
 
-def _print_mavlink(attempt: dict[str, Any], console: Console) -> None:
+def _print_mavlink(attempt: AttemptEntry, console: Console) -> None:
     mix = details.mix_of(attempt)
     if mix is not None and mix["streams"]:
         console.print(mix_table(mix))
@@ -207,7 +208,7 @@ def _attempt_of(series: Series, protocol: str, number: int) -> Attempt:
     return [one for one in series.attempts() if (one.protocol, one.number) == (protocol, number)][-1]
 
 
-def _flown(series: Series, metrics: dict[str, Any]) -> list[Text]:
+def _flown(series: Series, metrics: Metrics) -> list[Text]:
     """A line a side: how it was flown; then what that means for comparing."""
     configuration: dict[str, Any] = {}
     one_drone = message_set.is_message_set(metrics)

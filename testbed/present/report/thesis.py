@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from ...numbers.written import Metrics
 from .comparison import completed, fleet_size
 
 FIGURES = Path(__file__).parent / "thesis.yaml"
@@ -42,7 +43,7 @@ def of_scenario(experiment: str) -> dict[str, dict[str, float]]:
     return found
 
 
-def flew_alike(metrics: dict[str, Any]) -> bool:
+def flew_alike(metrics: Metrics) -> bool:
     """Whether every completed attempt had as many fogs and drones as its scenarios, so that its figures compare."""
     return {fleet_size(one) for side in metrics["protocols"].values() for one in completed(side)} <= {FLEET}
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from ...numbers import words
 from ...numbers.observed import observe
 from ...numbers.quantities import FRAMES_LOST, MISSION, PACKETS, SIZE
 from ...numbers.quantity import Figure, quotient
+from ...numbers.written import Metrics
 from . import thesis
 from .gallery import SLIPS
 
@@ -33,7 +33,7 @@ class Row:
 _QUANTITIES = (PACKETS, SIZE, MISSION)
 
 
-def rows(metrics: dict[str, Any]) -> list[Row]:
+def rows(metrics: Metrics) -> list[Row]:
     """Empty where the thesis has no figures of this experiment and a fleet of this size, or nothing was completed here.
 
     A ratio to a printed size that is a slip is none of the thesis's.

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from ...errors import ResultsError, UserError
 from ...fly.results import METRICS, Series
 from ...numbers.metrics import read_metrics
 from ...numbers.observed import NO_SIDE, Sides, observe
+from ...numbers.written import Metrics
 
 SIDES = ("mqttxt", "mavlink")
 
@@ -28,7 +28,7 @@ class Cell:
     arm: str
     profile: str
     series: Series
-    metrics: dict[str, Any]
+    metrics: Metrics
 
     @cached_property
     def sides(self) -> Sides:
@@ -96,6 +96,6 @@ def _cell(experiment: str, label: str, series: Series) -> Cell:
     return Cell(experiment, arm, metrics["profile"], series, metrics)
 
 
-def _sides_of(metrics: dict[str, Any]) -> int:
+def _sides_of(metrics: Metrics) -> int:
     """How many protocols have an attempt that counts."""
     return sum(bool(side["attempts"]) for side in metrics["protocols"].values())

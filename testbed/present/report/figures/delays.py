@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from ....numbers import words
+from ....numbers.written import AttemptEntry
 from ....plan import wording
 from .axes import Scale, bottom, decades, legend, log_bounds, quantile, side, steps
 from .draw import Drawing
@@ -51,7 +52,7 @@ def rows_by_number(
     )
 
 
-def delays_of(completed: dict[str, list[dict[str, Any]]], order: list[str]) -> Kinds:
+def delays_of(completed: dict[str, list[AttemptEntry]], order: list[str]) -> Kinds:
     """From the completed attempts of each side; commands in the given order, others after them."""
     said = {name for attempts in completed.values() for one in attempts for name in one["delay_ms"]}
     names = [*(name for name in order if name in said), *sorted(said - set(order))]

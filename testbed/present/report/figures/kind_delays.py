@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from ....numbers import words
+from ....numbers.written import AttemptEntry
 from ....plan import wording
 from .axes import Scale, decades, log_bounds, quantile, side
 from .delays import medians, middle_half, rows_by_number
@@ -41,7 +41,7 @@ Kinds = dict[str, dict[str, Series]]
 """By kind and protocol."""
 
 
-def series_of(completed: dict[str, list[dict[str, Any]]], order: tuple[str, ...]) -> Kinds:
+def series_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) -> Kinds:
     """From the completed attempts of each side."""
     found: Kinds = {}
     for name in order:
@@ -49,7 +49,8 @@ def series_of(completed: dict[str, list[dict[str, Any]]], order: tuple[str, ...]
             told = [
                 (ms, one["attempt"])
                 for one in attempts
-                for ms in (one["message_set"] or {}).get(name, {}).get("delay_ms", ())
+                if (kind := (one["message_set"] or {}).get(name)) is not None
+                for ms in kind["delay_ms"]
             ]
             if told:
                 values, numbers = zip(*told, strict=True)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ....numbers import words
+from ....numbers.written import AttemptEntry
 from ....plan import wording
 from .axes import Scale
 from .draw import TEXT, Drawing
@@ -17,7 +16,7 @@ Counts = dict[str, dict[str, tuple[int, ...]]]
 _BAR, _BELOW, _LEFT = 8.0, 42.0, 84.0
 
 
-def counts_of(completed: dict[str, list[dict[str, Any]]], order: tuple[str, ...]) -> Counts:
+def counts_of(completed: dict[str, list[AttemptEntry]], order: tuple[str, ...]) -> Counts:
     """All completed attempts of a side together."""
     found: Counts = {}
     for name in order:
