@@ -34,7 +34,8 @@ def test_every_command_is_flown_and_it_flies_again_after_a_landing(flight: Fligh
 def test_on_the_ground_nothing_but_a_takeoff_takes_off(flight: Flight) -> None:
     for command in (Takeoff(10.0), NORTH_100_M, Offboard(5.0, velocity=Velocity(0.0, 0.0, -1.0))):
         assert flight.outcome(command)[0] is Word.DENIED, command
-    assert flight.outcome(Arm()) == (Word.COMPLETED, None)
+    for command in (Hold(), Arm()):
+        assert flight.outcome(command) == (Word.COMPLETED, None), command
     assert flight.outcome(NORTH_100_M)[0] is Word.DENIED
     assert flight.up_m == 0.0
 
