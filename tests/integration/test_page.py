@@ -8,12 +8,14 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
 
 from mqttxt import GroundStation
+from mqttxt.demo.fleet import places_file
 from tests.rigs.live_page import ARMED, CONTROL, HEIGHT, REACHABLE, LivePage, cell, done, is_ready
 from tests.rigs.processes import System, wait_until
 from tests.rigs.served_page import Served
@@ -33,6 +35,16 @@ PICTURES = os.environ.get("PAGE_PICTURES")
 @pytest.fixture(scope="module")
 def system(shared_system: System) -> System:
     return shared_system
+
+
+@pytest.fixture(scope="module")
+def page(system: System) -> Iterator[Served]:
+    """With the demo's places, which its pictures show."""
+    places = system.folder / "places.geojson"
+    places.write_text(places_file())
+    served = Served(system.folder, system.cloud, "page", "--places", str(places))
+    yield served
+    served.process.kill()
 
 
 def take_picture(browser: LivePage, name: str, width: int, dark: bool = False) -> None:
