@@ -9,10 +9,24 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from mqttxt.drone.effects import Transmit
+from mqttxt.drone.executor import Executor
 from mqttxt.drone.mavlink.ardupilot import ArduCopter
 from mqttxt.drone.mavlink.plans import Plan
+from mqttxt.drone.mavlink.raw import Limits
 from mqttxt.drone.mavlink.vehicle import Vehicle
-from mqttxt.protocol.commands import Arm, Command, Disarm, Goto, Hold, Land, Offboard, Return, Takeoff, Velocity
+from mqttxt.protocol.commands import (
+    Arm,
+    Command,
+    Disarm,
+    Goto,
+    Hold,
+    Land,
+    Mavlink,
+    Offboard,
+    Return,
+    Takeoff,
+    Velocity,
+)
 from mqttxt.protocol.messages import Word
 from mqttxt.protocol.states import FlightMode, FlightModeName, Health, MaxGroundspeed
 from tests.simulation.workbench import Bench, said, set_points, written
@@ -21,6 +35,7 @@ from tests.simulation.world import heartbeat as px4_heartbeat
 
 STABILIZE, GUIDED, LOITER, RTL, LAND, BRAKE = 0, 4, 5, 6, 9, 17
 SET_MODE, ARM, TAKEOFF, REPOSITION = 176, 400, 22, 192
+CAMERA = mavlink.MAV_COMP_ID_CAMERA
 COMMANDS = (
     Arm(),
     Disarm(),
@@ -66,6 +81,17 @@ def test_no_field_of_any_command_is_nan(command: Command) -> None:
     message = plan(command, seen).message
     values = [getattr(message, name) for name in message.fieldnames]
     assert not [value for value in values if isinstance(value, float) and math.isnan(value)]
+
+
+def test_a_null_among_a_raw_commands_parameters_is_never_written_as_nan() -> None:
+    """ArduCopter ends with a floating point exception on one in CONDITION_YAW; what is for a camera it passes on."""
+    bench = Bench(heartbeat(armed=True), home(), position(10.0), landed(2))
+    bench.executor = Executor(bench.vehicle, Limits(components=frozenset((CAMERA,))))
+    given = (90.0, None, 1.0, 0.0, 0.0, 0.0, 0.0)
+    out = bench.start(1, Mavlink(mavlink.MAV_CMD_CONDITION_YAW, given))
+    assert (written(out), said(out)) == ([], [(1, Word.DENIED, "null_param")])
+    assert written(bench.start(2, Mavlink(mavlink.MAV_CMD_CONDITION_YAW, (90.0, *[0.0] * 6)))) == [115]
+    assert written(bench.start(3, Mavlink(mavlink.MAV_CMD_DO_DIGICAM_CONTROL, given, CAMERA))) == [203]
 
 
 def test_a_takeoff_is_in_guided_and_names_the_height_above_home() -> None:

@@ -204,6 +204,14 @@ def test_an_acknowledgement_that_the_link_doubled_is_heard_once() -> None:
     assert len(repeats._heard_s) == 1
 
 
+async def test_an_acknowledgement_that_comes_twice_over_the_link_is_heard_once(bench: LinkBench) -> None:
+    autopilot = bench.socket()
+    for datagram in (HEARTBEAT, ACK, ACK, beat(9)):
+        autopilot.send(datagram)
+    await eventually(lambda: bench.heard.count("HEARTBEAT") == 2, "what came last")
+    assert bench.heard == ["HEARTBEAT", "COMMAND_ACK", "HEARTBEAT"]
+
+
 async def test_heartbeats_of_one_number_are_all_heard(bench: LinkBench) -> None:
     """PX4 sends 451 messages a second to a companion computer: its numbers come again within a second."""
     autopilot = bench.socket()

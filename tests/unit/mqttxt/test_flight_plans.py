@@ -159,6 +159,24 @@ def test_a_mission_that_is_flown_is_not_replaced(flight: Flight) -> None:
     assert flight.outcome(ClearPlan()) == (Word.DENIED, "mission_running")
 
 
+@pytest.mark.parametrize(
+    ("plan", "reason"),
+    [
+        (PlanObject(fence=(*FENCE[:3], replace(FENCE[3], params=(None, *[0.0] * 3)))), "fence item 4: param1 is null"),
+        (
+            PlanObject(fence=(place(mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, 0, 0, 0, None),)),
+            "fence item 1: param1 is null",
+        ),
+        (PlanObject(rally=(*RALLY, replace(RALLY[0], z=None))), "rally item 2: its altitude is null"),
+    ],
+)
+def test_a_fence_or_a_rally_point_that_lacks_a_number_reaches_no_autopilot(
+    flight: Flight, plan: PlanObject, reason: str
+) -> None:
+    assert upload(flight, plan) == (Word.DENIED, reason)
+    assert fetch(flight) == PlanObject(mission=(), fence=(), rally=())
+
+
 def test_what_was_not_staged_is_denied(flight: Flight) -> None:
     assert flight.outcome(UploadPlan(bytes(16))) == (Word.DENIED, "not_staged")
     staging = stage(flight, b"no plan at all")

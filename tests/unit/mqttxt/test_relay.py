@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from mqttxt.core.effects import Publish
+from mqttxt.core.effects import Log, Publish
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land
 from mqttxt.protocol.messages import CommandId, CommandMessage, Control, FogResultMessage, Presence, ResultMessage, Word
@@ -158,6 +158,14 @@ def test_an_unregistered_client_cannot_keep_a_drone_from_landing() -> None:
     for seq in range(4200):
         asked = {"executor_session": 0x99} if seq % 2 else {}
         bench.command(Arm(), gs_session=0x77, seq=seq, **asked)
+    assert of(bench.command(Land(), seq=5), "drone1/commands")
+
+
+def test_clients_that_are_not_in_control_leave_room_however_many_they_are() -> None:
+    bench = ready()
+    bench.role.relay.ledger._capacity = 800
+    out = [bench.command(Land(), gs_session=0x1000 + number) for number in range(900)]
+    assert any(isinstance(effect, Log) and "no room for it" in effect.detail for effects in out for effect in effects)
     assert of(bench.command(Land(), seq=5), "drone1/commands")
 
 

@@ -163,6 +163,14 @@ def test_whoever_is_not_in_control_leaves_room_for_who_is() -> None:
         assert len(transmitted(hear(uav, command_payload(command, seq=seq)))) == 1
 
 
+def test_many_who_are_not_in_control_leave_room_for_who_is() -> None:
+    uav = controlled()
+    uav.desk.ledger._capacity = 800
+    out = [hear(uav, command_payload(Land(), gs_session=0x1000 + number, deadline_ms=0)) for number in range(900)]
+    assert any(isinstance(effect, Log) and "no room for it" in effect.detail for effects in out for effect in effects)
+    assert len(transmitted(hear(uav, command_payload(Land(), seq=9001)))) == 1
+
+
 def test_a_full_ledger_denies() -> None:
     uav = controlled()
     uav.desk.ledger._capacity = 0

@@ -15,7 +15,7 @@ from .mavlink.mission_protocol import Exchange, Step, Steps, TransferFailed
 from .mavlink.plans import CannotExecute
 from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
-from .plan_lists import OtherPlan, PlanLists
+from .plan_lists import OtherPlan, PlanLists, check_nulls
 from .runs import Output, Said
 
 OfPlan = UploadPlan | ClearPlan | SetCurrentItem
@@ -169,7 +169,9 @@ class PlanKeeper:
         data = self._staged(command.plan)
         if data is None:
             raise CannotExecute("not_staged")
-        return self._lists.replace(PlanObject.unpacked(data).lists)
+        lists = PlanObject.unpacked(data).lists
+        check_nulls(lists)
+        return self._lists.replace(lists)
 
     def _begin_next(self, now_ms: int) -> list[Output]:
         job = self._jobs[0] if self._jobs else None

@@ -1,7 +1,7 @@
 """ArduCopter: its modes (after ArduPilot's Copter mode numbers), and how commands are written to it.
 
-No field of any message is ever NaN: ArduCopter of May 2024 ends with a floating point exception on a NaN in
-NAV_TAKEOFF.
+No field of a command is ever NaN: ArduCopter of May 2024 ends with a floating point exception on one in NAV_TAKEOFF,
+CONDITION_YAW and others. Of a mission it refuses an item with a NaN that it does not expect, but not of its fence.
 """
 
 from __future__ import annotations
@@ -121,6 +121,7 @@ class ArduCopter(Autopilot):
     """
 
     name = "ArduPilot's multicopters"
+    ends_on_nan = True
     types: ClassVar = frozenset(
         {
             mavlink.MAV_TYPE_QUADROTOR,

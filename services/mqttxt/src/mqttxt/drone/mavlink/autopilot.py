@@ -28,8 +28,8 @@ class Autopilot(ABC):
     `priming` set-points have to come before that mode. `refuses_as_failed`: it says MAV_RESULT_FAILED of what it does
     not begin. `explains_afterwards`: its reason comes behind its refusal. `answers_twice` are the MAV_CMDs that it
     may accept first, and then say what became of them. `home_items`: how many items its mission has in front of a
-    plan's own. `tells_of_fence`: it sends FENCE_STATUS, where it is asked to. `bytewise`: whole parameters are
-    carried as their bytes, else as numbers.
+    plan's own. `tells_of_fence`: it sends FENCE_STATUS, where it is asked to. `ends_on_nan`: a NaN among a command's
+    parameters ends its process. `bytewise`: whole parameters are carried as their bytes, else as numbers.
     """
 
     name: ClassVar[str]
@@ -45,6 +45,7 @@ class Autopilot(ABC):
     answers_twice: ClassVar[frozenset[int]] = frozenset()
     home_items: ClassVar[int] = 0
     tells_of_fence: ClassVar[bool] = False
+    ends_on_nan: ClassVar[bool] = False
     bytewise: ClassVar[bool]
 
     @abstractmethod

@@ -156,6 +156,8 @@ def plan_raw(command: Mavlink, vehicle: Vehicle, limits: Limits) -> Plan:
     component = command.component or AUTOPILOT_COMPONENT
     if component != AUTOPILOT_COMPONENT and component not in limits.components:
         raise CannotExecute("component_not_enabled")
+    if None in command.params and component == AUTOPILOT_COMPONENT and vehicle.autopilot.ends_on_nan:
+        raise CannotExecute("null_param")
     params: list[Any] = [NAN if param is None else param for param in command.params]
     message = mavlink.MAVLink_command_long_message(vehicle.system_id, component, number, 0, *params)
     return Plan(message, number, None, never, is_said_once=True)
