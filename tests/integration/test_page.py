@@ -101,7 +101,7 @@ def test_a_place_for_a_drone_on_the_ground_is_as_high_as_it_will_take_off(page: 
     browser.click("tr[data-drone='1/1'] th")
     browser.type("#takeoff-altitude_m", "12.5")
     browser.click("#map", 0.8, 0.2)
-    assert browser.value("document.getElementById('goto-altitude_m').value") == "12.5"
+    browser.until("document.getElementById('goto-altitude_m').value === '12.5'", "the height of its takeoff")
 
 
 def test_a_click_that_is_held_back_on_its_way_is_not_carried_out_later(

@@ -132,10 +132,9 @@ async def test_of_many_drones_of_others_the_number_is_said() -> None:
 
 @pytest.mark.parametrize("width", [PHONE, DESK])
 async def test_that_the_pages_program_is_gone_is_in_sight_and_its_values_look_old(width: int) -> None:
-    station, port, path = FakeStation(), free_port(), chromium()
-    assert path is not None
+    station, port = FakeStation(), free_port()
     line = "getComputedStyle(document.querySelector('#fleet-rows td[data-heading=Armed] span')).textDecorationLine"
-    with LivePage(path) as browser:
+    with LivePage() as browser:
         async with served(station, port) as url:
             await asyncio.to_thread(browser.open, url, width)
             await asyncio.to_thread(browser.until_text, "#connection", "connected to")

@@ -54,6 +54,10 @@ _MEASURE = """(() => {
 })()"""
 
 
+class Navigated(Exception):
+    """The page went to another one before it had answered."""
+
+
 @dataclass
 class Browser:
     """One Chromium for many pages; `said` are console messages, exceptions and what could not be loaded."""
@@ -141,6 +145,8 @@ class Browser:
         while True:
             told = self._next()
             if told.get("id") == self._number:
+                if told.get("error", {}).get("message") == "Inspected target navigated or closed":
+                    raise Navigated
                 assert "error" not in told, told
                 found: dict[str, Any] = told["result"]
                 return found

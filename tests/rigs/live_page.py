@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from tests.rigs.browser import Browser
+from tests.rigs.browser import Browser, Navigated
 from tests.rigs.processes import PATIENCE_S, listens, wait_until
 from tests.tools.axe import AXE
 from tests.tools.programs import chromium
@@ -65,13 +65,20 @@ class LivePage(Browser):
         return told["result"].get("value")
 
     def until(self, expression: str, what: str, limit_s: float = PATIENCE_S) -> None:
-        wait_until(lambda: self.value(expression), what, limit_s)
+        def holds() -> object:
+            try:
+                return self.value(expression)
+            except Navigated:
+                return False
+
+        wait_until(holds, what, limit_s)
 
     def text(self, selector: str) -> str:
         return str(self.value(f"document.querySelector({json.dumps(selector)})?.textContent ?? ''"))
 
     def until_text(self, selector: str, part: str, limit_s: float = PATIENCE_S) -> None:
-        wait_until(lambda: part in self.text(selector), f"{part!r} in {selector}", limit_s)
+        text = f"(document.querySelector({json.dumps(selector)})?.textContent ?? '')"
+        self.until(f"{text}.includes({json.dumps(part)})", f"{part!r} in {selector}", limit_s)
 
     def click(self, selector: str, across: float = 0.5, down: float = 0.5) -> None:
         """With the mouse, in the middle of an element, or at other shares of its width and height."""

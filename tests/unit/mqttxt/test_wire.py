@@ -181,6 +181,19 @@ def test_what_has_a_tag_is_not_read(tagged: bytes) -> None:
     assert identify(named + tagged) is None
 
 
+def test_a_map_of_many_keys_in_a_long_payload_is_not_read() -> None:
+    """Keys of one hash take quadratic time, and whoever may publish chooses them; a small payload costs little."""
+    key, pairs = b"\x82\x00\x00", 9
+    for head in (b"\xa9", b"\xb8\x09", b"\xb9\x00\x09", b"\xba\x00\x00\x00\x09"):
+        wide = head + b"".join(key[:2] + bytes((number, 0)) for number in range(pairs))
+        for read in (parse_cbor, lambda payload: decode(CommandMessage, payload), Envelope.parse):
+            with pytest.raises(PayloadError, match="a map of 9 pairs"):
+                read(b"\x82\x59\x08\x00" + bytes(2048) + wide)
+        assert identify(b"\x85\x01\x01\x02\x59\x08\x00" + bytes(2048) + wide) is None
+    envelope = Envelope(bytes(4096), bytes(4), bytes(64), bytes(2048), [1, {1: 2}])
+    assert Envelope.parse(envelope.encode()) == envelope
+
+
 def test_nan_cannot_be_sent() -> None:
     with pytest.raises(PayloadError):
         encode(message_class("groundspeed", False)(stamp=1, groundspeed_m_s=float("nan")))

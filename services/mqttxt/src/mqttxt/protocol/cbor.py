@@ -14,6 +14,13 @@ from .values import Plain
 MAX_PAYLOAD = 61_440
 """Bytes; a longer payload is refused unread. The rankings of 250 drones in JSON are shorter."""
 _MAX_DEPTH = 8
+_MOST_PAIRS = 8
+"""Of a map; COSE's header, the only one that there is, has three."""
+_QUICK = 2048
+"""Bytes of a payload that costs little to read, whatever it is."""
+_ARGUMENT_BYTES = {24: 1, 25: 2, 26: 4, 27: 8}
+"""By the low five bits of an item's first byte (RFC 8949, section 3)."""
+_BYTES, _TEXT, _MAP = 2, 3, 5
 
 
 class _NoTags(dict[int, Callable[..., NoReturn]]):
@@ -52,10 +59,27 @@ def parse_cbor(data: bytes) -> Plain:
     return read_cbor(data)
 
 
+def check_maps(payload: bytes) -> None:
+    """Raises ValueError for a map of many keys in a long payload: keys with one hash take quadratic time to read.
+
+    It walks over the items' heads and looks at nothing else; the decoder refuses what is wrong with them.
+    """
+    at = 0 if len(payload) > _QUICK else len(payload)
+    while at < len(payload):
+        major, argument = payload[at] >> 5, payload[at] & 31
+        width = _ARGUMENT_BYTES.get(argument, 0)
+        if width:
+            argument = int.from_bytes(payload[at + 1 : at + 1 + width], "big")
+        if major == _MAP and argument > _MOST_PAIRS:
+            raise ValueError(f"a map of {argument} pairs")
+        at += 1 + width + (argument if major in (_BYTES, _TEXT) else 0)
+
+
 def read_cbor(payload: bytes) -> Plain:
     """As `parse_cbor`, of a payload whose length has been checked."""
     stream = BytesIO(payload)
     try:
+        check_maps(payload)
         plain = cbor2.CBORDecoder(
             stream,
             max_depth=_MAX_DEPTH,

@@ -8,7 +8,7 @@ from typing import Any
 
 import cbor2
 
-from .cbor import MAX_PAYLOAD, NO_TAGS
+from .cbor import MAX_PAYLOAD, NO_TAGS, check_maps
 from .messages import CommandId
 
 
@@ -36,4 +36,5 @@ def identify(payload: bytes) -> CommandId | None:
 
 def _lenient(payload: bytes) -> Any:
     """What CBOR says first, whatever follows."""
+    check_maps(payload)
     return cbor2.CBORDecoder(BytesIO(payload), semantic_decoders=NO_TAGS).decode()
