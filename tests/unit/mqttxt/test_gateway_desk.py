@@ -16,12 +16,14 @@ from mqttxt import (
     FogUnreachable,
     Hold,
     Land,
+    Mavlink,
     PayloadError,
     Return,
     Takeoff,
     Word,
 )
 from mqttxt.gateway import control
+from mqttxt.gateway.desk import MOST_UNDER_WAY
 from mqttxt.gateway.modes import PX4
 from mqttxt.gateway.translation import REQUEST_OPERATOR_CONTROL, Request
 from tests.simulation.desk import Bench
@@ -70,6 +72,22 @@ async def test_a_last_word_without_a_first_is_the_acknowledgement(group: Any, wo
     await bench.say(word, reason="why")
     assert bench.acks() == [(21, result)]
     assert word.label in bench.texts()[0]
+
+
+async def test_one_drones_commands_without_a_last_word_are_bounded_and_it_can_still_be_halted(group: Any) -> None:
+    bench = Bench(group)
+    client = bench.client()
+    for number in range(MOST_UNDER_WAY):
+        await bench.ask(client, Request(115, (float(number), *[0.0] * 6)))
+    await bench.ask(client, Request(115, (90.5, *[0.0] * 6)))
+    assert bench.acks() == [(115, NOT_NOW)]
+    assert bench.texts() == [f"CONDITION_YAW: {MOST_UNDER_WAY} commands for this drone have no last word yet"]
+    await bench.ask(client, LAND)
+    assert bench.drone.commands[-1] == Land()
+    for number in range(MOST_UNDER_WAY + 1):
+        await bench.say(Word.COMPLETED, number)
+    await bench.ask(client, Request(115, (91.0, *[0.0] * 6)))
+    assert bench.drone.commands[-1] == Mavlink(115, (91.0, *[0.0] * 6))
 
 
 async def test_a_hold_by_mode_is_acknowledged_once_and_never_in_progress(group: Any) -> None:

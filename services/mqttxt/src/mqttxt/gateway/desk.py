@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
+from ..core.ledger import OVERRIDING
 from ..protocol.commands import Arm, Command, Hold, Mavlink, Resume, SetCurrentItem, StartMission, Stream, Takeoff
 from ..protocol.states import Armed, Severity
 from ..station.outcomes import Outcome
@@ -36,6 +38,8 @@ KEPT_MS = 10_000
 """How long a takeoff waits for its client to arm the drone."""
 ARMED_MS = 3000
 """How long a completed arm counts for more than a state that says disarmed: its word may have come first."""
+MOST_UNDER_WAY = 32
+"""Commands for one drone without a last word; those that halt it come beside them."""
 _BY_THE_PLAN = (Arm, StartMission, Resume, SetCurrentItem)
 """What a client commands because of the plan that it has uploaded."""
 _BESIDE = (*_BY_THE_PLAN, Takeoff, Stream, Mavlink)
@@ -69,6 +73,7 @@ class Desk:
         self._armings: dict[int, Arming] = {}
         self._ground_holds: dict[int, Entry] = {}
         self._turns: dict[int, asyncio.Lock] = {}
+        self._under_way = Counter[int]()
 
     def on_request(self, client: Client, drone: Drone, request: Request, confirmation: int, takeoff_m: float) -> None:
         """A command that the drone has to carry out."""
@@ -94,7 +99,12 @@ class Desk:
             if entry.is_quiet and isinstance(command, Hold) and view.get(Armed) == Armed(False):
                 entry.ground_hold = asyncio.get_running_loop().create_future()
                 self._ground_holds[drone.number] = entry
-            self._group.create_task(self._carry_out(entry, drone, command))
+            if self._under_way[drone.number] >= MOST_UNDER_WAY and not isinstance(command, OVERRIDING):
+                text = f"{name_of(request.mav_cmd)}: {MOST_UNDER_WAY} commands for this drone have no last word yet"
+                raise Declined(text, NOT_NOW)
+            self._under_way[drone.number] += 1
+            task = self._group.create_task(self._carry_out(entry, drone, command))
+            task.add_done_callback(lambda _: self._under_way.subtract((drone.number,)))
         except Declined as declined:
             entry.decline(declined, self._now_ms())
 
