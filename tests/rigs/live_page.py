@@ -39,7 +39,7 @@ class LivePage(Browser):
         self.said.clear()
         self.resize(width, dark)
         self.show(url)
-        self.until("document.querySelectorAll('#fleet-rows tr').length > 0", "drones on the page")
+        self.until("document.querySelectorAll('#fleet-rows tr').length > 0", "drones on the page", 2 * PATIENCE_S)
 
     def show(self, url: str) -> None:
         """Any page, loaded whole."""
