@@ -19,6 +19,10 @@ REACHABLE, CONTROL, ARMED, HEIGHT = 3, 4, 5, 8
 TALLEST = 4000
 
 
+def _text_of(selector: str) -> str:
+    return f"(document.querySelector({json.dumps(selector)})?.textContent ?? '')"
+
+
 class LivePage(Browser):
     """A browser with one live page open."""
 
@@ -74,11 +78,10 @@ class LivePage(Browser):
         wait_until(holds, what, limit_s)
 
     def text(self, selector: str) -> str:
-        return str(self.value(f"document.querySelector({json.dumps(selector)})?.textContent ?? ''"))
+        return str(self.value(_text_of(selector)))
 
     def until_text(self, selector: str, part: str, limit_s: float = PATIENCE_S) -> None:
-        text = f"(document.querySelector({json.dumps(selector)})?.textContent ?? '')"
-        self.until(f"{text}.includes({json.dumps(part)})", f"{part!r} in {selector}", limit_s)
+        self.until(f"{_text_of(selector)}.includes({json.dumps(part)})", f"{part!r} in {selector}", limit_s)
 
     def click(self, selector: str, across: float = 0.5, down: float = 0.5) -> None:
         """With the mouse, in the middle of an element, or at other shares of its width and height."""

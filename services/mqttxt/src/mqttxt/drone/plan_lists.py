@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from ..protocol.plans import PlanItem, PlanList, list_hash
-from .mavlink.mission_protocol import Steps, TransferFailed, read, set_current, write
+from .mavlink.mission_protocol import FENCE_CIRCLES, FENCE_CORNERS, Steps, TransferFailed, read, set_current, write
 from .mavlink.plans import CannotExecute
 from .mavlink.vehicle import Vehicle
 
@@ -24,26 +24,14 @@ _PLAIN_FRAMES = {
 _CLOSE = 1e-3
 
 
-_MEASURED = frozenset(
-    (
-        mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
-        mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
-        mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
-        mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
-    )
-)
-"""Items of a fence whose first parameter is a count of corners or a radius."""
-
-
 def check_nulls(lists: Mapping[PlanList, Items]) -> None:
     """Raises CannotExecute for a fence or a rally point that lacks a number.
 
-    Autopilots do not refuse them: PX4 would have a fence without a radius, ArduCopter ends by a floating point
-    exception. Of a mission both refuse an item themselves.
+    PX4 1.15 and main take a radius and an altitude that are null, and ArduCopter ends by a floating point exception.
     """
     for kind in (PlanList.FENCE, PlanList.RALLY):
         for number, item in enumerate(lists.get(kind, ()), start=1):
-            if item.command in _MEASURED and item.params[0] is None:
+            if item.command in (*FENCE_CORNERS, *FENCE_CIRCLES) and item.params[0] is None:
                 raise CannotExecute(f"{kind.label} item {number}: param1 is null")
             if kind is PlanList.RALLY and item.z is None:
                 raise CannotExecute(f"{kind.label} item {number}: its altitude is null")

@@ -93,15 +93,15 @@ class Desk:
                 self._group.create_task(self._change_control(entry, drone))
                 return
             command = command_of(request, view, takeoff_m)
+            if self._under_way[drone.number] >= MOST_UNDER_WAY and not isinstance(command, OVERRIDING):
+                text = f"{name_of(request.mav_cmd)}: {MOST_UNDER_WAY} commands for this drone have no last word yet"
+                raise Declined(text, NOT_NOW)
             entry.is_quiet = is_quiet(request, command)
             if not isinstance(command, Arm | Stream | Mavlink):
                 self._ground_holds.pop(drone.number, None)
             if entry.is_quiet and isinstance(command, Hold) and view.get(Armed) == Armed(False):
                 entry.ground_hold = asyncio.get_running_loop().create_future()
                 self._ground_holds[drone.number] = entry
-            if self._under_way[drone.number] >= MOST_UNDER_WAY and not isinstance(command, OVERRIDING):
-                text = f"{name_of(request.mav_cmd)}: {MOST_UNDER_WAY} commands for this drone have no last word yet"
-                raise Declined(text, NOT_NOW)
             self._under_way[drone.number] += 1
             task = self._group.create_task(self._carry_out(entry, drone, command))
             task.add_done_callback(lambda _: self._under_way.subtract((drone.number,)))

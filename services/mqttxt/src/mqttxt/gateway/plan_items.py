@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from ..drone.mavlink.mission_protocol import item_of, message_of
+from ..drone.mavlink.mission_protocol import FENCE_CIRCLES, FENCE_CORNERS, item_of, message_of
 from ..protocol.plans import MOST_ITEMS, PlanItem, PlanList
 from ..protocol.states import Home
 from .telemetry import View
@@ -22,14 +22,9 @@ _INT_FRAMES: Final = {
 }
 """Frames of MISSION_ITEM_INT, by which MAVSDK knows a height above home; the plan has the others."""
 _PLAIN_FRAMES: Final = {one: other for other, one in _INT_FRAMES.items()}
-_CORNERS: Final = (
-    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
-    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
-)
-_CIRCLES: Final = (mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)
 _COMMANDS: Final[dict[PlanList, frozenset[int]]] = {
     PlanList.MISSION: frozenset(mavlink.enums["MAV_CMD"]),
-    PlanList.FENCE: frozenset((*_CORNERS, *_CIRCLES, mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT)),
+    PlanList.FENCE: frozenset((*FENCE_CORNERS, *FENCE_CIRCLES, mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT)),
     PlanList.RALLY: frozenset((mavlink.MAV_CMD_NAV_RALLY_POINT,)),
 }
 _LEAST_CORNERS = 3
@@ -113,9 +108,9 @@ def _check_polygons(items: Items) -> None:
     at = 0
     while at < len(items):
         item, first = items[at], items[at].params[0] or 0.0
-        if item.command in _CIRCLES and not first > 0:
+        if item.command in FENCE_CIRCLES and not first > 0:
             raise _wrong(mavlink.MAV_MISSION_INVALID_PARAM1, PlanList.FENCE, at + 1, "radius", "metres above 0", first)
-        if item.command not in _CORNERS:
+        if item.command not in FENCE_CORNERS:
             at += 1
             continue
         if first < _LEAST_CORNERS or first != int(first):

@@ -191,8 +191,7 @@ class Desk:
             async for said in sent:
                 if isinstance(said, PsmiList):
                     text, plain = choice_in_plain_english(said)
-                    order.words.append({"word": "choice", "text": text, "plain": plain, "code": code_of(said)})
-                    self._changed(order)
+                    self._enter(order, "choice", text, plain, code_of(said))
                 else:
                     self._of_id[said.fleet, said.id] = order
                     self._add(order, said)
@@ -237,15 +236,15 @@ class Desk:
             self._changed(order)
 
     def _add(self, order: Order, outcome: Outcome) -> None:
-        plain = in_plain_english(outcome)
-        word = {"word": outcome.word.label, "text": headline(outcome), "plain": plain, "code": code_of(outcome)}
-        order.words.append(word)
-        self._changed(order)
+        self._enter(order, outcome.word.label, headline(outcome), in_plain_english(outcome), code_of(outcome))
 
     def _say(self, order: Order, word: str, text: str) -> None:
         """Something about an order that is no word of a drone's."""
-        order.words.append({"word": word, "text": f"{word}: {text}", "plain": "", "code": None})
         self._log.add("Answer", f"{order.text}: {word}: {text}")
+        self._enter(order, word, f"{word}: {text}")
+
+    def _enter(self, order: Order, word: str, text: str, plain: str = "", code: str | None = None) -> None:
+        order.words.append({"word": word, "text": text, "plain": plain, "code": code})
         self._changed(order)
 
 

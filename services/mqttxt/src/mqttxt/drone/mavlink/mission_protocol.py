@@ -17,6 +17,13 @@ SENDS = 14
 """Repetitions for longer than an autopilot takes to give up somebody's transfer that broke off: PX4 after 5 s."""
 _MOST_READ = MOST_ITEMS + 1
 """One more than a plan has: ArduPilot's first item is home."""
+FENCE_CORNERS = (
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+)
+"""Items of a fence whose first parameter is how many corners their polygon has."""
+FENCE_CIRCLES = (mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)
+"""Items of a fence whose first parameter is a radius, in metres."""
 _BUSY = (mavlink.MAV_MISSION_ERROR, mavlink.MAV_MISSION_DENIED)
 Result = TypeVar("Result")
 
