@@ -88,8 +88,9 @@ class Browser:
         os.close(read_theirs)
         os.close(write_theirs)
         self._rest, self._number = b"", 0
-        target = next(t for t in self._ask("Target.getTargets")["targetInfos"] if t["type"] == "page")
-        self._session = self._ask("Target.attachToTarget", targetId=target["targetId"], flatten=True)["sessionId"]
+        # A tab of its own: the first one loads its blank page whenever the machine lets it, also in place of a test's.
+        target = self._ask("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._ask(f"{domain}.enable")
         return self
@@ -126,15 +127,20 @@ class Browser:
         self._ask("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._ask("Emulation.setEmulatedMedia", features=[scheme], media="print" if paper else "screen")
-        loaded = self._loaded
-        self._ask("Page.navigate", url=page.resolve().as_uri())
-        while self._loaded == loaded:
-            self._next()
+        self.show(page.resolve().as_uri())
         found = self._ask("Runtime.evaluate", expression=_MEASURE, returnByValue=True)["result"]["value"]
         return Look(
             *(width, found["scroll"], tuple(found["wider"]), tuple(found["cut"]), found["background"], found["ink"]),
             *(tuple(found["sizes"]), found["figures"]),
         )
+
+    def show(self, url: str) -> None:
+        """Any page, loaded whole."""
+        loaded = self._loaded
+        answer = self._ask("Page.navigate", url=url)
+        assert "errorText" not in answer, f"{url}: {answer['errorText']}"
+        while self._loaded == loaded:
+            self._next()
 
     def _ask(self, method: str, **params: Any) -> dict[str, Any]:
         self._number += 1

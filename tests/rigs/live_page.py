@@ -45,13 +45,6 @@ class LivePage(Browser):
         self.show(url)
         self.until("document.querySelectorAll('#fleet-rows tr').length > 0", "drones on the page", 2 * PATIENCE_S)
 
-    def show(self, url: str) -> None:
-        """Any page, loaded whole."""
-        loaded = self._loaded
-        self._ask("Page.navigate", url=url)
-        while self._loaded == loaded:
-            self._next()
-
     def resize(self, width: int, dark: bool, height: int = 1000) -> None:
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
         self._ask("Emulation.setDeviceMetricsOverride", **size)
@@ -75,7 +68,11 @@ class LivePage(Browser):
             except Navigated:
                 return False
 
-        wait_until(holds, what, limit_s)
+        try:
+            wait_until(holds, what, limit_s)
+        except AssertionError as error:
+            where = self.value("location.href + ', ' + document.readyState")
+            raise AssertionError(f"{error}; {where} said {self.said}") from error
 
     def text(self, selector: str) -> str:
         return str(self.value(_text_of(selector)))

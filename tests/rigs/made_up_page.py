@@ -34,6 +34,8 @@ async def served(
     finally:
         serving.cancel()
         await eventually(serving.done, "the page has ended")
+        if not serving.cancelled():
+            serving.result()
 
 
 @contextlib.asynccontextmanager
