@@ -20,8 +20,9 @@ from mqttxt import (
     StateUpdate,
     Word,
 )
-from tests.rigs.made_up_page import shown
-from tests.rigs.processes import eventually
+from tests.rigs.live_page import LivePage
+from tests.rigs.made_up_page import served, shown
+from tests.rigs.processes import eventually, free_port
 from tests.simulation.page_fleet import FakeLinks, FakeStation, outcome
 from tests.tools.axe import AXE
 from tests.tools.programs import chromium
@@ -33,6 +34,8 @@ pytestmark = [
 ATTACK = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 FLOOD = 20_000
 LARGE = 250
+LOADED = """getComputedStyle(document.documentElement).getPropertyValue('--ink') !== ''
+  && document.querySelectorAll('#fleet-rows tr').length === 2"""
 
 
 async def test_texts_of_others_are_only_text() -> None:
@@ -135,3 +138,15 @@ async def test_links_are_shown_changed_by_sliders_and_keep_nobody_out() -> None:
 async def test_a_page_without_links_shows_none() -> None:
     async with shown(FakeStation()) as browser:
         assert not await asyncio.to_thread(browser.value, "document.getElementById('links-section').checkVisibility()")
+
+
+@pytest.mark.parametrize("name", ["commands.js", "main.js", "page.css"])
+async def test_a_page_whose_file_was_cut_off_loads_again_by_itself(name: str) -> None:
+    """Chromium cuts off what it loads whenever a network interface comes or goes, as those of containers do."""
+    async with served(FakeStation(), free_port()) as url:
+        with LivePage() as browser:
+            await asyncio.to_thread(browser.cut_off, name)
+            await asyncio.to_thread(browser.show, url)
+            assert await asyncio.to_thread(browser.value, LOADED) is False
+            await asyncio.to_thread(browser.cut_off)
+            await asyncio.to_thread(browser.until, LOADED, "the page in its colours, and its drones")

@@ -17,6 +17,8 @@ from typing import Any
 from tests.rigs.processes import wait_until
 
 ANSWER_S = 60.0
+NETWORK_CHANGED = "net::ERR_NETWORK_CHANGED"
+"""Chromium's word for what it cut off because an interface came or went: other tests' containers have some."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,8 @@ class Browser:
         os.close(read_theirs)
         os.close(write_theirs)
         self._rest, self._number = b"", 0
-        # A tab of its own: the first one loads its blank page whenever the machine lets it, also in place of a test's.
-        target = self._ask("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        target = next(t for t in self._ask("Target.getTargets")["targetInfos"] if t["type"] == "page")
+        self._session = self._ask("Target.attachToTarget", targetId=target["targetId"], flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._ask(f"{domain}.enable")
         return self
@@ -137,8 +138,9 @@ class Browser:
     def show(self, url: str) -> None:
         """Any page, loaded whole."""
         loaded = self._loaded
-        answer = self._ask("Page.navigate", url=url)
-        assert "errorText" not in answer, f"{url}: {answer['errorText']}"
+        while (why := self._ask("Page.navigate", url=url).get("errorText")) == NETWORK_CHANGED:
+            pass
+        assert why is None, f"{url}: {why}"
         while self._loaded == loaded:
             self._next()
 
@@ -173,7 +175,7 @@ class Browser:
             self.said.append(str([one.get("value") for one in params["args"]]))
         if method == "Runtime.exceptionThrown":
             self.said.append(params["exceptionDetails"]["text"])
-        if method == "Log.entryAdded":
+        if method == "Log.entryAdded" and NETWORK_CHANGED not in params["entry"]["text"]:
             self.said.append(params["entry"]["text"])
         if method == "Network.requestWillBeSent" and not params["request"]["url"].startswith(self.own):
             self.said.append(f"asked for {params['request']['url']}")

@@ -51,6 +51,10 @@ class LivePage(Browser):
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._ask("Emulation.setEmulatedMedia", features=[scheme], media="screen")
 
+    def cut_off(self, *files: str) -> None:
+        """From now on these files are not loaded, as when the network changes; none: all are again."""
+        self._ask("Network.setBlockedURLs", urls=[f"*/{name}" for name in files])
+
     def set_time_zone(self, name: str) -> None:
         """Where whoever looks at the page is, from the next page on; UTC where `name` is empty."""
         self._ask("Emulation.setTimezoneOverride", timezoneId=name)

@@ -18,7 +18,7 @@ from mqttxt import ConfigurationError, Fog, GroundStation
 from mqttxt.cli.main import app
 from mqttxt.page.live import Live
 from mqttxt.page.process import check_listen, serve
-from mqttxt.page.server import _FILES, MOST_REQUEST_BYTES, Server
+from mqttxt.page.server import _FILES, _START, MOST_REQUEST_BYTES, Server
 from tests.rigs.loopback import eventually, free_port
 from tests.simulation.page_fleet import FakeStation
 
@@ -38,7 +38,7 @@ async def served(station: FakeStation) -> AsyncIterator[tuple[Server, aiohttp.Cl
 
 
 async def test_every_file_is_served_and_allows_the_browser_nothing_else() -> None:
-    assert {path.name for path in ASSETS.iterdir()} == set(_FILES)
+    assert {path.name for path in ASSETS.iterdir()} == {*_FILES, _START}
     async with served(FakeStation()) as (server, session):
         for name in ("", "log.jsonl", "no-such-file", "..%2fserver.py", *_FILES):
             async with session.get(server.url + name) as answer:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
 import errno
+import hashlib
 import logging
 from collections.abc import Awaitable, Callable
 from importlib.resources import files
@@ -26,6 +28,7 @@ HEARTBEAT_S = 20.0
 SHUTDOWN_S = 1.0
 TICK_S = 0.1
 """How often a browser is sent what has changed."""
+_START = "start.js"
 _MODULES = (
     "main",
     "dom",
@@ -48,7 +51,7 @@ _FILES = {
 }
 _HEADERS = {
     "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+        "default-src 'none'; script-src 'self' '{start}'; style-src 'self'; img-src 'self'; connect-src 'self'; "
         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
     "Cross-Origin-Opener-Policy": "same-origin",
@@ -57,7 +60,7 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
-"""The browser itself asks nobody but this server, and runs no script that is not one of its files."""
+"""The browser itself asks nobody but this server, and runs no script that is not one of its files, or `start`."""
 _KEEP = {"Cache-Control": "private, max-age=3600"}
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -85,13 +88,16 @@ class Server:
         self._sockets: set[web.WebSocketResponse] = set()
         assets = files(__package__) / "assets"
         self._files = {name: (assets / name).read_bytes() for name in _FILES}
+        start = (assets / _START).read_bytes()
+        self._files["page.html"] = self._files["page.html"].replace(b"<script>", b"<script>" + start)
+        self._start = f"sha256-{base64.b64encode(hashlib.sha256(start).digest()).decode()}"
         app = web.Application(middlewares=[self._guard])
         app.router.add_get("/", self._page)
         app.router.add_get("/live", self._socket)
         app.router.add_get("/log.jsonl", self._log)
         app.router.add_get(r"/tiles/{zoom:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", self._tile)
         app.router.add_get("/{name}", self._file)
-        app.on_response_prepare.append(_add_headers)
+        app.on_response_prepare.append(self._add_headers)
         app.on_shutdown.append(self._close_sockets)
         self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=SHUTDOWN_S)
 
@@ -172,14 +178,13 @@ class Server:
                 await sending
         return socket
 
+    async def _add_headers(self, _request: web.Request, response: web.StreamResponse) -> None:
+        for name, value in _HEADERS.items():
+            response.headers.setdefault(name, value.format(start=self._start))
+
     async def _close_sockets(self, _app: web.Application) -> None:
         for socket in list(self._sockets):
             await socket.close(message=b"the page's program has ended")
-
-
-async def _add_headers(_request: web.Request, response: web.StreamResponse) -> None:
-    for name, value in _HEADERS.items():
-        response.headers.setdefault(name, value)
 
 
 async def _send(socket: web.WebSocketResponse, viewer: Viewer) -> None:

@@ -111,10 +111,17 @@ export class Tiles {
   }
 
   async load(name, offer) {
-    const answer = await fetch(name);
+    let answer, body;
+    try {
+      answer = await fetch(name);
+      body = await answer.blob();
+    } catch {
+      this.loaded.delete(name); // the network was cut off: whoever draws next asks again
+      return;
+    }
     if (answer.status !== 200) return;
-    const read = async () => ({ picture: await createImageBitmap(await answer.blob()), names: [] });
-    const tile = offer.shapes ? readShapes(await answer.arrayBuffer()) : await read();
+    const read = async () => ({ picture: await createImageBitmap(body), names: [] });
+    const tile = offer.shapes ? readShapes(await body.arrayBuffer()) : await read();
     if (this.offer !== offer || !this.loaded.has(name)) return;
     this.loaded.set(name, tile);
     this.show();
