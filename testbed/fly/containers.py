@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -36,6 +37,7 @@ HEALTH_INTERVAL = "24h"
 LOG_LINES = 12
 SERVICE_LABEL = "com.docker.compose.service"
 PROJECT_LABEL = "com.docker.compose.project"
+OURS: dict[str, str | list[str] | bool] = {"label": f"{PROJECT_LABEL}={PROJECT}"}
 NODE_USER = "1000:1000"
 
 
@@ -77,8 +79,11 @@ class Containers:
 
     def check_alive(self) -> None:
         """Raises ContainerDied for a container that has ended."""
-        for container in self._all():
-            if container.status in ("exited", "dead"):
+        with _answered():  # one request: the client's own list asks after each container, once more a second in flight
+            found = self._client.api.containers(all=True, filters=OURS)
+        for one in found:
+            if one["State"] in ("exited", "dead"):
+                container = self._client.containers.get(one["Id"])
                 code = container.attrs["State"].get("ExitCode")
                 raise ContainerDied(self._describe(container, f"ended with exit code {code}"))
 
@@ -147,7 +152,7 @@ class Containers:
     def down(self) -> None:
         """End and remove everything of this project, whatever its profile and its fleet."""
         self._compose("down", "--timeout", "3", "--volumes", "--remove-orphans")
-        for network in self._client.networks.list(filters={"label": f"{PROJECT_LABEL}={PROJECT}"}):
+        for network in self._client.networks.list(filters=OURS):
             network.remove()  # compose leaves those that this fleet does not have
 
     def images(self) -> dict[str, str]:
@@ -169,10 +174,8 @@ class Containers:
         return {"docker": info["Version"], "compose": compose.stdout.strip(), "kernel": info["KernelVersion"]}
 
     def _all(self) -> list[Any]:
-        try:
-            return list(self._client.containers.list(all=True, filters={"label": f"{PROJECT_LABEL}={PROJECT}"}))
-        except (APIError, RequestException) as error:
-            raise DockerError(f"Docker does not answer: {error}") from error
+        with _answered():
+            return list(self._client.containers.list(all=True, filters=OURS))
 
     def _service(self, service: str) -> Any:
         for container in self._all():
@@ -220,6 +223,15 @@ class Containers:
             reasons = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()
             failure = FleetError if words[0] == "up" else DockerError
             raise failure(f"compose {words[0]}: {' '.join(reasons[-2:]) or 'failed without a word'}")
+
+
+@contextlib.contextmanager
+def _answered() -> Iterator[None]:
+    """Raises DockerError where Docker does not answer."""
+    try:
+        yield
+    except (APIError, RequestException) as error:
+        raise DockerError(f"Docker does not answer: {error}") from error
 
 
 def connect_docker() -> docker.DockerClient:

@@ -17,7 +17,7 @@ class ConsoleProgress:
         self._console = console
         self._status: Status | None = None
         self._step = ""
-        self._step_started = 0.0
+        self._step_started_s = self._at_s = 0.0
         self._drones: dict[str, str] = {}
 
     def attempt(self, protocol: str, number: int, of: int, repeat: int = 0) -> None:
@@ -36,10 +36,12 @@ class ConsoleProgress:
             raise
         self._console.print(f"  {text} … {time.monotonic() - started:.1f} s")
 
-    def step(self, name: str, drones: dict[str, str]) -> None:
+    def step(self, name: str, drones: dict[str, str], at_s: float) -> None:
+        """Where the drones are in a step, and when they were there, of any clock of seconds."""
+        self._at_s = at_s
         if name != self._step:
             self._finish_step()
-            self._step, self._step_started = name, time.monotonic()
+            self._step, self._step_started_s = name, at_s
         self._drones = drones
         if self._console.is_terminal:
             if self._status is None:
@@ -61,6 +63,6 @@ class ConsoleProgress:
             self._status.stop()
             self._status = None
         if self._step:
-            took = time.monotonic() - self._step_started
-            self._console.print(f"  {self._step:<9} {took:5.1f} s  {self._where()}", soft_wrap=True, markup=False)
+            took_s = self._at_s - self._step_started_s
+            self._console.print(f"  {self._step:<9} {took_s:5.1f} s  {self._where()}", soft_wrap=True, markup=False)
         self._step = ""

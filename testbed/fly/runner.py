@@ -43,7 +43,7 @@ class Progress(Protocol):
 
     def attempt(self, protocol: str, number: int, of: int, repeat: int) -> None: ...
     def phase(self, text: str) -> contextlib.AbstractContextManager[None]: ...
-    def step(self, name: str, drones: dict[str, str]) -> None: ...
+    def step(self, name: str, drones: dict[str, str], at_s: float) -> None: ...
     def ended(self, status: str, reason: str | None) -> None: ...
 
 
@@ -246,7 +246,7 @@ def _mission(
                 break
             shown = _progress_line(line)
             if shown is not None:
-                progress.step(shown["step"], shown["drones"])
+                progress.step(shown["step"], shown["drones"], shown["at_s"])
                 continue
             log.write(f"{line}\n")
             last = line.strip() or last
@@ -266,7 +266,7 @@ def _progress_line(line: str) -> dict[str, Any] | None:
         found = json.loads(line)
     except ValueError:
         return None
-    return found if isinstance(found, dict) and {"step", "drones"} <= set(found) else None
+    return found if isinstance(found, dict) and {"step", "drones", "at_s"} <= set(found) else None
 
 
 def _take_down(containers: Containers, attempt: Attempt) -> dict[str, Usage]:

@@ -30,7 +30,7 @@ class Quiet:
         self.said.append(text)
         yield
 
-    def step(self, name: str, drones: dict[str, str]) -> None:
+    def step(self, name: str, drones: dict[str, str], at_s: float) -> None:
         self.said.append((name, drones))
 
     def ended(self, status: str, reason: str | None) -> None:

@@ -18,6 +18,7 @@ from mission.points import points_of
 from mission.steps import Steps
 from mission.surveys import surveys_of
 from mqttxt.protocol.readings import UNITS
+from tests.rigs.loopback import eventually
 
 
 class Fleet:
@@ -262,10 +263,26 @@ async def test_what_a_fleet_says_while_a_step_waits_is_that_steps_reason(log: Ev
     assert _events(tmp_path)[-1]["reason"] == "hold: drone 2: heartbeats stopped"
 
 
-def test_progress_is_a_line_for_programs() -> None:
+async def test_progress_is_lines_for_programs_written_when_no_command_is_under_way() -> None:
     shown = StringIO()
-    EventLog(Path("/dev/null"), shown).show("land", {1: "armed, 3.0 m"})
-    assert json.loads(shown.getvalue()) == {"step": "land", "drones": {"1": "armed, 3.0 m"}}
+    log = EventLog(Path("/dev/null"), shown)
+    log.show("hold", {1: "armed, 10.0 m"})
+    log.show("land", {1: "armed, 3.0 m"})
+    await asyncio.sleep(0)
+    assert shown.getvalue() == "", "whoever reads it would take a core from the step's command"
+    await eventually(shown.getvalue, "the lines")
+    hold, land = map(json.loads, shown.getvalue().splitlines())
+    assert hold.pop("at_s") <= land.pop("at_s")
+    assert hold == {"step": "hold", "drones": {"1": "armed, 10.0 m"}}
+    assert land == {"step": "land", "drones": {"1": "armed, 3.0 m"}}
+
+
+async def test_progress_that_was_not_written_yet_is_at_the_end() -> None:
+    shown = StringIO()
+    log = EventLog(Path("/dev/null"), shown)
+    log.show("land", {1: "armed, 3.0 m"})
+    log.close()
+    assert json.loads(shown.getvalue())["step"] == "land"
 
 
 @pytest.mark.parametrize(

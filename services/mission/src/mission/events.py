@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sys
 import time
@@ -13,6 +14,9 @@ from mqttxt import Word
 
 from .fleet import Reading
 
+SHOW_LATER_S = 0.25
+"""Whoever watches takes a core for milliseconds: not those in which a step's command is under way."""
+
 
 class EventLog:
     """One JSON object a line, with CLOCK_REALTIME nanoseconds, as packet captures have them."""
@@ -20,6 +24,7 @@ class EventLog:
     def __init__(self, path: Path, progress: TextIO = sys.stdout) -> None:
         self._file = path.open("a", encoding="utf-8")
         self._progress = progress
+        self._unshown: list[str] = []
         self._calls = 0
 
     def write(self, event: str, **detail: Any) -> None:
@@ -52,10 +57,20 @@ class EventLog:
         return self._calls
 
     def show(self, step: str, drones: dict[int, str]) -> None:
-        """A progress line: which step, and where each drone is."""
-        line = json.dumps({"step": step, "drones": {str(drone): text for drone, text in drones.items()}})
-        self._progress.write(line + "\n")
-        self._progress.flush()
+        """A progress line: when (CLOCK_MONOTONIC), which step, and where each drone is; written SHOW_LATER_S later.
+
+        Raises RuntimeError outside an event loop.
+        """
+        if not self._unshown:
+            asyncio.get_running_loop().call_later(SHOW_LATER_S, self._show_all)
+        where = {str(drone): text for drone, text in drones.items()}
+        self._unshown.append(json.dumps({"at_s": time.monotonic(), "step": step, "drones": where}) + "\n")
 
     def close(self) -> None:
+        self._show_all()
         self._file.close()
+
+    def _show_all(self) -> None:
+        self._progress.write("".join(self._unshown))
+        self._progress.flush()
+        self._unshown.clear()

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from testbed.errors import DockerError, FleetError
+from testbed.errors import ContainerDied, DockerError, FleetError
 from testbed.fly import containers, daemon, only_run
 from testbed.fly.containers import Containers, services_of
 from testbed.fly.daemon import Usage, usage_of
@@ -54,6 +54,26 @@ def test_a_command_that_speaks_often_does_not_hide_a_container_that_died(monkeyp
     said = list(fleet.execute("gs", ["mission"], limit_s=60, alive_every_s=0.01))
     assert said == ["a", "bc"] * 50
     assert len(looked) > 3
+
+
+def test_one_request_tells_whether_all_are_alive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Docker's client asks after each container when it lists them; in flight that took cores from the nodes."""
+    state, fleet = ["running"], Containers.__new__(Containers)
+    ended = SimpleNamespace(
+        attrs={"State": {"ExitCode": 137}}, labels={containers.SERVICE_LABEL: "uav2"}, logs=lambda tail: b"the last"
+    )
+
+    def listed(all: bool, filters: dict[str, str]) -> list[dict[str, str]]:
+        assert (all, filters) == (True, {"label": "com.docker.compose.project=mqttxt-testbed"})
+        return [{"Id": "1", "State": "running"}, {"Id": "2", "State": state[0]}]
+
+    client = SimpleNamespace(api=SimpleNamespace(containers=listed))
+    monkeypatch.setattr(fleet, "_client", client, raising=False)
+    fleet.check_alive()
+    state[0] = "exited"
+    client.containers = SimpleNamespace(get={"2": ended}.__getitem__)
+    with pytest.raises(ContainerDied, match=r"uav2 ended with exit code 137(.|\n)*the last"):
+        fleet.check_alive()
 
 
 def test_a_command_that_Docker_lost_sight_of_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

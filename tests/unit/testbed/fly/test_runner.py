@@ -33,7 +33,7 @@ def calibrations(monkeypatch: pytest.MonkeyPatch) -> list[Calibration]:
     return found
 
 
-TAKEOFF = json.dumps({"step": "takeoff", "drones": {"1": "armed, 3.0 m"}})
+TAKEOFF = json.dumps({"at_s": 7.5, "step": "takeoff", "drones": {"1": "armed, 3.0 m"}})
 
 
 def _fly(
