@@ -168,11 +168,10 @@ def test_a_mission_that_is_flown_is_not_replaced(flight: Flight) -> None:
             "fence item 1: param1 is null",
         ),
         (PlanObject(rally=(*RALLY, replace(RALLY[0], z=None))), "rally item 2: its altitude is null"),
+        (PlanObject(mission=(UP, replace(SQUARE[0], z=None))), "mission item 2: its altitude is null"),
     ],
 )
-def test_a_fence_or_a_rally_point_that_lacks_a_number_reaches_no_autopilot(
-    flight: Flight, plan: PlanObject, reason: str
-) -> None:
+def test_an_item_that_lacks_a_number_reaches_no_autopilot(flight: Flight, plan: PlanObject, reason: str) -> None:
     assert upload(flight, plan) == (Word.DENIED, reason)
     assert fetch(flight) == PlanObject(mission=(), fence=(), rally=())
 

@@ -25,15 +25,15 @@ _CLOSE = 1e-3
 
 
 def check_nulls(lists: Mapping[PlanList, Items]) -> None:
-    """Raises CannotExecute for a fence or a rally point that lacks a number.
+    """Raises CannotExecute for an item that lacks a number without which nobody knows where it is.
 
-    PX4 1.15 and main take a radius and an altitude that are null, and ArduCopter ends by a floating point exception.
+    PX4 1.15 and main take a radius and an altitude that are null, and ArduCopter ends by it, or refuses a mission.
     """
-    for kind in (PlanList.FENCE, PlanList.RALLY):
-        for number, item in enumerate(lists.get(kind, ()), start=1):
+    for kind, items in lists.items():
+        for number, item in enumerate(items, start=1):
             if item.command in (*FENCE_CORNERS, *FENCE_CIRCLES) and item.params[0] is None:
                 raise CannotExecute(f"{kind.label} item {number}: param1 is null")
-            if kind is PlanList.RALLY and item.z is None:
+            if kind is not PlanList.FENCE and item.frame != mavlink.MAV_FRAME_MISSION and item.z is None:
                 raise CannotExecute(f"{kind.label} item {number}: its altitude is null")
 
 
