@@ -22,6 +22,8 @@ SECURITY ?=
 STATION ?=
 # Not empty: the flights are shown on the live page, and do not count.
 PAGE ?=
+# What `make reproduce` draws from; empty: the table's own seed.
+SEED ?=
 # Campaigns on many machines: where the scheduler is, and what makes machines those of one campaign.
 SCHEDULER ?=
 CERTIFICATE ?= campaign.pem
@@ -36,7 +38,7 @@ export PYTHONPYCACHEPREFIX ?= $(CURDIR)/.cache/pycache
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 scenario-5 all certificate scheduler worker summary arms links up down report test check soak bench docs sitl doctor lock upgrade clean venv containers tools
+.PHONY: help messages scenario-1 scenario-2 scenario-3 scenario-4 scenario-5 all reproduce certificate scheduler worker summary arms links up down report test check soak bench docs sitl doctor lock upgrade clean venv containers tools
 
 help: ## Say what each target does
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -52,6 +54,9 @@ messages scenario-1 scenario-2 scenario-3 scenario-4 scenario-5: containers
 
 all: containers ## Fly everything, or go on where that was broken off (ATTEMPTS= EXPERIMENTS= ARMS= PROFILES= FOGS= DRONES= SCHEDULER=)
 	@$(PYTHON) -m testbed all --attempts '$(ATTEMPTS)' --experiments '$(EXPERIMENTS)' --arms '$(ARMS)' --profiles '$(PROFILES)' --shaper '$(SHAPER)' --samples '$(SAMPLES)' --count '$(COUNT)' --scheduler '$(SCHEDULER)' --certificate '$(CERTIFICATE)'
+
+reproduce: containers ## Fly the headline table, and say whether its findings are reproduced (ATTEMPTS= SEED=)
+	@$(PYTHON) -m testbed reproduce --attempts '$(if $(filter file,$(origin ATTEMPTS)),,$(ATTEMPTS))' --seed '$(SEED)'
 
 certificate: venv ## Make the certificate of a campaign on many machines, for all of them (CERTIFICATE=campaign.pem)
 	@$(PYTHON) -m testbed certificate '$(CERTIFICATE)'

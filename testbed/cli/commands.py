@@ -43,6 +43,7 @@ from .campaign import fly_everything
 from .live import PROFILE_HELP, SHAPER_HELP, down, factor_help, link, page, up
 from .machines import certificate, scheduler, worker
 from .packets import packets
+from .reproduce import reproduce
 from .summary import summary
 
 app = typer.Typer(
@@ -215,6 +216,7 @@ for live in (up, link, page, down):
 app.command()(_errors_as_lines()(packets))
 app.command()(_errors_as_lines()(summary))
 app.command(name="all")(_errors_as_lines()(fly_everything))
+app.command()(_errors_as_lines()(reproduce))
 for command in (certificate, scheduler, worker):
     app.command()(_errors_as_lines()(command))
 _profiles = typer.Typer(invoke_without_command=True, callback=_errors_as_lines()(profiles.profiles))

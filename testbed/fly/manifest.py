@@ -40,7 +40,10 @@ def describe(plan: Plan, attempt: Attempt, settings: dict[str, str], links: Link
         "reason": None,
         "revision": revision(),
         "configuration": configuration_of(plan, settings),
-        "seeds": {"sitl": SITL_SEED, "links": links.seed},
+        "seeds": {
+            **{"sitl": SITL_SEED, "links": links.seed},
+            **({"order": plan.order_seed} if plan.order_seed is not None else {}),
+        },
         "shaper": "none",  # until `net` says what shapes the links
         "host": {
             "name": machine_name(),

@@ -93,6 +93,7 @@ class Attempt:
     states: Loss
     frames: Loss
     delays_ms: tuple[float, ...]
+    longest_state_ms: float | None
     frames_per_call: Mapping[str, float]
     retransmitted: int
     cpu_s: Mapping[str, float]
@@ -154,6 +155,9 @@ def observe_attempt(entry: AttemptEntry) -> Attempt:
         states=_messages(entry["messages"]["states"]),
         frames=Loss(lost - unreached, entry["packets"] - unreached),
         delays_ms=tuple(ms for of_command in entry["delay_ms"].values() for ms in of_command),
+        longest_state_ms=max(
+            (ms for one in entry["state_delay_ms"].values() if (ms := one["captures"]["max"]) is not None), default=None
+        ),
         frames_per_call=entry["frames_per_call"],
         retransmitted=entry["retransmissions"]["packets"],
         cpu_s=entry["cpu_s"],

@@ -75,6 +75,13 @@ STATES_LOST = share("states_lost", "states lost", lambda one: one.states)
 FRAMES_LOST = share("wire_loss", "frames lost", lambda one: one.frames)
 DELAY = Quantity("delay_ms", "delay of commands", "ms", words.milliseconds, lambda one: _middle(one.delays_ms))
 """Of an attempt the median over its commands and drones."""
+LONGEST_STATE = Quantity(
+    "longest_state_ms", "longest delay of a state", "ms", words.milliseconds, lambda one: one.longest_state_ms
+)
+"""From leaving the drone to reaching the ground station, by capture."""
+SUCCESS = Quantity(
+    "success", "completed attempts", "share", words.share, lambda one: float(one.completed), counted=True
+)
 FRAMES_PER_CALL = ByCommand(
     "frames_per_call", "frames per call", "frames", words.digits, lambda _: None, values=lambda one: one.frames_per_call
 )

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from random import Random
 from typing import Any
 
 from net.link_plan import SHAPERS
@@ -14,6 +15,7 @@ from ..errors import UserError
 from .fleet import MOST_ROUTED, Fleet
 from .fleets import standard_fleet
 from .own_missions import check_mission
+from .profiles.draws import seed_of
 from .profiles.reading import Profile, read_profile
 from .profiles.resolve import resolve
 from .topology import Topology
@@ -108,6 +110,8 @@ class Plan:
     fleet: Fleet = field(default_factory=standard_fleet)
     page: int | None = None
     """The port where the live page shows the flights. They do not count then: a station that watches opens gates."""
+    order_seed: int | None = None
+    """Who flies first is drawn from it; None: it alternates."""
 
     @property
     def is_message_set(self) -> bool:
@@ -144,7 +148,10 @@ class Plan:
         return self.factors.security == "signed"
 
     def order(self, attempt: int) -> tuple[str, ...]:
-        """Who flies first: as listed in odd attempts, the other way round in even ones."""
+        """Who flies first: drawn from `order_seed`, else as listed in odd attempts and the other way round in even."""
+        if self.order_seed is not None:
+            draw = Random(seed_of(self.order_seed, self.experiment, self.label, self.profile.name, attempt))
+            return tuple(draw.sample(self.protocols, len(self.protocols)))
         return self.protocols if attempt % 2 else self.protocols[::-1]
 
 

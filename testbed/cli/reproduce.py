@@ -1,0 +1,86 @@
+"""The command: fly the headline table, and say whether its findings were found again."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from ..errors import DockerError, ResultsError
+from ..fly.campaign.run import fly_all
+from ..fly.flights import settings_of
+from ..fly.only_run import only_run
+from ..fly.progress import ConsoleProgress
+from ..fly.results import Series
+from ..fly.runner import Begun, Interrupted, run_series, signals_interrupt
+from ..fly.validity import Verdict
+from ..numbers.reproduction import REPRODUCED
+from ..plan.experiments import Plan
+from ..plan.headline import HEADLINE, Headline, read_headline
+from ..plan.overrides import suffix
+from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker, shown_path
+from ..present.reproduction import Flown, flown_of, print_reproduction, verdict, write_reproduction
+from ..present.summary.cells import find_cells
+
+FOLDER = RESULTS / "reproduction"
+
+
+def reproduce(
+    attempts: Annotated[str, typer.Option(help="How often each cell, over each protocol; empty: the table's.")] = "",
+    seed: Annotated[str, typer.Option(help="Draws who flies first, and the resamples; empty: the table's.")] = "",
+    table: Annotated[Path, typer.Option(help="The cells, their lines and margins.")] = HEADLINE,
+    results: Annotated[Path, typer.Option(help="Folder for the results.")] = FOLDER,
+    fly: Annotated[bool, typer.Option("--fly/--no-fly", help="Judge alone what was flown before.")] = True,
+) -> None:
+    """Fly the headline table and say whether its findings were reproduced; broken off, it goes on where it stopped.
+
+    Exit code 0 if every line is reproduced, 1 if one is not or is undecided.
+    """
+    headline = read_headline(table, attempts, seed)
+    console, root = make_console(), results.absolute()
+    if fly:
+        _fly(headline, root, console, f"to go on, type: {_typed(attempts, seed)}")
+    flown = _judged(headline, root)
+    print_reproduction(headline, flown, console)
+    for path in write_reproduction(headline, flown, root):
+        console.print(f"{path.suffix[1:]}: {shown_path(path)}", markup=False, soft_wrap=True)
+    if verdict(flown) != REPRODUCED:
+        raise typer.Exit(1)
+
+
+def _fly(headline: Headline, root: Path, console: Console, again: str) -> None:
+    plans = [cell.plan for cell in headline.cells]
+    for plan in plans:
+        for protocol in plan.protocols:
+            settings_of(plan, protocol)  # its errors are raised before anything is written
+    only_run()
+
+    def fly(plan: Plan, series: Series, begun: dict[int, Begun]) -> list[Verdict]:
+        with reported_without_docker(series, console):
+            return run_series(plan, series, ConsoleProgress(console), begun=begun)
+
+    try:
+        with signals_interrupt("what was flown is kept"):
+            fly_all(plans, root, console, fly, lambda path: report_series(path, console))
+    except (Interrupted, DockerError) as error:
+        raise type(error)(f"{error}\n{again}") from None
+
+
+def _judged(headline: Headline, root: Path) -> list[Flown]:
+    """Each cell by its newest measured series. Raises ResultsError where there is none."""
+    measured = {(one.experiment, one.arm, one.profile): one for one in find_cells([root]).cells}
+    found = []
+    for cell in headline.cells:
+        name = cell.plan.experiment, cell.plan.label + suffix(os.environ), cell.plan.profile.name
+        if name not in measured:
+            raise ResultsError(f"{shown_path(root)}: {cell.name}: expected a measured series; fly it without --no-fly")
+        found.append(flown_of(cell, measured[name].series, measured[name].metrics, headline.seed))
+    return found
+
+
+def _typed(attempts: str, seed: str) -> str:
+    changed = [f"{name}={value}" for name, value in (("ATTEMPTS", attempts), ("SEED", seed)) if value]
+    return " ".join(["make reproduce", *changed])

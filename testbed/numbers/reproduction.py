@@ -1,0 +1,94 @@
+"""Whether a finding was found again: bootstrap intervals over paired attempts, held to margins written down before."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..plan.headline import LEAST_ATTEMPTS, RATIO, Cell, Line
+from .observed import NO_SIDE, Sides
+from .quantities import LONGEST_STATE, QUANTITIES, SUCCESS
+from .quantity import ABOVE, BELOW, Quantity
+from .statistics import RESAMPLES, significant
+
+REPRODUCED, NOT_REPRODUCED, UNDECIDED = "reproduced", "not reproduced", "undecided"
+JUDGED: dict[str, Quantity] = {one.key: one for one in (*QUANTITIES, LONGEST_STATE, SUCCESS)}
+"""What a line of the table may name; the table's schema has those of them that have a value of each attempt."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean over attempts and its 95 % bootstrap interval (percentiles)."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A line of the table as it was found; `points` by attempt, `missing` the attempts without a value."""
+
+    line: Line
+    quantity: Quantity
+    points: Mapping[int, float]
+    missing: tuple[int, ...]
+    estimate: Estimate | None
+
+    @property
+    def verdict(self) -> str:
+        """By where the interval lies: inside the margin, outside, or across an edge; without one undecided."""
+        if self.estimate is None:
+            return UNDECIDED
+        low, high = self.line.margin
+        if low <= self.estimate.low and self.estimate.high <= high:
+            return REPRODUCED
+        return NOT_REPRODUCED if self.estimate.high < low or self.estimate.low > high else UNDECIDED
+
+
+def judge(cell: Cell, sides: Sides, seed: int) -> list[Judged]:
+    """Every line of a cell, by a series' attempts that count."""
+    return [_judged(line, sides, cell.plan.attempts, seed) for line in cell.lines]
+
+
+def verdict_of(judged: Sequence[Judged]) -> str:
+    """Of all lines together: reproduced if every one is, not reproduced if one is not."""
+    verdicts = {one.verdict for one in judged}
+    if NOT_REPRODUCED in verdicts:
+        return NOT_REPRODUCED
+    return REPRODUCED if verdicts == {REPRODUCED} else UNDECIDED
+
+
+def estimate(points: Sequence[float], seed: int, *, ratios: bool = False) -> Estimate | None:
+    """The mean of some attempts, of `ratios` (above 0) the geometric one, and the interval of resampled means.
+
+    Paired attempts are resampled as pairs: a point is the ratio of both. None below three points.
+    """
+    if len(points) < LEAST_ATTEMPTS:
+        return None
+    values = np.array(points, dtype=np.float64)
+    values = np.log(values) if ratios else values
+    back: Callable[[float], float] = math.exp if ratios else float
+    drawn = np.random.default_rng(seed).integers(0, len(values), size=(RESAMPLES, len(values)))
+    edges = np.percentile(values[drawn].mean(axis=1), (2.5, 97.5))
+    found = (significant(back(float(value))) for value in (values.mean(), *edges))
+    return Estimate(*found)
+
+
+def paired_ratios(above: Mapping[int, float], below: Mapping[int, float]) -> dict[int, float]:
+    """By attempt the one's value over the other's; none where one is missing or zero, of which there is no ratio."""
+    both = sorted(set(above) & set(below))
+    return {number: above[number] / below[number] for number in both if above[number] > 0 and below[number] > 0}
+
+
+def _judged(line: Line, sides: Sides, attempts: int, seed: int) -> Judged:
+    quantity = JUDGED[line.quantity]
+    by_side = {name: quantity.points(sides.get(name, NO_SIDE)) for name in (ABOVE, BELOW)}
+    is_ratio = line.of == RATIO
+    found = paired_ratios(by_side[ABOVE], by_side[BELOW]) if is_ratio else by_side[line.of]
+    points = {number: found[number] for number in sorted(found) if number <= attempts}
+    missing = tuple(number for number in range(1, attempts + 1) if number not in points)
+    return Judged(line, quantity, points, missing, estimate(tuple(points.values()), seed, ratios=is_ratio))

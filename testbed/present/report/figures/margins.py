@@ -1,0 +1,72 @@
+"""Found beside published: each line's interval within its margin, all divided by the published figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ....numbers.reproduction import Judged
+from .axes import Scale, bottom, steps
+from .draw import TEXT, Drawing
+from .figure import Figure, Value
+
+_LINE, _HEAD = 22.0, 30.0
+
+
+def margins(lines: Sequence[tuple[str, str, Judged]]) -> Figure:
+    """Of (cell, name, line as judged); what was published as 0 has no place on the scale, and is in the data alone."""
+    table: list[tuple[Value, ...]] = []
+    for cell, name, judged in lines:
+        found = judged.estimate
+        edges = (found.value, found.low, found.high) if found is not None else (None, None, None)
+        table.append((cell, name, judged.line.expected, *judged.line.margin, *edges, judged.verdict))
+    return Figure(
+        name="reproduction",
+        title="Found over published",
+        shows="Each line's mean, its 95 % bootstrap interval, and the margin in which it counts as the same.",
+        note="Grey: the margin. Line and dot: the interval and the mean that were found; hollow where it is not "
+        "reproduced. Everything is divided by the published figure, which is at 1; lines published as 0 are left out.",
+        draw=lambda width: _draw(lines, width),
+        header=("cell", "line", "published", "margin from", "margin to", "found", "from", "to", "verdict"),
+        rows=tuple(table),
+    )
+
+
+def _draw(lines: Sequence[tuple[str, str, Judged]], width: float) -> Drawing:
+    scaled = [(cell, name, judged) for cell, name, judged in lines if judged.line.expected > 0]
+    cells = list(dict.fromkeys(cell for cell, _, _ in scaled))
+    narrow = width < 600
+    left = 8.0 if narrow else 290.0
+    row = 2 * _LINE if narrow else _LINE
+    drawing = Drawing(width, 16 + _HEAD * len(cells) + row * len(scaled) + 26)
+    most = max([1.25, *(_most(judged) for _, _, judged in scaled)])
+    across = Scale(0, min(1.05 * most, 8.0), left, width - 16)
+    base = drawing.height - 26
+    bottom(drawing, across, steps(across.most, lambda v: f"{v:g}", 5), base, 12)
+    drawing.line((across(1), 8), (across(1), base), "faint", 1.4)
+    y = 16.0
+    for cell in cells:
+        y += _HEAD
+        drawing.text(6, y - 12, cell, "ink", size=TEXT)
+        for _, name, judged in (one for one in scaled if one[0] == cell):
+            drawing.text(6, y + 4, name, "ink", size=TEXT - 0.5)
+            _one(drawing, across, judged, y + (_LINE if narrow else 0))
+            y += row
+    return drawing
+
+
+def _one(drawing: Drawing, across: Scale, judged: Judged, y: float) -> None:
+    expected, found = judged.line.expected, judged.estimate
+    low, high = (across(min(edge / expected, across.most)) for edge in judged.line.margin)
+    drawing.line((low, y), (max(high, low + 1), y), "faint", 11)
+    if found is None:
+        return
+    low, value, high = (across(min(v / expected, across.most)) for v in (found.low, found.value, found.high))
+    side = judged.line.of if judged.line.of != "ratio" else "mqttxt"
+    drawing.line((low, y), (high, y), "ink", 1.6)
+    tip = f"{found.value:g} ({found.low:g} to {found.high:g}), published {expected:g}: {judged.verdict}"
+    drawing.dot((value, y), side, 4, hollow=judged.verdict != "reproduced", tip=tip)
+
+
+def _most(judged: Judged) -> float:
+    edges = [judged.line.margin[1], *([judged.estimate.high] if judged.estimate is not None else [])]
+    return max(edges) / judged.line.expected
