@@ -66,6 +66,14 @@ def test_everything_is_flown_unless_somebody_names_some() -> None:
     assert _typed("all", "EXPERIMENTS=scenario-3", "ATTEMPTS=2")["--experiments"] == "scenario-3"
 
 
+def test_the_headline_is_flown_as_its_table_says_unless_somebody_says_otherwise() -> None:
+    options = _typed("reproduce")
+    assert (options["--attempts"], options["--seed"]) == ("", "")
+    options = _typed("reproduce", "ATTEMPTS=9", "SEED=1")
+    assert (options["--attempts"], options["--seed"]) == ("9", "1")
+    assert _typed("reproduce", ATTEMPTS="9")["--attempts"] == "9"
+
+
 def test_a_campaign_on_many_machines_has_a_scheduler_and_a_certificate() -> None:
     address = "tls://lab:8786"
     for target in ("all", "worker"):
