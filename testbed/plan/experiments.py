@@ -40,6 +40,7 @@ FACTORS: dict[str, tuple[str, ...]] = {
     "states": ("on-change", "fixed", "bundle"),
     "security": ("none", "tls", "signed"),
     "station": ("mqttxt", "mavsdk"),
+    "tcp": ("default", "lean"),
 }
 """Every factor with its values; in capitals it is the variable that sets it."""
 
@@ -55,6 +56,7 @@ class Factors:
     states      MQTT-XT: published on change, at a fixed 1 Hz, or that in bundles
     security    MQTT-XT: none, mutual TLS with identities that are made for the flight, or signed messages in that
     station     MQTT-XT: its own API, or MAVSDK through `mqttxt gs mavlink` at the ground station
+    tcp         every node's TCP as Linux has it by default, or lean: without time stamps
     """
 
     streams: str
@@ -64,6 +66,7 @@ class Factors:
     states: str
     security: str = "none"
     station: str = "mqttxt"
+    tcp: str = "default"
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,10 @@ _SAID = {
             "mqttxt": "the ground station is a program on MQTT-XT's own API",
             "mavsdk": "the ground station is MAVSDK, as over MAVLink, through `mqttxt gs mavlink` beside it",
         },
+        "tcp": {
+            "default": "TCP is as Linux has it, with time stamps: 12 bytes of each frame",
+            "lean": "TCP has no time stamps",
+        },
     },
     "mavlink": {
         "streams": {

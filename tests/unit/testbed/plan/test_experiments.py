@@ -78,7 +78,7 @@ def test_a_factor_by_itself_leaves_the_others_as_the_arm_has_them() -> None:
 def test_the_page_about_experiments_has_every_arm_as_it_is() -> None:
     rows = [line for line in (ROOT / "docs" / "experiments.md").read_text().splitlines() if line.startswith("| `")]
     cells = [[cell.strip(" `") for cell in row.split("|")[1:-1]] for row in rows]
-    told = {row[0]: row[1:8] for row in cells if row[0] in ARMS}
+    told = {row[0]: row[1 : 1 + len(FACTORS)] for row in cells if row[0] in ARMS}
     assert told == {arm.name: [str(getattr(arm.factors, name)) for name in FACTORS] for arm in ARMS.values()}
 
 
@@ -89,9 +89,17 @@ def test_who_flies_first_alternates() -> None:
 
 def test_compose_gets_every_factor_that_a_container_needs() -> None:
     assert settings_of(_plan(), "mqttxt") == {
-        **{"QOS": "0", "STREAMS": "px4-onboard", "CHAIN": "per-uav", "ENCODING_FLAG": "", "BUNDLES_FLAG": ""},
+        **{
+            "QOS": "0",
+            "STREAMS": "px4-onboard",
+            "CHAIN": "per-uav",
+            "TCP_TIMESTAMPS": "1",
+            "ENCODING_FLAG": "",
+            "BUNDLES_FLAG": "",
+        },
         "ALL_STATES_FLAG": "",
     }
+    assert settings_of(_plan(tcp="lean"), "mqttxt")["TCP_TIMESTAMPS"] == "0"
     assert settings_of(_plan(), "mqttxt", "json")["ENCODING_FLAG"] == "--json"
     assert settings_of(_plan("five-states-bundled"), "mqttxt")["BUNDLES_FLAG"] == "--bundles"
 
