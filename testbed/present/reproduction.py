@@ -75,6 +75,11 @@ def name_of(judged: Judged) -> str:
     return f"{judged.quantity.name}: {'MAVLink over MQTT-XT' if of == RATIO else wording.name_of(of)}"
 
 
+def short_name_of(judged: Judged) -> str:
+    """Of a ratio the quantity alone, where all know that it is one."""
+    return judged.quantity.name if judged.line.of == RATIO else name_of(judged)
+
+
 def basis_of(judged: Judged) -> str:
     """Of how many attempts, and which have no value."""
     what = wording.plural(len(judged.points), "pair" if judged.line.of == RATIO else "attempt")
@@ -112,7 +117,7 @@ def write_reproduction(headline: Headline, flown: Sequence[Flown], folder: Path)
     """`reproduction.json`, and a self-contained page with its figure's data and the figure for papers beside it."""
     document, page = folder / DOCUMENT, folder / PAGE
     write_json(document, to_data(headline, flown))
-    figure = margins([(one.cell.name, name_of(judged), judged) for one in flown for judged in one.judged])
+    figure = margins([(one.cell.name, short_name_of(judged), judged) for one in flown for judged in one.judged])
     page.write_text(
         environment()
         .get_template("reproduction.html")

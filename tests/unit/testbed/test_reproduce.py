@@ -61,7 +61,7 @@ def test_a_verdict_is_said_and_written_and_is_the_exit_code(
     assert {key: cell[key] for key in NAME} == NAME
     assert cell["lines"][0]["points"] == {str(n): size / 100_000 for n, size in enumerate(sizes, 1)}
     page = (tmp_path / "reproduction.html").read_text()
-    assert f"<h1>The headline findings: {verdict}</h1>" in page
+    assert f'<p class="finding">{verdict.capitalize()}: {int(code == 0)} of 1 line reproduced.</p>' in page
     assert (tmp_path / "reproduction.csv").read_text().splitlines()[1].endswith(verdict)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ....numbers.reproduction import Judged
-from .axes import Scale, bottom, steps
+from .axes import Scale, bottom, decades, log_bounds
 from .draw import TEXT, Drawing
 from .figure import Figure, Value
 
@@ -35,13 +35,13 @@ def _draw(lines: Sequence[tuple[str, str, Judged]], width: float) -> Drawing:
     scaled = [(cell, name, judged) for cell, name, judged in lines if judged.line.expected > 0]
     cells = list(dict.fromkeys(cell for cell, _, _ in scaled))
     narrow = width < 600
-    left = 8.0 if narrow else 290.0
+    left = 8.0 if narrow else 300.0
     row = 2 * _LINE if narrow else _LINE
     drawing = Drawing(width, 16 + _HEAD * len(cells) + row * len(scaled) + 26)
-    most = max([1.25, *(_most(judged) for _, _, judged in scaled)])
-    across = Scale(0, min(1.05 * most, 8.0), left, width - 16)
+    low, high = log_bounds([edge for _, _, judged in scaled for edge in _edges(judged)], 0.01)
+    across = Scale(low, high, left, width - 16, logarithmic=True)
     base = drawing.height - 26
-    bottom(drawing, across, steps(across.most, lambda v: f"{v:g}", 5), base, 12)
+    bottom(drawing, across, decades(low, high, lambda v: f"{v:g}"), base, 12)
     drawing.line((across(1), 8), (across(1), base), "faint", 1.4)
     y = 16.0
     for cell in cells:
@@ -56,17 +56,18 @@ def _draw(lines: Sequence[tuple[str, str, Judged]], width: float) -> Drawing:
 
 def _one(drawing: Drawing, across: Scale, judged: Judged, y: float) -> None:
     expected, found = judged.line.expected, judged.estimate
-    low, high = (across(min(edge / expected, across.most)) for edge in judged.line.margin)
+    low, high = (across(edge / expected) for edge in judged.line.margin)
     drawing.line((low, y), (max(high, low + 1), y), "faint", 11)
     if found is None:
         return
-    low, value, high = (across(min(v / expected, across.most)) for v in (found.low, found.value, found.high))
+    low, value, high = (across(v / expected) for v in (found.low, found.value, found.high))
     side = judged.line.of if judged.line.of != "ratio" else "mqttxt"
     drawing.line((low, y), (high, y), "ink", 1.6)
     tip = f"{found.value:g} ({found.low:g} to {found.high:g}), published {expected:g}: {judged.verdict}"
     drawing.dot((value, y), side, 4, hollow=judged.verdict != "reproduced", tip=tip)
 
 
-def _most(judged: Judged) -> float:
-    edges = [judged.line.margin[1], *([judged.estimate.high] if judged.estimate is not None else [])]
-    return max(edges) / judged.line.expected
+def _edges(judged: Judged) -> list[float]:
+    found = judged.estimate
+    edges = [*judged.line.margin, *((found.low, found.high) if found is not None else ())]
+    return [edge / judged.line.expected for edge in edges]
