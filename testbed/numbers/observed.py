@@ -94,6 +94,8 @@ class Attempt:
     frames: Loss
     delays_ms: tuple[float, ...]
     longest_state_ms: float | None
+    doubled: int | None
+    late: int | None
     frames_per_call: Mapping[str, float]
     retransmitted: int
     cpu_s: Mapping[str, float]
@@ -144,6 +146,7 @@ def observe_attempt(entry: AttemptEntry) -> Attempt:
     window = entry["window"]
     lost = sum(link["lost"] for link in entry["links"].values())
     unreached = entry["out_of_range"]
+    got = entry.get("receipts")
     return Attempt(
         number=entry["attempt"],
         status=entry["status"],
@@ -158,6 +161,8 @@ def observe_attempt(entry: AttemptEntry) -> Attempt:
         longest_state_ms=max(
             (ms for one in entry["state_delay_ms"].values() if (ms := one["captures"]["max"]) is not None), default=None
         ),
+        doubled=got["doubled"] if got is not None else None,
+        late=got["late"] if got is not None else None,
         frames_per_call=entry["frames_per_call"],
         retransmitted=entry["retransmissions"]["packets"],
         cpu_s=entry["cpu_s"],

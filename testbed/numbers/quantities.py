@@ -79,6 +79,12 @@ LONGEST_STATE = Quantity(
     "longest_state_ms", "longest delay of a state", "ms", words.milliseconds, lambda one: one.longest_state_ms
 )
 """From leaving the drone to reaching the ground station, by capture."""
+DOUBLED = Quantity(
+    "doubled", "commands received again", "commands", words.thousands, lambda one: one.doubled, counted=True
+)
+LATE = Quantity(
+    "late", "commands received after their last word", "commands", words.thousands, lambda one: one.late, counted=True
+)
 SUCCESS = Quantity(
     "success", "completed attempts", "share", words.share, lambda one: float(one.completed), counted=True
 )

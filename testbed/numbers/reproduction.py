@@ -10,12 +10,12 @@ import numpy as np
 
 from ..plan.headline import LEAST_ATTEMPTS, RATIO, Cell, Line
 from .observed import NO_SIDE, Sides
-from .quantities import LONGEST_STATE, QUANTITIES, SUCCESS
+from .quantities import DOUBLED, LATE, LONGEST_STATE, QUANTITIES, SUCCESS
 from .quantity import ABOVE, BELOW, Quantity
 from .statistics import RESAMPLES, significant
 
 REPRODUCED, NOT_REPRODUCED, UNDECIDED = "reproduced", "not reproduced", "undecided"
-JUDGED: dict[str, Quantity] = {one.key: one for one in (*QUANTITIES, LONGEST_STATE, SUCCESS)}
+JUDGED: dict[str, Quantity] = {one.key: one for one in (*QUANTITIES, LONGEST_STATE, DOUBLED, LATE, SUCCESS)}
 """What a line of the table may name; the table's schema has those of them that have a value of each attempt."""
 
 

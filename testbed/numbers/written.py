@@ -17,6 +17,12 @@ class Summary(TypedDict):
     max: float | None
 
 
+class Receipts(TypedDict):
+    calls: int
+    doubled: int
+    late: int
+
+
 class Delays(TypedDict):
     """By the captures, and by the programs' own clocks."""
 
@@ -260,6 +266,7 @@ class AttemptEntry(TypedDict):
     delay_ms: dict[str, list[float]]
     delay_app_ms: dict[str, list[float]]
     delay_received_ms: dict[str, list[float]]
+    receipts: NotRequired[Receipts | None]
     state_delay_ms: dict[str, Delays]
     frames_per_call: dict[str, float]
     message_sizes: dict[str, SizeEntry]

@@ -97,6 +97,7 @@ def _measured(
         "delay_ms": delays.by_capture_ms(exchange.commands),
         "delay_app_ms": delays.calls_ms(events, window),
         "delay_received_ms": delays.received_ms(events, attempt.autopilot_events(), ways.by_fog, window),
+        "receipts": delays.receipts(events, attempt.autopilot_events(), ways.by_fog, window),
         "state_delay_ms": delays.states_ms(exchange.states, events, window),
         "frames_per_call": exchange.frames_per_call,
         "message_sizes": message_sizes(packets, named, window),

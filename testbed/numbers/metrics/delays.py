@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ..written import Delays, Summary
+from ..written import Delays, Receipts, Summary
 from .mavlink import CALLS
 from .window import Window
 
@@ -57,6 +57,53 @@ def calls_ms(events: list[dict[str, Any]], window: Window) -> dict[str, list[flo
     return dict(sorted(found.items()))
 
 
+def receipts(
+    events: list[dict[str, Any]],
+    flights: dict[str, list[dict[str, Any]]],
+    drones_of: dict[int, list[int]],
+    window: Window,
+) -> Receipts | None:
+    """What the autopilots got of the calls, by their own logs; None where they write no commands, as real ones.
+
+    A call of a drone counts until its next one of the same command; `flights` and `drones_of` as in `received_ms`.
+    """
+    arrived = _commands(flights)
+    if not any(arrived.values()):
+        return None
+    ended = {(e["call"], e["drone"]): e["t_ns"] for e in events if e["event"] == "outcome" and e["final"]}
+    calls = [
+        (drone, event)
+        for event in events
+        if event["event"] == "command"
+        and event["command"] in CALLS
+        and window.asked_ns <= event["t_ns"] <= window.end_ns
+        for drone in ([event["drone"]] if event["drone"] is not None else drones_of.get(event["fog"], []))
+    ]
+    found: Receipts = {"calls": len(calls), "doubled": 0, "late": 0}
+    for place, (drone, call) in enumerate(calls):
+        until_ns = next(
+            (c["t_ns"] for d, c in calls[place + 1 :] if (d, c["command"]) == (drone, call["command"])), 2**63
+        )
+        of_call = CALLS[call["command"]]
+        came = [
+            command["arrived_ns"]
+            for command in arrived.get(drone, [])
+            if call["t_ns"] <= command["arrived_ns"] < until_ns and of_call.is_of(command)
+        ]
+        found["doubled"] += max(0, len(came) - 1)
+        found["late"] += sum(at > ended.get((call["call"], drone), 2**63) for at in came)
+    return found
+
+
+def _commands(flights: dict[str, list[dict[str, Any]]]) -> dict[int, list[dict[str, Any]]]:
+    """By drone the commands that its autopilot got."""
+    return {
+        int(node.removeprefix("uav")): [e for e in log if e["event"] == "command" and "arrived_ns" in e]
+        for node, log in flights.items()
+        if node.removeprefix("uav").isdecimal()
+    }
+
+
 def received_ms(
     events: list[dict[str, Any]],
     flights: dict[str, list[dict[str, Any]]],
@@ -68,11 +115,7 @@ def received_ms(
     `flights` are the autopilots' logs by node, `drones_of` the drones of each fog.
     """
     found: dict[str, list[float]] = defaultdict(list)
-    arrived: dict[int, list[dict[str, Any]]] = {
-        int(node.removeprefix("uav")): [e for e in log if e["event"] == "command" and "arrived_ns" in e]
-        for node, log in flights.items()
-        if node.removeprefix("uav").isdecimal()
-    }
+    arrived = _commands(flights)
     for event in events:
         if event["event"] != "command" or not window.asked_ns <= event["t_ns"] <= window.end_ns:
             continue

@@ -200,6 +200,7 @@ def test_delays_by_the_applications_stand_beside_the_captures(series: Series) ->
     assert found["delay_ms"] == {"arm": [2.5]}
     assert found["delay_app_ms"] == {"arm": [9.001]}
     assert found["delay_received_ms"] == {"arm": [2.7]}
+    assert found["receipts"] == {"calls": 1, "doubled": 0, "late": 0}
     one = {"n": 1, "p99": None}
     assert found["state_delay_ms"] == {
         "battery": {
