@@ -12,10 +12,10 @@ _TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 
 
 class BenchBroker(Broker):
-    """A Mosquitto with the configuration of an embedded broker; `more` adds lines to it."""
+    """A Mosquitto with the configuration of an embedded broker; `more` adds lines to it, `program` is another one."""
 
-    def __init__(self, folder: Path, name: str, more: str = "") -> None:
-        super().__init__(folder, name)
+    def __init__(self, folder: Path, name: str, more: str = "", program: str | None = None) -> None:
+        super().__init__(folder, name, program)
         configuration = mosquitto.configuration("127.0.0.1", self.port)
         self.configuration.write_text(as_this_user() + configuration + more)
 

@@ -1,13 +1,16 @@
 """Bytes on the wire of six drones with five states a second over three hops: bundles, topics, and MAVLink.
 
 Drone to fog, fog to cloud, cloud to ground station; everything on those connections counts: states, beacons,
-leases, and every ACK. MAVLink is what the same autopilots say, over UDP, on as many hops.
+leases, and every ACK. MAVLink is what the same autopilots say, over UDP, on as many hops. CLOUD_MOSQUITTO names the
+program of another Mosquitto, 2.1 or newer, which is the cloud's broker then, with aliases towards its clients.
 """
 
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
+import subprocess
 import tempfile
 import time
 from contextlib import ExitStack
@@ -44,30 +47,41 @@ class Load:
 
 
 def measure() -> list[str]:
-    """Lines of figures; takes about a minute and a half."""
+    """Lines of figures; takes about a minute and a half, twice that beside another Mosquitto."""
     lines = []
-    for bundles, how in ((True, "bundled"), (False, "topic by topic")):
-        load = asyncio.run(_measure(bundles))
-        lines.append(f"six drones, five states a second, three hops, {how}: {load}: {load.ratio:.2f} times")
+    for program in (None, *filter(None, [os.environ.get("CLOUD_MOSQUITTO")])):
+        cloud = "" if program is None else f", {_version(program)} in the cloud"
+        for bundles, how in ((True, "bundled"), (False, "topic by topic")):
+            load = asyncio.run(_measure(bundles, program))
+            lines.append(f"six drones, five states a second, three hops, {how}{cloud}: {load}: {load.ratio:.2f} times")
     return lines
 
 
-class _Broker(BenchBroker):
-    """A broker with a second port, so that a capture can tell connections apart by their ports."""
+def _version(program: str) -> str:
+    said = subprocess.run([program, "-h"], capture_output=True, text=True, check=False).stdout
+    return next(line for line in said.splitlines() if line.startswith("mosquitto version"))
 
-    def __init__(self, folder: Path, name: str) -> None:
+
+class _Broker(BenchBroker):
+    """A broker with a second port, so that a capture can tell connections apart by their ports.
+
+    `program`: a Mosquitto that has aliases of its own, in place of the nodes' one.
+    """
+
+    def __init__(self, folder: Path, name: str, program: str | None = None) -> None:
         self.second = free_port()
-        super().__init__(folder, name, f"listener {self.second} 127.0.0.1\nmax_topic_alias 4096\n")
+        aliases = "" if program is None else "max_topic_alias_broker 4096\n"
+        super().__init__(folder, name, f"listener {self.second} 127.0.0.1\nmax_topic_alias 4096\n{aliases}", program)
 
     @property
     def second_url(self) -> str:
         return f"mqtt://127.0.0.1:{self.second}"
 
 
-async def _measure(bundles: bool) -> Load:
+async def _measure(bundles: bool, program: str | None) -> Load:
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        cloud, *fogs = (_Broker(folder, side) for side in ("cloud", *(f"fog{fog}" for fog in FOGS)))
+        cloud, *fogs = _Broker(folder, "cloud", program), *(_Broker(folder, f"fog{fog}") for fog in FOGS)
         autopilots = {drone: free_port(socket.SOCK_DGRAM) for drones in FOGS.values() for drone in drones}
         for broker in (cloud, *fogs):
             stack.callback(broker.start().kill)

@@ -49,9 +49,10 @@ def numbers(properties: bytes) -> dict[int, int]:
     return found
 
 
-def publish(topic: str, payload: bytes, qos: int = 0, mid: int = 0) -> bytes:
+def publish(topic: str, payload: bytes, qos: int = 0, mid: int = 0, properties: bytes = b"") -> bytes:
     """A PUBLISH towards the client."""
-    body = struct.pack("!H", len(topic)) + topic.encode() + (struct.pack("!H", mid) if qos else b"") + b"\0" + payload
+    name = struct.pack("!H", len(topic)) + topic.encode() + (struct.pack("!H", mid) if qos else b"")
+    body = name + variable_length(len(properties)) + properties + payload
     return bytes([0x30 | qos << 1]) + variable_length(len(body)) + body
 
 

@@ -95,16 +95,16 @@ class Program:
 
 
 class Broker(Program):
-    """A real Mosquitto on a loopback port, of the nodes' version."""
+    """A real Mosquitto on a loopback port, of the nodes' version, or another `program`."""
 
-    def __init__(self, folder: Path, name: str) -> None:
+    def __init__(self, folder: Path, name: str, program: str | None = None) -> None:
         self.port = free_port()
         self.configuration = folder / f"{name}.conf"
         self.configuration.write_text(
             f"{as_this_user()}persistence false\nlistener {self.port} 127.0.0.1\nallow_anonymous true\n"
             "set_tcp_nodelay true\n"
         )
-        super().__init__(folder, name, str(MOSQUITTO), "-c", str(self.configuration))
+        super().__init__(folder, name, program or str(MOSQUITTO), "-c", str(self.configuration))
 
     @property
     def url(self) -> str:

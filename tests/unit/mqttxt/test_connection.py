@@ -103,6 +103,29 @@ async def test_a_broker_without_aliases_gets_none() -> None:
         assert [packet.publish()[:2] for packet in session.of(PUBLISH)] == [("drone1/state/battery", {})] * 2
 
 
+async def test_a_brokers_aliases_stand_for_its_topics_on_a_link_that_allows_them() -> None:
+    expires, subscription, user = b"\x02\0\0\0\x05", b"\x0b\x81\x01", b"\x26\0\x01a\0\x02bc"
+    said = [
+        ("fog1/drone1/state/battery", b"\x23\0\x01"),
+        ("fog1/drone2/state/battery", user + expires + b"\x23\0\x02"),
+        ("", b"\x23\0\x01" + expires),
+        ("", subscription + b"\x23\0\x02"),
+        ("fog1/drone3/state/battery", b"\x23\0\x01"),
+        ("fog1/drone4/state/battery", b""),
+        ("", b"\x23\0\x01"),
+    ]
+    async with Server() as server, linked(server, aliases=10) as (_, heard):
+        (session,) = server.sessions
+        (connect,) = session.of(CONNECT)
+        assert numbers(connect.body[11 : 11 + connect.body[10]])[0x22] == 10
+        session.send(
+            b"".join(publish(topic, b"x", properties=more, qos=n % 2, mid=n) for n, (topic, more) in enumerate(said, 1))
+        )
+        await eventually(lambda: len(heard.messages) == len(said), "all")
+        drones = [int(message.topic.split("/")[1].removeprefix("drone")) for message in heard.messages]
+        assert drones == [1, 2, 1, 2, 3, 4, 3]
+
+
 async def test_connect_asks_for_a_clean_start_and_small_packets() -> None:
     async with Server() as server, linked(server):
         (connect,) = server.sessions[0].of(CONNECT)

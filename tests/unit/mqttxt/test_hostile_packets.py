@@ -8,6 +8,7 @@ import ssl
 import pytest
 
 from mqttxt.core.effects import Inbound
+from mqttxt.core.mqtt import aliases as aliases_module
 from mqttxt.core.mqtt import connection as connection_module
 from mqttxt.core.mqtt.buffered import Buffered
 from mqttxt.core.mqtt.properties import LARGEST_PACKET
@@ -25,13 +26,18 @@ def published(topic: bytes, properties: bytes, qos: int = 0) -> bytes:
     return encoded(Packet(PUBLISH, qos << 1, name + mid + variable_length(len(properties)) + properties + b"x"))
 
 
+@pytest.mark.parametrize("aliases", [0, 10])
 @pytest.mark.parametrize("qos", [0, 1])
 @pytest.mark.parametrize(
-    "properties", [b"\x26\0\0\0\0" * 12_000, b"\xff" * 60_000, b"\x23\0\x07"], ids=["many", "unknown", "alias"]
+    "properties",
+    [b"\x26\0\0\0\0" * 12_000, b"\xff" * 60_000, b"\x23\0\x07", b"\x0b\xff\xff", b"\x26\0\x09"],
+    ids=["many", "unknown", "alias", "half a number", "half a string"],
 )
-async def test_what_a_publisher_adds_to_its_message_is_not_read(properties: bytes, qos: int) -> None:
+async def test_what_a_publisher_adds_to_its_message_counts_for_nothing(
+    properties: bytes, qos: int, aliases: int
+) -> None:
     """paho takes 0.4 s for 64 KiB of user properties; three such messages a second stopped whoever heard them."""
-    async with Server() as server, linked(server) as (_, heard):
+    async with Server() as server, linked(server, aliases=aliases) as (_, heard):
         server.sessions[0].send(published(b"t", properties, qos) + LAST)
         await eventually(lambda: heard.connections == 2 or len(heard.messages) == 2, "both")
         assert heard.messages == [Inbound("t", b"x", qos), Inbound("t", b"last")]
@@ -61,6 +67,29 @@ async def test_what_breaks_the_rules_ends_the_connection(packet: bytes) -> None:
         server.sessions[0].send(packet + LAST)
         await eventually(lambda: heard.connections == 2, "connected again")
         assert heard.messages == []
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        pytest.param(published(b"", b"\x23\0\x01"), id="an alias that nobody gave"),
+        pytest.param(published(b"t", b"\x23\0\0"), id="alias 0"),
+        pytest.param(published(b"t", b"\x23\0\x0b"), id="an alias above the maximum"),
+        pytest.param(published(b"t", b"\x23"), id="half an alias"),
+        pytest.param(published(b"", b""), id="neither topic nor alias"),
+        pytest.param(published(b"", b"\x26\0\0\0\0"), id="properties without an alias"),
+        pytest.param(
+            b"".join(published(bytes([n]) * 60_000, b"\x23\0" + bytes([n % 10 + 1])) for n in range(65, 85)),
+            id="a megabyte of topics",
+        ),
+    ],
+)
+async def test_aliases_that_break_the_rules_end_the_connection(packet: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(aliases_module, "MOST_BYTES", 500_000)
+    async with Server() as server, linked(server, aliases=10) as (_, heard):
+        server.sessions[0].send(packet + LAST)
+        await eventually(lambda: heard.connections == 2, "connected again")
+        assert Inbound("t", b"last") not in heard.messages
 
 
 async def test_a_topic_that_is_none_is_counted_and_acknowledged_and_the_next_one_heard() -> None:

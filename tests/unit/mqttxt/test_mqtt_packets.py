@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from mqttxt.core.effects import Publish
 from mqttxt.core.mqtt import packets
+from mqttxt.core.mqtt.aliases import BrokersAliases
 from mqttxt.core.mqtt.packets import PINGREQ, end_of, message_of
 from mqttxt.core.mqtt.properties import LARGEST_PACKET
 from tests.examples import examples
@@ -30,7 +31,7 @@ def taken(data: bytes) -> tuple[list[tuple[str, bytes]], int]:
         body, end = end_of(data, start)
         if end == 0 or end > len(data):
             return found, start
-        topic, payload, _, _ = message_of(data, start, body, end)
+        topic, payload, _, _ = message_of(data, start, body, end, BrokersAliases(0))
         found.append((topic.decode(), payload))
         start = end
 

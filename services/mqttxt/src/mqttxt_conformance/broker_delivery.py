@@ -163,7 +163,7 @@ async def takes_topic_aliases(kit: BrokerKit) -> str:
     return f"it came; Topic Alias Maximum {most}"
 
 
-@rule("broker", needs=UNUSED)
+@rule("broker", "R10.2", needs={**UNUSED, "cloud": Need.USEFUL})
 async def sends_topic_aliases(kit: BrokerKit) -> str:
     """It uses aliases towards a client that allows them."""
     topic = kit.topic("alias-out")

@@ -14,6 +14,7 @@ from ..core.address import BrokerAddress
 from ..core.clock import SessionClock
 from ..core.ledger import OVERRIDING
 from ..core.mqtt.link import MqttLink
+from ..core.mqtt.properties import MOST_ALIASES
 from ..core.runner import Runner
 from ..errors import ConfigurationError, FogUnreachable, StationEnded, TransferFailed
 from ..protocol.commands import Command
@@ -56,6 +57,7 @@ class StationRunner(Runner):
             ssl_context=ssl_context,
             identity=identity,
             may_be_ended=not station.signs,
+            aliases=MOST_ALIASES,
         )
         self._open: dict[CommandId, Record[Any]] = {}
         self._streams: WeakSet[Record[Event]] = WeakSet()

@@ -1,6 +1,9 @@
-"""Topic aliases of one connection (MQTT 5.0, 3.3.2.3.4): a topic goes out in full once, as two bytes afterwards."""
+"""Topic aliases of one connection (MQTT 5.0, 3.3.2.3.4): a topic passes in full once, as two bytes afterwards."""
 
 from __future__ import annotations
+
+MOST_BYTES = 2**20
+"""Of all topics that a broker gives aliases to."""
 
 
 class AliasTable:
@@ -24,3 +27,26 @@ class AliasTable:
             return topic, None
         self._aliases[topic] = alias = len(self._aliases) + 1
         return topic, alias
+
+
+class BrokersAliases:
+    """The aliases that the broker has given to topics, from 1 to `maximum`; 0: none is looked for."""
+
+    def __init__(self, maximum: int) -> None:
+        self.maximum = maximum
+        self._topics: dict[int, bytes] = {}
+        self._bytes = 0
+
+    def topic(self, name: bytes, alias: int | None) -> bytes:
+        """The topic of a PUBLISH, which its alias stands for from now on; raises ValueError for a wrong alias."""
+        if alias is None:
+            return name
+        if not 0 < alias <= self.maximum:
+            raise ValueError(f"topic alias {alias}; expected 1 to {self.maximum}")
+        known = self._topics.get(alias, b"")
+        if name and name != known:
+            self._bytes += len(name) - len(known)
+            if self._bytes > MOST_BYTES:
+                raise ValueError(f"topic aliases for more than {MOST_BYTES} bytes of topics")
+            self._topics[alias] = name
+        return name or known

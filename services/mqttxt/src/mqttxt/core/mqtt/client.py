@@ -54,13 +54,15 @@ def make_client(
     return client
 
 
-def connect(client: Client, address: BrokerAddress, session_expiry_s: int) -> None:
+def connect(client: Client, address: BrokerAddress, session_expiry_s: int, aliases: int) -> None:
     """Resolve, connect, shake hands and send CONNECT; blocks. Raises OSError."""
-    properties = connect_properties(session_expiry_s)
+    properties = connect_properties(session_expiry_s, aliases)
     client.connect(address.host, address.port, KEEPALIVE_S, clean_start=session_expiry_s == 0, properties=properties)
 
 
-def start_connecting(client: Client, address: BrokerAddress, session_expiry_s: int) -> asyncio.Future[None]:
+def start_connecting(
+    client: Client, address: BrokerAddress, session_expiry_s: int, aliases: int
+) -> asyncio.Future[None]:
     """`connect` in a thread of its own, for which nobody waits at the end of the process.
 
     A name can take long to resolve; the event loop's own threads would be waited for.
@@ -77,7 +79,7 @@ def start_connecting(client: Client, address: BrokerAddress, session_expiry_s: i
     def work() -> None:
         failure: Exception | None = None
         try:
-            connect(client, address, session_expiry_s)
+            connect(client, address, session_expiry_s, aliases)
         except Exception as error:  # noqa: BLE001 - raised where the future is awaited
             failure = error
         with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile

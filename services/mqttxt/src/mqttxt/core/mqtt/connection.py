@@ -27,7 +27,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from ...errors import BrokerRefused
 from ..address import BrokerAddress
 from ..effects import Inbound, Publish, Receipt, Unsubscribe, Will
-from .aliases import AliasTable
+from .aliases import AliasTable, BrokersAliases
 from .client import CONNECT_TIMEOUT_S, KEEPALIVE_S, make_client, start_connecting
 from .events import LinkEvents
 from .packets import KIND, PINGREQ, PINGRESP, PUBLISH, RETAIN, end_of, message_of, publish
@@ -56,7 +56,10 @@ _UNPARSABLE = (struct.error, ValueError, LookupError, TypeError, MQTTException)
 
 
 class Connection:
-    """One client. With `session_expiry_s` 0 its start is clean and its session ends with it."""
+    """One client. With `session_expiry_s` 0 its start is clean and its session ends with it.
+
+    `aliases`: how many topics the broker may give aliases to.
+    """
 
     def __init__(
         self,
@@ -68,6 +71,7 @@ class Connection:
         manual_ack: bool = False,
         session_expiry_s: int = 0,
         ssl_context: ssl.SSLContext | None = None,
+        aliases: int = 0,
     ) -> None:
         self.name = name
         self.address = address
@@ -84,7 +88,7 @@ class Connection:
         self._unacknowledged: set[int] = set()
         self._waiting: deque[Publish] = deque()
         self._settled: asyncio.Future[int] | None = None
-        self._aliases = AliasTable(0)
+        self._aliases, self._theirs = AliasTable(0), BrokersAliases(aliases)
         self._limits = BrokerLimits()
         self._flush_is_due = self._is_blocked = self._take_is_due = False
         self._held = self._owed = 0
@@ -102,7 +106,7 @@ class Connection:
     async def open(self) -> int:
         """Connect; returns the CONNACK's reason code. Raises OSError, TimeoutError without a CONNACK."""
         # paho resolves, connects and shakes hands blocking: that is done in a thread, all else in this loop.
-        connecting = start_connecting(self._client, self.address, self._session_expiry_s)
+        connecting = start_connecting(self._client, self.address, self._session_expiry_s, self._theirs.maximum)
         try:
             await asyncio.shield(connecting)
         except asyncio.CancelledError:
@@ -285,7 +289,7 @@ class Connection:
         return True
 
     def _take_message(self, came: bytes, start: int, body: int, end: int) -> None:
-        name, payload, qos, mid = message_of(came, start, body, end)
+        name, payload, qos, mid = message_of(came, start, body, end, self._theirs)
         receipt = (self._serial, mid) if self._serial is not None and qos else None
         try:
             message = Inbound(name.decode(), payload, qos, came[start] & RETAIN != 0, receipt)

@@ -44,8 +44,9 @@ class MqttLink:
     within `session_expiry_s` with the same client id: for who only subscribes. `will` makes that of each connection.
     `longest_pause_s` is that between two attempts to connect. `identity` is this node's, for `mqtts://` to a broker of
     its fleet; without, `ssl_context`, or the system's certificate authorities. A broker's refusal for good, or its
-    word that somebody took over the client id, ends a link only where `may_be_ended`: else it is tried again. Raises
-    ConfigurationError for one of these with `mqtt://`.
+    word that somebody took over the client id, ends a link only where `may_be_ended`: else it is tried again.
+    `aliases`: how many topics the broker may give aliases to. Raises ConfigurationError for one of these with
+    `mqtt://`.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class MqttLink:
         ssl_context: ssl.SSLContext | None = None,
         identity: Identity | None = None,
         may_be_ended: bool = True,
+        aliases: int = 0,
     ) -> None:
         for given, what in ((ssl_context, "ssl_context"), (identity, "identity")):
             if given is not None and not address.tls:
@@ -77,6 +79,7 @@ class MqttLink:
         self._ssl_context = ssl_context
         self._identity = identity
         self._may_be_ended = may_be_ended
+        self._aliases = aliases
         is_secret = identity is not None and session_expiry_s == 0
         self._client_id = f"{client_id}-{secrets.token_hex(SECRET_BYTES)}" if is_secret else client_id
         self._will = will
@@ -154,6 +157,7 @@ class MqttLink:
             manual_ack=self._manual_ack,
             session_expiry_s=self._session_expiry_s,
             ssl_context=ssl_context,
+            aliases=self._aliases,
         )
         try:
             try:

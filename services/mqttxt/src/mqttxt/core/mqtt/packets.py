@@ -6,12 +6,15 @@ paho takes 0.4 s for 64 KiB of a PUBLISH's properties, which any publisher may s
 from __future__ import annotations
 
 from ..effects import Publish
+from .aliases import BrokersAliases
 
 PINGREQ = b"\xc0\x00"
 PINGRESP = 0xD0
 KIND, PUBLISH, RETAIN = 0xF0, 0x30, 0x01
-_EXPIRY, _ALIAS = 0x02, 0x23
-"""Properties of a PUBLISH (MQTT 5.0, 3.3.2.3)."""
+_EXPIRY, _ALIAS, _SUBSCRIPTION = 0x02, 0x23, 0x0B
+_FIXED_BYTES = {0x01: 1, _EXPIRY: 4}
+_STRINGS = {0x03: 1, 0x08: 1, 0x09: 1, 0x26: 2}
+"""Properties of a PUBLISH (MQTT 5.0, 3.3.2.3): those of a fixed length, and how many strings the others have."""
 _LONGEST_HEADER = 5
 """One byte of type and flags, and at most four of the length."""
 
@@ -32,10 +35,11 @@ def end_of(data: bytes, start: int) -> tuple[int, int]:
     raise ValueError("a packet's length of more than four bytes")
 
 
-def message_of(data: bytes, start: int, body: int, end: int) -> tuple[bytes, bytes, int, int]:
-    """Topic, payload, QoS and packet id (0 at QoS 0) of a PUBLISH; its properties are passed over, whatever they are.
+def message_of(data: bytes, start: int, body: int, end: int, aliases: BrokersAliases) -> tuple[bytes, bytes, int, int]:
+    """Topic, payload, QoS and packet id (0 at QoS 0) of a PUBLISH; of its properties only an alias counts.
 
-    Raises ValueError for what nobody has subscribed to (QoS 2, a topic alias alone) and for what is no PUBLISH.
+    Raises ValueError for what nobody has subscribed to (QoS 2), an alias that stands for nothing, and what is no
+    PUBLISH.
     """
     qos = data[start] >> 1 & 3
     if qos > 1:
@@ -43,16 +47,37 @@ def message_of(data: bytes, start: int, body: int, end: int) -> tuple[bytes, byt
     topic, mid = body + 2, 0
     topic_end = topic + (data[body] << 8 | data[body + 1]) if topic < end else 0
     properties = topic_end + 2 * qos
-    if not topic < topic_end <= properties < end:
-        raise ValueError("a PUBLISH without a topic, or that ends before its payload")
+    if not topic <= topic_end <= properties < end:
+        raise ValueError("a PUBLISH that ends before its payload")
     if qos:
         mid = data[topic_end] << 8 | data[topic_end + 1]
-    payload = properties + 1
+    payload, name = properties + 1, data[topic:topic_end]
     if data[properties] != 0:
-        _, payload = end_of(data, properties - 1)  # which has their length where a packet has its own
+        begin, payload = end_of(data, properties - 1)  # which has their length where a packet has its own
         if not properties < payload <= end:
             raise ValueError("a PUBLISH that ends before its payload")
-    return data[topic:topic_end], data[payload:end], qos, mid
+        if aliases.maximum:
+            name = aliases.topic(name, _alias_of(data[begin:payload]))
+    if not name:
+        raise ValueError("a PUBLISH without a topic")
+    return name, data[payload:end], qos, mid
+
+
+def _alias_of(properties: bytes) -> int | None:
+    """The topic alias among them; None where there is none before what no PUBLISH has."""
+    at, end = 0, len(properties)
+    while at < end:
+        kind, at = properties[at], at + 1
+        if kind == _ALIAS:
+            return int.from_bytes(properties[at : at + 2], "big")
+        if kind == _SUBSCRIPTION:
+            at = end_of(properties, at - 1)[0] or end
+        elif kind in _STRINGS:
+            for _ in range(_STRINGS[kind]):
+                at += 2 + int.from_bytes(properties[at : at + 2], "big")
+        else:
+            at += _FIXED_BYTES.get(kind, end)
+    return None
 
 
 def publish(message: Publish, topic: str, alias: int | None) -> bytes:

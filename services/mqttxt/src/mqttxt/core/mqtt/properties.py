@@ -27,12 +27,14 @@ def expiry_properties(expiry_s: int | None) -> Properties | None:
     return properties
 
 
-def connect_properties(session_expiry_s: int) -> Properties:
+def connect_properties(session_expiry_s: int, aliases: int) -> Properties:
     """Those of a CONNECT: how long the session outlives the connection, and what may be sent to us."""
     properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
     properties.SessionExpiryInterval = session_expiry_s
     properties.MaximumPacketSize = LARGEST_PACKET
     properties.ReceiveMaximum = MOST_RECEIVED
+    if aliases:
+        properties.TopicAliasMaximum = aliases
     return properties
 
 
