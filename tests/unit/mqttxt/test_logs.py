@@ -28,6 +28,7 @@ from mqttxt.protocol.plans import hash_of
 from mqttxt.station.log_download import LogDownload
 from mqttxt.station.transfers import Fetching
 from sitl.logs import Log, made_up
+from tests.examples import first_quick
 from tests.simulation.far import FarFlight
 from tests.simulation.flight import Flight
 
@@ -140,7 +141,7 @@ class Ground:
 
 
 @pytest.mark.parametrize("signed", [False, True])
-@pytest.mark.parametrize("like", KINDS)
+@pytest.mark.parametrize("like", first_quick(KINDS))
 def test_a_log_arrives_as_the_autopilot_has_it(like: str, signed: bool, tmp_path: Path) -> None:
     ground = Ground(tmp_path, like, signed=signed)
     listed = ground.list()
@@ -156,7 +157,7 @@ def test_a_log_arrives_as_the_autopilot_has_it(like: str, signed: bool, tmp_path
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["flight.log"]
 
 
-@pytest.mark.parametrize("like", KINDS)
+@pytest.mark.parametrize("like", first_quick(KINDS))
 def test_what_is_lost_between_autopilot_and_drone_is_asked_for_again(like: str, tmp_path: Path) -> None:
     ground = Ground(tmp_path, like)
     ground.loses(0.2)
@@ -204,7 +205,7 @@ def _delay_s(flight: Flight) -> float:
 # -- cut off ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("like", KINDS)
+@pytest.mark.parametrize("like", first_quick(KINDS))
 @pytest.mark.parametrize("who", ["station", "both"])
 def test_a_transfer_that_is_cut_anywhere_goes_on_where_it_was(like: str, who: str, tmp_path: Path) -> None:
     """Every second of it; what was read is read again up to one block, and what was carried not at all."""

@@ -15,6 +15,7 @@ import pytest
 from sitl.control_socket import served
 from sitl.errors import SitlError
 from sitl.fleet import DroneConfig
+from sitl.likeness import pilot as piloting
 from sitl.likeness import placing
 from sitl.likeness.channel import Clock, SimulatedChannel
 from sitl.likeness.manners import BY_REQUEST, MANNERS
@@ -96,6 +97,7 @@ async def test_an_autopilot_that_falls_silent_is_not_commanded_for_ever(
     watching, process = witnessed
     monkeypatch.setattr(placing, "PATIENCE", 1 / 60)
     monkeypatch.setattr(placing, "AGAIN_S", 0.1)
+    monkeypatch.setattr(piloting, "ANSWER_S", 0.1)
     process.vehicle.control({"set": {"altitude_m": 1000}})
     tasks = [asyncio.create_task(watching.run()), asyncio.create_task(process.run())]
     await eventually(lambda: watching.witness.place is not None, "the autopilot is heard")
@@ -144,6 +146,7 @@ def witnessed(tmp_path: Path) -> tuple[Watching, Process]:
     return Watching(1, ("127.0.0.1", port)), Process(vehicle, links)
 
 
+@pytest.mark.long
 async def test_over_the_witnesss_link_it_is_armed_and_disarmed(
     witnessed: tuple[Watching, Process], tmp_path: Path
 ) -> None:

@@ -15,10 +15,6 @@ TEXT = 12.5
 """The size of text, in pixels at the drawing's own width."""
 NARROW, WIDE = 360.0, 920.0
 """The widths at which figures are drawn, for a phone and for everything else."""
-ROLES = frozenset(
-    {"ink", "soft", "faint", "edge", "wash", "paper", "good", "bad", "mqttxt", "mavlink"}
-    | {f"l{number}" for number in range(7)}
-)
 
 
 @dataclass(frozen=True)
