@@ -78,6 +78,10 @@ class Watch:
         while self.late_ms((time.monotonic() - QUIET_S, math.inf)) and time.monotonic() < began_s + PATIENCE_S:
             time.sleep(1)
 
+    def give_way(self, nice: int) -> None:
+        """It sleeps no better than the tests that it watches for run."""
+        os.setpriority(os.PRIO_PROCESS, self._process.pid, nice)
+
     def end(self) -> None:
         self._process.communicate()
         self._file.unlink()
@@ -86,7 +90,7 @@ class Watch:
 _watch: Watch | None = None
 
 
-def _watching() -> Watch:
+def watching() -> Watch:
     global _watch
     _watch = _watch or Watch()
     return _watch
@@ -122,7 +126,7 @@ def pytest_runtest_makereport(
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> object:
     is_timed = any(item.get_closest_marker(name) for name in MARKS)
-    watch, began_s = _watching(), time.monotonic()
+    watch, began_s = watching(), time.monotonic()
     turn = item.stash.get(_TURN, 1)
     errors = item.stash[_ERRORS] = []
     if turn == 1:

@@ -202,4 +202,7 @@ def _limit_s(item: pytest.Item) -> float:
 
 def _give_way(nice: int) -> None:
     """Never back: what comes later in the order needs to give way no less."""
-    os.setpriority(os.PRIO_PROCESS, 0, max(nice, os.getpriority(os.PRIO_PROCESS, 0)))
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    if nice > own:
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
+        lateness.watching().give_way(nice)

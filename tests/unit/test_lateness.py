@@ -26,7 +26,7 @@ HERE = Path(__file__).parent
 
 def late():
     '''The sleeper is stopped for a moment, as on a machine that has no time for it.'''
-    watch, began_s = lateness._watching(), time.monotonic()
+    watch, began_s = lateness.watching(), time.monotonic()
     while not watch.late_ms((began_s, float("inf"))):  # it may not sleep yet, or not have slept just then
         watch._process.send_signal(signal.SIGSTOP)
         time.sleep(0.2)

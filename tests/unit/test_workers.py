@@ -18,6 +18,7 @@ TESTS = """
 import json, os, time
 from pathlib import Path
 import pytest
+from tests import lateness
 
 pytestmark = [MARKS]
 
@@ -26,7 +27,8 @@ def test_some(n):
     began_ns = time.monotonic_ns()
     sum(range(LOAD))
     worker, nice = os.environ["PYTEST_XDIST_WORKER"], os.getpriority(os.PRIO_PROCESS, 0)
-    ran = [Path(__file__).stem, worker, nice, began_ns, time.monotonic_ns()]
+    sleepers_nice = os.getpriority(os.PRIO_PROCESS, lateness.watching()._process.pid)
+    ran = [Path(__file__).stem, worker, nice, sleepers_nice, began_ns, time.monotonic_ns()]
     with (Path(__file__).parent / "log").open("a") as log:
         log.write(json.dumps(ran) + chr(10))
 """
@@ -51,6 +53,7 @@ class Ran(NamedTuple):
     file: str
     worker: str
     nice: int
+    sleepers_nice: int
     began_ns: int
     ended_ns: int
 
@@ -136,3 +139,8 @@ def test_what_does_not_fly_gives_way_and_what_needs_nothing_but_time_most(ran: l
             assert one.nice == own
         else:
             assert one.nice >= max(own, 5 if "integration" in one.marks else 10)
+
+
+@pytest.mark.long
+def test_what_watches_for_lateness_gives_way_as_its_tests_do(ran: list[Ran]) -> None:
+    assert [one.sleepers_nice for one in ran] == [one.nice for one in ran]

@@ -232,7 +232,7 @@ def test_what_a_stepped_clock_does(who: str, step_ms: int, late: bool) -> None:
 
 
 @pytest.mark.parametrize("seed", first_quick(range(3)))
-@pytest.mark.parametrize("dangers", [Dangers(), SELECTING], ids=["commands", "choices"])
+@pytest.mark.parametrize("dangers", first_quick([Dangers(), SELECTING]), ids=["commands", "choices"])
 def test_a_cloud_broker_that_shows_nothing_of_what_it_retains_makes_nothing_late_or_double(
     seed: int, dangers: Dangers
 ) -> None:

@@ -70,6 +70,7 @@ def test_a_machine_without_docker_flies_for_nobody(tmp_path: Path, monkeypatch: 
     assert said.startswith("testbed: this machine cannot fly: Docker does not answer: ")
 
 
+@pytest.mark.long
 def test_one_machine_alone_needs_no_dask() -> None:
     alone = "import sys, testbed.cli.commands; sys.exit({'dask', 'distributed'} & set(sys.modules) != set())"
     assert subprocess.run([sys.executable, "-c", alone], check=False).returncode == 0

@@ -162,6 +162,7 @@ def test_a_series_goes_to_machines_that_would_fly_it_alike(
     assert terms() == said
 
 
+@pytest.mark.long
 def test_a_step_runs_in_a_process_of_its_own_whose_errors_come_back() -> None:
     assert in_a_process(os.getpid) != os.getpid()
     with pytest.raises(FileNotFoundError, match="/nowhere"):
