@@ -20,7 +20,19 @@ from ..core.session_owners import SessionOwners
 from ..core.settings import GRACE_MS, NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS, Retry
 from ..errors import PayloadError
 from ..protocol.codec import decode
-from ..protocol.commands import BROADCASTABLE, Goto, Land, Offboard, Resume, Return, StartMission, Takeoff
+from ..protocol.commands import (
+    BROADCASTABLE,
+    Disarm,
+    Goto,
+    Hold,
+    Land,
+    Offboard,
+    Pause,
+    Resume,
+    Return,
+    StartMission,
+    Takeoff,
+)
 from ..protocol.identify import identify
 from ..protocol.messages import CommandId, CommandMessage, Word
 from ..protocol.rankings import SelectMessage
@@ -35,6 +47,10 @@ from .signed_commands import SignedCommand, SignedCommands
 
 FLYING = (Takeoff, Goto, Land, Return, Offboard, StartMission, Resume)
 """A drone is busy from one of these to its last word."""
+SAFETY = (Hold, Land, Return, Disarm, Pause)
+"""What goes over every connection to a drone at once."""
+SECOND_MS = 500
+"""So long after a command went over one connection it goes over all, where no word has come."""
 
 
 class Relay:
@@ -65,6 +81,8 @@ class Relay:
         self.ledger: Ledger[Job] = Ledger()
         self.words = RelayWords(session, to_cloud, cloud, drones, self.ledger)
         self.fog_connected = False
+        self.has_paths = False
+        """Whether the fog is reached over several connections."""
         self._repetitions: Repetitions[CommandId] = Repetitions()
         self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
         self.is_audited: Callable[[], bool] = lambda: True
@@ -191,6 +209,17 @@ class Relay:
             for effect in self._send_again(entry, leg, link, now_ms)
         ]
 
+    def say_again(self, now_ms: int) -> list[Effect]:
+        """The connections to the fog have changed: what is open goes over all of them, the same bytes."""
+        return [
+            effect
+            for entry in self.ledger.open_entries()
+            for leg in entry.record.legs.values()
+            for link in [self._drones.links.get(leg.drone)]
+            if not leg.is_closed and link is not None and link.announced
+            for effect in self._send_again(entry, leg, link, now_ms)
+        ]
+
     def tick(self, now_ms: int) -> list[Effect]:
         """Commands that nobody answers: asked for again, and at last unconfirmed."""
         again = (self.ledger.get(command_id) for command_id in self._repetitions.due(now_ms))
@@ -202,6 +231,9 @@ class Relay:
                     out += self.words.close(entry, leg, Word.UNCONFIRMED, None, now_ms)
                 elif link is not None and link.announced and leg.retry is not None and leg.retry.is_due(now_ms):
                     out += self._send_again(entry, leg, link, now_ms)
+                elif leg.second_ms is not None and now_ms >= leg.second_ms:
+                    leg.second_ms = None
+                    out += self._send_again(entry, leg, link, now_ms) if not leg.words else []
         return out
 
     def _refusal(self, job: Job, known: bool, retained: bool, now_ms: int) -> str | None:
@@ -251,6 +283,7 @@ class Relay:
             return self.words.close(entry, leg, Word.UNREACHABLE, "no_beacon", now_ms)
         leg.sent = replace(job.message, executor_session=link.session, deadline_ms=deadline_ms)
         leg.retry = Retry.of(self._channel.settings.qos, now_ms, remaining_ms)
+        leg.second_ms = now_ms + SECOND_MS if self.has_paths else None
         if isinstance(job.message.command, Offboard):
             link.in_offboard, link.next_lease_ms = True, now_ms
         return [self._publish_command(entry, leg, remaining_ms)]
@@ -270,8 +303,9 @@ class Relay:
             payload = self._channel.payload(topic, leg.sent)
         else:
             payload = signed.for_drone(leg.drone, leg.sent.deadline_ms or QUERY_DEADLINE_MS)
-        ref = (entry.id, leg.drone)
-        return Publish(self._channel.link, topic, payload, qos, expiry_s=expiry_s(remaining_ms), ref=ref)
+        ref, everywhere = (entry.id, leg.drone), leg.publishes > 1 or isinstance(entry.record.message.command, SAFETY)
+        expiry = expiry_s(remaining_ms)
+        return Publish(self._channel.link, topic, payload, qos, expiry_s=expiry, ref=ref, everywhere=everywhere)
 
     def on_malformed(self, drone: int | None, message: Inbound, error: PayloadError, now_ms: int) -> list[Effect]:
         out: list[Effect] = [Log(error.kind, f"{message.topic}: {error}")]

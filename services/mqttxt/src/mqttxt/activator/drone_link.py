@@ -32,12 +32,17 @@ class DroneLink:
     states: dict[str, Known] = field(default_factory=dict)
     nonces: dict[int, int] = field(default_factory=dict)
     challenger: int | None = None
+    challenger_paths: set[str] = field(default_factory=set)
     contest_until_ms: int = 0
     next_lease_ms: int = 0
     in_offboard: bool = False
     knows_certificate: bool = False
     heard_ms: int | None = None
     leases: int = 0
+    paths: set[str] = field(default_factory=set)
+    """The connections over which the bound session is there."""
+    path: str = ""
+    """That of its newest beacon: the better one, as the drone measures them."""
     missed: bool = False
     """Whether the connection to the fog broker is another one, and the drone has not echoed a lease that says so."""
 
@@ -62,10 +67,12 @@ class DroneLink:
     def is_live(self, now_ms: int, interval_ms: int) -> bool:
         return self.up and self.clock is not None and self.clock.is_live(now_ms, interval_ms)
 
-    def bind(self, session: int) -> None:
+    def bind(self, session: int, paths: set[str]) -> None:
         """The number is a new session's: nothing is known of that yet but that it is there."""
         self.session = session
         self.challenger = None
+        self.paths = set(paths)
+        self.path = min(paths)
         self.up = True
         self.clock = RemoteClock(session)
         self.states.clear()

@@ -71,13 +71,33 @@ class Drones:
         """The fog broker is gone: no drone is reachable until it says so again. Returns those that were."""
         gone = [link.number for link in self.links.values() if link.announced]
         for link in self.links.values():
-            link.up = link.announced = False
-            link.missed = True
-            link.nonces.clear()
+            self._miss(link)
         self.roster_changed = self.roster_changed or bool(gone)
         return gone
 
-    def on_presence(self, number: int, presence: Presence, now_ms: int) -> list[Effect]:
+    def forget_path(self, path: str) -> list[Effect]:
+        """One of several connections to the fog is gone: a drone that was there over no other is not reachable."""
+        out: list[Effect] = []
+        for link in self.links.values():
+            link.paths.discard(path)
+            if link.up and not link.paths:
+                was_announced = link.announced
+                self._miss(link)
+                out += self._announce(link, False) if was_announced else []
+        return out
+
+    def path_of(self, number: int) -> str | None:
+        """The better connection to a drone, as it measures them."""
+        link = self.links.get(number)
+        return link.path if link is not None and link.path in link.paths else None
+
+    def _miss(self, link: DroneLink) -> None:
+        link.up = link.announced = False
+        link.missed = True
+        link.paths.clear()
+        link.nonces.clear()
+
+    def on_presence(self, number: int, presence: Presence, now_ms: int, path: str = "") -> list[Effect]:
         """`droneY/reachable`: bind, contest, or mark as gone."""
         link = self.links.get(number)
         if link is None:
@@ -86,17 +106,21 @@ class Drones:
             self.roster_changed = True
         if not presence.up:
             if presence.session == link.session and link.up:
+                link.paths.discard(path)
+                if link.paths:
+                    return []
                 link.up = False
                 return self._announce(link, False)
             return []
         if presence.session == link.session:
             link.up = True
+            link.paths.add(path)
             return [self._lease(link, now_ms)]
         if link.is_live(now_ms, self._settings.beacon_interval_ms):
-            return self._contest(link, presence.session, now_ms)
-        return self._bind(link, presence.session, now_ms)
+            return self._contest(link, presence.session, path, now_ms)
+        return self._bind(link, presence.session, {path}, now_ms)
 
-    def on_beacon(self, number: int, message: BeaconMessage, now_ms: int) -> list[Effect]:
+    def on_beacon(self, number: int, message: BeaconMessage, now_ms: int, path: str = "") -> list[Effect]:
         """`droneY/clock`: what the bound session's clock reads; the first echo makes the drone reachable."""
         link = self.links.get(number)
         if link is None or message.session != link.session or link.clock is None:
@@ -105,6 +129,8 @@ class Drones:
         if asked_ms is not None:
             link.knows_certificate, link.missed = True, False
         link.clock.observe(Beacon(message.session, message.now_ms, message.nonce, message.held_ms), now_ms, asked_ms)
+        if message.now_ms >= (link.heard_ms or 0):
+            link.path = path
         link.heard_ms = max(message.now_ms, link.heard_ms or 0)
         out: list[Effect] = []
         was_contested_ms = link.contest_until_ms - CONTEST_MS
@@ -172,22 +198,24 @@ class Drones:
         for link in self.links.values():
             if link.challenger is not None and now_ms >= link.contest_until_ms:
                 challenger, link.challenger = link.challenger, None
-                out += self._bind(link, challenger, now_ms)
+                out += self._bind(link, challenger, link.challenger_paths, now_ms)
             if link.announced and not link.is_live(now_ms, self._settings.beacon_interval_ms):
                 out += self._announce(link, False)
             if link.up and now_ms >= link.next_lease_ms:
                 out.append(self._lease(link, now_ms))
         return out
 
-    def _bind(self, link: DroneLink, session: int, now_ms: int) -> list[Effect]:
+    def _bind(self, link: DroneLink, session: int, paths: set[str], now_ms: int) -> list[Effect]:
         out = self._announce(link, False) if link.announced else []
-        link.bind(session)
+        link.bind(session, paths)
         return [*out, self._lease(link, now_ms)]
 
-    def _contest(self, link: DroneLink, challenger: int, now_ms: int) -> list[Effect]:
+    def _contest(self, link: DroneLink, challenger: int, path: str, now_ms: int) -> list[Effect]:
         if link.challenger == challenger:
+            link.challenger_paths.add(path)
             return []
         link.challenger = challenger
+        link.challenger_paths = {path}
         link.contest_until_ms = now_ms + CONTEST_MS
         return [
             Log(
@@ -266,4 +294,6 @@ class Drones:
         if self._to_fog.seal is not None:
             lease = replace(lease, counter=link.leases)
         is_known = link.knows_certificate and link.session == lease.drone_session
-        return self._to_fog.publish(self._fog.init_connect(number), lease, qos=1, with_certificate=not is_known)
+        return self._to_fog.publish(
+            self._fog.init_connect(number), lease, qos=1, with_certificate=not is_known, everywhere=True
+        )

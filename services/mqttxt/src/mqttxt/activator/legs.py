@@ -26,6 +26,8 @@ class Leg:
     publishes: int = 0
     words: list[ResultMessage] = field(default_factory=list)
     retry: Retry | None = None
+    second_ms: int | None = None
+    """When it goes over every connection where none has brought a word."""
     truth: ResultMessage | None = None
     said: list[Publish] = field(default_factory=list)
     signed: dict[ResultMessage, Envelope] = field(default_factory=dict)

@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from ..core.audit_log import AuditLog
+from ..core.bond import PATHS, Bond
 from ..core.clock import SessionClock
 from ..core.embedded_broker import EmbeddedBroker
+from ..core.mqtt.events import LinkEvents
 from ..core.mqtt.link import BrokerAddress, MqttLink
 from ..core.runner import Runner
 from ..core.settings import Settings
@@ -23,6 +25,7 @@ from .role import Activator
 class ActivatorRunner(Runner):
     """Runs one fog's activator. `embedded` is its own broker, None where `fog_broker` runs elsewhere.
 
+    `second` is another broker of the fog, for drones with two connections.
     `advertised` is the fog broker's address as others reach it, where that is another than `fog_broker`. `identity` is
     the fog's, for `mqtts://` to both; with a `seal` messages are signed. `audit` is its log.
     """
@@ -37,6 +40,7 @@ class ActivatorRunner(Runner):
         drones: tuple[int, ...] = (),
         embedded: EmbeddedBroker | None = None,
         advertised: BrokerAddress | None = None,
+        second: BrokerAddress | None = None,
         fog_root: str | None = None,
         prefix: str = "",
         ready_file: Path | None = None,
@@ -62,7 +66,10 @@ class ActivatorRunner(Runner):
             fog_side=fog_side,
             seal=seal,
         )
-        lists = {CLOUD: cloud.revoked, FOG: fog_side.revoked}
+        brokers = {FOG: fog_broker}
+        if second is not None:
+            brokers = {f"{FOG} {path}": broker for path, broker in zip(PATHS, (fog_broker, second), strict=True)}
+        lists = {CLOUD: cloud.revoked} | dict.fromkeys(brokers, fog_side.revoked)
         super().__init__(self.activator, clock, ready_file, identity, lists, audit=audit)
         if audit is not None and audit.required:
             self.activator.relay.is_audited = audit.takes
@@ -77,9 +84,19 @@ class ActivatorRunner(Runner):
             identity=identity,
             may_be_ended=seal is None,
         )
-        self.links[FOG] = MqttLink(
-            FOG, fog_broker, f"{client_id}-fog", None, self, identity=identity, may_be_ended=seal is None
-        )
+        events: LinkEvents = self
+        if second is not None:
+            self.activator.relay.has_paths = True
+            events = self.bonds[FOG] = Bond(
+                FOG, self, lambda lost: self.activator.on_path(lost, clock.now_ms()), self.activator.path_of
+            )
+        for name, broker in brokers.items():
+            own_id = f"{client_id}-{name.replace(' ', '')}"
+            self.links[name] = link = MqttLink(
+                name, broker, own_id, None, events, identity=identity, may_be_ended=seal is None
+            )
+            if second is not None:
+                self.bonds[FOG].add(name, link)
 
     def jobs(self) -> list[Any]:
         return [*([self._embedded.run()] if self._embedded is not None else []), *super().jobs()]

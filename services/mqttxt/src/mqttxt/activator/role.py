@@ -127,6 +127,15 @@ class Activator:
         gone = self.drones.forget_connections()
         return [self.drones.record_of(number) for number in gone] if self.born else []
 
+    def on_path(self, lost: str | None, now_ms: int) -> list[Effect]:
+        """One of several connections to the fog has come, was lost, or is not the best any more."""
+        gone = self._watched(self.drones.forget_path(lost), now_ms) if lost is not None else []
+        return gone + self.relay.say_again(now_ms)
+
+    def path_of(self, topic: str) -> str | None:
+        """The better connection for what is on a topic of the fog's side."""
+        return self.drones.path_of(self.fog_side.parse(topic).drone)
+
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
         link = subscribe.link
         self._subacks[link] = max(0, self._subacks[link] - 1)
@@ -228,14 +237,14 @@ class Activator:
         drone = topic.drone
         presence = decode(Presence, self._to_fog.opened(message, f"drone{drone}"))
         passed_on = self._births.on_drone(drone, message.payload) if self._seal is not None and presence.up else []
-        return passed_on + self._watched(self.drones.on_presence(drone, presence, now_ms), now_ms)
+        return passed_on + self._watched(self.drones.on_presence(drone, presence, now_ms, message.path), now_ms)
 
     def _on_drone_beacon(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A drone's beacon; a signed one is passed on: who signs commands makes their deadlines of it."""
         drone = topic.drone
         signed_as = self.cloud.signed_drone_clock(drone)
         beacon = decode(BeaconMessage, self._to_fog.opened(message, f"drone{drone}", signed_as))
-        out = self._watched(self.drones.on_beacon(drone, beacon, now_ms), now_ms)
+        out = self._watched(self.drones.on_beacon(drone, beacon, now_ms, message.path), now_ms)
         link = self.drones.links.get(drone)
         if self._seal is not None and self.born and link is not None and link.session == beacon.session:
             out = [*out, Publish(CLOUD, self.cloud.drone_clock(drone), message.payload, qos=0)]

@@ -23,7 +23,7 @@ from .common import (
     set_up_logging,
     settings,
 )
-from .node_options import BrokerIdentity, Json, Qos, Ready, Verbose, embedded_broker
+from .node_options import BrokerIdentity, Json, Qos, Ready, Verbose, embedded_broker, second_address
 
 if TYPE_CHECKING:
     from ..activator.process import ActivatorRunner
@@ -40,6 +40,9 @@ def activator(
     ] = None,
     fog_broker: Annotated[
         str | None, typer.Option(help="A broker that runs elsewhere, instead of the embedded one.")
+    ] = None,
+    second_fog_broker: Annotated[
+        str | None, typer.Option(help="Another broker of this fog, for drones that connect to two.")
     ] = None,
     fog_root: Annotated[str | None, typer.Option(help="Root of the fog side's topics, as fog1/local/.")] = None,
     drones: Annotated[str, typer.Option(help="Numbers of the fog's drones, as 1,2,3: they are in every roster.")] = "",
@@ -76,13 +79,15 @@ def activator(
             raise ConfigurationError(f"--broker-identity {broker_identity}: expected none beside --fog-broker")
         fog_url = fog_broker if fog_broker is not None else embedded.url if embedded is not None else ""
         advertised = embedded.url_towards(cloud_broker.host, cloud_broker.port) if embedded is not None else None
+        first = transport.check(BrokerAddress.parse(fog_url, "--fog-broker"), "--fog-broker")
         return ActivatorRunner(
             number,
             cloud_broker,
-            transport.check(BrokerAddress.parse(fog_url, "--fog-broker"), "--fog-broker"),
+            first,
             settings(qos, json),
             drones=_drone_numbers(drones),
             embedded=embedded,
+            second=second_address(second_fog_broker, "--second-fog-broker", transport, first, cloud_broker),
             advertised=BrokerAddress.parse(advertised) if advertised is not None else None,
             fog_root=check_root(fog_root) if fog_root is not None else None,
             prefix=prefix,

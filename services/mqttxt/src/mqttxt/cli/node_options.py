@@ -55,3 +55,13 @@ def embedded_broker(
     if files.identity.fleet.key_hash != identity.fleet.key_hash:
         raise ConfigurationError(f"--broker-identity {folder}: of another fleet; expected that of {identity.folder}")
     return EmbeddedBroker(host, port, instead=instead, files=files, cuts=cuts)
+
+
+def second_address(url: str | None, option: str, transport: Transport, *others: BrokerAddress) -> BrokerAddress | None:
+    """The second of a fog's brokers, None where none was given; raises ConfigurationError."""
+    if url is None:
+        return None
+    address = transport.check(BrokerAddress.parse(url, option), option)
+    if any((address.host, address.port) == (other.host, other.port) for other in others):
+        raise ConfigurationError(f"{option} {address}: expected another broker than the first")
+    return address

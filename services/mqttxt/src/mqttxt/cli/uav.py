@@ -28,7 +28,7 @@ from .common import (
     set_up_logging,
     settings,
 )
-from .node_options import BrokerIdentity, Json, Qos, Ready, Verbose, embedded_broker
+from .node_options import BrokerIdentity, Json, Qos, Ready, Verbose, embedded_broker, second_address
 
 if TYPE_CHECKING:
     from ..core.transport import Transport
@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 def uav(
     drone: Annotated[int, typer.Option(help="This drone's number: its autopilot's MAVLink system id.")],
     broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
+    second_broker: Annotated[
+        str | None, typer.Option(help="Another broker of the same fog, by another network: both connections stay up.")
+    ] = None,
     autopilot: Annotated[
         str, typer.Option(help="udp:HOST:PORT (listen), tcp:HOST:PORT or serial:DEVICE:BAUD.")
     ] = "udp:127.0.0.1:14540",
@@ -126,13 +129,15 @@ def uav(
         if logs_limit_mb < 1:
             raise ConfigurationError(f"--logs-limit-mb {logs_limit_mb}: expected 1 or more")
         transport = Transport.of(identity, insecure, f"drone{number}")
+        first = transport.check(BrokerAddress.parse(broker, "--broker"), "--broker")
         carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
         return UavRunner(
             number,
-            transport.check(BrokerAddress.parse(broker, "--broker"), "--broker"),
+            first,
             AutopilotAddress.parse(autopilot),
             JournalFile(journal_file, with_front=True),
             settings(qos, json, bundles),
+            second=second_address(second_broker, "--second-broker", transport, first),
             topics=FogSide(check_root(fog_root)),
             ready_file=ready_file,
             options=UavOptions(

@@ -49,6 +49,7 @@ class Channel:
         ref: Hashable = None,
         with_certificate: bool = False,
         signed_as: str | None = None,
+        everywhere: bool = False,
     ) -> Publish:
         """Say a message; at the QoS of commands where none is named. `signed_as`: as another topic than it is."""
         return Publish(
@@ -59,6 +60,7 @@ class Channel:
             retain=retain,
             expiry_s=expiry_s,
             ref=ref,
+            everywhere=everywhere,
         )
 
     def payload(

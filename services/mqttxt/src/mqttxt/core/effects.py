@@ -11,7 +11,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Publish:
-    """Publish on the connection `link`. With a `ref` the role hears how it ended (`on_published`)."""
+    """Publish on the connection `link`. With a `ref` the role hears how it ended (`on_published`).
+
+    `everywhere`: over each connection of a link that has several (`core.bond`).
+    """
 
     link: str
     topic: str
@@ -20,6 +23,7 @@ class Publish:
     retain: bool = False
     expiry_s: int | None = None
     ref: Hashable = None
+    everywhere: bool = False
 
 
 @dataclass(frozen=True)
@@ -84,13 +88,17 @@ Effect = Publish | Subscribe | Unsubscribe | Log | Stop | Audit
 
 @dataclass(frozen=True)
 class Inbound:
-    """A message received from a broker; with a `receipt` on a link that acknowledges by hand."""
+    """A message received from a broker; with a `receipt` on a link that acknowledges by hand.
+
+    `path` is the connection it came by, of a link that has several.
+    """
 
     topic: str
     payload: bytes
     qos: int = 0
     retain: bool = False
     receipt: Receipt | None = None
+    path: str = ""
 
 
 @dataclass(frozen=True)

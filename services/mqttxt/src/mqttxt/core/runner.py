@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ..errors import ConfigurationError, Refused
+from .bond import Bond
 from .clock import SessionClock
 from .effects import Audit, Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
 from .mqtt.link import MqttLink
@@ -79,6 +80,8 @@ class Runner:
         self._audit = audit
         self.service: Service | None = None
         self.links: dict[str, MqttLink] = {}
+        self.bonds: dict[str, Bond] = {}
+        """Links of the role over several of `links`."""
         fleet = identity.fleet if identity is not None else None
         self.lists = SharedLists(fleet, lists or {}, patience_ms, told)
         self.counts: Counter[str] = Counter()
@@ -88,8 +91,8 @@ class Runner:
         self._stopped: asyncio.Future[None] | None = None
         self._is_to_keep = asyncio.Event()
         self.does: dict[type[Any], Callable[[Any], object]] = {
-            Subscribe: lambda effect: self.links[effect.link].subscribe(effect),
-            Unsubscribe: lambda effect: self.links[effect.link].unsubscribe(effect),
+            Subscribe: lambda effect: self._way(effect.link).subscribe(effect),
+            Unsubscribe: lambda effect: self._way(effect.link).unsubscribe(effect),
             Log: lambda log: self.count(log.kind, log.detail),
             Audit: audit.record if audit is not None else lambda _: None,
             Stop: lambda stop: self._fail(Refused(stop.reason)),
@@ -128,7 +131,8 @@ class Runner:
 
     def jobs(self) -> list[Any]:
         """The coroutines that run as long as the role does."""
-        return [*(link.run() for link in self.links.values()), self._tick()]
+        bonds = [bond.run() for bond in self.bonds.values()]
+        return [*(link.run() for link in self.links.values()), *bonds, self._tick()]
 
     async def reload(self) -> None:
         """Read revocation list, key and certificate anew; a file that cannot be used changes nothing."""
@@ -201,16 +205,20 @@ class Runner:
         """Carry out effects in their order."""
         for output in outputs:
             if isinstance(output, Publish):
-                self.links[output.link].publish(output)
+                self._way(output.link).publish(output)
             else:
                 self.does[type(output)](output)
         self.carried_out()
+
+    def _way(self, link: str) -> Bond | MqttLink:
+        return self.bonds.get(link) or self.links[link]
 
     def carried_out(self) -> None:
         """All that followed from one message, or from the time, is carried out."""
 
     def connected(self, link: str) -> None:
-        logger.info("%s: connected to %s", link, self.links[link].address)
+        if link in self.links:
+            logger.info("%s: connected to %s", link, self.links[link].address)
         self.carry_out(self.lists.on_connected(link))
         self.carry_out(self.role.on_connected(link, self.clock.now_ms()))
 

@@ -295,7 +295,7 @@ class CommandDesk:
         """Only the acknowledgement of a last word that the ledger keeps ends its repetition."""
         topic = self._topics.commands_result(self._drone, name)
         ref = result.id if kept and result.word.is_last else None
-        return self._channel.publish(topic, result, ref=ref)
+        return self._channel.publish(topic, result, ref=ref, everywhere=True)
 
     def on_published(self, ref: Any, code: int, now_ms: int) -> list[Effect]:
         """A QoS 1 publish with `ref` was acknowledged with an MQTT reason code."""

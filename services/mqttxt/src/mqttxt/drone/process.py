@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ..core.audit_log import AuditLog
+from ..core.bond import PATHS, Bond
 from ..core.clock import SessionClock
+from ..core.mqtt.events import LinkEvents
 from ..core.mqtt.link import BrokerAddress, MqttLink
 from ..core.runner import Runner
 from ..core.settings import Settings
@@ -50,7 +52,8 @@ class UavRunner(Runner):
     """Runs a UAV client: first the autopilot's heartbeat with the right system id, then the broker.
 
     With a `seal` messages are signed, and `fog` is the one whose activator's leases the drone takes; with a `signing`
-    MAVLink is signed. `audit` is its log, `parameters` keeps what a station was given of the autopilot's, `logs` the
+    MAVLink is signed. `second` is another broker of the same fog: both connections stay up.
+    `audit` is its log, `parameters` keeps what a station was given of the autopilot's, `logs` the
     autopilot's flight logs.
     """
 
@@ -62,6 +65,7 @@ class UavRunner(Runner):
         journal: JournalFile,
         settings: Settings,
         *,
+        second: BrokerAddress | None = None,
         topics: FogSide | None = None,
         ready_file: Path | None = None,
         options: UavOptions | None = None,
@@ -84,7 +88,11 @@ class UavRunner(Runner):
         )
         self._parameters = parameters
         self._logs = LogPort(logs, self._on_log) if logs is not None else None
-        lists, told = {LINK: self.client.topics.revoked}, {SENSORS: REVOKED} if sensors is not None else None
+        brokers = {LINK: broker}
+        if second is not None:
+            brokers = {f"{LINK} {path}": each for path, each in zip(PATHS, (broker, second), strict=True)}
+        lists = dict.fromkeys(brokers, self.client.topics.revoked)
+        told = {SENSORS: REVOKED} if sensors is not None else None
         super().__init__(self.client, clock, ready_file, identity, lists, LIST_PATIENCE_MS, audit, told)
         if audit is not None and audit.required:
             self.client.desk.is_audited = audit.takes
@@ -99,9 +107,18 @@ class UavRunner(Runner):
         self._wrong_id: int | None = None
         self._unknown_kind: Any = None
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
-        self.links[LINK] = MqttLink(
-            LINK, broker, client_id, self.client.will, self, identity=identity, may_be_ended=seal is None
-        )
+        events: LinkEvents = self
+        if second is not None:
+            events = self.bonds[LINK] = Bond(LINK, self, lambda lost: self.client.on_path(lost, clock.now_ms()))
+        self._to_fog: list[MqttLink] = []
+        for name, each in brokers.items():
+            link = MqttLink(
+                name, each, client_id, self.client.will, events, identity=identity, may_be_ended=seal is None
+            )
+            self.links[name] = link
+            self._to_fog.append(link)
+            if second is not None:
+                self.bonds[LINK].add(name, link)
         self._sensors: SensorPort | None = None
         if sensors is not None and self.client.carrier is not None:
             self._sensors = SensorPort(
@@ -169,7 +186,8 @@ class UavRunner(Runner):
             found = f"HEARTBEAT.autopilot is {self._unknown_kind.autopilot}, its type {self._unknown_kind.type}"
             raise ConfigurationError(f"--autopilot {self._autopilot.address}: {found}; expected {known}")
         logger.info("drone %d: heard its autopilot", self.client.drone)
-        await self.links[LINK].run()
+        bonds = [bond.run() for bond in self.bonds.values()]
+        await asyncio.gather(*(link.run() for link in self._to_fog), *bonds)
 
     def _on_readable(self) -> None:
         for message in self._autopilot.messages():

@@ -139,6 +139,13 @@ class UavClient:
             self.carrier.on_fog_down()
         return []
 
+    def on_path(self, lost: str | None, now_ms: int) -> list[Effect]:
+        """One of several connections to the fog has come, was lost, or is not the best any more."""
+        if not self.born:
+            return []
+        self._states.throttle.repeat_published()  # what went over another one may not have arrived
+        return [self._beacon(now_ms), *self.desk.republish()]
+
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
         """Commands can be heard from now on: say so, then everything that may not have been heard before."""
         if subscribe.link == SENSORS:

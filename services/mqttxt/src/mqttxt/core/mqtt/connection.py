@@ -32,6 +32,7 @@ from .client import CONNECT_TIMEOUT_S, KEEPALIVE_S, make_client, start_connectin
 from .events import LinkEvents
 from .packets import KIND, PINGREQ, PINGRESP, PUBLISH, RETAIN, end_of, message_of, publish
 from .properties import LARGEST_PACKET, BrokerLimits, expiry_properties
+from .round_trip import RoundTrip
 from .subscriptions import Subscriptions
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ class Connection:
         self._held = self._owed = 0
         self._last_in_s = self._last_out_s = 0.0
         self._pinged_s: float | None = None
+        self._round_trip = RoundTrip()
         self._serial = next(_SERIALS) if manual_ack else None
         self._client = client = make_client(address, client_id, will, ssl_context)
         self._subscriptions = Subscriptions(client, events.subscribed, self._refused)
@@ -169,6 +171,17 @@ class Connection:
         serial, mid = receipt
         if serial == self._serial:
             self._client.ack(mid, 1)
+
+    def ping(self) -> None:
+        """Ask the broker for a sign of life, unless it owes one."""
+        if self._pinged_s is None and self._socket is not None:
+            self._pinged_s = self._loop.time()
+            self._socket.send(PINGREQ)
+            self._flush_soon()
+
+    def usual_s(self) -> float:
+        """By when the broker answers as a rule, in seconds; infinite where an answer is overdue."""
+        return self._round_trip.usual_s(self._loop.time() - self._pinged_s if self._pinged_s is not None else 0.0)
 
     def wrong_with_broker(self, identity: Identity) -> str | None:
         """Why the broker's certificate is not good now, in words; None while it is."""
@@ -279,6 +292,8 @@ class Connection:
         if came[start] & KIND == PUBLISH:
             self._take_message(came, start, body, end)
         elif came[start] == PINGRESP:
+            if self._pinged_s is not None:
+                self._round_trip.took(self._loop.time() - self._pinged_s)
             self._pinged_s = None
         elif end - start > _LONGEST_OTHER:
             raise ValueError(f"{end - start} bytes that are no PUBLISH; expected at most {_LONGEST_OTHER}")
@@ -349,9 +364,7 @@ class Connection:
             return
         quiet_s = now_s - min(self._last_in_s, self._last_out_s)
         if self._pinged_s is None and quiet_s >= keepalive_s:
-            self._pinged_s = now_s
-            sock.send(PINGREQ)
-            self._flush_soon()
+            self.ping()
         self._loop.call_later(_MISC_S, self._look_after)
 
     # What paho calls. Only while one of its loop functions runs, so in the event loop's thread.

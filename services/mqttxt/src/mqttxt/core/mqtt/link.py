@@ -12,6 +12,7 @@ import random
 import secrets
 import ssl
 from collections.abc import Callable
+from math import inf
 from typing import TYPE_CHECKING
 
 from ...errors import BrokerRefused, ConfigurationError
@@ -109,6 +110,15 @@ class MqttLink:
         """Say that an inbound message is safe, on a link with `manual_ack`; nothing where its connection has ended."""
         if self._connection is not None:
             self._connection.acknowledge(receipt)
+
+    def ping(self) -> None:
+        """Measure the connection, if there is one."""
+        if self._connection is not None:
+            self._connection.ping()
+
+    def usual_s(self) -> float:
+        """By when the broker answers as a rule, in seconds; infinite where it does not."""
+        return self._connection.usual_s() if self._connection is not None else inf
 
     def check_broker(self) -> None:
         """Give up a connection to a broker whose certificate is not good any more, as after a revocation."""

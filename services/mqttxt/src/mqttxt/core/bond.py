@@ -1,0 +1,217 @@
+"""Several connections as one link of a role: up while one of them is (docs/protocol.md, section 19)."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+from .effects import Inbound, Publish, Subscribe, Unsubscribe
+from .shared_lists import LISTS, SharedLists
+
+logger = logging.getLogger("mqttxt")
+
+PROBE_S = 0.4
+"""How often each connection is measured: two of them for less than 0.8 kB/s with all headers and acknowledgements."""
+LOOK_S = 0.05
+PATHS = ("1", "2")
+"""What the connections of a link are told apart by, behind its name."""
+BETTER = 0.7
+"""Another connection is taken where it is better by so much, so that two equal ones do not alternate."""
+
+
+class Path(Protocol):
+    """One of the connections, as `mqtt.link.MqttLink` is."""
+
+    def publish(self, effect: Publish, /) -> None: ...
+    def subscribe(self, effect: Subscribe, /) -> None: ...
+    def unsubscribe(self, effect: Unsubscribe, /) -> None: ...
+    def ping(self) -> None: ...
+    def usual_s(self) -> float: ...
+
+
+class Owner(Protocol):
+    """The runner of the role that has the link."""
+
+    lists: SharedLists
+
+    def connected(self, link: str) -> None: ...
+    def disconnected(self, link: str) -> None: ...
+    def received(self, link: str, message: Inbound) -> None: ...
+    def subscribed(self, subscribe: Subscribe) -> None: ...
+    def published(self, link: str, ref: Hashable, code: int) -> None: ...
+    def count(self, kind: str, detail: str) -> None: ...
+    def carry_out(self, outputs: Iterable[Any]) -> None: ...
+
+
+@dataclass
+class _Member:
+    path: Path
+    is_up: bool = False
+    awaited: list[Subscribe] = field(default_factory=list)
+    probe_at_s: float = 0.0
+
+    @property
+    def is_ready(self) -> bool:
+        return self.is_up and not self.awaited
+
+
+@dataclass(eq=False)
+class _Sent:
+    """A publish with a `ref`: how many PUBACKs are awaited, and over which connections it went."""
+
+    publish: Publish
+    awaited: int = 0
+    tried: set[str] = field(default_factory=set)
+    is_done: bool = False
+
+
+class Bond:
+    """The link `name` of `owner`, over the connections that are added; it is what these report to.
+
+    What is to go everywhere, and what is retained, goes over all, the rest over the one that `prefers` names for a
+    topic, else over the best. `on_change` makes what the role does once a connection has come, was lost (its name) or
+    another one is the best.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        owner: Owner,
+        on_change: Callable[[str | None], Iterable[Any]],
+        prefers: Callable[[str], str | None] = lambda topic: None,
+    ) -> None:
+        self.name = name
+        self.best: str | None = None
+        self._owner = owner
+        self._on_change = on_change
+        self._prefers = prefers
+        self._members: dict[str, _Member] = {}
+        self._subscribes: list[Subscribe] = []
+        self._granted: list[Subscribe] = []
+        self._retained: dict[str, Publish] = {}
+
+    def add(self, name: str, path: Path) -> None:
+        self._members[name] = _Member(path)
+
+    async def run(self) -> None:
+        """Measure the connections for as long as the role runs."""
+        loop = asyncio.get_running_loop()
+        while True:
+            self.look(loop.time())
+            await asyncio.sleep(LOOK_S)
+
+    def look(self, now_s: float) -> None:
+        """Measure, and take the best connection; to be called some twenty times a second."""
+        for member in self._members.values():
+            if member.is_ready and now_s >= member.probe_at_s:
+                member.probe_at_s = now_s + PROBE_S
+                member.path.ping()
+        ready = {name: member.path.usual_s() for name, member in self._members.items() if member.is_ready}
+        if not ready:
+            return
+        found = min(ready, key=lambda name: ready[name])
+        if self.best not in ready or ready[found] < BETTER * ready[self.best]:
+            self._take(found)
+
+    def publish(self, effect: Publish) -> None:
+        if effect.retain:
+            self._retained[effect.topic] = effect
+        ready = [name for name, member in self._members.items() if member.is_ready]
+        if not (effect.everywhere or effect.retain):
+            wanted = self._prefers(effect.topic)
+            ready = [wanted if wanted in ready else self.best if self.best in ready else ready[0]] if ready else []
+        self._send(_Sent(effect), ready)
+
+    def subscribe(self, effect: Subscribe) -> None:
+        self._subscribes.append(effect)
+        for name, member in self._members.items():
+            if member.is_up:
+                member.awaited.append(effect)
+                member.path.subscribe(replace(effect, link=name))
+
+    def unsubscribe(self, effect: Unsubscribe) -> None:
+        for name, member in self._members.items():
+            if member.is_up:
+                member.path.unsubscribe(replace(effect, link=name))
+
+    def connected(self, link: str) -> None:
+        logger.info("%s: connected by %s", self.name, link)
+        member, is_first = self._members[link], not any(member.is_up for member in self._members.values())
+        member.is_up = True
+        self._owner.carry_out(self._owner.lists.on_connected(link))
+        if is_first:
+            self._owner.connected(self.name)
+            return
+        member.awaited = list(self._subscribes)
+        for effect in self._subscribes:
+            member.path.subscribe(replace(effect, link=link))
+
+    def disconnected(self, link: str) -> None:
+        member = self._members[link]
+        member.is_up = False
+        member.awaited.clear()
+        self._owner.lists.on_disconnected(link)
+        if self.best == link:
+            self.best = None
+        if any(other.is_up for other in self._members.values()):
+            self._owner.carry_out(self._on_change(link))
+            return
+        self._subscribes.clear()
+        self._granted.clear()
+        self._retained.clear()
+        self._owner.disconnected(self.name)
+
+    def subscribed(self, subscribe: Subscribe) -> None:
+        """What a connection has subscribed to the role hears once; a further one is told what is retained."""
+        if subscribe.ref == LISTS:
+            self._owner.subscribed(subscribe)
+            return
+        link, own = subscribe.link, replace(subscribe, link=self.name)
+        member = self._members[link]
+        member.awaited.remove(own)
+        if self.best is None and member.is_ready:
+            self.best = link
+        if own not in self._granted:
+            self._granted.append(own)
+            self._owner.subscribed(own)
+        elif member.is_ready:
+            for publish in self._retained.values():
+                self._send(_Sent(publish), [link])
+            self._owner.carry_out(self._on_change(None))
+
+    def received(self, link: str, message: Inbound) -> None:
+        if message.topic == self._owner.lists.topic(link):
+            self._owner.received(link, message)
+        else:
+            self._owner.received(self.name, replace(message, path=link))
+
+    def published(self, link: str, ref: Hashable, code: int) -> None:
+        """A broker's PUBACK. That nobody subscribes counts once every connection that is there was tried."""
+        if not isinstance(ref, _Sent) or ref.is_done:
+            return
+        ref.awaited -= 1
+        others = [name for name, member in self._members.items() if member.is_ready and name not in ref.tried]
+        if code != 0 and (ref.awaited > 0 or others):
+            self._send(ref, others)
+            return
+        ref.is_done = True
+        self._owner.published(self.name, ref.publish.ref, code)
+
+    def count(self, kind: str, detail: str) -> None:
+        self._owner.count(kind, detail)
+
+    def _take(self, found: str) -> None:
+        if self.best is not None:
+            logger.info("%s: over %s instead of %s", self.name, found, self.best)
+        self.best = found
+        self._owner.carry_out(self._on_change(None))
+
+    def _send(self, sent: _Sent, names: Iterable[str]) -> None:
+        for name in names:
+            sent.awaited += 1
+            sent.tried.add(name)
+            ref = sent if sent.publish.ref is not None else None
+            self._members[name].path.publish(replace(sent.publish, link=name, ref=ref))

@@ -1,0 +1,209 @@
+"""Two connections between a UAV client and its activator (docs/protocol.md, section 19)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from random import Random
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from mqttxt.core.bond import BETTER
+from mqttxt.core.mqtt.round_trip import SPARE_S, RoundTrip
+from mqttxt.drone.effects import Transmit
+from mqttxt.protocol.codec import decode
+from mqttxt.protocol.commands import Arm, Disarm, Hold
+from mqttxt.protocol.messages import DroneRecord, Word
+from mqttxt.security.cose import Envelope
+from mqttxt.station.outcomes import Outcome
+from tests.simulation.two_links import LINKS, NOTICED_MS, TwoLinks
+from tests.simulation.world import ack, heartbeat, position
+
+LTE, SAT = LINKS
+ARM_DISARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+CUTS = 1000
+
+
+def started(**options: object) -> TwoLinks:
+    world = TwoLinks(**options).start()  # type: ignore[arg-type]
+    world.pass_time(1000)
+    return world
+
+
+def is_reachable(world: TwoLinks) -> bool:
+    payload = world.retained["cloud", "fog1/drone1/reachable"].payload
+    return decode(DroneRecord, Envelope.parse(payload).payload if world.signed else payload).up
+
+
+def records(world: TwoLinks) -> int:
+    return sum(publish.topic == "fog1/drone1/reachable" for _, publish in world.sent)
+
+
+def over(world: TwoLinks, topic: str, since: int = 0) -> list[str]:
+    return [publish.link for _, publish in world.over[since:] if publish.topic == topic]
+
+
+def last_words(world: TwoLinks) -> Counter[object]:
+    return Counter(said.id for said in world.heard if isinstance(said, Outcome) and said.is_last)
+
+
+def words(world: TwoLinks, command_id: object) -> list[Word]:
+    return [said.word for said in world.heard if isinstance(said, Outcome) and said.id == command_id and said.is_last]
+
+
+def written(world: TwoLinks) -> int:
+    return sum(isinstance(effect, Transmit) and effect.message.command == ARM_DISARM for effect in world.wrote)
+
+
+def obey(world: TwoLinks, armed: bool) -> None:
+    world.autopilot(ack(ARM_DISARM), heartbeat(armed=armed))
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_drone_is_there_while_one_of_its_connections_is(signed: bool) -> None:
+    world = started(signed=signed)
+    before = records(world)
+    for link in LINKS:
+        world.cut("uav", link)
+        world.pass_time(2000)
+        assert is_reachable(world)
+        world.connect("uav", link)
+        world.pass_time(2000)
+    assert records(world) == before, "nobody hears of a cut of one"
+    for link in LINKS:
+        world.cut("uav", link)
+    assert not is_reachable(world)
+    world.connect("uav", SAT)
+    world.pass_time(100)
+    assert is_reachable(world)
+
+
+def test_a_drone_that_is_there_over_the_lost_connection_alone_is_gone() -> None:
+    world = started()
+    world.cut("uav", SAT)
+    world.cut("activator", LTE)
+    assert not is_reachable(world)
+    world.connect("activator", LTE)
+    world.pass_time(100)
+    assert is_reachable(world)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+@pytest.mark.parametrize(("command", "links"), [(Arm(), [LTE]), (Hold(), [LTE, SAT]), (Disarm(), [LTE, SAT])])
+def test_safety_commands_go_over_both(command: object, links: list[str], signed: bool) -> None:
+    world = started(signed=signed)
+    since = len(world.over)
+    world.send(command)
+    assert over(world, "drone1/commands", since) == links
+
+
+def test_a_state_goes_over_the_better_one_alone_and_both_change_with_the_measure() -> None:
+    world = started()
+    since = len(world.over)
+    world.autopilot(position(5.0))
+    world.pass_time(1000)
+    assert set(over(world, "drone1/state/location", since)) == {LTE}
+    world.freeze("uav", LTE)
+    world.pass_time(NOTICED_MS + 100)
+    since = len(world.over)
+    world.autopilot(position(9.0))
+    world.pass_time(1000)
+    assert set(over(world, "drone1/state/location", since)) == {SAT}
+    world.send(Arm())
+    assert over(world, "drone1/commands", since) == [SAT], "the activator follows the drone's beacon"
+
+
+def test_a_command_that_only_a_stuck_connection_has_goes_over_the_other() -> None:
+    world = started()
+    world.freeze("uav", LTE)
+    command_id = world.send(Arm())
+    assert written(world) == 0
+    world.pass_time(600)
+    assert written(world) == 1
+    obey(world, True)
+    world.pass_time(100)
+    assert words(world, command_id) == [Word.COMPLETED]
+    world.thaw("uav", LTE)
+    world.pass_time(1000)
+    assert written(world) == 1
+    assert words(world, command_id) == [Word.COMPLETED]
+
+
+def test_a_command_that_comes_out_of_a_stuck_connection_after_its_deadline_is_not_executed() -> None:
+    world = started()
+    for link in LINKS:
+        world.freeze("uav", link)
+    command_id = world.send(Arm(), ttl_ms=1000)
+    world.pass_time(3000)
+    for link in LINKS:
+        world.thaw("uav", link)
+    world.pass_time(1000)
+    assert written(world) == 0
+    assert words(world, command_id) == [Word.EXPIRED]
+
+
+def test_an_older_command_does_not_come_behind_a_hold() -> None:
+    world = started()
+    world.freeze("uav", LTE)
+    older = world.send(Arm())
+    world.send(Hold())
+    world.thaw("uav", LTE)
+    world.pass_time(1000)
+    assert written(world) == 0
+    assert words(world, older) == [Word.OVERTAKEN]
+
+
+def test_nobody_subscribes_only_where_no_broker_has_a_subscriber() -> None:
+    world = started()
+    world.subscribed = [entry for entry in world.subscribed if entry[:2] != ("uav", LTE)]
+    command_id = world.send(Arm())
+    assert written(world) == 1
+    assert words(world, command_id) == []
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_cuts_double_and_lose_nothing(signed: bool) -> None:
+    cuts, rng = CUTS // 20 if signed else CUTS, Random(1)
+    world = started(signed=signed)
+    sent: list[object] = []
+    expected_writes, gap_ms, heard_ms = 0, 0, world.now_ms
+    for number in range(cuts):
+        name, link = rng.choice(("uav", "uav", "activator")), rng.choice(LINKS)
+        is_stuck = name == "uav" and rng.random() < 0.5
+        command_at, back_at = rng.randrange(8), 12 + rng.randrange(8)
+        armed = number % 2 == 0
+        for step in range(30):
+            before = len(world.wrote)
+            if step == 4:
+                (world.freeze if is_stuck else world.cut)(name, link)
+            if step == command_at:
+                sent.append(world.send(Arm() if armed else Disarm()))
+                expected_writes += 1
+            if step == back_at:
+                (world.thaw if is_stuck else world.connect)(name, link)
+            world.autopilot(position(5.0 + (number * 30 + step) % 50))
+            world.pass_time(50)
+            if len(world.wrote) != before:
+                obey(world, armed)
+            if any(who == "activator" and "/state/location" in each.topic for who, each in world.sent):
+                gap_ms, heard_ms = max(gap_ms, world.now_ms - heard_ms), world.now_ms
+            world.sent.clear()
+            world.over.clear()
+        assert is_reachable(world)
+    world.pass_time(1000)
+    assert written(world) == expected_writes
+    assert last_words(world) == Counter(sent)
+    assert all(words(world, command_id) == [Word.COMPLETED] for command_id in sent)
+    assert gap_ms < 1000
+
+
+def test_an_overdue_answer_makes_a_connection_stuck_and_a_late_one_makes_it_worse() -> None:
+    found = RoundTrip()
+    assert found.usual_s(0) > 0
+    for _ in range(50):
+        found.took(0.05)
+    quick = found.usual_s(0)
+    assert quick == found.usual_s(quick + SPARE_S / 2)
+    assert found.usual_s(quick + 2 * SPARE_S) == float("inf")
+    found.took(1.0)
+    assert quick < BETTER * found.usual_s(0), "a lost segment is a late answer"
