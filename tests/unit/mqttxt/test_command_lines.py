@@ -43,10 +43,13 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ("uav --drone 1 --broker mqtt://127.0.0.1 --autopilot serial:/dev/x:0", "expected a baud rate from 1"),
         ("uav --drone 1 --broker mqtt://fog.example", f"--broker mqtt://fog.example:1883: {ADVICE}"),
         (
-            "uav --drone 1 --broker mqtt://[::1] --second-broker mqtt://[::1]",
-            "--second-broker mqtt://[::1]:1883: expected a broker that is no other option's",
+            "uav --drone 1 --broker mqtt://127.0.0.1 --second-broker mqtt://127.0.0.1",
+            "--second-broker mqtt://127.0.0.1:1883: expected a broker that is no other option's",
         ),
-        ("uav --drone 1 --broker mqtt://[::1] --second-broker x", "--second-broker 'x': expected mqtt://HOST[:PORT]"),
+        (
+            "uav --drone 1 --broker mqtt://127.0.0.1 --second-broker x",
+            "--second-broker 'x': expected mqtt://HOST[:PORT]",
+        ),
         (
             "activator --fog 1 --cloud mqtt://127.0.0.1:1 --fog-broker mqtt://[::1] --second-fog-broker mqtt://127.0.0.1:1",
             "--second-fog-broker mqtt://127.0.0.1:1: expected a broker that is no other option's",

@@ -130,6 +130,7 @@ def uav(
             raise ConfigurationError(f"--logs-limit-mb {logs_limit_mb}: expected 1 or more")
         transport = Transport.of(identity, insecure, f"drone{number}")
         first = transport.check(BrokerAddress.parse(broker, "--broker"), "--broker")
+        second = second_address(second_broker, "--second-broker", transport, first)
         carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
         return UavRunner(
             number,
@@ -137,7 +138,7 @@ def uav(
             AutopilotAddress.parse(autopilot),
             JournalFile(journal_file, with_front=True),
             settings(qos, json, bundles),
-            second=second_address(second_broker, "--second-broker", transport, first),
+            second=second,
             topics=FogSide(check_root(fog_root)),
             ready_file=ready_file,
             options=UavOptions(
