@@ -34,7 +34,8 @@ pytestmark = [
 ATTACK = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 FLOOD = 20_000
 LARGE = 250
-LOADED = """getComputedStyle(document.documentElement).getPropertyValue('--ink') !== ''
+LOADED = """document.documentElement !== null
+  && getComputedStyle(document.documentElement).getPropertyValue('--ink') !== ''
   && document.querySelectorAll('#fleet-rows tr').length === 2"""
 
 
