@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 
 import pytest
@@ -17,6 +18,12 @@ settings.load_profile("any machine")
 
 # A runner of typer makes a program's tree of options for every command that it runs, which takes longer than most do.
 testing._get_command = cache(testing._get_command)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _own_state(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A UAV client's journal, where none is named, is not that of whoever runs the tests."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 
 class Failures:
