@@ -23,7 +23,7 @@ from testbed.fly.results import Series
 from tests.rigs.campaigns import ATTEMPT_BYTES, Campaign, Machines
 from tests.rigs.processes import eventually, free_port, wait_until
 
-pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(400)]
 FOUR = Wish(experiments="scenario-1,scenario-3", arms="thesis,direct", profiles="ideal")
 
 

@@ -108,7 +108,7 @@ class Campaign:
         assert isinstance(self._console.file, StringIO)
         return self._console.file.getvalue()
 
-    def wait(self, limit_s: float = 90) -> None:
+    def wait(self, limit_s: float = 180) -> None:
         self._thread.join(limit_s)
         assert not self._thread.is_alive(), self.said()
 
