@@ -8,14 +8,15 @@ from functools import partial
 from typing import Any
 
 from mqttxt.activator.drones import CLOUD, FOG
-from mqttxt.core.bond import PATHS, Bond
+from mqttxt.core.address import BrokerAddress
+from mqttxt.core.bond import Bond, connections
 from mqttxt.core.effects import Inbound, Publish, Subscribe
 from mqttxt.core.shared_lists import SharedLists
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.policies import POLICIES
 from tests.simulation.world import World, heartbeat, home, landed, matches, position
 
-LINKS = tuple(f"{FOG} {path}" for path in PATHS)
+LINKS = tuple(connections(FOG, BrokerAddress("lte", 1883), BrokerAddress("sat", 1883)))
 USUAL_S = dict(zip(LINKS, (0.05, 0.6), strict=True))
 OFTEN = POLICIES | {"location": replace(POLICIES["location"], min_interval_ms=50)}
 NOTICED_MS = 600

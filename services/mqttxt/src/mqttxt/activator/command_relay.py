@@ -24,7 +24,6 @@ from ..protocol.commands import (
     BROADCASTABLE,
     Disarm,
     Goto,
-    Hold,
     Land,
     Offboard,
     Pause,
@@ -47,7 +46,7 @@ from .signed_commands import SignedCommand, SignedCommands
 
 FLYING = (Takeoff, Goto, Land, Return, Offboard, StartMission, Resume)
 """A drone is busy from one of these to its last word."""
-SAFETY = (Hold, Land, Return, Disarm, Pause)
+SAFETY = (*OVERRIDING, Disarm, Pause)
 """What goes over every connection to a drone at once."""
 SECOND_MS = 500
 """So long after a command went over one connection it goes over all, where no word has come."""
@@ -209,16 +208,10 @@ class Relay:
             for effect in self._send_again(entry, leg, link, now_ms)
         ]
 
-    def say_again(self, now_ms: int) -> list[Effect]:
+    def on_path(self, now_ms: int) -> list[Effect]:
         """The connections to the fog have changed: what is open goes over all of them, the same bytes."""
-        return [
-            effect
-            for entry in self.ledger.open_entries()
-            for leg in entry.record.legs.values()
-            for link in [self._drones.links.get(leg.drone)]
-            if not leg.is_closed and link is not None and link.announced
-            for effect in self._send_again(entry, leg, link, now_ms)
-        ]
+        there = [link for link in self._drones.links.values() if link.announced]
+        return [effect for link in there for effect in self.on_drone_reachable(link, now_ms)]
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Commands that nobody answers: asked for again, and at last unconfirmed."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.audit_log import AuditLog
-from ..core.bond import PATHS, Bond
+from ..core.bond import Bond, connections
 from ..core.clock import SessionClock
 from ..core.embedded_broker import EmbeddedBroker
 from ..core.mqtt.events import LinkEvents
@@ -66,9 +66,7 @@ class ActivatorRunner(Runner):
             fog_side=fog_side,
             seal=seal,
         )
-        brokers = {FOG: fog_broker}
-        if second is not None:
-            brokers = {f"{FOG} {path}": broker for path, broker in zip(PATHS, (fog_broker, second), strict=True)}
+        brokers = connections(FOG, fog_broker, second)
         lists = {CLOUD: cloud.revoked} | dict.fromkeys(brokers, fog_side.revoked)
         super().__init__(self.activator, clock, ready_file, identity, lists, audit=audit)
         if audit is not None and audit.required:

@@ -8,18 +8,22 @@ from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
+from .address import BrokerAddress
 from .effects import Inbound, Publish, Subscribe, Unsubscribe
 from .shared_lists import LISTS, SharedLists
 
 logger = logging.getLogger("mqttxt")
 
 PROBE_S = 0.4
-"""How often each connection is measured: two of them for less than 0.8 kB/s with all headers and acknowledgements."""
+"""How often each connection is measured."""
 LOOK_S = 0.05
-PATHS = ("1", "2")
-"""What the connections of a link are told apart by, behind its name."""
 BETTER = 0.7
 """Another connection is taken where it is better by so much, so that two equal ones do not alternate."""
+
+
+def connections(link: str, broker: BrokerAddress, second: BrokerAddress | None) -> dict[str, BrokerAddress]:
+    """The brokers of a link by the names of its connections; with one broker it is the link's own name."""
+    return {link: broker} if second is None else {f"{link} 1": broker, f"{link} 2": second}
 
 
 class Path(Protocol):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.audit_log import AuditLog
-from ..core.bond import PATHS, Bond
+from ..core.bond import Bond, connections
 from ..core.clock import SessionClock
 from ..core.mqtt.events import LinkEvents
 from ..core.mqtt.link import BrokerAddress, MqttLink
@@ -52,9 +52,8 @@ class UavRunner(Runner):
     """Runs a UAV client: first the autopilot's heartbeat with the right system id, then the broker.
 
     With a `seal` messages are signed, and `fog` is the one whose activator's leases the drone takes; with a `signing`
-    MAVLink is signed. `second` is another broker of the same fog: both connections stay up.
-    `audit` is its log, `parameters` keeps what a station was given of the autopilot's, `logs` the
-    autopilot's flight logs.
+    MAVLink is signed. `second` is another broker of the same fog: both connections stay up. `audit` is its log,
+    `parameters` keeps what a station was given of the autopilot's, `logs` the autopilot's flight logs.
     """
 
     def __init__(
@@ -88,9 +87,7 @@ class UavRunner(Runner):
         )
         self._parameters = parameters
         self._logs = LogPort(logs, self._on_log) if logs is not None else None
-        brokers = {LINK: broker}
-        if second is not None:
-            brokers = {f"{LINK} {path}": each for path, each in zip(PATHS, (broker, second), strict=True)}
+        brokers = connections(LINK, broker, second)
         lists = dict.fromkeys(brokers, self.client.topics.revoked)
         told = {SENSORS: REVOKED} if sensors is not None else None
         super().__init__(self.client, clock, ready_file, identity, lists, LIST_PATIENCE_MS, audit, told)

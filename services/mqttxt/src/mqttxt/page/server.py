@@ -90,7 +90,8 @@ class Server:
         self._files = {name: (assets / name).read_bytes() for name in _FILES}
         start = (assets / _START).read_bytes()
         self._files["page.html"] = self._files["page.html"].replace(b"<script>", b"<script>" + start)
-        self._start = f"sha256-{base64.b64encode(hashlib.sha256(start).digest()).decode()}"
+        hashed = f"sha256-{base64.b64encode(hashlib.sha256(start).digest()).decode()}"
+        self._headers = {name: value.format(start=hashed) for name, value in _HEADERS.items()}
         app = web.Application(middlewares=[self._guard])
         app.router.add_get("/", self._page)
         app.router.add_get("/live", self._socket)
@@ -179,8 +180,8 @@ class Server:
         return socket
 
     async def _add_headers(self, _request: web.Request, response: web.StreamResponse) -> None:
-        for name, value in _HEADERS.items():
-            response.headers.setdefault(name, value.format(start=self._start))
+        for name, value in self._headers.items():
+            response.headers.setdefault(name, value)
 
     async def _close_sockets(self, _app: web.Application) -> None:
         for socket in list(self._sockets):
