@@ -7,6 +7,10 @@ fixtures, beside nothing but tests that give way (workers.py), TURNS times at mo
 the machine is quieter, and after its last turn it is neither passed nor failed but inconclusive: the last lines name it
 with its failure, and the very last one counts it. Any other test that fails in every turn has failed. A failure that
 lateness cannot cause is one at once.
+
+The sleeper does not see what a container or a disk keeps waiting. So one with one of MARKS that fails beside others by
+what lateness may cause has a second turn by itself where no lateness was seen, too. One of the last lines says what
+failed in the first.
 """
 
 from __future__ import annotations
@@ -24,17 +28,30 @@ from weakref import WeakKeyDictionary
 import pytest
 from _pytest.runner import runtestprotocol
 
+from mqttxt import errors
+
 MARKS = ("alone", "e2e", "integration")
 """Of tests that fly or measure times."""
 TURNS = 3
 LATE_MS = 25
 """A process that sleeps and is not run for so long after: a machine with a core to spare is late by one or two."""
 QUIET_S, PATIENCE_S = 5.0, 60.0
-CAUSED = (AssertionError, TimeoutError, subprocess.TimeoutExpired, pytest.fail.Exception)
-"""What lateness may cause: that something was not so, or not in time."""
+CAUSED = (
+    AssertionError,
+    OSError,
+    subprocess.SubprocessError,
+    pytest.fail.Exception,
+    errors.FogUnreachable,
+    errors.TransferFailed,
+    errors.TransportError,
+)
+"""What lateness may cause: that something was not so, or not in time, or not there yet."""
+Failures = Sequence[pytest.ExceptionInfo[BaseException]]
 Span = tuple[float, float]
 """From when until when, of time.monotonic()."""
 _TURN = pytest.StashKey[int]()
+_BESIDE = pytest.StashKey[str]()
+"""What failed beside other tests, on a machine that was not late."""
 _ERRORS, _PLACES = pytest.StashKey[list[pytest.ExceptionInfo[BaseException]]](), pytest.StashKey[set[str]]()
 """What failed in this turn, and where in all of them."""
 _SLEEPER = f"""
@@ -128,14 +145,17 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     is_timed = any(item.get_closest_marker(name) for name in MARKS)
     watch, began_s = watching(), time.monotonic()
     turn = item.stash.get(_TURN, 1)
-    errors = item.stash[_ERRORS] = []
+    failures = item.stash[_ERRORS] = []
     if turn == 1:
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
-    item.stash.setdefault(_PLACES, set()).update(_place(item, error) for error in errors[:1])
-    known = _known_cause(errors)
-    cause = known or (_cause(errors, watch.late_ms((began_s, math.inf), *_set_up_of(item))) if errors else None)
-    if cause is not None and known is None and turn < TURNS:
+    item.stash.setdefault(_PLACES, set()).update(_place(item, failure) for failure in failures[:1])
+    known = _known_cause(failures)
+    cause = known or (_cause(failures, watch.late_ms((began_s, math.inf), *_set_up_of(item))) if failures else None)
+    is_beside_others = is_timed and turn == 1 and _has_others_beside(item)
+    if cause is None and is_beside_others and failures and _may_be_caused(failures, CAUSED):
+        item.stash[_BESIDE] = f"{_place(item, failures[0])}: {_first_line(failures[0])}"
+    if known is None and ((cause is not None and turn < TURNS) or (_BESIDE in item.stash and turn == 1)):
         over = pytest.CallInfo.from_call(lambda: item.session._setupstate.teardown_exact(None), "teardown")
         if over.excinfo is None:
             item.stash[_TURN] = turn + 1
@@ -146,11 +166,13 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
             return True
         reports.append(item.ihook.pytest_runtest_makereport(item=item, call=over))
     elif cause is not None and is_timed:
-        _judged.extend((error.value, cause) for error in errors)
+        _judged.extend((failure.value, cause) for failure in failures)
         for report in reports:
             if report.failed:
                 _make_inconclusive(report, item, cause)
     for report in reports:
+        if report.when == "call" and report.passed and _BESIDE in item.stash:
+            report.beside_others = item.stash[_BESIDE]
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True
@@ -163,31 +185,43 @@ def _set_up_of(item: pytest.Item) -> list[Span]:
     return [_set_up[fixture] for fixture in used if fixture in _set_up]
 
 
-def _cause(errors: Sequence[pytest.ExceptionInfo[BaseException]], late_ms: int) -> str | None:
+def _has_others_beside(item: pytest.Item) -> bool:
+    worker: dict[str, int] = getattr(item.config, "workerinput", {})
+    return worker.get("workercount", 1) > 1
+
+
+def _may_be_caused(failures: Failures, by: tuple[type[BaseException], ...]) -> bool:
+    return all(isinstance(failure.value, by) for failure in failures)
+
+
+def _cause(failures: Failures, late_ms: int) -> str | None:
     """What may have caused all that failed in a turn; None where something failed by itself."""
-    possible = (Void, *CAUSED) if late_ms else Void
-    if not all(isinstance(error.value, possible) for error in errors):
+    if not _may_be_caused(failures, (Void, *CAUSED) if late_ms else (Void,)):
         return None
-    if any(isinstance(error.value, Void) for error in errors):
+    if any(isinstance(failure.value, Void) for failure in failures):
         return "what it flew was void"
     return f"the machine was late, in the last by {late_ms} ms"
 
 
-def _known_cause(errors: Sequence[pytest.ExceptionInfo[BaseException]]) -> str | None:
+def _known_cause(failures: Failures) -> str | None:
     """Of a failure that another test of the file has had in all its turns."""
-    return next((cause for error, cause in _judged if [error] == [each.value for each in errors]), None)
+    return next((cause for value, cause in _judged if [value] == [each.value for each in failures]), None)
 
 
-def _place(item: pytest.Item, error: pytest.ExceptionInfo[BaseException]) -> str:
+def _place(item: pytest.Item, failure: pytest.ExceptionInfo[BaseException]) -> str:
     """The line of the test's own file, or, where none was reached, the one that raised."""
-    entries = [entry for entry in error.traceback if entry.path == item.path] or [error.traceback[-1]]
+    entries = [entry for entry in failure.traceback if entry.path == item.path] or [failure.traceback[-1]]
     return f"{Path(entries[-1].path).name}:{entries[-1].lineno + 1}"
+
+
+def _first_line(failure: pytest.ExceptionInfo[BaseException]) -> str:
+    return failure.exconly(tryshort=True).partition("\n")[0]
 
 
 def _make_inconclusive(report: pytest.TestReport, item: pytest.Item, cause: str) -> None:
     path, line, _ = item.location
     places = " and ".join(sorted(item.stash[_PLACES]))
-    said = item.stash[_ERRORS][0].exconly(tryshort=True).partition("\n")[0]
+    said = _first_line(item.stash[_ERRORS][0])
     loads = " ".join(f"{load:.0f}" for load in os.getloadavg())
     reason = f"{places}: {said}; in each of {TURNS} turns {cause}; the machine's load is {loads}"
     report.sections.append(("what failed in the last turn", report.longreprtext))
@@ -204,11 +238,15 @@ def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, tuple
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Generator[None, None, None]:
     """What failed among the failures, and after everything else a line for each, for nobody sees it otherwise."""
+    passed = terminalreporter.stats.get("passed", [])
     inconclusive = terminalreporter.stats.get("inconclusive", [])
     for report in inconclusive:
         terminalreporter.section(f"INCONCLUSIVE {report.nodeid}", yellow=True)
         terminalreporter.line(report.sections[-1][1])
     yield
+    for report in passed:
+        if hasattr(report, "beside_others"):
+            terminalreporter.line(f"PASSED ALONE {report.nodeid}, beside others {report.beside_others}", yellow=True)
     for report in inconclusive:
         terminalreporter.line(f"INCONCLUSIVE {report.nodeid}: {report.inconclusive}", yellow=True)
 

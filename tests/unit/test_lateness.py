@@ -111,7 +111,29 @@ def test_a_fixture_that_was_set_up_late_for_an_earlier_test_is_made_again(tmp_pa
     assert int((tmp_path / "turns").read_text()) == 2
 
 
-def _run(source: str, late: str, folder: Path) -> list[str]:
+@pytest.mark.parametrize(
+    ("mark", "fails", "turns", "said"),
+    [
+        ("integration", AGAIN, 2, "2 passed"),
+        ("integration", "assert False, 'what failed'", 2, "1 failed, 1 passed"),
+        ("integration", "raise KeyError", 1, "1 failed, 1 passed"),
+        ("long", AGAIN, 1, "1 failed, 1 passed"),
+    ],
+    ids=["beside others alone", "by itself too", "another failure", "not integration"],
+)
+@pytest.mark.long
+def test_what_fails_beside_others_fails_by_itself_too_or_is_named(
+    mark: str, fails: str, turns: int, said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "test_other.py").write_text("def test_other():\n    pass\n")
+    lines = _run(OWN.replace("MARK", mark).replace("FAILS", fails), "False", tmp_path, "--numprocesses", "2")
+    assert said in lines[-1], lines
+    assert int((tmp_path / "turns").read_text()) == turns
+    named = [line for line in lines if line.startswith("PASSED ALONE test_it.py::test_it, beside others test_it.py:")]
+    assert [line.partition(": ")[2] for line in named] == (["assert 1 > 1"] if said == "2 passed" else [])
+
+
+def _run(source: str, late: str, folder: Path, *options: str) -> list[str]:
     """The lines of a run of tests whose fixture finds the machine late or not."""
     (folder / "tests").mkdir()
     (folder / "conftest.py").write_text((TESTS / "conftest.py").read_text())
@@ -122,7 +144,7 @@ def _run(source: str, late: str, folder: Path) -> list[str]:
     if late == "False":  # nor may it be late by the load of this machine
         lateness_py = folder / "tests" / "lateness.py"
         lateness_py.write_text(lateness_py.read_text().replace(f"LATE_MS = {lateness.LATE_MS}", "LATE_MS = 10**9"))
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     return [line for line in done.stdout.splitlines() if line]
 

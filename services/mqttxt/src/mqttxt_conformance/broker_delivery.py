@@ -130,13 +130,13 @@ async def keeps_to_a_clients_largest_packet(kit: BrokerKit) -> str:
 @rule("broker", "R10.5", needs=USEFUL)
 async def keeps_to_receive_maximum(kit: BrokerKit) -> str:
     """No more QoS 1 messages are under way to a client than its Receive Maximum, and the rest come once it has room."""
-    topic = kit.topic("receive-maximum")
+    topic, behind = kit.topic("receive-maximum"), kit.topic("receive-maximum/behind")
     async with kit.peer(manual_ack=True, announced={"ReceiveMaximum": 2}) as peer:
-        await peer.subscribe(topic)
+        await peer.subscribe(topic, behind)
         for number in range(4):
             await kit.publish(topic, b"%d" % number)
-        await peer.until(lambda: len(peer.on(topic)) >= 2, COMES_S)
-        await kit.all_before(kit.hearer, topic)
+        kit.sender.publish(behind, b"", qos=0)  # at QoS 0 it needs no room; a broker may keep it back all the same
+        await peer.come(behind)
         early = len(peer.on(topic))
         expect(early == 2, f"{early} of 4 came ahead of any PUBACK; expected 2")
         for _ in range(3):
