@@ -62,7 +62,7 @@ async def test_a_killed_embedded_broker_comes_back_in_mid_flight(tmp_path: Path)
         for process in (*system.sitls.values(), *system.uavs.values()):
             process.start()
         async with GroundStation(system.cloud.url) as station:
-            (fog,) = await station.connect([1], timeout_s=30)
+            (fog,) = await station.connect([1], timeout_s=60)
             await eventually(lambda: all(fog.drone(n).is_reachable for n in (1, 2)), "both drones reachable")
             assert (await fog.broadcast(Arm())).completed
             heard: list[Outcome] = []
@@ -90,7 +90,7 @@ async def test_an_embedded_broker_that_dies_as_soon_as_it_listens_comes_back(tmp
         for process in (*system.sitls.values(), *system.uavs.values()):
             process.start()
         async with GroundStation(system.cloud.url) as station:
-            (fog,) = await station.connect([1], timeout_s=30)
+            (fog,) = await station.connect([1], timeout_s=60)
             await eventually(lambda: all(fog.drone(n).is_reachable for n in (1, 2)), "both drones reachable")
             outcomes = await fog.broadcast(Arm())
         assert [outcome.word for outcome in outcomes] == [Word.COMPLETED, Word.COMPLETED]

@@ -119,7 +119,7 @@ async def test_nothing_is_lost_or_doubled_whatever_fails_between_sensor_and_stat
     await tap.connect("fog")
     await tap.subscribe("drone1/sensor_ack")
     async with GroundStation(field.cloud.url) as station:
-        await station.connect([1], timeout_s=30)
+        await station.connect([1], timeout_s=60)
         listening = asyncio.create_task(_listen(station, heard))
         sensor = field.start_sensor("--rate", "40", "--samples", "500")
         await eventually(lambda: len(heard) > 150, "readings arrive")
@@ -159,7 +159,7 @@ async def test_readings_wait_on_the_drone_until_a_station_is_there(field: Sensor
     heard: list[SensorReading] = []
     async with GroundStation(field.cloud.url) as station:
         listening = asyncio.create_task(_listen(station, heard))
-        await station.connect([1], timeout_s=30)
+        await station.connect([1], timeout_s=60)
         await eventually(lambda: len(heard) == 30, "what was stored arrives")
         listening.cancel()
     assert _as_measured(heard) == field.measured()
@@ -178,7 +178,7 @@ async def test_a_uav_clients_embedded_broker_takes_readings_in(tmp_path: Path) -
         uav = _contained_uav(field.fog.url, autopilot, f"127.0.0.1:{port}")
         heard: list[SensorReading] = []
         async with GroundStation(field.cloud.url) as station:
-            (fog,) = await station.connect([1], timeout_s=30)
+            (fog,) = await station.connect([1], timeout_s=60)
             await eventually(lambda: fog.drone(1).is_reachable, "the drone is reachable", 60)
             listening = asyncio.create_task(_listen(station, heard))
             events = ["--events", str(field.events), "--rate", "20", "--samples", "20"]

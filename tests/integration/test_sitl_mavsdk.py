@@ -68,7 +68,7 @@ async def flight(tmp_path: Path) -> AsyncIterator[Flight]:
     mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
     try:
         await mavsdk.add_any_connection(f"udpin://127.0.0.1:{port}")
-        system = await mavsdk.first_autopilot(timeout_s=10)
+        system = await mavsdk.first_autopilot(timeout_s=60)
         assert system is not None
         yield Flight(system, own_port, tmp_path)
     finally:
@@ -192,7 +192,7 @@ async def test_the_printed_way_to_connect_works(tmp_path: Path) -> None:
         printed = re.search(r'add_any_connection\("(.*)"\)', sitl.log.read_text())
         assert printed is not None
         await mavsdk.add_any_connection(printed[1])
-        assert await mavsdk.first_autopilot(timeout_s=10) is not None
+        assert await mavsdk.first_autopilot(timeout_s=60) is not None
     finally:
         mavsdk.destroy()
         sitl.kill()

@@ -495,7 +495,7 @@ async def send_three(cloud: str, fog: int, drone: int, identity: str | None = No
     signing = {"signed": bool(signed), "signed_readings": bool(signed)}
     async with mqttxt.GroundStation(cloud, identity=identity, **signing) as station:
         for command in (mqttxt.Arm(), mqttxt.Hold(), mqttxt.Disarm()):
-            (there,) = await station.connect([fog], timeout_s=30)
+            (there,) = await station.connect([fog], timeout_s=60)
             await there.drone(drone).send(command)
 
 

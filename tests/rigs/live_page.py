@@ -43,7 +43,7 @@ class LivePage(Browser):
         self.said.clear()
         self.resize(width, dark)
         self.show(url)
-        self.until("document.querySelectorAll('#fleet-rows tr').length > 0", "drones on the page", 2 * PATIENCE_S)
+        self.until("document.querySelectorAll('#fleet-rows tr').length > 0", "drones on the page")
 
     def resize(self, width: int, dark: bool, height: int = 1000) -> None:
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}

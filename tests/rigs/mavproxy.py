@@ -59,7 +59,7 @@ class MavProxy:
 
         def answered() -> bool:
             nonlocal typed_s
-            if answer not in self.said and time.monotonic() > typed_s + PATIENCE_S / 5:
+            if answer not in self.said and time.monotonic() > typed_s + PATIENCE_S / 10:
                 self.type(line)
                 typed_s = time.monotonic()
             return answer in self.said
