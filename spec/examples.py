@@ -10,7 +10,14 @@ import cbor2
 from mqttxt.protocol.bundles import drone_bundle, fog_bundles
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Takeoff
-from mqttxt.protocol.messages import BeaconMessage, CommandMessage, ResultMessage, Word
+from mqttxt.protocol.messages import (
+    BeaconMessage,
+    CommandMessage,
+    FogResultMessage,
+    ResultMessage,
+    Word,
+    WordTogether,
+)
 from mqttxt.protocol.readings import ReadingAck, ReadingKey, ReadingMessage
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery, Heading, Location
@@ -68,6 +75,16 @@ def examples() -> list[Example]:
     denied = ResultMessage(
         gs_session=STATION, seq=8, session=FOG, relay_stamp=8190, stamp=8190, word=Word.DENIED, reason="retained"
     )
+    together = FogResultMessage(
+        gs_session=STATION,
+        seq=7,
+        session=FOG,
+        stamp=8203,
+        words=tuple(
+            WordTogether(drone=drone, session=session, relay_stamp=came, stamp=own, word=Word.ACCEPTED)
+            for drone, session, came, own in ((2, DRONE, 8194, 4088), (3, 0xD303E, 8201, 17))
+        ),
+    )
     beacon = BeaconMessage(session=FOG, now_ms=81_405, nonce=3_735_928_559, held_ms=2)
     place = Location(latitude_deg=47.397742, longitude_deg=8.545594, altitude_amsl_m=498.0, altitude_m=10.0)
     newer = StampedState(Heading(heading_deg=271.5), 4101, 8201)
@@ -81,6 +98,7 @@ def examples() -> list[Example]:
         _message("A station's command, due in the activator's clock", "fog1/drone2/commands", command),
         _message("The same, forwarded and due in the drone's clock", "drone2/commands", forwarded),
         _message("The drone's last word about it", "drone2/commands_result/takeoff", said),
+        _message("Words of two drones about a broadcast in one message", "fog1/commands_result/takeoff", together),
         _message("A last word of the activator's own", "fog1/drone2/commands_result/arm", denied),
         _state("A position from the drone", "drone2/state/location", StampedState(place, 4090)),
         _state("The same position, relayed", "fog1/drone2/state/location", StampedState(place, 4090, 8190)),

@@ -62,6 +62,7 @@ ACTIVATOR_VARIANTS = {
     "activator-chooses-who-cannot-go": {"leaves-out-who-cannot-go"},
     "activator-believes-every-puback": {"passes-readings-on"},
     "activator-answers-nothing-anew": {"answers-what-is-not-shown"},
+    "activator-loses-a-word": {"loses-no-word-that-waits"},
     "activator-obeys-everybody": {"lets-one-station-command", "raises-the-epoch-at-a-takeover"},
 }
 GS_VARIANTS = {
@@ -71,6 +72,9 @@ GS_VARIANTS = {
     "gs-gives-more-time": {"never-makes-a-deadline-later"},
     "gs-refreshes-what-it-sends-again": {"sends-the-same-bytes-again"},
     "gs-is-never-anew": {"marks-what-is-not-confirmed"},
+    "gs-reads-no-words-together": {  # SIGTERM meets it while it waits for them
+        *("reads-words-together", "is-quiet-after-the-last-word", "a-clean-stop-ends-the-lease"),
+    },
     "gs-leaves-its-lease": {"a-clean-stop-ends-the-lease"},
 }
 SIGNED_GS_VARIANTS = {

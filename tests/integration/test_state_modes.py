@@ -112,6 +112,29 @@ async def test_bundle_tells_the_same_in_one_message_a_second_on_both_hops(tmp_pa
         assert flown.cloud.heard["fog1/states"] <= 3 * flown.fog.heard["drone1/states"]
 
 
+@pytest.mark.parametrize("states", ["bundle", "fixed"])
+async def test_words_of_a_broadcast_leave_together_for_a_station_that_bundles(tmp_path: Path, states: str) -> None:
+    async with set_up(tmp_path, states) as flown:
+        assert [result.word for result in await flown.fleet.arm()] == ["completed", "completed"]
+        outcomes = [(e["drone"], e["word"]) for e in flown.events() if e["event"] == "outcome"]
+        for drone in DRONES:
+            assert [word for of, word in outcomes if of == drone] == ["accepted", "completed"]
+        roster, below = 1, [f"drone{drone}/commands_result/arm" for drone in DRONES]
+
+        def came() -> tuple[int, int]:
+            """Messages with words together, and with one."""
+            heard = flown.cloud.heard
+            return heard["fog1/commands_result/arm"] - roster, sum(heard[f"fog1/{topic}"] for topic in below)
+
+        assert len(outcomes) == 4
+        await eventually(lambda: sum(flown.fog.heard[topic] for topic in below) == 4, "the fog's broker had each")
+        if states == "fixed":
+            await eventually(lambda: came() == (0, 4), "each came alone")
+        else:
+            await eventually(lambda: came()[0] >= 1, "some came together")
+            assert sum(came()) < 4
+
+
 async def test_on_change_asks_for_no_rate_and_repeats_nothing(tmp_path: Path) -> None:
     async with set_up(tmp_path, "on-change") as flown:
         assert [result.word for result in await flown.fleet.arm()] == ["completed", "completed"]

@@ -1,7 +1,8 @@
 """Starts a role of the project with one rule taken away: `python broken_roles.py VARIANT ROLE OPTIONS…`.
 
-A ground station sends three commands, one after another: `python broken_roles.py VARIANT gs CLOUD FOG DRONE`, with
-an identity behind that, and `signed` behind it where it signs. The variant `none` takes nothing away.
+A ground station sends three commands, one after another, and a broadcast: `python broken_roles.py VARIANT gs CLOUD
+FOG DRONE`, with an identity behind that, and `signed` behind it where it signs. The variant `none` takes nothing
+away.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from mqttxt.activator.sensor_relay import SensorRelay
 from mqttxt.activator.signed_commands import SignedCommand
 from mqttxt.activator.state_relay import StateRelay
 from mqttxt.activator.stations import Stations
+from mqttxt.activator.together import WordsTogether
 from mqttxt.core.channel import Channel
 from mqttxt.core.clock import stamp
 from mqttxt.core.effects import Publish
@@ -35,7 +37,7 @@ from mqttxt.drone.grants import Grants
 from mqttxt.drone.role import UavClient
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import CommandMessage, DroneRecord, Registration, ResultMessage, Word
+from mqttxt.protocol.messages import CommandMessage, DroneRecord, FogResultMessage, Registration, ResultMessage, Word
 from mqttxt.protocol.states import Armed, LandedState
 from mqttxt.security.cose import Envelope
 from mqttxt.security.rights import Rights
@@ -410,6 +412,29 @@ def gs_believes_anybody() -> None:
     wrap(DroneWords, "result", make)
 
 
+def gs_reads_no_words_together() -> None:
+    def make(original: Any) -> Any:
+        def on_fog_result(self: Any, fog: Any, topic: Any, message: Any, now_ms: int) -> Any:
+            if decode(FogResultMessage, message.payload).words is not None:
+                return []
+            return original(self, fog, topic, message, now_ms)
+
+        return on_fog_result
+
+    wrap(StationRole, "_on_fog_result", make)
+
+
+def activator_loses_a_word() -> None:
+    def make(original: Any) -> Any:
+        def flush(self: Any, now_ms: int) -> Any:
+            self._waiting = self._waiting[-1:]
+            return original(self, now_ms)
+
+        return flush
+
+    wrap(WordsTogether, "flush", make)
+
+
 def gs_counts_no_registrations() -> None:
     def make(original: Any) -> Any:
         def registration(self: Any, *arguments: Any, **more: Any) -> Any:
@@ -467,6 +492,7 @@ VARIANTS: dict[str, Patch] = {
     "activator-copies-the-expiry": activator_copies_the_expiry,
     "activator-stamps-on-arrival": activator_stamps_on_arrival,
     "activator-answers-nothing-anew": activator_answers_nothing_anew,
+    "activator-loses-a-word": activator_loses_a_word,
     "activator-obeys-everybody": activator_obeys_everybody,
     "activator-chooses-who-cannot-go": activator_chooses_who_cannot_go,
     "activator-believes-every-puback": activator_believes_every_puback,
@@ -484,6 +510,7 @@ VARIANTS: dict[str, Patch] = {
     "gs-is-never-anew": gs_is_never_anew,
     "gs-leaves-its-lease": gs_leaves_its_lease,
     "gs-believes-anybody": gs_believes_anybody,
+    "gs-reads-no-words-together": gs_reads_no_words_together,
     "gs-counts-no-registrations": gs_counts_no_registrations,
     "gs-grants-too-much": gs_grants_too_much,
     "gs-takes-any-reading": takes_any_reading,
@@ -493,10 +520,12 @@ VARIANTS: dict[str, Patch] = {
 async def send_three(cloud: str, fog: int, drone: int, identity: str | None = None, signed: str = "") -> None:
     """A ground station with something to do."""
     signing = {"signed": bool(signed), "signed_readings": bool(signed)}
-    async with mqttxt.GroundStation(cloud, identity=identity, **signing) as station:
+    async with mqttxt.GroundStation(cloud, identity=identity, bundles=True, **signing) as station:
         for command in (mqttxt.Arm(), mqttxt.Hold(), mqttxt.Disarm()):
             (there,) = await station.connect([fog], timeout_s=60)
             await there.drone(drone).send(command)
+        (there,) = await station.connect([fog], timeout_s=30)
+        await there.broadcast(mqttxt.Hold())
 
 
 if __name__ == "__main__":

@@ -255,6 +255,28 @@ async def broadcasts_to_its_roster(kit: ActivatorKit) -> str:
     return f"roster {entries}, then one last word for each of {numbers}"
 
 
+@rule("activator", "R10.6")
+async def loses_no_word_that_waits(kit: ActivatorKit) -> str:
+    """To a station that asks for bundles each word of a broadcast comes once and in order, alone or with others."""
+    await kit.echoed(kit.station.register(bundles=True))
+    message = kit.command(Arm())
+    kit.one.words, kit.two.words = (Word.ACCEPTED, Word.COMPLETED), (Word.ACCEPTED, Word.FAILED)
+    mark = len(kit.cloud.heard)
+    kit.publish(message, None)
+    said = {number: await kit.outcome(message, number, mark=mark) for number in kit.drones}
+    await asyncio.sleep(QUIET_S)
+    kit.two.words = (Word.ACCEPTED, Word.COMPLETED)
+    await kit.echoed(kit.station.register())
+    for number, last in ((1, "completed"), (2, "failed")):
+        words = kit.words(message, number, mark)
+        expect(words.names == ["accepted", last], f"drone {number} said accepted, {last}: came {words}")
+        wrong = [word for word in words.words if word["session"] != kit.drones[number].session]
+        expect(not wrong, f"words of drone {number} in another session: {wrong}")
+        expect("relay_stamp" in words.words[0], f"drone {number}: {words} without the activator's stamp")
+    messages = [heard for heard in kit.cloud.heard[mark:] if "/commands_result/" in heard.topic]
+    return f"{', '.join(f'drone {n}: {words}' for n, words in said.items())}; in {len(messages) - 1} messages"
+
+
 @rule("activator", "R5.12")
 async def does_not_broadcast_goto(kit: ActivatorKit) -> str:
     """A goto on fogX/commands is denied, and goes to nobody."""

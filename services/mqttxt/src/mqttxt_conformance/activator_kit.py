@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -184,9 +184,17 @@ class ActivatorKit:
         self.cloud.publish(topic, encode(message), **options)
 
     def words(self, message: CommandMessage, drone: int = 1, mark: int = 0) -> Words:
-        """The words so far about a command and a drone; raises Broken where a result is none."""
-        below = f"{self.topics.root}drone{drone}/commands_result/"
-        return words_of(self.cloud.since(mark, below=below), below, message.gs_session, message.seq)
+        """The words so far about a command and a drone, alone or together; raises Broken where a result is none."""
+        below, of_fog = f"{self.topics.root}drone{drone}/commands_result/", f"{self.topics.root}commands_result/"
+        found: list[Heard] = []
+        for heard in self.cloud.since(mark, below=self.topics.root):
+            if heard.topic.startswith(below):
+                found.append(heard)
+            elif heard.topic.startswith(of_fog):
+                topic = below + heard.topic.removeprefix(of_fog)
+                words = [payload for number, payload in shapes.apart(heard.payload) if number == drone]
+                found += [replace(heard, topic=topic, payload=payload) for payload in words]
+        return words_of(found, below, message.gs_session, message.seq)
 
     async def outcome(
         self, message: CommandMessage, drone: int = 1, limit_s: float = PATIENCE_S, mark: int = 0

@@ -148,6 +148,36 @@ async def passes_on_a_drones_words_alone(kit: SignedActivatorKit) -> str:
     return f"unsigned and of another drone: nothing; its own as it was signed, with the route {route}"
 
 
+@rule(ROLE, "R10.6", "R12.11")
+async def passes_on_words_together(kit: SignedActivatorKit) -> str:
+    """Where words of a broadcast come together, each is as its drone signed it."""
+    expect(await kit.registered(bundles=True), "a registration that asks for bundles: its nonce did not come back")
+    marks, said = {number: len(drone.commands) for number, drone in kit.drones.items()}, len(kit.cloud.heard)
+    first = kit.command(1)
+    messages = {number: kit.command(number, seq=first.seq) for number in kit.drones}
+    entries = {number: kit.envelope(number, message) for number, message in messages.items()}
+    kit.cloud.publish(kit.topics.broadcast, kit.addressed(entries))
+    signed: list[tuple[int, bytes]] = []
+    for number, drone in kit.drones.items():
+        await _comes_down(drone, marks[number])
+        for word in (Word.ACCEPTED, Word.COMPLETED):
+            payload = drone.word(messages[number], word)
+            signed.append((number, drone.seal.sign(f"drone{number}/commands_result/arm", payload).encode()))
+    for number, payload in signed:
+        kit.drones[number].say(messages[number], payload)
+    await kit.cloud.until(lambda: len(kit.words_apart(said)) >= len(signed), PATIENCE_S)
+    await asyncio.sleep(QUIET_S)
+    came = kit.words_apart(said)
+    for number in kit.drones:
+        own = [parts(payload)[1:] for of, payload in signed if of == number]
+        heard = [parts(payload)[1:] for of, payload in came if of == number]
+        expect(
+            heard == own, f"drone {number} signed {len(own)} words; came {len(heard)}, or others, or in another order"
+        )
+    await kit.registered(bundles=None)
+    return f"{len(came)} words of {len(kit.drones)} drones, each as it was signed"
+
+
 @rule(ROLE, "R12.19", "R12.21")
 async def passes_on_readings_that_are_signed(kit: SignedActivatorKit) -> str:
     """A reading goes up as its sensor signed it, and a station's word on it down; what they did not sign does not."""

@@ -25,7 +25,7 @@ from mqttxt.security.seal import Seal
 
 from . import shapes
 from .registry import Broken
-from .sealed import STATION, Folder, Speech
+from .sealed import STATION, Folder, Speech, together
 from .subject import Subject
 from .tap import Heard, Tap, clear_retained
 
@@ -218,6 +218,17 @@ class SignedActivatorKit:
     def words(self, drone: int, mark: int) -> list[Heard]:
         """What was said of drone's commands since, as it came."""
         return self.cloud.since(mark, self.topics.drone_result(drone, "arm"))
+
+    def words_apart(self, mark: int) -> list[tuple[int, bytes]]:
+        """Words of arm since, each with its drone as it was signed, whether it came alone or with others."""
+        alone = {self.topics.drone_result(number, "arm"): number for number in self.drones}
+        found: list[tuple[int, bytes]] = []
+        for heard in self.cloud.heard[mark:]:
+            if heard.topic in alone:
+                found.append((alone[heard.topic], heard.payload))
+            elif heard.topic == self.topics.fog_result("arm"):
+                found += together(heard.payload)
+        return found
 
     async def close(self) -> None:
         await self.subject.kill()

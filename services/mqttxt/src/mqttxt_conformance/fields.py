@@ -116,6 +116,7 @@ MESSAGES: dict[str, dict[str, Judge]] = {
         "roster": _container,
         "denied": _REASON,
         "beacon": _container,
+        "words": _container,
     },
     "drone-record": {
         "version": _VERSION,

@@ -8,13 +8,25 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cbor2
+
 from mqttxt.core.clock import SessionClock, stamp
 from mqttxt.protocol.codec import encode
-from mqttxt.protocol.messages import BeaconMessage, DroneRecord, FogPresence, Presence, ResultMessage, RosterEntry, Word
+from mqttxt.protocol.messages import (
+    BeaconMessage,
+    DroneRecord,
+    FogPresence,
+    FogResultMessage,
+    Presence,
+    ResultMessage,
+    RosterEntry,
+    Word,
+    WordTogether,
+)
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery
 from mqttxt.protocol.topics import CloudSide
@@ -90,6 +102,8 @@ class GsKit:
         self.presence_topic: str | None = None
         self.anew_ms = 0
         self.answered: dict[bytes, int] = {}
+        self.together: list[Timed] = []
+        """Broadcasts that were answered by words together."""
         self.upset_ms: int | None = None
         self.killed_mark: int | None = None
         self.stopped_mark: int | None = None
@@ -153,12 +167,36 @@ class GsKit:
     def answer(self, command: Timed, *words: Word) -> None:
         """The drone's words about a command."""
         self.answered[command.heard.payload] = self.clock.now_ms()
+        if command.heard.topic == self.topics.broadcast:
+            about = {name: command.fields[name] for name in ("gs_session", "seq")}
+            now, roster = stamp(self.activator.now_ms()), (RosterEntry(drone=self.drone, session=self.drone_session),)
+            message = FogResultMessage(**about, session=self.activator.session, stamp=now, roster=roster)
+            self.tap.publish(self.topics.fog_result(command.fields["command"]), encode(message))
+            if self.enrolments[-1].fields.get("bundles"):
+                self._say_together(command, replace(message, roster=None), words)
+                return
         for word in words:
             self.tap.publish(*self.word(command, word))
 
+    def _say_together(self, command: Timed, about: FogResultMessage, words: tuple[Word, ...]) -> None:
+        """The drone's words about a broadcast in one message."""
+        self.together.append(command)
+        topic, results = self.topics.fog_result(command.fields["command"]), [self._result(command, w) for w in words]
+        if self.secured is None:
+            said = tuple(WordTogether.of(self.drone, result) for result in results)
+            self.tap.publish(topic, encode(replace(about, words=said)))
+            return
+        own = self.topics.drone_result(self.drone, command.fields["command"])
+        signed = [cbor2.loads(self.secured.sealed(own, encode(result))) for result in results]
+        payload = cbor2.dumps([1, [[self.drone, envelope] for envelope in signed]], canonical=True)
+        self.tap.publish(topic, payload, as_it_is=True)
+
     def word(self, command: Timed, word: Word) -> tuple[str, bytes]:
+        return self.topics.drone_result(self.drone, command.fields["command"]), encode(self._result(command, word))
+
+    def _result(self, command: Timed, word: Word) -> ResultMessage:
         now = stamp(self.activator.now_ms())
-        result = ResultMessage(
+        return ResultMessage(
             gs_session=command.fields["gs_session"],
             seq=command.fields["seq"],
             session=self.drone_session,
@@ -166,7 +204,6 @@ class GsKit:
             stamp=now,
             word=word,
         )
-        return self.topics.drone_result(self.drone, command.fields["command"]), encode(result)
 
     # What the kit hears.
 

@@ -239,6 +239,18 @@ async def is_quiet_after_the_last_word(kit: GsKit) -> str:
     return f"{len(kit.answered)} commands were completed, none came again"
 
 
+@rule("gs", "R10.6")
+async def reads_words_together(kit: GsKit) -> str:
+    """A broadcast whose words came in one message is not sent again."""
+    if not kit.together:
+        raise NotTested("no broadcast came of a station that asks for bundles")
+    for command in kit.together:
+        after = [one for one in kit.commands if one.heard.payload == command.heard.payload]
+        late = [one for one in after if one.heard.at_ms > kit.answered[command.heard.payload] + 500]
+        expect(not late, f"{shapes.shown(command.heard.payload)}: sent again after its words had come together")
+    return f"{len(kit.together)} broadcasts were completed by words together, none came again"
+
+
 @rule("gs", "R6.8")
 async def names_the_newest_epoch(kit: GsKit) -> str:
     """A command carries the newest epoch of control in the drone's record."""

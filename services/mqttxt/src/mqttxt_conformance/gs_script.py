@@ -106,7 +106,8 @@ async def _answer_all(kit: GsKit) -> None:
         for command in kit.commands:
             if command.heard.payload not in kit.answered:
                 kit.answer(command, Word.ACCEPTED, Word.COMPLETED)
-        await kit.tap.until(partial(_has_more, kit, known), NEXT_S)
+        repeated_s = kit.ttl_ms / 1000 + 1.5 if kit.together else 0  # what is not read would be asked for again by then
+        await kit.tap.until(partial(_has_more, kit, known), max(NEXT_S, repeated_s))
         if len(kit.commands) == known:
             return
 

@@ -150,6 +150,14 @@ def addressed(data: bytes, drone: int) -> tuple[int, int, bytes]:
     return session, deadline_ms, cbor2.dumps(envelope, canonical=True)
 
 
+def together(data: bytes) -> list[tuple[int, bytes]]:
+    """Each word of words together with its drone, as it was signed; none of a message that is signed as a whole."""
+    plain = cbor2.loads(data)
+    if not isinstance(plain, list) or len(plain) != 2:
+        return []
+    return [(number, cbor2.dumps(envelope, canonical=True)) for number, envelope in plain[1]]
+
+
 def _hash(data: bytes) -> bytes:
     digest = Hash(SHA256())
     digest.update(data)

@@ -88,7 +88,8 @@ class SecuredFog:
         if heard.topic in as_said and heard.payload:
             said = self.speech.checked(as_said[heard.topic], heard.payload, self._station)
             return heard if said is None else replace(heard, payload=said)
-        if heard.topic != self._topics.drone_commands(self._number) or not heard.payload:
+        commands = (self._topics.drone_commands(self._number), self._topics.broadcast)
+        if heard.topic not in commands or not heard.payload:
             return self.speech.read(heard)
         try:
             session, deadline_ms, envelope = addressed(heard.payload, self._number)

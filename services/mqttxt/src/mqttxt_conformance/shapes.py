@@ -57,6 +57,23 @@ def unbundled(payload: bytes) -> list[tuple[str, bytes]]:
         raise Broken(f"bundle {shown(payload)}: expected a stamp, and states with their codes") from None
 
 
+def apart(payload: bytes) -> list[tuple[int, bytes]]:
+    """Each word of words together with its drone, as it would have come alone; raises Broken."""
+    fields = read("fog-result", payload)
+    found: list[tuple[int, bytes]] = []
+    try:
+        for row in fields.get("words", ()):
+            about = {name: fields[name] for name in ("version", "gs_session", "seq")}
+            if isinstance(row, dict):
+                said = {name: value for name, value in row.items() if name != "drone"}
+                found.append((int(row["drone"]), json.dumps({**about, **said}).encode()))
+            else:
+                found.append((int(row[0]), cbor2.dumps([*about.values(), *row[1:]])))
+    except (KeyError, IndexError, TypeError, ValueError):
+        raise Broken(f"words {shown(payload)}: expected each with its drone") from None
+    return found
+
+
 def nested(kind: str, value: Any) -> dict[str, Any]:
     """A message inside another one, as an answer's beacon."""
     plain = value if isinstance(value, dict) else dict(zip(MESSAGES[kind], value, strict=False))

@@ -9,6 +9,7 @@ import pytest
 
 from mqttxt.protocol.bundles import drone_bundle, fog_bundles
 from mqttxt.protocol.codec import encode
+from mqttxt.protocol.messages import FogResultMessage, Word, WordTogether
 from mqttxt.protocol.state_payload import StampedState
 from mqttxt.protocol.states import Battery, Heading
 from testbed.numbers.metrics.message_kinds import own_mavlink, own_mqttxt, setpoints
@@ -82,6 +83,13 @@ def test_a_result_is_its_command_s_own_and_a_stream_s_only_a_state_s() -> None:
     )
     assert names(own_mqttxt(messages, "land", WAYS)) == {0: "land result"}
     assert names(own_mqttxt(messages, "battery", WAYS)) == {1: "request result"}
+
+
+def test_words_that_came_together_are_their_command_s_own() -> None:
+    words = tuple(WordTogether(drone=n, session=n, stamp=1, word=Word.ACCEPTED) for n in (1, 2))
+    body = encode(FogResultMessage(gs_session=1, seq=2, session=3, stamp=4, words=words))
+    together = {"kind": "publish", "link": "wan:gs:down", "topic": "fog1/commands_result/land", "body": body}
+    assert names(own_mqttxt(table(together), "land", WAYS)) == {0: "land result"}
 
 
 def test_setpoints_are_those_that_go_to_the_drone() -> None:

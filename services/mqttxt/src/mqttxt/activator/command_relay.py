@@ -78,7 +78,7 @@ class Relay:
         self._drones = drones
         self.signed = SignedCommands(to_cloud.seal, owners) if to_cloud.seal is not None else None
         self.ledger: Ledger[Job] = Ledger()
-        self.words = RelayWords(session, to_cloud, cloud, drones, self.ledger)
+        self.words = RelayWords(session, to_cloud, cloud, drones, leases, self.ledger)
         self.fog_connected = False
         self.has_paths = False
         """Whether the fog is reached over several connections."""
@@ -135,8 +135,8 @@ class Relay:
         if verdict is Admission.DUPLICATE and entry is not None and entry.record.target == target:
             job = entry.record
             job.signed = job.signed.signed_again(signed) if job.signed is not None else None
-            again = self.words.repeat(entry)
-            return None, again if again and self._repetitions.may_answer(entry.id, now_ms) else []
+            is_due = job.is_answered and self._repetitions.may_answer(entry.id, now_ms)
+            return None, self.words.repeat(entry, now_ms) if is_due else []
         if verdict is Admission.IGNORED:
             return None, [
                 Log("outsiders", f"{command.command.name} of session {command.gs_session:08x}: no room for it")
@@ -145,7 +145,7 @@ class Relay:
             if not self._repetitions.may_answer(command.id, now_ms):
                 return None, []
             reason = "ledger_full" if verdict is Admission.FULL else "id_conflict"
-            return None, [self.words.deny(target, command.command.name, command.id, reason, now_ms)]
+            return None, self.words.deny(target, command.command.name, command.id, reason, now_ms)
         close_at_ms = keep_ms + round(command.limit_s * 1000) + GRACE_MS
         query = command.deadline_ms is not None and command.executor_session not in (0, self._session)
         job = Job(target, command, deadline_ms, close_at_ms, query, signed)
@@ -216,7 +216,7 @@ class Relay:
     def tick(self, now_ms: int) -> list[Effect]:
         """Commands that nobody answers: asked for again, and at last unconfirmed."""
         again = (self.ledger.get(command_id) for command_id in self._repetitions.due(now_ms))
-        out = [effect for entry in again if entry is not None for effect in self.words.repeat(entry)]
+        out = [effect for entry in again if entry is not None for effect in self.words.repeat(entry, now_ms)]
         for entry in self.ledger.open_entries():
             for leg in [leg for leg in entry.record.legs.values() if not leg.is_closed]:
                 link = self._drones.links.get(leg.drone)
@@ -246,7 +246,7 @@ class Relay:
         """Send a command to all of its roster."""
         job = entry.record
         roster = self._drones.asked() if job.query else self._drones.roster()
-        out: list[Effect] = [self.words.say_roster(entry, roster, now_ms)]
+        out = self.words.say_roster(entry, roster, now_ms)
         for listed in roster:
             out += self.forward(entry, listed.drone, now_ms)
         if not job.legs:
@@ -307,7 +307,7 @@ class Relay:
             return out
         is_taken = self._budget.takes((self._station(known.gs_session), False), now_ms)
         if is_taken and self._repetitions.may_answer(known, now_ms):
-            out.append(self.words.deny(drone, "malformed", known, str(error), now_ms))
+            out += self.words.deny(drone, "malformed", known, str(error), now_ms)
         return out
 
 

@@ -26,19 +26,28 @@ from ..protocol.words import NO_DEADLINE
 from ..security.cose import Envelope
 from .drone_link import DroneLink
 from .drones import Drones
+from .leases import Leases
 from .legs import CHOSEN, Job, Leg
+from .together import WordsTogether
 
 
 class RelayWords:
-    """The words about one activator session's commands. `on_last_word` hears of each closed leg of a chosen drone."""
+    """The words about one activator session's commands. `on_last_word` hears of each closed leg of a chosen drone.
 
-    def __init__(self, session: int, to_cloud: Channel, cloud: CloudSide, drones: Drones, ledger: Ledger[Job]) -> None:
+    All of them leave in the order in which they were said: those that wait in `together` before any other.
+    """
+
+    def __init__(
+        self, session: int, to_cloud: Channel, cloud: CloudSide, drones: Drones, leases: Leases, ledger: Ledger[Job]
+    ) -> None:
+        self.together = WordsTogether(session, to_cloud, cloud)
         self.on_last_word: Callable[[Entry[Job], Leg, int], list[Effect]] = lambda entry, leg, now_ms: []
         self._session = session
         self._name = f"fog{cloud.fog}"
         self._channel = to_cloud
         self._cloud = cloud
         self._drones = drones
+        self._leases = leases
         self._ledger = ledger
 
     def on_result(
@@ -52,7 +61,7 @@ class RelayWords:
         relayed = replace(result, relay_stamp=stamp(now_ms - age_ms) if age_ms is not None else None)
         entry = self._ledger.get(result.id)
         if entry is None:
-            return [self._publish(link.number, name, relayed, signed)]
+            return [*self.together.flush(now_ms), self._publish(link.number, name, relayed, signed)]
         leg = entry.record.legs.get(link.number)
         if leg is None:
             return [Log("foreign_result", f"drone {link.number} on {result.id}, which was not sent to it")]
@@ -64,7 +73,7 @@ class RelayWords:
             if signed is not None:
                 leg.signed[leg.truth] = signed
             leg.said.append(self._publish(link.number, name, leg.truth, signed))
-            return [self._audited(leg, leg.truth, now_ms), leg.said[-1]]
+            return [self._audited(leg, leg.truth, now_ms), *self.together.flush(now_ms), leg.said[-1]]
         if any(word.word is result.word and word.percent == result.percent for word in leg.words):
             return []
         earlier = leg.words[-1].word if leg.words else None
@@ -78,28 +87,32 @@ class RelayWords:
         """The activator's own last word for a drone."""
         return self._say(entry, leg, self._own(entry.id, word, reason, now_ms), now_ms)
 
-    def say_roster(self, entry: Entry[Job], roster: tuple[RosterEntry, ...], now_ms: int) -> Publish:
+    def say_roster(self, entry: Entry[Job], roster: tuple[RosterEntry, ...], now_ms: int) -> list[Effect]:
         """Whom a broadcast is for."""
         result = self._fog_result(entry.id, roster, None, now_ms)
         entry.record.answer = self._publish_of_fog(entry.record.message.command.name, result)
-        return entry.record.answer
+        return [*self.together.flush(now_ms), entry.record.answer]
 
     def deny_whole(self, entry: Entry[Job], reason: str, now_ms: int) -> list[Effect]:
         """Why the whole fog is denied a command."""
         result = self._fog_result(entry.id, None, reason, now_ms)
         entry.record.answer = self._publish_of_fog(entry.record.message.command.name, result)
-        return [Audit("word", result, now_ms, self._name, None, self._channel.seal is not None), entry.record.answer]
+        audit = Audit("word", result, now_ms, self._name, None, self._channel.seal is not None)
+        return [audit, *self.together.flush(now_ms), entry.record.answer]
 
-    def deny(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> Publish:
+    def deny(self, drone: int | None, name: str, command_id: CommandId, reason: str, now_ms: int) -> list[Effect]:
         """A denial of something that has no place in the ledger."""
         if drone is None or drone == CHOSEN:
-            return self._publish_of_fog(name, self._fog_result(command_id, None, reason, now_ms))
-        return self._publish(drone, name, self._own(command_id, Word.DENIED, reason, now_ms))
+            denial = self._publish_of_fog(name, self._fog_result(command_id, None, reason, now_ms))
+        else:
+            denial = self._publish(drone, name, self._own(command_id, Word.DENIED, reason, now_ms))
+        return [*self.together.flush(now_ms), denial]
 
-    def repeat(self, entry: Entry[Job]) -> list[Effect]:
+    def repeat(self, entry: Entry[Job], now_ms: int) -> list[Effect]:
         """A duplicate hears the roster, each drone's newest word, and the truth behind that, as they were published."""
         answer = [entry.record.answer] if entry.record.answer is not None else []
-        return [*answer, *(said for leg in entry.record.legs.values() for said in leg.said)]
+        said = (word for leg in entry.record.legs.values() for word in leg.said)
+        return [*self.together.flush(now_ms), *answer, *said]
 
     def _say(self, entry: Entry[Job], leg: Leg, result: ResultMessage, now_ms: int) -> list[Effect]:
         leg.words.append(result)
@@ -112,8 +125,14 @@ class RelayWords:
         signed = leg.signed.get(result)
         if entry.record.query and result.word.is_last:
             result = replace(result, beacon=self._beacon(now_ms))
-        leg.said = [self._publish(leg.drone, entry.record.message.command.name, result, signed)]
-        out: list[Effect] = [*leg.said]
+        name, job = entry.record.message.command.name, entry.record
+        alone = self._publish(leg.drone, name, result, signed)
+        leg.said = [alone]
+        out: list[Effect]
+        if job.target is None and not job.query and self._leases.reads_together(result.gs_session):
+            out = [*self.together.add(name, leg.drone, result, alone, now_ms)]
+        else:
+            out = [*self.together.flush(now_ms), alone]
         if leg.is_closed:
             out.append(self._audited(leg, leg.words[-1], now_ms))
         if leg.is_closed and entry.record.choosing:

@@ -92,6 +92,10 @@ class Leases:
         restored = (each.key for each in self._restored.values())
         return any(session == gs_session for keys in (self._leases, restored) for _, session in keys)
 
+    def reads_together(self, gs_session: int) -> bool:
+        """Whether a registered session asked for bundles: what is said to it may come together."""
+        return any(key[1] == gs_session and lease.bundles for key, lease in self._leases.items())
+
     def station(self, gs_session: int) -> str | None:
         """The station that a session is registered for, as certificates name stations."""
         return next((f"gs-{name}" for name, session in self._leases if session == gs_session), None)

@@ -57,5 +57,10 @@ class Job:
     choosing: bool = False
 
     @property
+    def is_answered(self) -> bool:
+        """Whether anything was said of it."""
+        return self.answer is not None or any(leg.said for leg in self.legs.values())
+
+    @property
     def is_over(self) -> bool:
         return not self.choosing and all(leg.is_closed for leg in self.legs.values())

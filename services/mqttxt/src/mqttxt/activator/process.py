@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,7 @@ class ActivatorRunner(Runner):
         if audit is not None and audit.required:
             self.activator.relay.is_audited = audit.takes
         self._embedded = embedded
+        self._waking: asyncio.TimerHandle | None = None
         client_id = f"mqttxt-fog{fog}-{clock.session:08x}"
         self.links[CLOUD] = MqttLink(
             CLOUD,
@@ -98,6 +100,17 @@ class ActivatorRunner(Runner):
 
     def jobs(self) -> list[Any]:
         return [*([self._embedded.run()] if self._embedded is not None else []), *super().jobs()]
+
+    def carried_out(self) -> None:
+        """Words that wait for others leave on time, not at the next tick."""
+        due_ms = self.activator.together_due_ms
+        if due_ms is not None and self._waking is None:
+            pause_s = max(0, due_ms - self.clock.now_ms()) / 1000
+            self._waking = asyncio.get_running_loop().call_later(pause_s, self._say_together)
+
+    def _say_together(self) -> None:
+        self._waking = None
+        self.carry_out(self.activator.say_together(self.clock.now_ms()))
 
     def tell_own_broker(self, newest: RevocationList) -> None:
         if self._embedded is not None:

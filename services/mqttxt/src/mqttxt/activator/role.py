@@ -176,15 +176,25 @@ class Activator:
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Everything that is due by time; to be called at least ten times a second."""
-        out = self.drones.controlled_anew(self.leases.tick(now_ms), now_ms)
+        out = [*self.say_together(now_ms), *self.drones.controlled_anew(self.leases.tick(now_ms), now_ms)]
         out += self._watched(self.drones.tick(now_ms), now_ms) + self.relay.tick(now_ms)
         out += self.selector.tick(now_ms)
         out += self._stations.tick(now_ms)
         return out + self.states.tick(now_ms) + self.sensors.tick(now_ms) + self.ownership.tick(now_ms)
 
+    @property
+    def together_due_ms(self) -> int | None:
+        """When words that wait for others have to leave; None where none wait."""
+        return self.relay.words.together.due_ms
+
+    def say_together(self, now_ms: int) -> list[Effect]:
+        """The words that have waited for others long enough; to be called at `together_due_ms` too."""
+        return [*self.relay.words.together.tick(now_ms)]
+
     def goodbye(self, now_ms: int) -> list[Effect]:
-        """A clean stop says that neither the fog nor its drones are reachable."""
-        return self.ownership.goodbye()
+        """A clean stop says that neither the fog nor its drones are reachable; what waits leaves first."""
+        self.relay.words.together.is_ended = True
+        return [*self.relay.words.together.flush(now_ms), *self.ownership.goodbye()]
 
     def _made_handlers(self, seal: Seal | None) -> dict[tuple[str, type[Topic], str], Handler]:
         """Who takes a message, by the broker that it comes from and its topic."""

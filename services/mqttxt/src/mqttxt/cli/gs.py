@@ -48,7 +48,9 @@ def watch(
     options: StationOptions,
     fog: FogNumbers,
     json: Json = False,
-    bundles: Annotated[bool, typer.Option("--bundles", help="Ask for states together, once a second.")] = False,
+    bundles: Annotated[
+        bool, typer.Option("--bundles", help="Ask for states together, once a second, and a broadcast's words.")
+    ] = False,
 ) -> None:
     """Show fogs, drones, their states and how old those are at the most, until Ctrl-C."""
     from rich.console import Console

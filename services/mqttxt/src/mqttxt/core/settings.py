@@ -26,7 +26,8 @@ class Settings:
     """`qos` is that of commands, results and the likes; states are always QoS 0, presence and leases QoS 1.
 
     `bundles`: a UAV client publishes its states together, once in `bundle_ms`, and so does an activator to the
-    stations that ask for it. PSMI and QoDS leave out drones whose figures are older than `state_limit_ms`.
+    stations that ask for it; for them words of a broadcast leave together too. PSMI and QoDS leave out drones whose
+    figures are older than `state_limit_ms`.
     """
 
     qos: int = 1

@@ -6,9 +6,9 @@ whose birth named it. Times are milliseconds in the session clock of whoever the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, Self
 
 from .commands import COMMAND, Command
 from .fields import (
@@ -132,14 +132,8 @@ class By:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResultMessage(AboutCommand):
-    """One word about a command and a drone, on `…/droneY/commands_result/C`.
-
-    `session` is the drone's, or the activator's where the activator closed the command; `stamp` is of the
-    same clock, `relay_stamp` the activator's. `late_ms`: how far past the deadline the clock read after the
-    write. `settled` marks the truth that came after an `unconfirmed`; `observed` false a `completed` whose effect
-    nobody saw.
-    """
+class Said:
+    """What a word says beside whose it is, and of which command."""
 
     session: Session
     relay_stamp: Stamp | None = None
@@ -155,6 +149,17 @@ class ResultMessage(AboutCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ResultMessage(Said, AboutCommand):
+    """One word about a command and a drone, on `…/droneY/commands_result/C`.
+
+    `session` is the drone's, or the activator's where the activator closed the command; `stamp` is of the
+    same clock, `relay_stamp` the activator's. `late_ms`: how far past the deadline the clock read after the
+    write. `settled` marks the truth that came after an `unconfirmed`; `observed` false a `completed` whose effect
+    nobody saw.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
 class RosterEntry:
     """A drone that a broadcast concerns, and its session if it has one."""
 
@@ -163,14 +168,42 @@ class RosterEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _OfDrone:
+    drone: DroneNumber
+
+
+MOST_TOGETHER = 20
+"""Words in one message, so that it stays below the longest payload with the longest reason in each, in JSON too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WordTogether(Said, _OfDrone):
+    """A drone's word among others about the same broadcast; behind its drone the fields of a result."""
+
+    @classmethod
+    def of(cls, drone: int, result: ResultMessage) -> Self:
+        """What a result says, for a message that has its command's id already."""
+        return cls(drone=drone, **{field.name: getattr(result, field.name) for field in fields(Said)})
+
+    def result(self, about: AboutCommand) -> ResultMessage:
+        """As it would have come alone."""
+        said = {field.name: getattr(self, field.name) for field in fields(Said)}
+        return ResultMessage(gs_session=about.gs_session, seq=about.seq, **said)
+
+
+@dataclass(frozen=True, kw_only=True)
 class FogResultMessage(AboutCommand):
-    """A broadcast's roster, or why the fog denied a command, on `fogX/commands_result/C`."""
+    """A broadcast's roster, words of its drones together, or why the fog denied a command.
+
+    On `fogX/commands_result/C`.
+    """
 
     session: Session
     stamp: Stamp
     roster: Annotated[tuple[RosterEntry, ...], Items(250)] | None = None
     denied: Reason | None = None
     beacon: BeaconMessage | None = None
+    words: Annotated[tuple[WordTogether, ...], Items(MOST_TOGETHER)] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,10 +265,11 @@ class Registration:
     """A ground station's lease at a fog (`fogX/init_connect`); `lease_s` 0 ends it.
 
     `control` says what the station wants of the drones in `drones` (of all, where they are absent); `bundles` true
-    asks for states as `fogX/states`. `until_ms` is the lease's end in the activator's clock, as a command's
-    deadline is made; a takeover names the `epoch` that the station has seen. `anew` true: the registration is not
-    confirmed on this connection, and what the fog said before may be missing; then it names the `activator_session`
-    whose birth the station has heard. Where messages are signed that is named always, and `counter` rises with each.
+    asks for states as `fogX/states`, and for words that leave together (R10.6). `until_ms` is the lease's end in
+    the activator's clock, as a command's deadline is made; a takeover names the `epoch` that the station has seen.
+    `anew` true: the registration is not confirmed on this connection, and what the fog said before may be missing;
+    then it names the `activator_session` whose birth the station has heard. Where messages are signed that is named
+    always, and `counter` rises with each.
     """
 
     version: Version = VERSION

@@ -111,7 +111,7 @@ CLOUD_SIDE = (
     ),
     TopicRow(
         *("fogX/commands_result/C", ACTIVATOR, STATIONS, 1, False, FogResultMessage),
-        "a broadcast's roster, or why the fog denied it",
+        "a broadcast's roster, words of its drones together, or why the fog denied it",
         choice=True,
     ),
     TopicRow(

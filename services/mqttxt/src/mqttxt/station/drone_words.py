@@ -10,9 +10,11 @@ from ..core.effects import Inbound
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.messages import ResultMessage, Word
-from ..protocol.topics import DroneTopic, FogSide
+from ..protocol.topics import DroneTopic, FogSide, FogTopic
 from ..protocol.values import shown
 from ..security.cose import Envelope
+from ..security.together import parse_together
+from .fog import FogView
 
 OF_A_FOG = frozenset({Word.DENIED, Word.EXPIRED, Word.UNREACHABLE, Word.UNCONFIRMED})
 """What an activator may say of a command by itself; the other words are their drone's alone (R12.11)."""
@@ -44,6 +46,17 @@ class DroneWords:
         if result.word not in OF_A_FOG:
             raise PayloadError(f"{result.word.label} of {fog}: expected the drone to have signed it", "forged")
         return result, fog
+
+
+def apart(fog: FogView, topic: FogTopic, message: Inbound) -> list[Inbound] | None:
+    """Signed words that came together, each as it would have come alone; None for any other message (R12.11)."""
+    found = parse_together(message.payload)
+    if found is None:
+        return None
+    return [
+        replace(message, topic=fog.topics.drone_result(drone, topic.name), payload=envelope.encode())
+        for drone, envelope in found
+    ]
 
 
 def _relayed(result: ResultMessage, signed: Envelope) -> ResultMessage:

@@ -47,7 +47,7 @@ class GroundStation:
         encoding: how payloads are written; both are read.
         prefix: the prefix of every topic, as `acme/`.
         control: take control of every drone that is free; False: only watch.
-        bundles: ask for states together, at most once a second.
+        bundles: ask for states together, at most once a second, and for a broadcast's words together.
         ssl_context: what to trust and to show at `mqtts://` without an identity; None: the system's authorities.
         identity: the folder of this station's identity (`mqttxt keys issue station`), for `mqtts://` to a broker of
             its fleet; the station's name is then that of the identity.

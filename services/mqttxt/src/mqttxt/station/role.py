@@ -25,7 +25,7 @@ from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, Readi
 from ..protocol.topics import REVOKED, CloudSide, DroneTopic, FogSide, FogTopic, Topic, station_reachable
 from ..security.rights import TAKE_OVER
 from .commands import Output, StationCommands
-from .drone_words import DroneWords
+from .drone_words import DroneWords, apart
 from .fog import LINK, FogView
 from .list_watch import ListWatch
 from .outcomes import ListBehind, Outcome
@@ -227,8 +227,15 @@ class StationRole:
         return handlers
 
     def _on_fog_result(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
+        if self.signs and (words := apart(fog, topic, message)) is not None:
+            return [output for word in words for output in self.on_message(LINK, word, now_ms)]
         result = decode(FogResultMessage, self._channel.opened(message, fog.name))
-        return self.commands.on_fog_result(fog, result, now_ms)
+        if self.signs and result.words is not None:
+            raise PayloadError(f"words in the name of {fog.name}: expected each as it was signed", "forged")
+        out = self.commands.on_fog_result(fog, result, now_ms)
+        for word in result.words or ():
+            out += self.commands.on_result(fog, word.drone, word.result(result), now_ms)
+        return out
 
     def _on_psmi(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
         return self.commands.on_psmi(fog, decode(PsmiMessage, self._channel.opened(message, fog.name)), now_ms)
