@@ -14,7 +14,7 @@ import typer
 
 from mqttxt.cli.main import app
 from mqttxt_conformance import activator, activator_signed, gs, uav
-from mqttxt_conformance.registry import Rule
+from mqttxt_conformance.registry import RULES, Rule
 
 from .tables import filled, table
 
@@ -74,6 +74,7 @@ def main(*files: str) -> None:
     sections = {f"options-{name}": partial(options, command) for name, command in found.items()}
     sections |= {f"options-{name}": partial(group, name) for path in found for name in groups(path)}
     rules = {"uav": uav.rules(), "activator": activator.rules(), "gs": gs.rules()}
+    rules["two-links"] = RULES["uav with two connections"]
     rules["signed-activator"] = activator_signed.rules()
     sections |= {f"rules-{role}": partial(rules_table, checked) for role, checked in rules.items()}
     for path in map(Path, files):

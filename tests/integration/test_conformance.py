@@ -91,12 +91,18 @@ SIGNED_ACTIVATOR_VARIANTS = {
     "activator-takes-any-reading": {"passes-on-readings-that-are-signed"},
     "activator-names-no-holder": {"orders-its-leases-and-names-the-holder"},
 }
+TWO_LINKS = "uav-two-links"
+"""The project's own UAV client with two connections."""
+TWO_LINKS_VARIANTS = {
+    "uav-speaks-over-one": {"executes-once-what-comes-over-both", "answers-what-comes-over-the-other-afterwards"},
+    "uav-executes-each-copy": {"answers-what-comes-over-the-other-afterwards"},
+}
 SECURED = {"uav-in-tls": False, "uav-signed": True}
 """The project's own UAV client with an identity, and whether it signs."""
 SECURED_GS = {"gs-in-tls": False, "gs-signed": True}
 SIGNED_ACTIVATOR = "activator-signed"
 SIGNED_VARIANTS = {**SIGNED_UAV_VARIANTS, **SIGNED_GS_VARIANTS, **SIGNED_ACTIVATOR_VARIANTS}
-VARIANTS = {**UAV_VARIANTS, **SIGNED_VARIANTS, **ACTIVATOR_VARIANTS, **GS_VARIANTS}
+VARIANTS = {**UAV_VARIANTS, **TWO_LINKS_VARIANTS, **SIGNED_VARIANTS, **ACTIVATOR_VARIANTS, **GS_VARIANTS}
 AT_ONCE = 16
 """Checks that run side by side, each against implementations of its own."""
 
@@ -108,6 +114,7 @@ class Checks:
         self.folder = folder
         self.cloud = Broker(folder, "cloud")
         self.fog = Broker(folder, "fog")
+        self.second = Broker(folder, "second")
         self.authority = Authority.create(folder / "acme", "acme")
         self.drones = {name: 101 + number for number, name in enumerate([*SECURED, *SIGNED_UAV_VARIANTS])}
         for name in ("broker-fog1", "fog1", *(f"drone{number}" for number in self.drones.values())):
@@ -123,6 +130,9 @@ class Checks:
 
     async def run(self) -> None:
         jobs = [self._uav(name, number) for number, name in enumerate(["uav", *UAV_VARIANTS], start=1)]
+        jobs += [
+            self._uav(name, number, two=True) for number, name in enumerate([TWO_LINKS, *TWO_LINKS_VARIANTS], start=51)
+        ]
         names = ["activator", *ACTIVATOR_VARIANTS]
         jobs += [self._activator(name, number) for number, name in enumerate(names, start=1)]
         jobs += [self._gs(name, number) for number, name in enumerate(["gs", *GS_VARIANTS], start=101)]
@@ -131,13 +141,17 @@ class Checks:
         jobs += [self._signed_activator(name) for name in self.activators]
         await asyncio.gather(*jobs)
 
-    async def _uav(self, variant: str, drone: int) -> None:
-        port = free_port(socket.SOCK_DGRAM)
+    async def _uav(self, variant: str, drone: int, two: bool = False) -> None:
+        port, second = free_port(socket.SOCK_DGRAM), BrokerAddress.parse(self.second.url) if two else None
         options = ["--drone", "{drone}", "--broker", "{broker}", "--autopilot", "{autopilot}"]
         files = ["--journal", str(self.folder / f"{variant}.journal")]
+        files += ["--second-broker", "{second_broker}"] if two else []
         values = {"drone": str(drone), "broker": self.fog.url, "autopilot": f"udp:127.0.0.1:{port}"}
-        async with self._gate, self._implementation("uav", variant, [*options, *files], values) as line:
-            target = UavTarget(drone, "127.0.0.1", port, run=line, log=self.folder / f"{variant}.log")
+        values["second_broker"] = self.second.url
+        how = "uav" if variant == TWO_LINKS else variant
+        async with self._gate, self._implementation("uav", how, [*options, *files], values) as line:
+            log = self.folder / f"{variant}.log"
+            target = UavTarget(drone, "127.0.0.1", port, run=line, log=log, second=second)
             self.found[variant] = await check_uav(BrokerAddress.parse(self.fog.url), target, lambda finding: None)
 
     async def _secured_uav(self, variant: str, signed: bool) -> None:
@@ -247,6 +261,7 @@ def checks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Checks]:
     try:
         made.cloud.start()
         made.fog.start()
+        made.second.start()
         for secured in made.brokers():
             secured.start()
         asyncio.run(made.run())
@@ -254,6 +269,7 @@ def checks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Checks]:
     finally:
         for secured in made.brokers():
             secured.kill()
+        made.second.kill()
         made.fog.kill()
         made.cloud.kill()
 
@@ -262,7 +278,7 @@ def _said(found: list[Finding], verdict: Verdict) -> dict[str, str]:
     return {finding.rule.name: finding.evidence for finding in found if finding.verdict is verdict}
 
 
-@pytest.mark.parametrize("role", ["uav", "activator", "gs", *SECURED, *SECURED_GS, SIGNED_ACTIVATOR])
+@pytest.mark.parametrize("role", ["uav", TWO_LINKS, "activator", "gs", *SECURED, *SECURED_GS, SIGNED_ACTIVATOR])
 def test_the_projects_own_role_keeps_every_rule(checks: Checks, role: str) -> None:
     found = checks.found[role]
     assert _said(found, Verdict.FAIL) == {}

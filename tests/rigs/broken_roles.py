@@ -25,6 +25,7 @@ from mqttxt.activator.signed_commands import SignedCommand
 from mqttxt.activator.state_relay import StateRelay
 from mqttxt.activator.stations import Stations
 from mqttxt.activator.together import WordsTogether
+from mqttxt.core.bond import Bond
 from mqttxt.core.channel import Channel
 from mqttxt.core.clock import stamp
 from mqttxt.core.effects import Publish
@@ -113,6 +114,13 @@ def uav_forgets_the_order() -> None:
         return refusal
 
     wrap(CommandDesk, "_refusal", make)
+
+
+def uav_speaks_over_one() -> None:
+    def make(original: Any) -> Any:
+        return lambda self, effect: original(self, replace(effect, everywhere=False))
+
+    wrap(Bond, "publish", make)
 
 
 def uav_takes_retained() -> None:
@@ -475,6 +483,8 @@ VARIANTS: dict[str, Patch] = {
     "uav-executes-duplicates": uav_executes_duplicates,
     "uav-repeats-late": uav_repeats_late,
     "uav-forgets-the-order": uav_forgets_the_order,
+    "uav-speaks-over-one": uav_speaks_over_one,
+    "uav-executes-each-copy": uav_executes_duplicates,
     "uav-takes-retained": uav_takes_retained,
     "uav-is-always-a-ground-station": uav_is_always_a_ground_station,
     "uav-verifies-nothing": uav_verifies_nothing,

@@ -30,13 +30,14 @@ class SecureBroker(Program):
         prefix: str = "",
         host: str = "127.0.0.1",
         fogs: frozenset[int] = frozenset(),
+        called: str | None = None,
     ) -> None:
         self.host = host
         self.port = free_port()
         self.files = BrokerFiles(authority.folder / name, prefix, fogs=fogs)
-        self.out = authority.folder.parent / f"files-{name}"
+        self.out = authority.folder.parent / f"files-{called or name}"
         self.configuration = self.files.write(self.out, host, self.port)
-        super().__init__(self.out, name, str(MOSQUITTO), "-c", str(self.configuration))
+        super().__init__(self.out, called or name, str(MOSQUITTO), "-c", str(self.configuration))
 
     @property
     def address(self) -> BrokerAddress:

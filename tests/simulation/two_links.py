@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -12,6 +12,8 @@ from mqttxt.core.address import BrokerAddress
 from mqttxt.core.bond import Bond, connections
 from mqttxt.core.effects import Inbound, Publish, Subscribe
 from mqttxt.core.shared_lists import SharedLists
+from mqttxt.drone.effects import Led
+from mqttxt.drone.paths import Paths
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.policies import POLICIES
 from tests.simulation.world import World, heartbeat, home, landed, matches, position
@@ -46,7 +48,7 @@ class Path:
     def usual_s(self) -> float:
         since_ms = self._world.stuck.get((self._name, self._link))
         is_noticed = since_ms is not None and self._world.now_ms - since_ms >= NOTICED_MS
-        return float("inf") if is_noticed else USUAL_S[self._link]
+        return float("inf") if is_noticed else self._world.usual_s[self._link]
 
 
 class Owner:
@@ -83,8 +85,11 @@ class Owner:
         self._world.run(self._name, outputs)
 
 
+@dataclass
 class TwoLinks(World):
-    """As `World`, but between activator and UAV client there are two brokers, `LINKS`."""
+    """As `World`, but between activator and UAV client there are two brokers, `LINKS`; or two ways to `one_broker`."""
+
+    one_broker: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -92,12 +97,14 @@ class TwoLinks(World):
         self.held: list[tuple[tuple[str, str], Any]] = []
         self.up: set[tuple[str, str]] = set()
         self.over: list[tuple[str, Publish]] = []
+        self.usual_s = dict(USUAL_S)
         self.bonds: dict[str, Bond] = {}
         self.activator.relay.has_paths = True
+        self.uav.paths = Paths(LINKS[0], self.uav.settings.beacon_interval_ms)
         for name in ("uav", "activator"):
             role = getattr(self, name)
-            prefers = {"prefers": role.path_of} if name == "activator" else {}
-            bond = Bond(name=FOG, owner=Owner(self, name), on_change=partial(self._changed, role), **prefers)
+            own = {"prefers": role.path_of} if name == "activator" else {"is_led": True}
+            bond = Bond(name=FOG, owner=Owner(self, name), on_change=partial(self._changed, name), **own)
             for link in LINKS:
                 bond.add(link, Path(self, name, link))
             self.bonds[name] = bond
@@ -105,8 +112,8 @@ class TwoLinks(World):
     def _uav(self, session: int, **left: Any) -> UavClient:
         return super()._uav(session, policies=OFTEN, **left)
 
-    def _changed(self, role: Any, lost: str | None) -> Any:
-        return role.on_path(lost, self.now_ms)
+    def _changed(self, name: str, lost: str | None) -> Any:
+        return getattr(self, name).on_path(lost, self.now_ms)
 
     def start(self) -> TwoLinks:
         self.gs.add_fogs([1])
@@ -126,14 +133,13 @@ class TwoLinks(World):
 
     def cut(self, name: str, link: str) -> None:
         """What was held up on it is lost; the broker publishes the will."""
-        end = (name, link)
+        end, will = (name, link), self.uav.will()
         self.up.discard(end)
         self.stuck.pop(end, None)
         self.held = [held for held in self.held if held[0] != end]
         self.subscribed = [entry for entry in self.subscribed if entry[:2] != end]
         self.bonds[name].disconnected(link)
         if name == "uav":
-            will = self.uav.will()
             self._at_broker(name, Publish(link, will.topic, will.payload, 1, retain=True))
 
     def freeze(self, name: str, link: str) -> None:
@@ -155,6 +161,13 @@ class TwoLinks(World):
             super().pass_time(min(step_ms, until - self.now_ms), step_ms)
             for bond in self.bonds.values():
                 bond.look(self.now_ms / 1000)
+
+    def run(self, name: str, outputs: Iterable[Any]) -> None:
+        for output in outputs:
+            if isinstance(output, Led):
+                self.bonds[name].led(output.path, output.proof)
+            else:
+                super().run(name, [output])
 
     def route(self, name: str, publish: Publish) -> None:
         if publish.link == FOG:
@@ -186,15 +199,23 @@ class TwoLinks(World):
         self.subscribed += [(name, effect.link, topic, effect.live_only) for topic in effect.filters]
         self.bonds[name].subscribed(effect)
         for link, topic in list(self.retained):
-            if link == effect.link and not effect.live_only and any(matches(one, topic) for one in effect.filters):
-                self._hand(name, self.retained[link, topic], True)
+            if (
+                link == self._broker(effect.link)
+                and not effect.live_only
+                and any(matches(one, topic) for one in effect.filters)
+            ):
+                self._hand(name, replace(self.retained[link, topic], link=effect.link), True)
+
+    def _broker(self, link: str) -> str:
+        return LINKS[0] if self.one_broker and link in LINKS else link
 
     def _at_broker(self, name: str, publish: Publish) -> None:
+        broker = self._broker(publish.link)
         if publish.retain:
-            self.retained[publish.link, publish.topic] = publish
-        found = [s for s in self.subscribed if s[1] == publish.link and matches(s[2], publish.topic)]
-        for receiver in dict.fromkeys(entry[0] for entry in found):
-            self._hand(receiver, publish, False)
+            self.retained[broker, publish.topic] = publish
+        found = [s for s in self.subscribed if self._broker(s[1]) == broker and matches(s[2], publish.topic)]
+        for receiver, link in dict.fromkeys(entry[:2] for entry in found):
+            self._hand(receiver, replace(publish, link=link), False)
         if publish.ref is not None and publish.qos > 0:
             answer = partial(self.bonds[name].published, publish.link, publish.ref, 0 if found else 0x10)
             self._pass(name, publish.link, answer)

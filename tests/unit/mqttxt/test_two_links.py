@@ -8,16 +8,18 @@ from random import Random
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from mqttxt.activator.drones import CONTEST_MS
 from mqttxt.core.bond import BETTER
+from mqttxt.core.effects import Inbound, Publish
 from mqttxt.core.mqtt.round_trip import SPARE_S, RoundTrip
 from mqttxt.drone.effects import Transmit
-from mqttxt.protocol.codec import decode
+from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Disarm, Hold
-from mqttxt.protocol.messages import DroneRecord, Word
+from mqttxt.protocol.messages import DroneLease, DroneRecord, Word
 from mqttxt.security.cose import Envelope
 from mqttxt.station.outcomes import Outcome
 from tests.simulation.two_links import LINKS, NOTICED_MS, TwoLinks
-from tests.simulation.world import ack, heartbeat, position
+from tests.simulation.world import UAV_SESSION, ack, heartbeat, position
 
 LTE, SAT = LINKS
 ARM_DISARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
@@ -72,10 +74,123 @@ def test_a_drone_is_there_while_one_of_its_connections_is(signed: bool) -> None:
     assert records(world) == before, "nobody hears of a cut of one"
     for link in LINKS:
         world.cut("uav", link)
+    world.pass_time(CONTEST_MS)
     assert not is_reachable(world)
     world.connect("uav", SAT)
     world.pass_time(100)
     assert is_reachable(world)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_two_addresses_of_one_broker_are_two_links(signed: bool) -> None:
+    world = started(signed=signed, one_broker=True)
+    before = records(world)
+    for link in LINKS:
+        world.cut("uav", link)
+        world.pass_time(500)
+        command_id = world.send(Hold())
+        world.pass_time(2 * CONTEST_MS)
+        assert last_words(world)[command_id] == 1
+        world.connect("uav", link)
+        world.pass_time(1000)
+    assert records(world) == before, "the will of one is not the end of the other"
+    command_id = world.send(Arm())
+    obey(world, True)
+    world.pass_time(1000)
+    assert written(world) == 1, "what comes over both is executed once"
+    assert words(world, command_id) == [Word.COMPLETED]
+    for link in LINKS:
+        world.cut("uav", link)
+    world.pass_time(CONTEST_MS)
+    assert not is_reachable(world)
+
+
+def test_a_will_that_is_repeated_ends_nothing() -> None:
+    """A broker may keep a will and say it again, as often as it likes."""
+    world = started(signed=True, one_broker=True)
+    will = world.uav.will()
+    before = records(world)
+    for _ in range(50):
+        world._at_broker("uav", Publish(LTE, will.topic, will.payload, 1, retain=True))
+        world.pass_time(200)
+    assert is_reachable(world)
+    assert records(world) == before
+
+
+def test_a_clean_stop_over_one_of_two_ways_to_a_broker_is_the_end() -> None:
+    world = started(one_broker=True)
+    world.run("uav", world.uav.goodbye(world.now_ms))
+    assert not is_reachable(world)
+
+
+def locations(world: TwoLinks, since: int) -> set[str]:
+    return set(over(world, "drone1/state/location", since))
+
+
+def test_a_better_broker_without_the_activator_carries_nothing() -> None:
+    """A wrong second address: what goes there is heard by nobody."""
+    world = started()
+    world.usual_s[SAT] = 0.01
+    world.cut("uav", SAT)
+    world.cut("activator", SAT)
+    world.connect("uav", SAT)
+    since = len(world.over)
+    for metres in range(30):
+        world.autopilot(position(float(metres)))
+        world.pass_time(1000)
+    assert locations(world, since) == {LTE}
+    assert is_reachable(world)
+    world.connect("activator", SAT)
+    world.pass_time(1000)
+    since = len(world.over)
+    world.autopilot(position(50.0))
+    world.pass_time(1000)
+    assert locations(world, since) == {SAT}
+
+
+@pytest.mark.parametrize("act", ["cut", "freeze"])
+def test_states_leave_a_broker_from_which_nothing_comes_to_the_activator(act: str) -> None:
+    world = started()
+    getattr(world, act)("activator", LTE)
+    world.autopilot(position(4.0))
+    world.pass_time(NOTICED_MS + 1000)
+    since = len(world.over)
+    world.autopilot(position(5.0))
+    world.pass_time(100)
+    assert locations(world, since) == {SAT}
+
+
+def lease(world: TwoLinks, bound: bool) -> bytes:
+    found = DroneLease(activator_session=0x99, drone_session=UAV_SESSION, nonce=7, bound=bound, epoch=9)
+    return encode(found)
+
+
+def test_the_activator_of_a_wrong_second_broker_gets_neither_answer_nor_end() -> None:
+    """It does not become the drone's second activator, and its refusal stops no client."""
+    world = started()
+    for bound in (True, False):
+        since = len(world.over)
+        message = Inbound("drone1/init_connect", lease(world, bound), 1)
+        world.bonds["uav"].received(SAT, message)
+        world.pass_time(100)
+        assert over(world, "drone1/clock", since) == []
+    assert world.stops == []
+    assert [log.kind for log in world.logs] == ["other_activator"] * 2
+    assert words(world, world.send(Arm())) == []
+    assert written(world) == 1
+
+
+def test_a_restarted_activator_is_taken_over_both() -> None:
+    world = started()
+    world.cut("activator", LTE)
+    world.cut("activator", SAT)
+    world.restart_activator(0x77)
+    for link in LINKS:
+        world.connect("activator", link)
+    world.pass_time(1000)
+    assert is_reachable(world)
+    world.send(Arm())
+    assert written(world) == 1
 
 
 def test_a_drone_that_is_there_over_the_lost_connection_alone_is_gone() -> None:

@@ -147,7 +147,7 @@ def test_what_is_off_is_refused_with_the_field_and_what_was_expected(changed: di
         (b'{"version":1,"session":1}', "up: expected a value"),
         (b"\x83\x01\x01\xf5\x00", "bytes behind the end"),
         (b"\x82\x01\x01", "up: expected a value"),
-        (b"\x85\x01\x01\xf5\x00\x00", "at most 4 fields"),
+        (b"\x86\x01\x01\xf5\x00\xf5\x00", "at most 5 fields"),
         (b"\x9f\x01\x01\xf5\xff", "not CBOR"),
         (b"\x83\x01\xfb\x7f\xf8\x00\x00\x00\x00\x00\x00\xf5", "session: expected a whole number"),
         (b"\x81" * 500, "not CBOR"),

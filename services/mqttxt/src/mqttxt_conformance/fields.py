@@ -93,7 +93,7 @@ _MODES = (
 _ID = {"version": _VERSION, "gs_session": _SESSION, "seq": _U32}
 
 MESSAGES: dict[str, dict[str, Judge]] = {
-    "presence": {"version": _VERSION, "session": _SESSION, "up": _flag, "revoked": _U32},
+    "presence": {"version": _VERSION, "session": _SESSION, "up": _flag, "revoked": _U32, "several": _flag},
     "beacon": {"session": _SESSION, "now_ms": _MS, "nonce": _U32, "held_ms": _MS, "revoked": _U32},
     "result": {
         **_ID,

@@ -59,7 +59,8 @@ class Finding:
     evidence: str
 
 
-RULES: dict[str, list[Rule]] = {"uav": [], "activator": [], "signed activator": [], "gs": [], "broker": []}
+ROLES = ("uav", "uav with two connections", "activator", "signed activator", "gs", "broker")
+RULES: dict[str, list[Rule]] = {role: [] for role in ROLES}
 """Every rule of each role, in the order in which they are checked."""
 
 

@@ -12,13 +12,14 @@ from mqttxt.protocol.topics import FogSide
 from . import uav_presence as presence
 from .autopilot import Autopilot
 from .registry import RULES, Broken, Finding, Rule, check_all, unmet
+from .relay import Relay, Two
 from .secured import SecuredUav
 from .subject import Subject
 from .tap import Tap, clear_retained
 from .uav_kit import UavKit, UavTarget
 
 # Their import enters their rules, in this order.
-from . import uav_commands, uav_refusals, uav_control, uav_signed, uav_states  # isort: skip
+from . import uav_commands, uav_refusals, uav_control, uav_signed, uav_two_links, uav_states  # isort: skip
 
 
 ENDING = (
@@ -50,7 +51,12 @@ async def check_uav(broker: BrokerAddress, target: UavTarget, on_finding: Callab
     activator = folder.identity(f"fog{target.fog}") if folder is not None else None
     tap = Tap(broker, f"conformance-{secrets.token_hex(4)}", clock, identity=activator)
     host, port = target.autopilot_host, target.autopilot_port
-    values = {"broker": str(broker), "drone": str(target.drone), "autopilot": f"udp:{host}:{port}"}
+    relays = Relay(broker), Relay(target.second or broker)
+    if target.second is not None:
+        for relay in relays:
+            await relay.start()
+    values = {"broker": str(relays[0].address), "drone": str(target.drone), "autopilot": f"udp:{host}:{port}"}
+    values |= {"second_broker": str(relays[1].address)} if target.second is not None else {}
     values |= {"fog": str(target.fog), "identity": str(folder.path / name)} if folder is not None else {}
     subject = Subject(target.run, values, target.log)
     secured = SecuredUav(folder, target.fog, target.drone, topics) if folder is not None and folder.signed else None
@@ -61,6 +67,9 @@ async def check_uav(broker: BrokerAddress, target: UavTarget, on_finding: Callab
     if folder is not None:  # its retained topic is the drone's own
         kit.twin = Tap(broker, f"conformance-{secrets.token_hex(4)}", clock, identity=folder.identity(name))
         await kit.twin.connect("--broker")
+    if target.second is not None:
+        kit.also_at(await _two(target.second, target, kit, relays))
+    checked = rules(secured is not None) if target.second is None else RULES["uav with two connections"]
     try:
         await clear_retained(kit.twin, [topics.reachable(target.drone)] if subject.is_ours else [])
         tap.on_heard = kit.on_heard
@@ -71,10 +80,37 @@ async def check_uav(broker: BrokerAddress, target: UavTarget, on_finding: Callab
         try:
             await kit.meet()
         except Broken as broken:
-            return unmet(rules(secured is not None), "birth-carries-the-session", str(broken), on_finding)
-        return await check_all(rules(secured is not None), kit, on_finding)
+            return unmet(checked, checked[0].name, str(broken), on_finding)
+        return await check_all(checked, kit, on_finding)
     finally:
         await kit.close()
 
 
-__all__ = ["UavTarget", "check_uav", "rules", "uav_commands", "uav_control", "uav_refusals", "uav_signed"]
+async def _two(second: BrokerAddress, target: UavTarget, kit: UavKit, relays: tuple[Relay, Relay]) -> Two:
+    """The kit at the second broker, as it is at the first."""
+    folder, topics = target.folder, kit.topics
+    activator = folder.identity(f"fog{target.fog}") if folder is not None else None
+    tap = twin = Tap(second, f"conformance-{secrets.token_hex(4)}", kit.clock, identity=activator)
+    tap.seal, tap.read = kit.tap.seal, kit.tap.read
+    await tap.connect("--second-broker")
+    if folder is not None:
+        own = folder.identity(f"drone{target.drone}")
+        twin = Tap(second, f"conformance-{secrets.token_hex(4)}", kit.clock, identity=own)
+        await twin.connect("--second-broker")
+    if kit.subject.is_ours:
+        await clear_retained(twin, [topics.reachable(target.drone)])
+    tap.on_heard = kit.on_heard
+    await tap.subscribe(f"{topics.root}drone{target.drone}/#")
+    return Two(tap, twin, relays)
+
+
+__all__ = [
+    "UavTarget",
+    "check_uav",
+    "rules",
+    "uav_commands",
+    "uav_control",
+    "uav_refusals",
+    "uav_signed",
+    "uav_two_links",
+]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import Beacon, RemoteClock, SessionClock
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Command
@@ -19,7 +20,8 @@ from mqttxt.security.seal import Seal
 
 from . import shapes
 from .autopilot import HOLD_MODE, Autopilot, Written
-from .registry import Broken, expect
+from .registry import Broken, NotTested, expect
+from .relay import Two
 from .sealed import STATION, Folder
 from .secured import SecuredUav
 from .subject import Subject
@@ -60,6 +62,7 @@ class UavKit:
         self.tap = tap
         self.twin = tap
         """A connection that may publish what is the drone's own."""
+        self._two: Two | None = None
         self.subject = subject
         self.clock = clock
         self.activator_session = self.clock.session
@@ -71,6 +74,17 @@ class UavKit:
         self.births: list[Heard] = []
         self.beacons: list[tuple[int, dict[str, Any]]] = []
         self.nonces: dict[int, int] = {}
+
+    @property
+    def two(self) -> Two:
+        """For rules of a client with two connections; raises NotTested."""
+        if self._two is None:
+            raise NotTested("needs --second-broker")
+        return self._two
+
+    def also_at(self, two: Two) -> None:
+        """The kit is the activator at a second broker too."""
+        self._two = two
 
     async def meet(self, mark: int = 0) -> None:
         """Wait for a birth since `mark` and an echo; raises Broken."""
@@ -149,7 +163,8 @@ class UavKit:
         if lease.holder_session is not None and granted:
             self.introduce(lease.holder_session)
             self.grant(lease.holder_session, lease.deadline_ms, lease.offboard_until_ms)
-        self.tap.publish(self.topics.init_connect(self.drone), encode(lease))
+        for tap in (self.tap, *((self._two.tap,) if self._two is not None else ())):
+            tap.publish(self.topics.init_connect(self.drone), encode(lease))
         return nonce
 
     def introduce(self, gs_session: int, seal: Seal | None = None) -> None:
@@ -272,6 +287,8 @@ class UavKit:
         await self.subject.kill()
         await clear_retained(self.twin, [self.topics.reachable(self.drone)])
         await clear_retained(self.tap, [self.topics.commands(self.drone)])
+        if self._two is not None:
+            await self._two.close(self.topics.reachable(self.drone))
         await self.autopilot.close()
         if self.twin is not self.tap:
             await self.twin.close()
@@ -284,7 +301,10 @@ def _written(written: list[Written]) -> str:
 
 @dataclass(frozen=True)
 class UavTarget:
-    """Where the UAV client under test is, how to start it, and its fleet and fog, if it has an identity."""
+    """Where the UAV client under test is, how to start it, and its fleet and fog, if it has an identity.
+
+    `second` is another broker of the same fog, for a client with two connections.
+    """
 
     drone: int
     autopilot_host: str
@@ -294,3 +314,4 @@ class UavTarget:
     log: Path | None = None
     folder: Folder | None = None
     fog: int = 1
+    second: BrokerAddress | None = None

@@ -43,6 +43,8 @@ class DroneLink:
     """The connections over which the bound session is there."""
     path: str = ""
     """That of its newest beacon: the better one, as the drone measures them."""
+    gone_at_ms: int | None = None
+    """When it is taken for gone, unless it echoes a lease that was sent from `CONTEST_MS` before that on."""
     missed: bool = False
     """Whether the connection to the fog broker is another one, and the drone has not echoed a lease that says so."""
 
@@ -73,6 +75,7 @@ class DroneLink:
         self.challenger = None
         self.paths = set(paths)
         self.path = min(paths)
+        self.gone_at_ms = None
         self.up = True
         self.clock = RemoteClock(session)
         self.states.clear()

@@ -17,7 +17,7 @@ from .leases import Key, Leases
 FOG = "fog"
 CLOUD = "cloud"
 CONTEST_MS = 1500
-"""How long the bound session of a number has to answer when a second one appears."""
+"""How long the bound session of a number has to answer when a second one appears, or it may be gone."""
 OFFBOARD_LEASE_MS = 3000
 """How long an offboard flight may go on after its station's newest renewal was sent."""
 OFFBOARD_RENEWAL_MS = 500
@@ -93,6 +93,7 @@ class Drones:
 
     def _miss(self, link: DroneLink) -> None:
         link.up = link.announced = False
+        link.gone_at_ms = None
         link.missed = True
         link.paths.clear()
         link.nonces.clear()
@@ -107,13 +108,15 @@ class Drones:
         if not presence.up:
             if presence.session == link.session and link.up:
                 link.paths.discard(path)
-                if link.paths:
+                if link.paths or link.gone_at_ms is not None:
                     return []
-                link.up = False
-                return self._announce(link, False)
+                if presence.several:  # its other connection may be to the same broker
+                    link.gone_at_ms = now_ms + CONTEST_MS
+                    return [self._lease(link, now_ms)]
+                return self._end(link)
             return []
         if presence.session == link.session:
-            link.up = True
+            link.up, link.gone_at_ms = True, None
             link.paths.add(path)
             return [self._lease(link, now_ms)]
         if link.is_live(now_ms, self._settings.beacon_interval_ms):
@@ -129,6 +132,9 @@ class Drones:
         if asked_ms is not None:
             link.knows_certificate, link.missed = True, False
         link.clock.observe(Beacon(message.session, message.now_ms, message.nonce, message.held_ms), now_ms, asked_ms)
+        if asked_ms is not None and link.gone_at_ms is not None and asked_ms >= link.gone_at_ms - CONTEST_MS:
+            link.gone_at_ms = None
+            link.paths.add(path)
         if message.now_ms >= (link.heard_ms or 0):
             link.path = path
         link.heard_ms = max(message.now_ms, link.heard_ms or 0)
@@ -199,6 +205,8 @@ class Drones:
             if link.challenger is not None and now_ms >= link.contest_until_ms:
                 challenger, link.challenger = link.challenger, None
                 out += self._bind(link, challenger, link.challenger_paths, now_ms)
+            if link.gone_at_ms is not None and now_ms >= link.gone_at_ms:
+                out += self._end(link)
             if link.announced and not link.is_live(now_ms, self._settings.beacon_interval_ms):
                 out += self._announce(link, False)
             if link.up and now_ms >= link.next_lease_ms:
@@ -224,6 +232,10 @@ class Drones:
             ),
             self._lease(link, now_ms),
         ]
+
+    def _end(self, link: DroneLink) -> list[Effect]:
+        link.up, link.gone_at_ms = False, None
+        return self._announce(link, False)
 
     def _announce(self, link: DroneLink, reachable: bool) -> list[Effect]:
         link.announced = reachable

@@ -92,8 +92,9 @@ class ActivatorRunner(Runner):
             )
         for name, broker in brokers.items():
             own_id = f"{client_id}-{name.replace(' ', '')}"
+            may_be_ended = seal is None and second is None
             self.links[name] = link = MqttLink(
-                name, broker, own_id, None, events, identity=identity, may_be_ended=seal is None
+                name, broker, own_id, None, events, identity=identity, may_be_ended=may_be_ended
             )
             if second is not None:
                 self.bonds[FOG].add(name, link)

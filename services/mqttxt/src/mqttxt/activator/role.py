@@ -128,9 +128,9 @@ class Activator:
         return [self.drones.record_of(number) for number in gone] if self.born else []
 
     def on_path(self, lost: str | None, now_ms: int) -> list[Effect]:
-        """One of several connections to the fog has come, was lost, or is not the best any more."""
+        """One of several connections to the fog has come, was lost, is stuck, or is not the best any more."""
         gone = self._watched(self.drones.forget_path(lost), now_ms) if lost is not None else []
-        return gone + self.relay.on_path(now_ms)
+        return gone + self.relay.on_path(now_ms) + self.drones.ask_all(now_ms)
 
     def path_of(self, topic: str) -> str | None:
         """The better connection for what is on a topic of the fog's side."""

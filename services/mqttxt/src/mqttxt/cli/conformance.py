@@ -59,6 +59,9 @@ FogRoot = Annotated[str, typer.Option(help="Root of the fog side's topics, as fo
 @conformance_app.command()
 def uav(
     broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
+    second_broker: Annotated[
+        str | None, typer.Option(help="Another broker of the fog, on this machine: the client has two connections.")
+    ] = None,
     drone: Annotated[int, typer.Option(help="The drone's number.")] = 1,
     autopilot: Annotated[
         str, typer.Option(help="udp:HOST:PORT where the UAV client listens for its autopilot.")
@@ -73,7 +76,8 @@ def uav(
 ) -> None:
     """Check a UAV client: the kit plays its activator and its autopilot.
 
-    {broker}, {drone} and {autopilot} in --run are replaced; with --fleet also {identity} and {fog}. The fleet has a
+    {broker}, {drone} and {autopilot} in --run are replaced; with --fleet also {identity} and {fog}, and with
+    --second-broker {second_broker}: both are then the kit's links, which it cuts under the client. The fleet has a
     station `ops` that may command the drone, and a station `guest` that may only observe.
     """
     from mqttxt_conformance.uav import UavTarget, check_uav
@@ -87,7 +91,9 @@ def uav(
         number, root = check_number("--drone", drone, MAX_DRONE), check_root(fog_root)
         address = BrokerAddress.parse(broker, "--broker")
         folder = _folder(fleet, signed, address)
-        target = UavTarget(number, where.host, where.port, root, run, log, folder, check_number("--fog", fog))
+        second = _second(second_broker, address)
+        of_fog = check_number("--fog", fog)
+        target = UavTarget(number, where.host, where.port, root, run, log, folder, of_fog, second)
         return await _report("uav", format_, partial(check_uav, address, target))
 
     run_coroutine(job())
@@ -197,6 +203,18 @@ def broker(
         return await _report("broker", format_, partial(check_broker, target), side, name or str(nodes[0]))
 
     run_coroutine(job())
+
+
+def _second(url: str | None, first: BrokerAddress) -> BrokerAddress | None:
+    """The second broker; the kit relays to both, which it can on this machine alone. Raises ConfigurationError."""
+    if url is None:
+        return None
+    second = BrokerAddress.parse(url, "--second-broker")
+    if not (second.is_loopback and first.is_loopback):
+        raise ConfigurationError(f"--second-broker {second}: expected two brokers on this machine, as mqtt://127.0.0.1")
+    if second.tls != first.tls or (second.host, second.port) == (first.host, first.port):
+        raise ConfigurationError(f"--second-broker {second}: expected another one than {first}, as encrypted as that")
+    return second
 
 
 def _identity(folder: Path | None) -> Identity | None:

@@ -40,7 +40,10 @@ def uav(
     drone: Annotated[int, typer.Option(help="This drone's number: its autopilot's MAVLink system id.")],
     broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
     second_broker: Annotated[
-        str | None, typer.Option(help="Another broker of the same fog, by another network: both connections stay up.")
+        str | None,
+        typer.Option(
+            help="The same fog by another network, another broker of it or the same: both connections stay up."
+        ),
     ] = None,
     autopilot: Annotated[
         str, typer.Option(help="udp:HOST:PORT (listen), tcp:HOST:PORT or serial:DEVICE:BAUD.")

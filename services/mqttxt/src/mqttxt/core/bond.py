@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any, Protocol
 
 from .address import BrokerAddress
@@ -17,6 +18,9 @@ logger = logging.getLogger("mqttxt")
 PROBE_S = 0.4
 """How often each connection is measured."""
 LOOK_S = 0.05
+LATE_S = 0.3
+"""So much later than usual a proof may come over another connection before that leads nowhere."""
+MOST_PROOFS = 256
 BETTER = 0.7
 """Another connection is taken where it is better by so much, so that two equal ones do not alternate."""
 
@@ -56,10 +60,21 @@ class _Member:
     is_up: bool = False
     awaited: list[Subscribe] = field(default_factory=list)
     probe_at_s: float = 0.0
+    is_stuck: bool = False
+    is_led: bool = True
+    """Whether it leads to the other role, as far as that is known."""
 
     @property
     def is_ready(self) -> bool:
         return self.is_up and not self.awaited
+
+
+@dataclass
+class _Proof:
+    """Something that comes over each connection that leads to the other role, and over which it has yet to come."""
+
+    missing: set[str]
+    came_s: float | None = None
 
 
 @dataclass(eq=False)
@@ -76,8 +91,9 @@ class Bond:
     """The link `name` of `owner`, over the connections that are added; it is what these report to.
 
     What is to go everywhere, and what is retained, goes over all, the rest over the one that `prefers` names for a
-    topic, else over the best. `on_change` makes what the role does once a connection has come, was lost (its name) or
-    another one is the best.
+    topic, else over the best. `on_change` makes what the role does once a connection has come, was lost (its name), is
+    stuck, or another one is the best. With `is_led` a connection is no candidate for the best before a proof has come
+    over it that it leads to the other role, nor while one that came over another has not.
     """
 
     def __init__(
@@ -86,12 +102,15 @@ class Bond:
         owner: Owner,
         on_change: Callable[[str | None], Iterable[Any]],
         prefers: Callable[[str], str | None] = lambda topic: None,
+        is_led: bool = False,
     ) -> None:
         self.name = name
         self.best: str | None = None
         self._owner = owner
         self._on_change = on_change
         self._prefers = prefers
+        self._is_led = is_led
+        self._proofs: dict[Hashable, _Proof] = {}
         self._members: dict[str, _Member] = {}
         self._subscribes: list[Subscribe] = []
         self._granted: list[Subscribe] = []
@@ -99,6 +118,16 @@ class Bond:
 
     def add(self, name: str, path: Path) -> None:
         self._members[name] = _Member(path)
+
+    def led(self, link: str, proof: Hashable) -> None:
+        """A connection leads to the other role: what comes over each that does has come over this one."""
+        self._members[link].is_led = True
+        if proof not in self._proofs:
+            others = {name for name, member in self._members.items() if member.is_ready}
+            self._proofs[proof] = _Proof(others)
+            while len(self._proofs) > MOST_PROOFS:
+                del self._proofs[next(iter(self._proofs))]
+        self._proofs[proof].missing.discard(link)
 
     async def run(self) -> None:
         """Measure the connections for as long as the role runs."""
@@ -116,9 +145,29 @@ class Bond:
         ready = {name: member.path.usual_s() for name, member in self._members.items() if member.is_ready}
         if not ready:
             return
-        found = min(ready, key=lambda name: ready[name])
-        if self.best not in ready or ready[found] < BETTER * ready[self.best]:
+        self._judge(ready, now_s)
+        newly_stuck = [name for name in ready if ready[name] == inf and not self._members[name].is_stuck]
+        for name, usual_s in ready.items():
+            self._members[name].is_stuck = usual_s == inf
+        found, best = min(ready, key=lambda name: self._rank(name, ready[name])), self.best
+        if best not in ready or self._rank(found, ready[found]) < self._rank(best, BETTER * ready[best]):
             self._take(found)
+        elif newly_stuck:
+            self._owner.carry_out(self._on_change(None))
+
+    def _rank(self, name: str, usual_s: float) -> tuple[bool, bool, float]:
+        return usual_s == inf, not self._members[name].is_led, usual_s
+
+    def _judge(self, ready: dict[str, float], now_s: float) -> None:
+        """What has not come over a connection by when it does as a rule shows that this one leads nowhere."""
+        for proof in self._proofs.values():
+            if proof.came_s is None:
+                proof.came_s = now_s
+            for name in [name for name in proof.missing if now_s - proof.came_s > LATE_S + ready.get(name, 0.0)]:
+                proof.missing.discard(name)
+                if name in ready and self._members[name].is_led:
+                    logger.info("%s: %s leads to no activator", self.name, name)
+                    self._members[name].is_led = False
 
     def publish(self, effect: Publish) -> None:
         if effect.retain:
@@ -126,7 +175,9 @@ class Bond:
         ready = [name for name, member in self._members.items() if member.is_ready]
         if not (effect.everywhere or effect.retain):
             wanted = self._prefers(effect.topic)
-            ready = [wanted if wanted in ready else self.best if self.best in ready else ready[0]] if ready else []
+            if wanted not in ready or self._members[wanted].is_stuck:
+                wanted = self.best if self.best in ready else None
+            ready = [wanted] if wanted is not None else ready[:1]
         self._send(_Sent(effect), ready)
 
     def subscribe(self, effect: Subscribe) -> None:
@@ -144,7 +195,7 @@ class Bond:
     def connected(self, link: str) -> None:
         logger.info("%s: connected by %s", self.name, link)
         member, is_first = self._members[link], not any(member.is_up for member in self._members.values())
-        member.is_up = True
+        member.is_up, member.is_stuck, member.is_led = True, False, not self._is_led
         self._owner.carry_out(self._owner.lists.on_connected(link))
         if is_first:
             self._owner.connected(self.name)
@@ -177,7 +228,7 @@ class Bond:
         member = self._members[link]
         member.awaited.remove(own)
         if self.best is None and member.is_ready:
-            self.best = link
+            self._use(link)
         if own not in self._granted:
             self._granted.append(own)
             self._owner.subscribed(own)
@@ -207,10 +258,12 @@ class Bond:
     def count(self, kind: str, detail: str) -> None:
         self._owner.count(kind, detail)
 
+    def _use(self, link: str) -> None:
+        logger.info("%s: over %s", self.name, link)
+        self.best = link
+
     def _take(self, found: str) -> None:
-        if self.best is not None:
-            logger.info("%s: over %s instead of %s", self.name, found, self.best)
-        self.best = found
+        self._use(found)
         self._owner.carry_out(self._on_change(None))
 
     def _send(self, sent: _Sent, names: Iterable[str]) -> None:

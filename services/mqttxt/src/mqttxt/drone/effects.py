@@ -78,4 +78,14 @@ class Acknowledge:
     receipt: Receipt
 
 
-Effect = effects.Effect | Transmit | Journal | StoreReading | LoadReadings | ForgetReadings | Acknowledge | LogWork
+@dataclass(frozen=True)
+class Led:
+    """A connection of several leads to the activator: `proof` came by it, which comes by each that does."""
+
+    path: str
+    proof: Hashable
+
+
+Effect = (
+    effects.Effect | Transmit | Journal | StoreReading | LoadReadings | ForgetReadings | Acknowledge | Led | LogWork
+)

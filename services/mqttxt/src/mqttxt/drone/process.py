@@ -22,7 +22,7 @@ from ..security.identity import Identity
 from ..security.revocation import RevocationList
 from ..security.seal import Seal
 from .commands import LINK
-from .effects import Journal, Transmit
+from .effects import Journal, Led, Transmit
 from .journal import JournalFile
 from .journal_keeper import JournalKeeper
 from .log_work import LogDone
@@ -37,6 +37,7 @@ from .mavlink.transports import AutopilotAddress
 from .options import UavOptions
 from .parameter_file import KEEP_EVERY_S as KEEP_PARAMETERS_S
 from .parameter_file import ParameterFile
+from .paths import Paths
 from .recognition import Recognition
 from .role import UavClient
 from .sensors.carrier import SENSORS
@@ -106,12 +107,16 @@ class UavRunner(Runner):
         client_id = f"mqttxt-drone{drone}-{clock.session:08x}"
         events: LinkEvents = self
         if second is not None:
-            events = self.bonds[LINK] = Bond(LINK, self, lambda lost: self.client.on_path(lost, clock.now_ms()))
+            self.client.paths = Paths(next(iter(brokers)), settings.beacon_interval_ms)
+            bond = events = self.bonds[LINK] = Bond(
+                LINK, self, lambda lost: self.client.on_path(lost, clock.now_ms()), is_led=True
+            )
+            self.does[Led] = lambda led: bond.led(led.path, led.proof)
         self._to_fog: list[MqttLink] = []
         for name, each in brokers.items():
-            link = MqttLink(
-                name, each, client_id, self.client.will, events, identity=identity, may_be_ended=seal is None
-            )
+            own_id = client_id if second is None else f"{client_id}-{name.replace(' ', '')}"
+            may_be_ended = seal is None and second is None
+            link = MqttLink(name, each, own_id, self.client.will, events, identity=identity, may_be_ended=may_be_ended)
             self.links[name] = link
             self._to_fog.append(link)
             if second is not None:

@@ -32,6 +32,7 @@ from .log_work import LogDone, LogFault, LogLoaded
 from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
 from .options import UavOptions
+from .paths import Paths
 from .published_states import PublishedStates
 from .sensors.carrier import SENSORS, Carrier, is_carried
 
@@ -102,6 +103,8 @@ class UavClient:
         self._next_mav_heartbeat_ms = 0
         self._rebirth = Rebirth()
         self._is_refused = False
+        self.paths: Paths | None = None
+        """Where the fog is reached over several connections."""
         self._listener: int | None = None
         """The activator's session that was there, by its lease, since this connection began."""
 
@@ -111,8 +114,8 @@ class UavClient:
         return self.desk.may_publish
 
     def will(self) -> Will:
-        """The will of the connection to the fog broker."""
-        return Will(self.topics.reachable(self.drone), self._presence(up=False))
+        """The will of a connection to the fog broker."""
+        return Will(self.topics.reachable(self.drone), self._presence(up=False, several=self.paths is not None))
 
     def is_ready(self, now_ms: int) -> bool:
         """Whether the drone has a session with its broker and a heartbeat from its autopilot."""
@@ -140,7 +143,9 @@ class UavClient:
         return []
 
     def on_path(self, lost: str | None, now_ms: int) -> list[Effect]:
-        """One of several connections to the fog has come, was lost, or is not the best any more."""
+        """One of several connections to the fog has come, was lost, is stuck, or is not the best any more."""
+        if self.paths is not None and lost is not None:
+            self.paths.on_lost(lost)
         if not self.born:
             return []
         self._states.throttle.repeat_published()  # what went over another one may not have arrived
@@ -262,10 +267,15 @@ class UavClient:
             lease = decode(DroneLease, self._channel.opened(message, self._activator))
             if lease.drone_session != self.session:
                 return []
+            if self.paths is not None and not self.paths.takes(lease, message.path, now_ms):
+                return [
+                    Log("other_activator", f"a lease over {message.path}: not of the activator of the first broker")
+                ]
             if not lease.bound:
                 return self._on_refusal(lease)
             self._on_lease(lease, now_ms)
-            return [self._beacon(now_ms, lease.nonce)]
+            out: list[Effect] = [] if self.paths is None else [self.paths.led(lease, message.path)]
+            return [*out, self._beacon(now_ms, lease.nonce)]
         if topic.kind == "sensor_ack" and self.carrier is not None:
             return self.carrier.on_ack(self._acknowledged(message), now_ms)
         if topic.kind == "bulk":
@@ -332,8 +342,9 @@ class UavClient:
             self._rebirth.arm(now_ms)
         return []
 
-    def _presence(self, up: bool) -> bytes:
-        message = Presence(session=self.session, up=up, revoked=self._channel.list_number if up else None)
+    def _presence(self, up: bool, several: bool = False) -> bytes:
+        revoked = self._channel.list_number if up else None
+        message = Presence(session=self.session, up=up, revoked=revoked, several=several or None)
         return self._channel.payload(self.topics.reachable(self.drone), message, with_certificate=up)
 
     def _publish_presence(self, up: bool) -> Publish:

@@ -210,13 +210,14 @@ class FogResultMessage(AboutCommand):
 class Presence:
     """Birth (`up`) and will of a ground station (`gs/G/reachable`) or a UAV client (`droneY/reachable`).
 
-    `revoked` is as in a beacon.
+    `revoked` is as in a beacon. `several` stands in the will of a connection beside which its client has another one.
     """
 
     version: Version = VERSION
     session: Session
     up: bool
     revoked: U32 | None = None
+    several: bool | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
