@@ -6,6 +6,8 @@ from typing import Any
 
 import cbor2
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mqttxt.activator.process import ActivatorRunner
 from mqttxt.activator.together import LONGEST, PATIENT, WINDOW_MS, WordsTogether
@@ -32,6 +34,7 @@ from mqttxt.protocol.values import Encoding
 from mqttxt.security.cose import Envelope
 from mqttxt.security.together import encode_together, parse_together
 from mqttxt.station.outcomes import Outcome
+from tests.examples import examples
 from tests.rigs.processes import eventually
 from tests.simulation.fogs import UAV_AHEAD_MS, ActivatorBench
 from tests.simulation.signed import word as signed_word
@@ -222,6 +225,64 @@ def test_the_tick_says_what_is_due_too() -> None:
     say(bench, 1, Word.ACCEPTED)
     say(bench, 2, Word.ACCEPTED)
     assert told(bench.until(bench.now_ms + 100)) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
+
+
+SEQS = st.sampled_from([1, 1, 1, 2, 3])
+ACTIONS = st.one_of(
+    st.tuples(st.just("say"), st.integers(1, 3), st.sampled_from(sorted(PATIENT) * 3 + [*Word]), SEQS),
+    st.tuples(st.just("broadcast"), st.sampled_from([Arm(), Hold()]), SEQS),
+    st.tuples(st.just("command"), st.integers(1, 3), SEQS),
+    st.tuples(st.just("later"), st.sampled_from([1, 20, WINDOW_MS, 7000])),
+    st.tuples(st.just("anew"), st.integers(1, 3)),
+)
+
+
+def does(bench: ActivatorBench, action: tuple[Any, ...], deadline_ms: int) -> list[Any]:
+    match action:
+        case ("say", drone, word, seq):
+            percent = 40 if word is Word.IN_PROGRESS else None
+            return say(bench, drone, word, seq=seq, percent=percent)
+        case ("broadcast", command, seq):
+            return bench.command(command, to="commands", seq=seq, deadline_ms=deadline_ms, limit_s=0.5)
+        case ("command", drone, seq):
+            return bench.command(to=f"drone{drone}/commands", seq=seq, deadline_ms=deadline_ms, limit_s=0.5)
+        case ("later", milliseconds):
+            bench.now_ms += milliseconds
+            return [*bench.role.say_together(bench.now_ms), *bench.role.tick(bench.now_ms)]
+        case ("anew", drone):
+            return bench.fog(f"drone{drone}/reachable", Presence(session=UAV_SESSION + drone, up=False))
+    raise AssertionError(action)
+
+
+def taken_apart(effects: list[Any]) -> list[tuple[int, ResultMessage] | FogResultMessage]:
+    """What was said, in its order, as if all words had come alone."""
+    out: list[tuple[int, ResultMessage] | FogResultMessage] = []
+    for publish in (effect for effect in effects if isinstance(effect, Publish) and effect.link == "cloud"):
+        if publish.topic.startswith(OF_FOG):
+            message = decode(FogResultMessage, publish.payload)
+            words = [(word.drone, word.result(message)) for word in message.words or ()]
+            out += words or [message]
+        elif "/commands_result/" in publish.topic:
+            drone = int(publish.topic.split("/")[1].removeprefix("drone"))
+            out.append((drone, decode(ResultMessage, publish.payload)))
+    return out
+
+
+@examples(300)
+@given(actions=st.lists(ACTIONS, max_size=25))
+def test_whatever_happens_all_words_leave_once_in_their_order_and_in_time(actions: list[tuple[Any, ...]]) -> None:
+    apart, together = three(bundles=False), three()
+    said: list[Any] = []
+    left: list[Any] = []
+    for action in [("broadcast", Arm(), 1), *actions]:
+        deadline_ms = apart.now_ms // 4000 * 4000 + 5000
+        said += does(apart, action, deadline_ms)
+        left += does(together, action, deadline_ms)
+        due_ms = together.role.together_due_ms
+        assert due_ms is None or together.now_ms < due_ms <= together.now_ms + WINDOW_MS
+        assert taken_apart(left) == taken_apart(said)[: len(taken_apart(left))]
+    left += together.role.goodbye(together.now_ms)
+    assert taken_apart(left) == taken_apart(said)
 
 
 def channel(encoding: Encoding = Encoding.CBOR) -> Channel:
