@@ -75,6 +75,7 @@ def main(*files: str) -> None:
     sections |= {f"options-{name}": partial(group, name) for path in found for name in groups(path)}
     rules = {"uav": uav.rules(), "activator": activator.rules(), "gs": gs.rules()}
     rules["two-links"] = RULES["uav with two connections"]
+    rules["two-brokers"] = RULES["activator with two brokers"]
     rules["signed-activator"] = activator_signed.rules()
     sections |= {f"rules-{role}": partial(rules_table, checked) for role, checked in rules.items()}
     for path in map(Path, files):

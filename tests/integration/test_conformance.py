@@ -97,12 +97,24 @@ TWO_LINKS_VARIANTS = {
     "uav-speaks-over-one": {"executes-once-what-comes-over-both", "answers-what-comes-over-the-other-afterwards"},
     "uav-executes-each-copy": {"answers-what-comes-over-the-other-afterwards"},
 }
+TWO_BROKERS = "activator-two-brokers"
+TWO_BROKERS_VARIANTS = {
+    "activator-believes-every-will": {"asks-before-a-will-of-several-is-the-end"},
+    "activator-speaks-over-one": {"sends-safety-commands-over-both", "sends-again-over-both"},
+}
 SECURED = {"uav-in-tls": False, "uav-signed": True}
 """The project's own UAV client with an identity, and whether it signs."""
 SECURED_GS = {"gs-in-tls": False, "gs-signed": True}
 SIGNED_ACTIVATOR = "activator-signed"
 SIGNED_VARIANTS = {**SIGNED_UAV_VARIANTS, **SIGNED_GS_VARIANTS, **SIGNED_ACTIVATOR_VARIANTS}
-VARIANTS = {**UAV_VARIANTS, **TWO_LINKS_VARIANTS, **SIGNED_VARIANTS, **ACTIVATOR_VARIANTS, **GS_VARIANTS}
+VARIANTS = {
+    **UAV_VARIANTS,
+    **TWO_LINKS_VARIANTS,
+    **TWO_BROKERS_VARIANTS,
+    **SIGNED_VARIANTS,
+    **ACTIVATOR_VARIANTS,
+    **GS_VARIANTS,
+}
 AT_ONCE = 16
 """Checks that run side by side, each against implementations of its own."""
 
@@ -135,6 +147,8 @@ class Checks:
         ]
         names = ["activator", *ACTIVATOR_VARIANTS]
         jobs += [self._activator(name, number) for number, name in enumerate(names, start=1)]
+        names = [TWO_BROKERS, *TWO_BROKERS_VARIANTS]
+        jobs += [self._activator(name, number, two=True) for number, name in enumerate(names, start=51)]
         jobs += [self._gs(name, number) for number, name in enumerate(["gs", *GS_VARIANTS], start=101)]
         jobs += [self._secured_uav(name, signed=SECURED.get(name, True)) for name in self.drones]
         jobs += [self._secured_gs(name, signed=SECURED_GS.get(name, True)) for name in self.stations]
@@ -178,15 +192,20 @@ class Checks:
             target = UavTarget(drone, "127.0.0.1", port, run=line, log=log, folder=folder)
             self.found[variant] = await check_uav(address, target, lambda finding: None)
 
-    async def _activator(self, variant: str, fog: int) -> None:
+    async def _activator(self, variant: str, fog: int, two: bool = False) -> None:
         brokers = ["--cloud", "{broker}", "--fog-broker", "{fog_broker}"]
         options = ["--fog", "{fog}", "--fog-root", "{fog_root}", "--drones", "{drones}", *brokers]
         root = f"fog{fog}/local/"
         values = {"fog": str(fog), "fog_root": root, "drones": "1,2"}
         values |= {"broker": self.cloud.url, "fog_broker": self.fog.url}
         addresses = BrokerAddress.parse(self.cloud.url), BrokerAddress.parse(self.fog.url)
-        async with self._gate, self._implementation("activator", variant, options, values) as line:
-            target = ActivatorTarget(fog, fog_root=root, run=line, log=self.folder / f"{variant}.log")
+        options += ["--second-fog-broker", "{second_fog_broker}"] if two else []
+        values["second_fog_broker"] = self.second.url
+        second = BrokerAddress.parse(self.second.url) if two else None
+        how = "activator" if variant == TWO_BROKERS else variant
+        async with self._gate, self._implementation("activator", how, options, values) as line:
+            log = self.folder / f"{variant}.log"
+            target = ActivatorTarget(fog, fog_root=root, run=line, log=log, second=second)
             self.found[variant] = await check_activator(*addresses, target, lambda finding: None)
 
     async def _gs(self, variant: str, fog: int) -> None:
@@ -278,7 +297,9 @@ def _said(found: list[Finding], verdict: Verdict) -> dict[str, str]:
     return {finding.rule.name: finding.evidence for finding in found if finding.verdict is verdict}
 
 
-@pytest.mark.parametrize("role", ["uav", TWO_LINKS, "activator", "gs", *SECURED, *SECURED_GS, SIGNED_ACTIVATOR])
+@pytest.mark.parametrize(
+    "role", ["uav", TWO_LINKS, TWO_BROKERS, "activator", "gs", *SECURED, *SECURED_GS, SIGNED_ACTIVATOR]
+)
 def test_the_projects_own_role_keeps_every_rule(checks: Checks, role: str) -> None:
     found = checks.found[role]
     assert _said(found, Verdict.FAIL) == {}

@@ -117,7 +117,7 @@ def uav_forgets_the_order() -> None:
     wrap(CommandDesk, "_refusal", make)
 
 
-def uav_speaks_over_one() -> None:
+def speaks_over_one() -> None:
     def make(original: Any) -> Any:
         return lambda self, effect: original(self, replace(effect, everywhere=False))
 
@@ -317,6 +317,16 @@ def activator_signs_no_records() -> None:
     wrap(Channel, "payload", make)
 
 
+def activator_believes_every_will() -> None:
+    def make(original: Any) -> Any:
+        def on_presence(self: Any, number: int, presence: Any, *more: Any) -> Any:
+            return original(self, number, replace(presence, several=None), *more)
+
+        return on_presence
+
+    wrap(Drones, "on_presence", make)
+
+
 def activator_names_no_holder() -> None:
     def make(original: Any) -> Any:
         return lambda self, number, lease: original(self, number, replace(lease, holder=None))
@@ -484,7 +494,9 @@ VARIANTS: dict[str, Patch] = {
     "uav-executes-duplicates": uav_executes_duplicates,
     "uav-repeats-late": uav_repeats_late,
     "uav-forgets-the-order": uav_forgets_the_order,
-    "uav-speaks-over-one": uav_speaks_over_one,
+    "uav-speaks-over-one": speaks_over_one,
+    "activator-speaks-over-one": speaks_over_one,
+    "activator-believes-every-will": activator_believes_every_will,
     "uav-executes-each-copy": uav_executes_duplicates,
     "uav-takes-retained": uav_takes_retained,
     "uav-is-always-a-ground-station": uav_is_always_a_ground_station,

@@ -47,6 +47,18 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
             "--second-broker mqtt://127.0.0.1:1883: expected a broker that is no other option's",
         ),
         (
+            "conformance uav --broker mqtt://127.0.0.1 --second-broker mqtt://fog.example",
+            "--second-broker mqtt://fog.example:1883: expected two brokers on this machine",
+        ),
+        (
+            "conformance uav --broker mqtt://127.0.0.1 --second-broker mqtt://127.0.0.1",
+            "--second-broker mqtt://127.0.0.1:1883: expected another one than mqtt://127.0.0.1:1883",
+        ),
+        (
+            "conformance activator --broker mqtt://[::1] --fog-broker mqtt://[::1] --second-fog-broker mqtt://[::1]",
+            "--second-fog-broker mqtt://::1:1883: expected another broker",
+        ),
+        (
             "uav --drone 1 --broker mqtt://127.0.0.1 --second-broker x",
             "--second-broker 'x': expected mqtt://HOST[:PORT]",
         ),

@@ -10,7 +10,7 @@ from mqttxt.core.clock import SessionClock
 from mqttxt.protocol.topics import CloudSide, FogSide
 
 from . import activator_signed
-from .activator_kit import ActivatorKit, ActivatorTarget
+from .activator_kit import PATIENCE_S, ActivatorKit, ActivatorTarget
 from .activator_signed_kit import SignedActivatorKit
 from .registry import RULES, Broken, Finding, Rule, check_all, unmet
 from .sealed import STATION, Folder
@@ -18,7 +18,7 @@ from .subject import Subject
 from .tap import Tap, clear_retained
 
 # Their import enters their rules, in this order.
-from . import activator_gate, activator_presence, activator_commands, activator_control  # isort: skip
+from . import activator_gate, activator_presence, activator_commands, activator_control, activator_two_brokers  # isort: skip
 
 ENDING = (
     activator_presence.will_carries_the_session,
@@ -52,28 +52,39 @@ async def check_activator(
         "drones": "1,2",
         "fog_root": target.fog_root,
     }
+    values |= {"second_fog_broker": str(target.second)} if target.second is not None else {}
     subject = Subject(target.run, values, target.log)
     own = f"conformance-{secrets.token_hex(4)}"
     cloud, fog = Tap(cloud_broker, own, clock), Tap(fog_broker, f"{own}-fog", clock)
     await cloud.connect("--broker")
     await fog.connect("--fog-broker")
-    kit = ActivatorKit(topics, fog_side, cloud, fog, subject, clock)
+    second, checked = None, rules()
+    if target.second is not None:
+        second, checked = Tap(target.second, f"{own}-second", clock), RULES[activator_two_brokers.ROLE]
+        await second.connect("--second-fog-broker")
+    kit = ActivatorKit(topics, fog_side, cloud, fog, subject, clock, second)
     try:
-        await clear_retained(fog, [fog_side.reachable(number) for number in (1, 2)])
+        for each in kit.fogs:
+            await clear_retained(each, [fog_side.reachable(number) for number in (1, 2)])
         if subject.is_ours:
             records = [topics.drone_reachable(number) for number in (1, 2)]
             await clear_retained(cloud, [topics.reachable, *records])
-        cloud.on_heard, fog.on_heard = kit.on_cloud, kit.on_fog
+        cloud.on_heard = kit.on_cloud
         await cloud.subscribe(f"{topics.root}#")
-        await fog.subscribe(*(f"{fog_side.root}drone{number}/#" for number in (1, 2)))
+        for each in kit.fogs:
+            each.on_heard = kit.on_fog
+            await each.subscribe(*(f"{fog_side.root}drone{number}/#" for number in (1, 2)))
         if subject.is_ours:
             await subject.start()
         try:
             await kit.meet()
         except Broken as broken:
-            return unmet(rules(), "birth-carries-the-session", str(broken), on_finding)
+            return unmet(checked, checked[0].name, str(broken), on_finding)
         await kit.add_drones()
-        return await check_all(rules(), kit, on_finding)
+        if second is not None:
+            kit.station.register()
+            await cloud.until(lambda: kit.record(1).get("holder") == kit.station.name, PATIENCE_S)
+        return await check_all(checked, kit, on_finding)
     finally:
         await kit.close()
 

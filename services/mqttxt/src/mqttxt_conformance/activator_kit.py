@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import Beacon, RemoteClock, SessionClock
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Command
@@ -62,8 +63,17 @@ class ActivatorKit:
     """One activator, seen from both brokers. Times are milliseconds of the kit's clock."""
 
     def __init__(
-        self, topics: CloudSide, fog_side: FogSide, cloud: Tap, fog: Tap, subject: Subject, clock: SessionClock
+        self,
+        topics: CloudSide,
+        fog_side: FogSide,
+        cloud: Tap,
+        fog: Tap,
+        subject: Subject,
+        clock: SessionClock,
+        second: Tap | None = None,
     ) -> None:
+        self.fogs = (fog,) if second is None else (fog, second)
+        """The kit at the fog's broker, or at each of its two."""
         self.topics = topics
         self.fog_side = fog_side
         self.cloud = cloud
@@ -261,14 +271,18 @@ class ActivatorKit:
         await self.subject.kill()
         drones = [self.topics.drone_reachable(number) for number in self.drones]
         await clear_retained(self.cloud, [self.topics.reachable, *drones])
-        await clear_retained(self.fog, [self.fog_side.reachable(number) for number in self.drones])
+        for fog in self.fogs:
+            await clear_retained(fog, [self.fog_side.reachable(number) for number in self.drones])
+            await fog.close()
         await self.cloud.close()
-        await self.fog.close()
 
 
 @dataclass(frozen=True)
 class ActivatorTarget:
-    """Which activator is under test, how to start it, and its fleet, if that signs. `fog_root` None: as R1.1 says."""
+    """Which activator is under test, how to start it, and its fleet, if that signs. `fog_root` None: as R1.1 says.
+
+    `second` is another broker of its fog.
+    """
 
     fog: int
     prefix: str = ""
@@ -276,3 +290,4 @@ class ActivatorTarget:
     run: str | None = None
     log: Path | None = None
     folder: Folder | None = None
+    second: BrokerAddress | None = None

@@ -59,7 +59,9 @@ class Finding:
     evidence: str
 
 
-ROLES = ("uav", "uav with two connections", "activator", "signed activator", "gs", "broker")
+ROLES = (
+    *("uav", "uav with two connections", "activator", "activator with two brokers", "signed activator", "gs", "broker"),
+)
 RULES: dict[str, list[Rule]] = {role: [] for role in ROLES}
 """Every rule of each role, in the order in which they are checked."""
 

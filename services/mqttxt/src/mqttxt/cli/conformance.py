@@ -103,6 +103,9 @@ def uav(
 def activator(
     broker: Annotated[str, typer.Option(help="The cloud broker: mqtt://HOST[:PORT].")],
     fog_broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
+    second_fog_broker: Annotated[
+        str | None, typer.Option(help="Another broker of the fog: the activator is connected to both.")
+    ] = None,
     fog: Annotated[int, typer.Option(help="The fog's number.")] = 1,
     prefix: Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")] = "",
     fog_root: FogRoot = "",
@@ -116,6 +119,7 @@ def activator(
     """Check an activator: the kit plays its ground stations and its drones 1 and 2, on both brokers.
 
     {broker}, {fog_broker}, {fog}, {drones} and {fog_root} in --run are replaced; with --fleet also {identity}. With
+    --second-fog-broker, {second_fog_broker} in --run, it is checked by the rules of section 19 alone. With
     --fleet and --signed it is checked by the rules of section 12, without them by all others.
     """
     from mqttxt_conformance.activator import ActivatorTarget, check_activator
@@ -126,8 +130,11 @@ def activator(
         folder = _folder(fleet, signed, cloud_address, signed_readings)
         if folder is not None and not folder.signed:
             raise ConfigurationError(f"--fleet {fleet}: expected --signed beside it")
-        target = ActivatorTarget(number, check_prefix(prefix), root, run, log, folder)
         fog_address = BrokerAddress.parse(fog_broker, "--fog-broker")
+        second = BrokerAddress.parse(second_fog_broker, "--second-fog-broker") if second_fog_broker else None
+        if second is not None and (folder is not None or second == fog_address):
+            raise ConfigurationError(f"--second-fog-broker {second}: expected another broker, and no --fleet beside it")
+        target = ActivatorTarget(number, check_prefix(prefix), root, run, log, folder, second)
         return await _report(
             "activator", format_, lambda tell: check_activator(cloud_address, fog_address, target, tell)
         )
