@@ -36,7 +36,6 @@ from mqttxt.drone.commands import CommandDesk
 from mqttxt.drone.executor import Executor
 from mqttxt.drone.grants import Grants
 from mqttxt.drone.role import UavClient
-from mqttxt.drone.start_order import StartOrder
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import CommandMessage, DroneRecord, FogResultMessage, Registration, ResultMessage, Word
@@ -109,7 +108,7 @@ def uav_repeats_late() -> None:
 def uav_forgets_the_order() -> None:
     def make(original: Any) -> Any:
         def refusal(self: Any, *arguments: Any) -> Any:
-            self.order = StartOrder()
+            self._highest_started.clear()
             return original(self, *arguments)
 
         return refusal

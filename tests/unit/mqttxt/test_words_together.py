@@ -15,7 +15,6 @@ from mqttxt.core.address import BrokerAddress
 from mqttxt.core.channel import Channel
 from mqttxt.core.effects import Inbound, Log, Publish
 from mqttxt.core.settings import Settings
-from mqttxt.drone.first_words import WAIT_MS
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.cbor import MAX_PAYLOAD
 from mqttxt.protocol.codec import decode, encode
@@ -334,11 +333,9 @@ def test_a_station_hears_each_word_as_if_it_had_come_alone(encoding: Encoding, s
     world = World(bundles=True, encoding=encoding, signed=signed).start()
     world.pass_time(1000)
     sent = world.send(Arm(), None)
-    world.autopilot(ack(400))
-    world.pass_time(WAIT_MS, step_ms=WAIT_MS)
-    world.autopilot(heartbeat(armed=True))
+    world.autopilot(ack(400), heartbeat(armed=True))
     assert [event for event in world.heard if isinstance(event, Outcome)] == []
-    world.pass_time(WINDOW_MS, step_ms=WINDOW_MS)
+    world.pass_time(100, step_ms=50)
     assert len(sent_together(world)) == 1
     outcomes = [event for event in world.heard if isinstance(event, Outcome)]
     assert [(o.id, o.drone, o.word) for o in outcomes] == [(sent, 1, Word.ACCEPTED), (sent, 1, Word.COMPLETED)]

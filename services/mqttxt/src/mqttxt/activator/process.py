@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
-from ..core.alarm import Alarm
 from ..core.audit_log import AuditLog
 from ..core.bond import Bond, connections
 from ..core.clock import SessionClock
@@ -73,7 +73,7 @@ class ActivatorRunner(Runner):
         if audit is not None and audit.required:
             self.activator.relay.is_audited = audit.takes
         self._embedded = embedded
-        self._alarm = Alarm(clock, lambda: self.carry_out(self.activator.say_together(clock.now_ms())))
+        self._waking: asyncio.TimerHandle | None = None
         client_id = f"mqttxt-fog{fog}-{clock.session:08x}"
         self.links[CLOUD] = MqttLink(
             CLOUD,
@@ -104,7 +104,14 @@ class ActivatorRunner(Runner):
 
     def carried_out(self) -> None:
         """Words that wait for others leave on time, not at the next tick."""
-        self._alarm.set(self.activator.together_due_ms)
+        due_ms = self.activator.together_due_ms
+        if due_ms is not None and self._waking is None:
+            pause_s = max(0, due_ms - self.clock.now_ms()) / 1000
+            self._waking = asyncio.get_running_loop().call_later(pause_s, self._say_together)
+
+    def _say_together(self) -> None:
+        self._waking = None
+        self.carry_out(self.activator.say_together(self.clock.now_ms()))
 
     def tell_own_broker(self, newest: RevocationList) -> None:
         if self._embedded is not None:

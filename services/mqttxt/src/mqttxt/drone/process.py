@@ -7,7 +7,6 @@ import logging
 from pathlib import Path
 from typing import Any
 
-from ..core.alarm import Alarm
 from ..core.audit_log import AuditLog
 from ..core.bond import Bond, connections
 from ..core.clock import SessionClock
@@ -93,7 +92,6 @@ class UavRunner(Runner):
         lists = dict.fromkeys(brokers, self.client.topics.revoked)
         told = {SENSORS: REVOKED} if sensors is not None else None
         super().__init__(self.client, clock, ready_file, identity, lists, LIST_PATIENCE_MS, audit, told)
-        self._alarm = Alarm(clock, lambda: self.carry_out(self.client.desk.say_due(clock.now_ms())))
         if audit is not None and audit.required:
             self.client.desk.is_audited = audit.takes
         self._keeper = JournalKeeper(journal, self._on_disk, self._on_journal_error)
@@ -130,10 +128,6 @@ class UavRunner(Runner):
             )
             self.links[SENSORS] = self._sensors.link
             self.does |= self._sensors.does
-
-    def carried_out(self) -> None:
-        """An `accepted` that waits for the word behind it leaves on time, not at the next tick."""
-        self._alarm.set(self.client.desk.first_words.due_ms)
 
     async def run(self) -> None:
         try:

@@ -254,11 +254,10 @@ class UavClient:
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop leaves no set-points behind, and says that the drone is no longer reachable."""
-        said = self.desk.say_first_words()
         self.desk.may_publish = False
         if self.carrier is not None:
             self.carrier.on_fog_down()
-        out = [*said, *self.desk.carry_out(self.desk.executor.leave(), now_ms)]
+        out = self.desk.carry_out(self.desk.executor.leave(), now_ms)
         return [*out, self._publish_presence(up=False)] if self.connected else out
 
     def _on_other(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
