@@ -38,8 +38,6 @@ def compose(profile: str, *words: str) -> None:
 def profile(request: pytest.FixtureRequest) -> Iterator[str]:
     name = str(request.param)
     try:
-        # First who fills the volume: Docker 20.10 fails where several containers fill a new one at once.
-        compose(name, "up", "--detach", "--no-build", "net")
         compose(name, "up", "--detach", "--no-build")
         yield name
     finally:
