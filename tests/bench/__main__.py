@@ -16,6 +16,7 @@ FIGURES = (
     "signing",
     "bytes_apiece",
     "bytes_fleet",
+    "two_links",
     "deadlines",
     "sitl_cpu",
     "analysis",

@@ -87,7 +87,7 @@ SIGNED_ACTIVATOR_VARIANTS = {
     "activator-forgets-the-route": {"makes-a-deadline-earlier"},
     "activator-registers-whatever-is-signed": {"registers-only-in-order"},
     "activator-signs-no-records": {"signs-what-it-says"},
-    "activator-signs-drones-words": {"passes-on-a-drones-words-alone"},
+    "activator-signs-drones-words": {"passes-on-a-drones-words-alone", "passes-on-words-together"},
     "activator-takes-any-reading": {"passes-on-readings-that-are-signed"},
     "activator-names-no-holder": {"orders-its-leases-and-names-the-holder"},
 }

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+import struct
 from collections import Counter
 from typing import Self
 
 from tests.rigs.loopback import free_port
 
 UP, DOWN = "up", "down"
+HEADERS = 14 + 20 + 32
+"""Of a frame on Ethernet: Ethernet's, IP's, and TCP's with time stamps, in bytes."""
+_TCP_INFO_BYTES = 144
+_COUNTS = struct.Struct("=QQII")
+"""Of Linux's tcp_info: bytes acknowledged and received, segments out and in."""
+_COUNTS_AT = 120
 
 
 class FlakyLink:
@@ -24,6 +32,7 @@ class FlakyLink:
         self._passes = {UP: asyncio.Event(), DOWN: asyncio.Event()}
         self._server: asyncio.Server | None = None
         self._serving: set[asyncio.Task[None]] = set()
+        self._clients: set[asyncio.StreamWriter] = set()
         self.go_on()
 
     @property
@@ -33,6 +42,12 @@ class FlakyLink:
     async def start(self) -> Self:
         self._server = await asyncio.start_server(self._accept, self.host, self.port)
         return self
+
+    def frames(self) -> tuple[int, int]:
+        """How many frames the client's connections of now have had, bare acknowledgements too, and their bytes."""
+        counts = [_counts(writer) for writer in self._clients]
+        segments = sum(out + into for _, _, out, into in counts)
+        return segments, segments * HEADERS + sum(sent + received for sent, received, _, _ in counts)
 
     def cut(self) -> None:
         """Every connection ends, and no other comes about."""
@@ -64,6 +79,7 @@ class FlakyLink:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writers = [writer]
+        self._clients.add(writer)
         try:
             if self._is_cut:
                 return
@@ -75,6 +91,7 @@ class FlakyLink:
         except* (ConnectionError, OSError):
             pass
         finally:
+            self._clients.discard(writer)
             for each in writers:
                 each.transport.abort()
 
@@ -99,3 +116,9 @@ class FlakyLink:
             await asyncio.sleep(due_s - loop.time())
             await self._passes[way].wait()
             sink.write(data)
+
+
+def _counts(writer: asyncio.StreamWriter) -> tuple[int, int, int, int]:
+    info = writer.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+    sent, received, out, into = _COUNTS.unpack_from(info, _COUNTS_AT)
+    return sent, received, out, into

@@ -124,7 +124,8 @@ class TwoLinkSystem:
 
     def in_use(self) -> int:
         """Which link the drone's client has last taken for the better."""
-        return int(self.uav.said().rpartition("fog: over fog ")[2][0])
+        _, taken, rest = self.uav.said().rpartition("fog: over fog ")
+        return int(rest[0]) if taken else 1
 
     def commanded(self, mav_cmd: int) -> int:
         """How often the autopilot was sent a MAV_CMD."""
