@@ -127,7 +127,9 @@ def locations(world: TwoLinks, since: int) -> set[str]:
     return set(over(world, "drone1/state/location", since))
 
 
-def test_a_better_broker_without_the_activator_carries_nothing() -> None:
+def test_a_better_broker_without_the_activator_carries_nothing_and_is_told_of(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     """A wrong second address: what goes there is heard by nobody."""
     world = started()
     world.usual_s[SAT] = 0.01
@@ -140,6 +142,8 @@ def test_a_better_broker_without_the_activator_carries_nothing() -> None:
         world.pass_time(1000)
     assert locations(world, since) == {LTE}
     assert is_reachable(world)
+    (told,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert told.startswith(f"fog: {SAT} is up but carries nothing: the activator is heard over {LTE} alone; expected")
     world.connect("activator", SAT)
     world.pass_time(1000)
     since = len(world.over)

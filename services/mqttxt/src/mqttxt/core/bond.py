@@ -21,6 +21,8 @@ LOOK_S = 0.05
 LATE_S = 0.3
 """So much later than usual a proof may come over another connection before that leads nowhere."""
 MOST_PROOFS = 256
+UNLED_S = 25.0
+"""A connection over which no proof has come for so long, two intervals and a half of leases, is told of."""
 BETTER = 0.7
 """Another connection is taken where it is better by so much, so that two equal ones do not alternate."""
 
@@ -63,6 +65,8 @@ class _Member:
     is_stuck: bool = False
     is_led: bool = True
     """Whether it leads to the other role, as far as that is known."""
+    unled_s: float | None = None
+    """Since when it is up and does not; infinite once that was told."""
 
     @property
     def is_ready(self) -> bool:
@@ -146,6 +150,7 @@ class Bond:
         if not ready:
             return
         self._judge(ready, now_s)
+        self._tell_unled(ready, now_s)
         newly_stuck = [name for name in ready if ready[name] == inf and not self._members[name].is_stuck]
         for name, usual_s in ready.items():
             self._members[name].is_stuck = usual_s == inf
@@ -168,6 +173,23 @@ class Bond:
                 if name in ready and self._members[name].is_led:
                     logger.info("%s: %s leads to no activator", self.name, name)
                     self._members[name].is_led = False
+
+    def _tell_unled(self, ready: Iterable[str], now_s: float) -> None:
+        """Whoever has two connections relies on both: one that carries nothing looks like one that does."""
+        led = [name for name in ready if self._members[name].is_led]
+        for name in ready:
+            member = self._members[name]
+            if member.is_led or not led:
+                member.unled_s = None
+            elif member.unled_s is None:
+                member.unled_s = now_s
+            elif now_s - member.unled_s > UNLED_S:
+                member.unled_s = inf
+                logger.warning(
+                    "%s: %s is up but carries nothing: the activator is heard over %s alone; expected that it is "
+                    "connected to this broker too (--second-fog-broker), or another address of its broker",
+                    *(self.name, name, led[0]),
+                )
 
     def publish(self, effect: Publish) -> None:
         if effect.retain:
