@@ -42,7 +42,8 @@ async def ending_with_parent(child: int) -> AsyncIterator[None]:
         yield
         return
     watching = ("sh", "-c", 'read _; kill "$1"', "sh", str(child))
-    guard = await asyncio.create_subprocess_exec(*watching, stdin=asyncio.subprocess.PIPE)
+    # In a session of its own: Ctrl-C in a terminal goes to this process and to what it started.
+    guard = await asyncio.create_subprocess_exec(*watching, stdin=asyncio.subprocess.PIPE, start_new_session=True)
     try:
         yield
     finally:
