@@ -44,7 +44,7 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ("uav --drone 1 --broker mqtt://fog.example", f"--broker mqtt://fog.example:1883: {ADVICE}"),
         (
             "uav --drone 1 --broker mqtt://127.0.0.1 --second-broker mqtt://127.0.0.1",
-            "--second-broker mqtt://127.0.0.1:1883: expected a broker that is no other option's",
+            "--second-broker mqtt://127.0.0.1:1883: is another option's address too; expected one of its own",
         ),
         (
             "conformance uav --broker mqtt://127.0.0.1 --second-broker mqtt://fog.example",
@@ -64,7 +64,7 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ),
         (
             "activator --fog 1 --cloud mqtt://127.0.0.1:1 --fog-broker mqtt://[::1] --second-fog-broker mqtt://127.0.0.1:1",
-            "--second-fog-broker mqtt://127.0.0.1:1: expected a broker that is no other option's",
+            "--second-fog-broker mqtt://127.0.0.1:1: is another option's address too; expected one of its own",
         ),
         ("activator --fog 1 --cloud mqtt://127.0.0.1 --listen x", "--listen 'x': expected HOST:PORT"),
         ("gs page --fog 1 --listen 127.0.0.1:80000", "expected HOST:PORT, with a port from 1 to 65535"),

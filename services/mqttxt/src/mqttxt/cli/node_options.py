@@ -63,5 +63,5 @@ def second_address(url: str | None, option: str, transport: Transport, *others: 
         return None
     address = transport.check(BrokerAddress.parse(url, option), option)
     if any((address.host, address.port) == (other.host, other.port) for other in others):
-        raise ConfigurationError(f"{option} {address}: expected a broker that is no other option's")
+        raise ConfigurationError(f"{option} {address}: is another option's address too; expected one of its own")
     return address

@@ -42,7 +42,7 @@ def uav(
     second_broker: Annotated[
         str | None,
         typer.Option(
-            help="The same fog by another network, another broker of it or the same: both connections stay up."
+            help="A second address of the fog, over another network: of its broker, or of its second one. Both stay up."
         ),
     ] = None,
     autopilot: Annotated[
