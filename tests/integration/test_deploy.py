@@ -15,6 +15,8 @@ import kubernetes_validate
 import pytest
 import typer
 import yaml
+from cryptography import x509
+from typer.testing import CliRunner
 
 from mqttxt import FogUnreachable, GroundStation
 from mqttxt.cli.main import app
@@ -105,6 +107,22 @@ def test_the_cluster_has_one_configuration_but_for_its_nodes_names() -> None:
         for folder in ("cluster", "kubernetes")
     ]
     assert lines[0] == lines[1]
+
+
+def test_the_identities_are_issued_as_the_page_says_and_fit_the_names_in_the_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "deploy.md").read_text()
+    for line in re.findall(r"^mqttxt (keys .+)$", page, re.MULTILINE):
+        done = CliRunner().invoke(app, shlex.split(line, comments=True))
+        assert done.exit_code == 0, f"{line}: {done.output}"
+    for role, broker in (("drone", "broker-fog1"), ("fog", "broker-cloud")):
+        settings = (DEPLOY / "systemd" / f"{role}1.env").read_text()
+        (host,) = set(re.findall(r"mqtts://([\w.]+)", settings))
+        certificate = x509.load_pem_x509_certificate((tmp_path / "acme" / broker / "certificate.pem").read_bytes())
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        assert host in names.get_values_for_type(x509.DNSName)
 
 
 class Cloud:
