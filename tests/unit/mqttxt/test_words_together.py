@@ -18,7 +18,7 @@ from mqttxt.core.settings import Settings
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.cbor import MAX_PAYLOAD
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.commands import Arm, Hold, Land
+from mqttxt.protocol.commands import Arm, Goto, Hold, Land
 from mqttxt.protocol.messages import (
     MOST_TOGETHER,
     By,
@@ -29,6 +29,7 @@ from mqttxt.protocol.messages import (
     Word,
     WordTogether,
 )
+from mqttxt.protocol.rankings import SelectMessage, SelectMode
 from mqttxt.protocol.topics import CloudSide
 from mqttxt.protocol.values import Encoding
 from mqttxt.security.cose import Envelope
@@ -423,3 +424,15 @@ async def test_a_process_does_not_wait_for_its_tick_to_say_what_is_due(monkeypat
     await eventually(lambda: bool(left), "what waits leaves")
     assert runner.clock.now_ms() >= start_ms + WINDOW_MS
     assert told(left) == [[(1, Word.ACCEPTED), (2, Word.ACCEPTED)]]
+
+
+def test_a_list_of_psmi_leaves_behind_what_waits() -> None:
+    bench = three()
+    bench.command(to="commands")
+    say(bench, 1, Word.ACCEPTED)
+    deadline_ms, goto = bench.now_ms + 5000, Goto(47.0, 8.0, 10.0)
+    ids = {"gs_session": GS_SESSION, "seq": 8, "executor_session": FOG_SESSION}
+    wanted = SelectMessage(**ids, deadline_ms=deadline_ms, limit_s=0.5, mode=SelectMode.SELECT, command=goto)
+    out = bench.cloud("commands/goto", wanted)
+    topics = [effect.topic for effect in out if isinstance(effect, Publish)]
+    assert topics[:2] == ["fog1/drone1/commands_result/arm", "fog1/PSMI"]

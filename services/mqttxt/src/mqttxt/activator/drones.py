@@ -116,6 +116,8 @@ class Drones:
                 return self._end(link)
             return []
         if presence.session == link.session:
+            if link.announced and path not in link.paths:
+                self.appeared.append(link)  # a new connection: what was said over the one before may be lost
             link.up, link.gone_at_ms = True, None
             link.paths.add(path)
             return [self._lease(link, now_ms)]
@@ -303,8 +305,7 @@ class Drones:
     def _publish_lease(self, number: int, lease: DroneLease) -> Publish:
         link = self.links[number]
         link.leases += 1
-        if self._to_fog.seal is not None:
-            lease = replace(lease, counter=link.leases)
+        lease = replace(lease, counter=link.leases)
         is_known = link.knows_certificate and link.session == lease.drone_session
         return self._to_fog.publish(
             self._fog.init_connect(number), lease, qos=1, with_certificate=not is_known, everywhere=True

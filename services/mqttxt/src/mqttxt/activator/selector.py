@@ -242,7 +242,7 @@ class Selector:
             hold_until_ms=hold_until_ms,
         )
         choice.chosen, choice.said = chosen, self._channel.publish(self._cloud.psmi, message)
-        return [choice.said]
+        return [*self._relay.words.together.flush(now_ms), choice.said]
 
     def _said_again(self, command_id: CommandId) -> list[Effect]:
         choice = self._choices.get(command_id)

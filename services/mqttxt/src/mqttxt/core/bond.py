@@ -78,6 +78,7 @@ class _Proof:
     """Something that comes over each connection that leads to the other role, and over which it has yet to come."""
 
     missing: set[str]
+    heard: set[str] = field(default_factory=set)
     came_s: float | None = None
 
 
@@ -125,13 +126,16 @@ class Bond:
 
     def led(self, link: str, proof: Hashable) -> None:
         """A connection leads to the other role: what comes over each that does has come over this one."""
-        self._members[link].is_led = True
         if proof not in self._proofs:
             others = {name for name, member in self._members.items() if member.is_ready}
             self._proofs[proof] = _Proof(others)
             while len(self._proofs) > MOST_PROOFS:
                 del self._proofs[next(iter(self._proofs))]
-        self._proofs[proof].missing.discard(link)
+        known = self._proofs[proof]
+        if link not in known.heard:  # a broker may say it again at any time
+            known.heard.add(link)
+            known.missing.discard(link)
+            self._members[link].is_led = True
 
     async def run(self) -> None:
         """Measure the connections for as long as the role runs."""

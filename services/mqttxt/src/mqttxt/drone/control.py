@@ -44,12 +44,17 @@ class Control:
         return (refusal.counter or 0) <= (known.counter or 0)
 
     def _is_older(self, lease: DroneLease, known: DroneLease) -> bool:
-        """Unsigned leases of one activator session are ordered by their epoch alone, signed ones also of several."""
+        """Leases of one activator session are ordered by their counter, signed ones also of several.
+
+        Unsigned ones of an older activator have none, and are ordered by their epoch alone.
+        """
         is_of_same = lease.activator_session == known.activator_session
+        if is_of_same and lease.counter is not None:
+            return lease.counter <= (known.counter or 0)
         if self._channel.seal is None:
             return is_of_same and lease.epoch < known.epoch
         if is_of_same:
-            return (lease.counter or 0) <= (known.counter or 0)
+            return True
         return known.heard_ms is not None and (lease.heard_ms or 0) <= known.heard_ms
 
     def on_station(self, seal: Seal, message: Inbound) -> list[Effect]:

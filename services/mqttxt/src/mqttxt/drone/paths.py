@@ -22,9 +22,9 @@ class Paths:
         known = self._activator
         return known is None or known[0] == lease.activator_session or now_ms - known[1] > self._kept_ms
 
-    def on_lost(self, path: str) -> None:
-        """Nothing is known of where a lost connection leads."""
-        if path == self._first:
+    def on_lost(self, path: str | None) -> None:
+        """Nothing is known of where a lost connection leads; None: all are lost."""
+        if path in (None, self._first):
             self._activator = None
 
     def led(self, lease: DroneLease, path: str) -> Led:

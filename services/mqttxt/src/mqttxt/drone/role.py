@@ -138,6 +138,8 @@ class UavClient:
         if link == SENSORS:
             return []
         self.connected = self.desk.may_publish = False
+        if self.paths is not None:
+            self.paths.on_lost(None)
         if self.carrier is not None:
             self.carrier.on_fog_down()
         return []
@@ -149,7 +151,8 @@ class UavClient:
         if not self.born:
             return []
         self._states.throttle.repeat_published()  # what went over another one may not have arrived
-        return [self._beacon(now_ms), *self.desk.republish()]
+        readings = self.carrier.on_path() if self.carrier is not None else []
+        return [self._beacon(now_ms), *self.desk.republish(), *readings]
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Effect]:
         """Commands can be heard from now on: say so, then everything that may not have been heard before."""
@@ -267,7 +270,8 @@ class UavClient:
             lease = decode(DroneLease, self._channel.opened(message, self._activator))
             if lease.drone_session != self.session:
                 return []
-            if self.paths is not None and not self.paths.takes(lease, message.path, now_ms):
+            is_plain = self._channel.seal is None  # a signed one is of the drone's fog
+            if self.paths is not None and is_plain and not self.paths.takes(lease, message.path, now_ms):
                 return [
                     Log("other_activator", f"a lease over {message.path}: not of the activator of the first broker")
                 ]

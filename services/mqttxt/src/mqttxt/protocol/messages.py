@@ -309,10 +309,10 @@ class DroneLease:
 
     `bound` false tells a second UAV client of the same number that it is refused. While a station controls the
     drone, `holder_session` names it and the lease ends at `deadline_ms` of the drone's clock; while an offboard
-    command of it is open, that may go on until `offboard_until_ms`. Where messages are signed, `counter` rises with
-    each lease of a drone, `heard_ms` is the newest time of the drone's clock that the activator has heard, and
-    `holder` is the name of the station whose session it is. `anew` true: the activator's connection is a new one, and
-    what the drone said before may be lost.
+    command of it is open, that may go on until `offboard_until_ms`. `counter` rises with each lease of a drone. Where
+    messages are signed, `heard_ms` is the newest time of the drone's clock that the activator has heard, and `holder`
+    is the name of the station whose session it is. `anew` true: the activator's connection is a new one, and what the
+    drone said before may be lost.
     """
 
     version: Version = VERSION

@@ -103,6 +103,10 @@ class Carrier:
             sent.retry = None
         return [*map(self._publish, self._under_way.values()), *self._load()]
 
+    def on_path(self) -> list[Effect]:
+        """Another connection to the fog: what no broker has acknowledged may be lost with the one before."""
+        return [self._publish(sent) for sent in self._under_way.values() if sent.retry is None]
+
     def on_fog_down(self) -> None:
         self._fog_is_up = False
 
