@@ -191,14 +191,19 @@ def _has_others_beside(item: pytest.Item) -> bool:
 
 
 def _may_be_caused(failures: Failures, by: tuple[type[BaseException], ...]) -> bool:
-    return all(isinstance(failure.value, by) for failure in failures)
+    return all(isinstance(one, by) for failure in failures for one in _leaves(failure.value))
+
+
+def _leaves(error: BaseException) -> list[BaseException]:
+    """What a group of exceptions is made of, as a task group raises it."""
+    return [leaf for one in error.exceptions for leaf in _leaves(one)] if hasattr(error, "exceptions") else [error]
 
 
 def _cause(failures: Failures, late_ms: int) -> str | None:
     """What may have caused all that failed in a turn; None where something failed by itself."""
     if not _may_be_caused(failures, (Void, *CAUSED) if late_ms else (Void,)):
         return None
-    if any(isinstance(failure.value, Void) for failure in failures):
+    if any(isinstance(one, Void) for failure in failures for one in _leaves(failure.value)):
         return "what it flew was void"
     return f"the machine was late, in the last by {late_ms} ms"
 

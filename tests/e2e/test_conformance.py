@@ -67,4 +67,5 @@ def test_every_role_of_the_containers_keeps_every_rule(fleet: dict[str, Any]) ->
         failed = [finding for finding in findings if finding["verdict"] == "fail"]
         assert (code, failed) == (0, []), service
         untested = [finding for finding in findings if finding["verdict"] == "not tested"]
-        assert len(untested) <= (1 if service == "gs" else 0), untested  # one command has no seq to rise
+        # One command to one drone has no seq to rise, and is no broadcast.
+        assert len(untested) <= (2 if service == "gs" else 0), untested
