@@ -31,10 +31,11 @@ class SecureBroker(Program):
         host: str = "127.0.0.1",
         fogs: frozenset[int] = frozenset(),
         called: str | None = None,
+        air: bool = False,
     ) -> None:
         self.host = host
         self.port = free_port()
-        self.files = BrokerFiles(authority.folder / name, prefix, fogs=fogs)
+        self.files = BrokerFiles(authority.folder / name, prefix, fogs=fogs, air=air)
         self.out = authority.folder.parent / f"files-{called or name}"
         self.configuration = self.files.write(self.out, host, self.port)
         super().__init__(self.out, called or name, str(MOSQUITTO), "-c", str(self.configuration))

@@ -43,6 +43,27 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
         ("uav --drone 1 --broker mqtt://127.0.0.1 --autopilot serial:/dev/x:0", "expected a baud rate from 1"),
         ("uav --drone 1 --broker mqtt://fog.example", f"--broker mqtt://fog.example:1883: {ADVICE}"),
         (
+            "uav --drone 1 --broker mqtt-sn://fog.example",
+            "--broker mqtt-sn://fog.example:1883: not encrypted; expected --signed with --identity DIR, or --insecure",
+        ),
+        (
+            "uav --drone 1 --broker mqtt-sn://a:b@127.0.0.1",
+            "expected mqtt://HOST[:PORT], mqtts://HOST[:PORT] or mqtt-sn://HOST[:PORT]",
+        ),
+        (
+            "uav --drone 1 --broker mqtt://127.0.0.1 --second-broker mqtt-sn://127.0.0.1",
+            "--second-broker 'mqtt-sn://127.0.0.1': expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]",
+        ),
+        ("gs send arm --cloud mqtt-sn://127.0.0.1", "expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]"),
+        (
+            "activator --fog 1 --cloud mqtt://127.0.0.1 --fog-broker mqtt://127.0.0.1:1 --air-sn 0.0.0.0:1883",
+            "--air-sn mqtt-sn://0.0.0.0:1883: not encrypted; expected --signed with --identity DIR, or --insecure",
+        ),
+        (
+            "activator --fog 1 --cloud mqtt://127.0.0.1 --fog-broker mqtt://127.0.0.1:1 --air-sn 1883",
+            "--air-sn '1883': expected HOST:PORT",
+        ),
+        (
             "uav --drone 1 --broker mqtt://127.0.0.1 --second-broker mqtt://127.0.0.1",
             "--second-broker mqtt://127.0.0.1:1883: is another option's address too; expected one of its own",
         ),

@@ -17,8 +17,10 @@ from mqttxt import ConfigurationError, GroundStation
 from mqttxt.cli.main import app
 from mqttxt.core.address import BrokerAddress
 from mqttxt.core.transport import Transport
+from mqttxt.security.access_list import Place, entries
 from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity
+from mqttxt.security.names import NodeName
 from mqttxt.security.rights import Rights
 
 pytestmark = pytest.mark.long
@@ -185,6 +187,30 @@ def test_unencrypted_means_loopback_or_insecure(url: str, insecure: bool, is_all
     else:
         with pytest.raises(ConfigurationError, match="not encrypted; expected mqtts:// with --identity DIR, or --ins"):
             Transport(None, insecure).check(address, "--cloud")
+
+
+def test_datagrams_with_an_identity_are_for_a_fleet_that_signs(tmp_path: Path) -> None:
+    acme = Authority.create(tmp_path / "acme", "acme")
+    transport = Transport.of(acme.issue("drone1"), False, "drone1")
+    address = BrokerAddress.parse("mqtt-sn://fog.example", datagrams=True)
+    assert transport.check(address, "--broker", signed=True) == address
+    with pytest.raises(ConfigurationError, match="not encrypted; expected --signed beside --identity"):
+        transport.check(address, "--broker")
+
+
+def test_a_fog_that_brings_drones_by_air_may_at_its_broker_what_these_may() -> None:
+    fog, drone = NodeName.parse("fog1"), NodeName.parse("drone3")
+
+    def of(place: Place, node: NodeName) -> dict[str, tuple[bool, bool]]:
+        return {each.filter: (each.publish, each.hear) for each in entries(place, node, Rights(), [fog])}
+
+    own, by_air = of(Place("fog", 1), fog), of(Place("fog", 1, air=True), fog)
+    carried = {name.replace("drone3", "+"): may for name, may in of(Place("fog", 1), drone).items()}
+    assert not own["+/state/+"][0]
+    for name, (publish, hear) in carried.items():
+        assert by_air[name][0] >= publish
+        assert by_air[name][1] >= hear
+    assert of(Place("fog", 1, air=True), drone) == of(Place("fog", 1), drone)
 
 
 async def test_a_station_of_the_api_has_the_name_of_its_identity(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from ..core.clock import SessionClock
 from ..core.embedded_broker import EmbeddedBroker
 from ..core.mqtt.events import LinkEvents
 from ..core.mqtt.link import BrokerAddress, MqttLink
+from ..core.mqtt.sn.air import Air
 from ..core.runner import Runner
 from ..core.settings import Settings
 from ..errors import ConfigurationError
@@ -28,7 +29,8 @@ class ActivatorRunner(Runner):
 
     `second` is another broker of the fog, for drones with two connections.
     `advertised` is the fog broker's address as others reach it, where that is another than `fog_broker`. `identity` is
-    the fog's, for `mqtts://` to both; with a `seal` messages are signed. `audit` is its log.
+    the fog's, for `mqtts://` to both; with a `seal` messages are signed. `audit` is its log. `air` is where UAV clients
+    reach it by MQTT-SN, as host and port.
     """
 
     def __init__(
@@ -48,6 +50,7 @@ class ActivatorRunner(Runner):
         identity: Identity | None = None,
         seal: Seal | None = None,
         audit: AuditLog | None = None,
+        air: tuple[str, int] | None = None,
     ) -> None:
         cloud = CloudSide(fog, prefix)
         shared = (cloud_broker.host, cloud_broker.port) == (fog_broker.host, fog_broker.port)
@@ -73,6 +76,7 @@ class ActivatorRunner(Runner):
         if audit is not None and audit.required:
             self.activator.relay.is_audited = audit.takes
         self._embedded = embedded
+        self._air = Air(*air, fog_broker, root, self.count, identity) if air is not None else None
         self._waking: asyncio.TimerHandle | None = None
         client_id = f"mqttxt-fog{fog}-{clock.session:08x}"
         self.links[CLOUD] = MqttLink(
@@ -100,7 +104,8 @@ class ActivatorRunner(Runner):
                 self.bonds[FOG].add(name, link)
 
     def jobs(self) -> list[Any]:
-        return [*([self._embedded.run()] if self._embedded is not None else []), *super().jobs()]
+        own = [each.run() for each in (self._embedded, self._air) if each is not None]
+        return [*own, *super().jobs()]
 
     def carried_out(self) -> None:
         """Words that wait for others leave on time, not at the next tick."""

@@ -9,6 +9,7 @@ import typer
 from ..core.address import BrokerAddress, whole_number
 from ..errors import ConfigurationError
 from ..protocol.names import MAX_DRONE, check_number, check_root
+from .broker import address_of
 from .common import (
     AuditPath,
     AuditRequired,
@@ -27,6 +28,7 @@ from .node_options import BrokerIdentity, Json, Qos, Ready, Verbose, embedded_br
 
 if TYPE_CHECKING:
     from ..activator.process import ActivatorRunner
+    from ..core.transport import Transport
 
 Prefix = Annotated[str, typer.Option(help="Prefix of every topic at the cloud broker, as acme/.")]
 
@@ -43,6 +45,10 @@ def activator(
     ] = None,
     second_fog_broker: Annotated[
         str | None, typer.Option(help="Another broker of this fog, for drones that connect to two.")
+    ] = None,
+    air_sn: Annotated[
+        str | None,
+        typer.Option(help="HOST:PORT where UAV clients come by MQTT-SN over UDP (mqtt-sn://); without: none."),
     ] = None,
     fog_root: Annotated[str | None, typer.Option(help="Root of the fog side's topics, as fog1/local/.")] = None,
     drones: Annotated[str, typer.Option(help="Numbers of the fog's drones, as 1,2,3: they are in every roster.")] = "",
@@ -74,7 +80,7 @@ def activator(
         embedded = None
         if fog_broker is None:
             where = listen or ("0.0.0.0:8883" if transport.identity is not None else "0.0.0.0:1883")
-            embedded = embedded_broker(where, transport, broker_identity, cuts=not signed)
+            embedded = embedded_broker(where, transport, broker_identity, cuts=not signed, air=air_sn is not None)
         elif broker_identity is not None:
             raise ConfigurationError(f"--broker-identity {broker_identity}: expected none beside --fog-broker")
         fog_url = fog_broker if fog_broker is not None else embedded.url if embedded is not None else ""
@@ -95,9 +101,19 @@ def activator(
             identity=transport.identity,
             seal=transport.seal(signed, signed_states, signed_readings),
             audit=audit_log(audit, audit_required, f"fog{number}", transport),
+            air=_air(air_sn, transport, signed),
         )
 
     run_role(make)
+
+
+def _air(where: str | None, transport: Transport, signed: bool) -> tuple[str, int] | None:
+    """Where UAV clients come by datagrams, None where they do not; raises ConfigurationError."""
+    if where is None:
+        return None
+    host, port = address_of(where, "--air-sn")
+    transport.check(BrokerAddress(host, port, datagrams=True), "--air-sn", signed)
+    return host, port
 
 
 def _drone_numbers(text: str) -> tuple[int, ...]:

@@ -39,6 +39,9 @@ def broker(
     server: Annotated[
         Server, typer.Option(help="The program: mosquitto, or rabbitmq as the cloud's.")
     ] = Server.MOSQUITTO,
+    air_sn: Annotated[
+        bool, typer.Option("--air-sn", help="Of a fog: its activator, with --air-sn, brings drones to the broker.")
+    ] = False,
 ) -> None:
     """Write a complete configuration for Mosquitto 2: mutual TLS 1.3, who may publish and hear what, limits.
 
@@ -52,7 +55,7 @@ def broker(
     with errors_as_lines():
         host, port = address_of(listen, "--listen")
         sharing = parse_numbers(fogs, MAX_FOG, "--fogs") if fogs else frozenset()
-        files = BrokerFiles(identity, check_prefix(prefix), fogs=sharing)
+        files = BrokerFiles(identity, check_prefix(prefix), fogs=sharing, air=air_sn)
         if files.place.kind != kind:
             raise ConfigurationError(
                 f"--identity {identity}: {files.identity.name}; expected the identity of a {kind} broker"
@@ -63,6 +66,8 @@ def broker(
             raise ConfigurationError(f"--fogs {fogs!r}: fog {min(unknown)} is none of the fleet's")
         if fogs and kind is not BrokerKind.CLOUD:
             raise ConfigurationError(f"--fogs {fogs!r}: expected at the cloud broker alone")
+        if air_sn and kind is not BrokerKind.FOG:
+            raise ConfigurationError("--air-sn: expected at a fog's broker alone")
         if server is Server.RABBITMQ and kind is not BrokerKind.CLOUD:
             raise ConfigurationError(f"--server {server}: expected at the cloud broker alone")
         typer.echo(rabbitmq.write(files, out) if server is Server.RABBITMQ else files.write(out, host, port))

@@ -35,8 +35,12 @@ def embedded_broker(
     option: str = "--listen",
     instead: str = "--fog-broker",
     cuts: bool = True,
+    air: bool = False,
 ) -> EmbeddedBroker:
-    """A broker of this node's own; with an identity of the node it has one too, raises ConfigurationError without."""
+    """A broker of this node's own; with an identity of the node it has one too, raises ConfigurationError without.
+
+    `air`: its drones may come through its fog.
+    """
     from ..core.embedded_broker import EmbeddedBroker
     from ..security.broker import BrokerFiles
 
@@ -49,7 +53,7 @@ def embedded_broker(
         return EmbeddedBroker(host, port, instead=instead)
     name = f"broker-{identity.name}"
     folder = broker_identity or identity.folder.absolute().with_name(name)
-    files = BrokerFiles(folder)
+    files = BrokerFiles(folder, air=air)
     if files.identity.name != name:
         raise ConfigurationError(f"--broker-identity {folder}: {files.identity.name}; expected {name}")
     if files.identity.fleet.key_hash != identity.fleet.key_hash:

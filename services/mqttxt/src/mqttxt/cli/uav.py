@@ -38,7 +38,9 @@ if TYPE_CHECKING:
 
 def uav(
     drone: Annotated[int, typer.Option(help="This drone's number: its autopilot's MAVLink system id.")],
-    broker: Annotated[str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT].")],
+    broker: Annotated[
+        str, typer.Option(help="The fog's broker: mqtt://HOST[:PORT]; or mqtt-sn://HOST[:PORT], by UDP.")
+    ],
     second_broker: Annotated[
         str | None,
         typer.Option(
@@ -132,7 +134,7 @@ def uav(
         if logs_limit_mb < 1:
             raise ConfigurationError(f"--logs-limit-mb {logs_limit_mb}: expected 1 or more")
         transport = Transport.of(identity, insecure, f"drone{number}")
-        first = transport.check(BrokerAddress.parse(broker, "--broker"), "--broker")
+        first = transport.check(BrokerAddress.parse(broker, "--broker", datagrams=True), "--broker", signed)
         second = second_address(second_broker, "--second-broker", transport, first)
         carried = sensor_options(sensors, sensor_broker, store, sensor_store_limit, transport, broker_identity)
         return UavRunner(

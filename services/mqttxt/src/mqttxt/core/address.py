@@ -8,28 +8,37 @@ from urllib.parse import unquote, urlsplit
 
 from ..errors import ConfigurationError
 
+SN = "mqtt-sn"
+
 
 @dataclass(frozen=True)
 class BrokerAddress:
-    """Where a broker is: `mqtt://[user:password@]host[:port]`, `mqtts://` for TLS."""
+    """Where a broker is: `mqtt://[user:password@]host[:port]`, `mqtts://` for TLS.
+
+    `mqtt-sn://host[:port]` is an activator's gateway for MQTT-SN over UDP (`datagrams`).
+    """
 
     host: str
     port: int
     tls: bool = False
     username: str | None = None
     password: str | None = None
+    datagrams: bool = False
 
     @classmethod
-    def parse(cls, url: str, what: str = "broker") -> BrokerAddress:
-        """Raises ConfigurationError where `url` is no broker's."""
-        expected = "expected mqtt://HOST[:PORT] or mqtts://HOST[:PORT]"
+    def parse(cls, url: str, what: str = "broker", datagrams: bool = False) -> BrokerAddress:
+        """Raises ConfigurationError where `url` is no broker's; a gateway's is one where `datagrams` says so."""
+        schemes = ("mqtt", "mqtts", SN) if datagrams else ("mqtt", "mqtts")
+        forms = [f"{scheme}://HOST[:PORT]" for scheme in schemes]
+        expected = f"expected {', '.join(forms[:-1])} or {forms[-1]}"
         try:
             parts = urlsplit(url)
             port = parts.port
         except ValueError as error:
             raise ConfigurationError(f"{what} {url!r}: {error}; {expected}") from error
+        has_user = parts.scheme == SN and "@" in parts.netloc  # no packet of MQTT-SN has a place for one
         beside = parts.path.strip("/") or parts.query or parts.fragment
-        if parts.scheme not in ("mqtt", "mqtts") or beside or not is_host(parts.hostname or "") or port == 0:
+        if parts.scheme not in schemes or has_user or beside or not is_host(parts.hostname or "") or port == 0:
             raise ConfigurationError(f"{what} {url!r}: {expected}")
         assert parts.hostname is not None
         tls = parts.scheme == "mqtts"
@@ -39,6 +48,7 @@ class BrokerAddress:
             tls,
             unquote(parts.username) if parts.username else None,
             unquote(parts.password) if parts.password else None,
+            parts.scheme == SN,
         )
 
     @property
@@ -50,7 +60,7 @@ class BrokerAddress:
             return self.host == "localhost"
 
     def __str__(self) -> str:
-        return f"{'mqtts' if self.tls else 'mqtt'}://{self.host}:{self.port}"
+        return f"{SN if self.datagrams else 'mqtts' if self.tls else 'mqtt'}://{self.host}:{self.port}"
 
 
 def is_host(text: str) -> bool:

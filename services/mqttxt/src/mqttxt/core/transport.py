@@ -50,17 +50,23 @@ class Transport:
 
         return Seal(self.identity, signed_states, signed_readings)
 
-    def check(self, address: BrokerAddress, option: str) -> BrokerAddress:
+    def check(self, address: BrokerAddress, option: str, signed: bool = False) -> BrokerAddress:
         """The address, if connections there are protected; raises ConfigurationError where they are not.
 
-        `mqtts://` without an identity is left to passwords and the system's certificate authorities.
+        `mqtts://` without an identity is left to passwords and the system's certificate authorities. Datagrams are
+        protected by the signatures of what they carry, where messages are `signed`.
         """
+        if address.datagrams and self.identity is not None:
+            if not signed:
+                raise ConfigurationError(f"{option} {address}: not encrypted; expected --signed beside --identity")
+            return address
         if address.tls:
             return address
         if self.identity is not None:
             raise ConfigurationError(f"{option} {address}: not encrypted; expected mqtts:// beside --identity")
         if not (address.is_loopback or self.insecure):
+            how = "--signed" if address.datagrams else "mqtts://"
             raise ConfigurationError(
-                f"{option} {address}: not encrypted; expected mqtts:// with --identity DIR, or --insecure"
+                f"{option} {address}: not encrypted; expected {how} with --identity DIR, or --insecure"
             )
         return address

@@ -116,7 +116,12 @@ class UavRunner(Runner):
         for name, each in brokers.items():
             own_id = client_id if second is None else f"{client_id}-{name.replace(' ', '')}"
             may_be_ended = seal is None and second is None
-            link = MqttLink(name, each, own_id, self.client.will, events, identity=identity, may_be_ended=may_be_ended)
+            link = MqttLink(
+                *(name, each, own_id, self.client.will, events),
+                identity=identity,
+                may_be_ended=may_be_ended,
+                root=self.client.topics.root,
+            )
             self.links[name] = link
             self._to_fog.append(link)
             if second is not None:

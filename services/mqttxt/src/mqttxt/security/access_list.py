@@ -63,13 +63,15 @@ class Entry:
 class Place:
     """Which broker it is: the cloud's, with the prefix of its topics, or that of a fog or drone, by its number.
 
-    `fogs` have the cloud's broker as theirs too.
+    `fogs` have the cloud's broker as theirs too. `air`: the fog's drones come through its activator, which then may
+    what they may; what they say is signed by themselves.
     """
 
     kind: str
     number: int = 0
     prefix: str = ""
     fogs: frozenset[int] = frozenset()
+    air: bool = False
 
     @classmethod
     def of_broker(cls, name: NodeName, prefix: str = "", fogs: frozenset[int] = frozenset()) -> Place:
@@ -94,7 +96,8 @@ def entries(place: Place, node: NodeName, rights: Rights, fogs: Iterable[NodeNam
     """What a node may publish and hear at a broker of a fleet with these fogs."""
     if node.kind not in _KINDS or not place.has(node) or (node.kind is Kind.STATION and rights == Rights()):
         return []
-    found = _of_rows(place.rows, place.prefix, node, rights, fogs)
+    carried = (UAV,) if place.air and node.kind is Kind.FOG else ()
+    found = _of_rows(place.rows, place.prefix, node, rights, fogs, carried)
     for fog in sorted(place.fogs):
         root = CloudSide(fog, place.prefix).local_root()
         if node.kind is Kind.DRONE or node == NodeName(Kind.FOG, fog):
@@ -105,10 +108,15 @@ def entries(place: Place, node: NodeName, rights: Rights, fogs: Iterable[NodeNam
 
 
 def _of_rows(
-    rows: Iterable[TopicRow], root: str, node: NodeName, rights: Rights, fogs: Iterable[NodeName]
+    rows: Iterable[TopicRow],
+    root: str,
+    node: NodeName,
+    rights: Rights,
+    fogs: Iterable[NodeName],
+    carried: tuple[str, ...] = (),
 ) -> list[Entry]:
-    """What a node may do with the topics of some rows of the table, below a root."""
-    names = _KINDS[node.kind]
+    """What a node may do with the topics of some rows of the table, below a root; it may what it `carried` may."""
+    names = (*_KINDS[node.kind], *carried)
     found: dict[str, Entry] = {}
     for row in rows:
         publish, hear = row.sender in names, row.receiver in names

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from ..errors import ConfigurationError
@@ -70,7 +71,7 @@ class BrokerFiles:
     """What a broker's identity makes of itself in a folder; raises ConfigurationError where it is not a broker's.
 
     Nothing is copied: the configuration names the identity's own files, so that a renewed list counts at SIGHUP.
-    `fogs` share the cloud's broker.
+    `fogs` share the cloud's broker. `air`: it is a fog's, through which drones come to it.
     """
 
     def __init__(
@@ -79,11 +80,12 @@ class BrokerFiles:
         prefix: str = "",
         system: Callable[[], float] = time.time,
         fogs: frozenset[int] = frozenset(),
+        air: bool = False,
     ) -> None:
         self.identity = Identity.load(folder, system)
         if self.identity.certificate.node.kind is not Kind.BROKER:
             raise ConfigurationError(f"{folder}: the identity of {self.identity.name}; expected a broker's")
-        self.place = Place.of_broker(self.identity.certificate.node, prefix, fogs)
+        self.place = replace(Place.of_broker(self.identity.certificate.node, prefix, fogs), air=air)
         self._served = {each.serial: each.name for each in self.members()}
 
     def members(self) -> list[Certificate]:

@@ -7,7 +7,9 @@ import contextlib
 import socket
 import ssl
 import threading
-from typing import Any, cast
+from collections.abc import Callable
+from functools import partial
+from typing import Any, TypeVar, cast
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
@@ -22,6 +24,7 @@ KEEPALIVE_S = 15
 (when the broker publishes the will) is below the three beacon intervals after which silence says the same."""
 CONNECT_TIMEOUT_S = 5.0
 CONNECT_THREAD = "mqttxt-connect"
+T = TypeVar("T")
 
 
 class _Client(Client):
@@ -63,30 +66,28 @@ def connect(client: Client, address: BrokerAddress, session_expiry_s: int, alias
 def start_connecting(
     client: Client, address: BrokerAddress, session_expiry_s: int, aliases: int
 ) -> asyncio.Future[None]:
-    """`connect` in a thread of its own, for which nobody waits at the end of the process.
+    """`connect` in a thread of its own."""
+    return in_own_thread(partial(connect, client, address, session_expiry_s, aliases))
+
+
+def in_own_thread(call: Callable[[], T]) -> asyncio.Future[T]:
+    """What a call returns, from a thread of its own, for which nobody waits at the end of the process.
 
     A name can take long to resolve; the event loop's own threads would be waited for.
     """
     loop = asyncio.get_running_loop()
-    connected: asyncio.Future[None] = loop.create_future()
-
-    def tell(error: Exception | None) -> None:
-        if error is None:
-            connected.set_result(None)
-        else:
-            connected.set_exception(error)
+    made: asyncio.Future[T] = loop.create_future()
 
     def work() -> None:
-        failure: Exception | None = None
         try:
-            connect(client, address, session_expiry_s, aliases)
+            tell = partial(made.set_result, call())
         except Exception as error:  # noqa: BLE001 - raised where the future is awaited
-            failure = error
+            tell = partial(made.set_exception, error)
         with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
-            loop.call_soon_threadsafe(tell, failure)
+            loop.call_soon_threadsafe(tell)
 
     threading.Thread(target=work, name=CONNECT_THREAD, daemon=True).start()
-    return connected
+    return made
 
 
 def _on_socket_open(_client: Client, _userdata: Any, sock: Any) -> None:

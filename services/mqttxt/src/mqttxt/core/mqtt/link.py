@@ -20,6 +20,8 @@ from ..address import BrokerAddress
 from ..effects import Publish, Receipt, Subscribe, Unsubscribe, Will
 from .connection import Connection
 from .events import LinkEvents
+from .sn.connection import SnConnection
+from .sn.topic_ids import TopicIds
 
 if TYPE_CHECKING:
     from ...security.identity import Identity
@@ -46,7 +48,8 @@ class MqttLink:
     `longest_pause_s` is that between two attempts to connect. `identity` is this node's, for `mqtts://` to a broker of
     its fleet; without, `ssl_context`, or the system's certificate authorities. A broker's refusal for good, or its
     word that somebody took over the client id, ends a link only where `may_be_ended`: else it is tried again.
-    `aliases`: how many topics the broker may give aliases to. Raises ConfigurationError for one of these with
+    `aliases`: how many topics the broker may give aliases to; `root`: that of the topics which a gateway for MQTT-SN
+    knows by numbers. Raises ConfigurationError for one of these with
     `mqtt://`.
     """
 
@@ -65,9 +68,10 @@ class MqttLink:
         identity: Identity | None = None,
         may_be_ended: bool = True,
         aliases: int = 0,
+        root: str = "",
     ) -> None:
         for given, what in ((ssl_context, "ssl_context"), (identity, "identity")):
-            if given is not None and not address.tls:
+            if given is not None and not (address.tls or (address.datagrams and what == "identity")):
                 raise ConfigurationError(f"{what} for {address}: expected a broker at mqtts://")
         self.name = name
         self.address = address
@@ -81,6 +85,7 @@ class MqttLink:
         self._identity = identity
         self._may_be_ended = may_be_ended
         self._aliases = aliases
+        self._root = root
         is_secret = identity is not None and session_expiry_s == 0
         self._client_id = f"{client_id}-{secrets.token_hex(SECRET_BYTES)}" if is_secret else client_id
         self._will = will
@@ -136,7 +141,20 @@ class MqttLink:
             await connection.settled(GOODBYE_S)
             await connection.leave(GOODBYE_S)
 
-    def _use(self, connection: Connection | None) -> None:
+    def _made(self, ssl_context: ssl.SSLContext | None) -> Connection | SnConnection:
+        will = self._will() if self._will is not None else None
+        who = (self.name, self.address, self._client_id, will, self._events)
+        if self.address.datagrams:
+            return SnConnection(*who, TopicIds(self._root))
+        return Connection(
+            *who,
+            manual_ack=self._manual_ack,
+            session_expiry_s=self._session_expiry_s,
+            ssl_context=ssl_context,
+            aliases=self._aliases,
+        )
+
+    def _use(self, connection: Connection | SnConnection | None) -> None:
         """What is published, subscribed and given up from now on goes to this connection, or nowhere."""
         self._connection = connection
         self.publish = connection.publish if connection is not None else _drop
@@ -145,7 +163,7 @@ class MqttLink:
 
     async def _one_connection(self) -> str | None:
         """One connection from CONNECT to its end; returns why it never came about, or was of no use, None if it was."""
-        if self._identity is None:
+        if self._identity is None or self.address.datagrams:
             return await self._one_connection_by(self._ssl_context)
         from .tls import client_context
 
@@ -158,17 +176,7 @@ class MqttLink:
         return f"it refuses this node's certificate: {context.alert}" if context.alert is not None else reason
 
     async def _one_connection_by(self, ssl_context: ssl.SSLContext | None) -> str | None:
-        connection = Connection(
-            self.name,
-            self.address,
-            self._client_id,
-            self._will() if self._will is not None else None,
-            self._events,
-            manual_ack=self._manual_ack,
-            session_expiry_s=self._session_expiry_s,
-            ssl_context=ssl_context,
-            aliases=self._aliases,
-        )
+        connection = self._made(ssl_context)
         try:
             try:
                 code = await connection.open()

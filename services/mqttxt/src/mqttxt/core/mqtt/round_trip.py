@@ -17,6 +17,11 @@ class RoundTrip:
         self._smoothed_s: float | None = None
         self._varies_s = 0.0
 
+    @property
+    def is_known(self) -> bool:
+        """Whether an answer has come."""
+        return self._smoothed_s is not None
+
     def took(self, round_trip_s: float) -> None:
         """An answer came."""
         if self._smoothed_s is None:

@@ -1,0 +1,362 @@
+"""One UAV client as its gateway sees it: a state machine between its datagrams and a connection to the broker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from enum import Enum, auto
+from math import inf
+from typing import Protocol
+
+from ...effects import Inbound, Will
+from ..client import KEEPALIVE_S
+from ..round_trip import RoundTrip
+from . import packets
+from .packets import NORMAL, PREDEFINED, Message, Packet
+from .sender import LARGEST_DATAGRAM, Receiver, Sender
+from .together import Told, Unpacker
+from .topic_ids import TOGETHER, TopicIds, Travel
+
+GREETING_S = 5.0
+"""How long a client may take for its will."""
+OPENING_S = 20.0
+"""How long a client is kept for which no connection to the broker comes about, from its CONNECT on."""
+LONGEST_KEEPALIVE_S = 300
+ASK_S = 1.5
+"""How long a client whose id somebody else names may take to answer (R9.5 has the same)."""
+LINGER_S = 5.0
+"""How long a client that took leave is answered when it does so again."""
+MOST_REGISTERED = 256
+"""Topics that one client may register, or subscribe to by name."""
+_REFUSED = 0x87
+"""MQTT 5's reason code "not authorized"."""
+
+
+class BrokerSide(Protocol):
+    """The client's connection to the broker. What it reports goes to the methods of `AirClient`."""
+
+    def open(self, client_id: str, will: Will | None) -> None: ...
+    def publish(self, told: Told, ref: Hashable) -> None: ...
+    def subscribe(self, topic: str, live_only: bool, ref: Hashable) -> None: ...
+    def unsubscribe(self, topic: str) -> None: ...
+    def close(self, *, with_will: bool) -> None: ...
+
+
+class Stage(Enum):
+    WILL_TOPIC = auto()
+    WILL = auto()
+    OPENING = auto()
+    UP = auto()
+    LEFT = auto()
+    GONE = auto()
+
+
+class AirClient:
+    """One client at one address, from its CONNECT to its end. Times are seconds of one clock.
+
+    `claim` says whether the client's id is free, and makes it this client's. It speaks of one drone: the first that
+    its will or a topic names.
+    """
+
+    def __init__(
+        self,
+        connect: packets.Connect,
+        ids: TopicIds,
+        send: Callable[[bytes], None],
+        broker: BrokerSide,
+        claim: Callable[[AirClient], bool],
+        count: Callable[[str, str], None],
+        now_s: float,
+    ) -> None:
+        self.client_id = connect.client_id
+        self.stage = Stage.WILL_TOPIC if connect.has_will else Stage.OPENING
+        self.asked_s: float | None = None
+        """Since when it has not answered whether it is there, though somebody else came with its id."""
+        self._keepalive_s = min(connect.duration_s or KEEPALIVE_S, LONGEST_KEEPALIVE_S)
+        self._ids = ids
+        self._send_datagram = send
+        self._broker = broker
+        self._claim = claim
+        self._count = count
+        self._will_topic = ""
+        self._drone: int | None = None
+        self._since_s = self._last_in_s = now_s
+        self._is_confirmed = False
+        round_trip = RoundTrip()
+        self._sender = Sender(self._send, ids, round_trip, self._id_of, together=False)
+        self._receiver = Receiver()
+        self._unpacker = Unpacker(ids)
+        self._registered: dict[str, int] = {}
+        self._heard_by_name: set[str] = set()
+        self._awaited: dict[int, tuple[Message, int, int]] = {}
+        """Of a PUBLISH under way: how many acknowledgements of the broker are to come, and the worst code so far."""
+        self._asking: dict[int, packets.Subscribe] = {}
+        self._last_answer: Packet | None = None
+
+    def start(self) -> None:
+        """Answer the CONNECT."""
+        if self.stage is Stage.OPENING:
+            self._open(None)
+        else:
+            self._send(packets.WillTopicReq())
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the client's id is its own."""
+        return self.stage in (Stage.OPENING, Stage.UP)
+
+    def received(self, packet: Packet, now_s: float) -> None:
+        """A packet came from the client's address."""
+        self._last_in_s = now_s
+        self.asked_s = None
+        if self.stage is Stage.UP:
+            self._is_confirmed = self._is_confirmed or not isinstance(packet, packets.WillMsg)
+            self._on_packet(packet, now_s)
+        elif isinstance(packet, packets.Disconnect):
+            self._send(packets.Disconnect())
+            self._leave(now_s, with_will=packet.duration_s is not None)
+        elif self.stage is Stage.WILL_TOPIC and isinstance(packet, packets.WillTopic):
+            self._on_will_topic(packet)
+        elif self.stage is Stage.WILL and isinstance(packet, packets.WillMsg):
+            self._open(Will(self._will_topic, packet.payload))
+        elif self.stage is Stage.WILL and isinstance(packet, packets.WillTopic):
+            self._send(packets.WillMsgReq())
+        elif self.stage is Stage.LEFT:
+            self._send(packets.Disconnect())
+
+    def on_connect_again(self, now_s: float) -> bool:
+        """Its CONNECT came once more; whether it is a repetition, which has had its answer again."""
+        if self.stage is Stage.WILL_TOPIC:
+            self._send(packets.WillTopicReq())
+        elif self.stage is Stage.WILL:
+            self._send(packets.WillMsgReq())
+        elif self.stage is Stage.UP and not self._is_confirmed:
+            self._send(packets.Connack())
+        return not (self.stage in (Stage.LEFT, Stage.GONE) or (self.stage is Stage.UP and self._is_confirmed))
+
+    def ask(self, now_s: float) -> None:
+        """Somebody else came with its id: is it there?"""
+        if self.asked_s is None:
+            self.asked_s = now_s
+        self._send(packets.Pingreq())
+
+    def tick(self, now_s: float) -> None:
+        """Repeat what is due; end what is over. To be called at `due_s`."""
+        if self.stage is Stage.UP:
+            self._sender.tick(now_s)
+        is_lost = self.stage is Stage.UP and self._sender.is_lost(now_s)
+        if now_s < self._over_s() and not is_lost:
+            return
+        if self.is_there:
+            self.end(now_s)
+        else:
+            self.stage = Stage.GONE
+
+    def due_s(self) -> float:
+        """When `tick` has something to do."""
+        return min(self._over_s(), self._sender.due_s() if self.stage is Stage.UP else inf)
+
+    def _over_s(self) -> float:
+        """When its stage is over where nothing more comes: silence as a broker has it (MQTT 5.0, 3.1.2.10)."""
+        if not self.is_there:
+            return self._since_s + (LINGER_S if self.stage is Stage.LEFT else GREETING_S)
+        is_up = self.stage is Stage.UP
+        lasts_s = self._last_in_s + 1.5 * self._keepalive_s if is_up else self._since_s + OPENING_S
+        return min(lasts_s, self.asked_s + ASK_S if self.asked_s is not None else inf)
+
+    def end(self, now_s: float) -> None:
+        """It is given up; the broker publishes its will. At its port there may be who came with its id meanwhile."""
+        if self.asked_s is None:
+            self._send(packets.Disconnect())
+        self._leave(now_s, with_will=True)
+
+    # What the connection to the broker reports.
+
+    def on_opened(self, code: int) -> None:
+        """The broker has answered, or cannot be reached (CONGESTION)."""
+        if self.stage is not Stage.OPENING:
+            return
+        self.stage = Stage.UP if code == 0 else Stage.GONE
+        self._send(packets.Connack(code))
+
+    def on_ended(self, now_s: float, refused: bool = False) -> None:
+        """The broker has ended the connection; `refused`: because of a subscription."""
+        if self.stage is Stage.UP:
+            for subscribe in self._asking.values() if refused else ():
+                self._send(packets.Suback(0, subscribe.msg_id, _REFUSED))
+            self.end(now_s)
+
+    def on_message(self, message: Inbound, now_s: float) -> None:
+        """The broker has a message for it."""
+        if self.stage is not Stage.UP:
+            return
+        known, told = self._id_of(message.topic), Told(message.topic, message.payload, message.qos, message.retain)
+        fits = packets.size_of_publish(message.payload) <= LARGEST_DATAGRAM
+        if known is not None and fits and self._ids.travel(message.topic) is not Travel.SURELY:
+            self._send(Message(known[0], message.payload, known[1], retain=message.retain))
+        elif not self._sender.tell(told, now_s):
+            self._count("air_held_up", f"{self.client_id}: {message.topic}")
+
+    def on_published(self, ref: Hashable, code: int) -> None:
+        """The broker has acknowledged what was published with `ref`, the packet's message id."""
+        found = self._awaited.get(ref) if isinstance(ref, int) else None
+        if found is not None:
+            self._await(found[0], found[1] - 1, max(found[2], code))
+
+    def on_subscribed(self, ref: Hashable) -> None:
+        """The broker has granted the subscription of the packet with the message id `ref`."""
+        subscribe = self._asking.pop(ref, None) if isinstance(ref, int) else None
+        if subscribe is not None:
+            topic_id = self._registered.get(subscribe.topic, 0) if isinstance(subscribe.topic, str) else subscribe.topic
+            self._answer(packets.Suback(topic_id, subscribe.msg_id))
+
+    # Packets of a client that is connected.
+
+    def _on_packet(self, packet: Packet, now_s: float) -> None:
+        match packet:
+            case Message():
+                self._on_told(packet)
+            case packets.Puback():
+                self._sender.on_answer(packet, now_s)
+            case packets.Register():
+                self._on_register(packet)
+            case packets.Subscribe():
+                self._on_subscribe(packet)
+            case packets.Unsubscribe():
+                topic = self._topic(packet.topic)
+                if topic is not None:
+                    self._broker.unsubscribe(topic)
+                self._answer(packets.Unsuback(packet.msg_id))
+            case packets.Pingreq():
+                self._send(packets.Pingresp())
+            case packets.WillMsg():
+                self._send(packets.Connack())
+            case packets.Disconnect():
+                self._send(packets.Disconnect())
+                self._leave(now_s, with_will=packet.duration_s is not None)
+            case packets.Pingresp() | packets.Regack():
+                pass
+            case _:
+                self._count("air_packet", f"{self.client_id}: {type(packet).__name__}: not expected now")
+
+    def _on_told(self, message: Message) -> None:
+        if message.qos and not self._receiver.is_new(message.msg_id):
+            last = self._last_answer
+            if isinstance(last, packets.Puback) and last.msg_id == message.msg_id:
+                self._send(last)
+            return
+        try:
+            told = self._read(message)
+        except ValueError as error:
+            self._count("air_datagram", f"{self.client_id}: {error}")
+            if message.qos:
+                self._answer(packets.Puback(message.topic_id, message.msg_id, packets.INVALID_TOPIC))
+            return
+        wrong = [each for each in told if not self._may(self._ids.may_say, each.topic)]
+        for each in wrong:
+            self._count("air_topic", f"{self.client_id}: {each.topic}: not one that its drone publishes")
+        right = [each for each in told if each not in wrong]
+        if message.qos:
+            code = packets.INVALID_TOPIC if wrong else 0
+            self._await(message, sum(each.qos > 0 for each in right), code)
+        for each in right:
+            self._broker.publish(each, message.msg_id if each.qos else None)
+
+    def _read(self, message: Message) -> list[Told]:
+        """The messages that a PUBLISH has, or ends; raises ValueError."""
+        if message.topic_id == TOGETHER and message.id_type == PREDEFINED:
+            if message.qos == 0:
+                raise ValueError("messages together at QoS 0; expected QoS 1")
+            return self._unpacker.take(message.payload)
+        topic = self._topic(message.topic_id, message.id_type)
+        if topic is None:
+            raise ValueError(f"topic id {message.topic_id}: known to nobody")
+        return [Told(topic, message.payload, message.qos, message.retain)]
+
+    def _await(self, message: Message, missing: int, code: int) -> None:
+        """PUBACK once the broker has acknowledged all."""
+        if missing > 0:
+            self._awaited[message.msg_id] = message, missing, code
+            return
+        self._awaited.pop(message.msg_id, None)
+        self._answer(packets.Puback(message.topic_id, message.msg_id, code))
+
+    def _on_register(self, packet: packets.Register) -> None:
+        may = self._may(self._ids.may_say, packet.topic)
+        found = self._register(packet.topic) if may else None
+        code = 0 if found is not None else packets.CONGESTION if may else packets.INVALID_TOPIC
+        self._answer(packets.Regack(found or 0, packet.msg_id, code))
+
+    def _on_subscribe(self, packet: packets.Subscribe) -> None:
+        last = self._last_answer
+        if packet.msg_id in self._asking:
+            return
+        if isinstance(last, packets.Suback) and last.msg_id == packet.msg_id:
+            self._send(last)
+            return
+        topic = self._topic(packet.topic)
+        if packet.topic == TOGETHER:
+            self._sender.together = True
+            self._answer(packets.Suback(TOGETHER, packet.msg_id))
+        elif topic is None or not self._may(self._ids.may_hear, topic):
+            self._count("air_topic", f"{self.client_id}: {packet.topic}: not one that its drone hears")
+            self._answer(packets.Suback(0, packet.msg_id, packets.INVALID_TOPIC))
+        else:
+            if isinstance(packet.topic, str) and self._register(topic) is not None:
+                self._heard_by_name.add(topic)
+            self._asking[packet.msg_id] = packet
+            self._broker.subscribe(topic, packet.live_only, packet.msg_id)
+
+    def _may(self, rule: Callable[[int | None, str], bool], topic: str) -> bool:
+        if self._drone is None:
+            self._drone = self._ids.drone_of(topic)
+        return rule(self._drone, topic)
+
+    def _topic(self, topic: str | int, id_type: int = PREDEFINED) -> str | None:
+        if isinstance(topic, str):
+            return topic
+        if id_type == PREDEFINED:
+            return self._ids.topic_of(topic)
+        return next((name for name, known in self._registered.items() if known == topic), None)
+
+    def _register(self, topic: str) -> int | None:
+        """The id of a topic on this connection; None where there are too many."""
+        if topic not in self._registered and len(self._registered) < MOST_REGISTERED:
+            self._registered[topic] = len(self._registered) + 1
+        return self._registered.get(topic)
+
+    def _id_of(self, topic: str) -> tuple[int, int] | None:
+        if topic in self._heard_by_name:
+            return self._registered[topic], NORMAL
+        known = self._ids.id_of(topic)
+        return (known, PREDEFINED) if known is not None else None
+
+    # Greeting and leave.
+
+    def _on_will_topic(self, packet: packets.WillTopic) -> None:
+        if not self._may(self._ids.may_say, packet.topic):
+            self._count("air_topic", f"{self.client_id}: will {packet.topic}: not one that a drone publishes")
+            self._send(packets.Connack(packets.NOT_SUPPORTED))
+            self.stage = Stage.GONE
+            return
+        self._will_topic, self.stage = packet.topic, Stage.WILL
+        self._send(packets.WillMsgReq())
+
+    def _open(self, will: Will | None) -> None:
+        if not self._claim(self):
+            self._send(packets.Connack(packets.CONGESTION))
+            self.stage = Stage.GONE
+            return
+        self.stage = Stage.OPENING
+        self._broker.open(self.client_id, will)
+
+    def _leave(self, now_s: float, *, with_will: bool) -> None:
+        if self.is_there:
+            self._broker.close(with_will=with_will)
+        self.stage, self._since_s = Stage.LEFT, now_s
+
+    def _answer(self, packet: Packet) -> None:
+        self._last_answer = packet
+        self._send(packet)
+
+    def _send(self, packet: Packet) -> None:
+        self._send_datagram(packets.encode(packet))

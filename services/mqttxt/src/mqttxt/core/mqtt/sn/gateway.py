@@ -1,0 +1,122 @@
+"""The activator's end of the air leg: who is at which address. A state machine that takes datagrams and times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+from typing import Any
+
+from ...floods import Budget
+from . import packets
+from .air_client import AirClient, BrokerSide, Stage
+from .topic_ids import TopicIds
+
+MOST_CLIENTS = 300
+"""Above the 250 drones that a fog may have."""
+CLIENT_PER_S, CLIENT_AT_ONCE = 1000, 2000
+"""Datagrams that are taken of one client."""
+STRANGERS_PER_S, STRANGERS_AT_ONCE = 200, 400
+"""The same of all others together: their sender addresses may be anybody's."""
+
+Address = tuple[Any, ...]
+
+
+class Gateway:
+    """All clients. `send` takes a datagram for an address; `broker` makes the side of a client towards the broker."""
+
+    def __init__(
+        self,
+        ids: TopicIds,
+        send: Callable[[bytes, Address], None],
+        broker: Callable[[Callable[[], AirClient]], BrokerSide],
+        count: Callable[[str, str], None],
+    ) -> None:
+        self._ids = ids
+        self._send = send
+        self._broker = broker
+        self._count = count
+        self._at: dict[Address, AirClient] = {}
+        self._named: dict[str, AirClient] = {}
+        self._of_clients = Budget(CLIENT_PER_S, CLIENT_AT_ONCE)
+        self._of_strangers = Budget(STRANGERS_PER_S, STRANGERS_AT_ONCE)
+
+    def received(self, datagram: bytes, address: Address, now_s: float) -> None:
+        """A datagram came; what is no packet, and what is too much, is counted and dropped."""
+        client, now_ms = self._at.get(address), int(now_s * 1000)
+        budget, whose = (self._of_clients, address) if client is not None else (self._of_strangers, ())
+        if not budget.takes(whose, now_ms):
+            self._count("air_flood", f"{address[0]}:{address[1]}")
+            return
+        try:
+            packet = packets.decode(datagram)
+        except ValueError as error:
+            self._count("air_datagram", f"{address[0]}:{address[1]}: {error}")
+            return
+        if isinstance(packet, packets.Connect):
+            self._on_connect(packet, address, now_s)
+        elif client is not None:
+            client.received(packet, now_s)
+            self._look_at(address, now_s)
+        elif not isinstance(packet, packets.Disconnect):  # two gateways would go on answering each other
+            self._send(packets.encode(packets.Disconnect()), address)
+
+    def tick(self, now_s: float) -> None:
+        """Repeat what is due; end what is over. To be called at `due_s`."""
+        for address in list(self._at):
+            self._look_at(address, now_s)
+
+    def due_s(self) -> float:
+        """When `tick` has something to do; infinite where it has not."""
+        return min((client.due_s() for client in self._at.values()), default=inf)
+
+    def end(self, now_s: float) -> None:
+        """End all clients."""
+        for client in self._at.values():
+            if client.is_there:
+                client.end(now_s)
+
+    def _on_connect(self, packet: packets.Connect, address: Address, now_s: float) -> None:
+        known = self._at.get(address)
+        if known is not None and known.client_id == packet.client_id and known.on_connect_again(now_s):
+            return
+        rival = self._named.get(packet.client_id)
+        if rival is not None and rival.is_there:  # a CONNECT proves nothing: anybody can repeat one
+            rival.ask(now_s)
+            return
+        if known is not None and known.is_there:
+            known.ask(now_s)
+            return
+        if known is None and len(self._at) >= MOST_CLIENTS:
+            self._count("air_full", f"{address[0]}:{address[1]}: more than {MOST_CLIENTS} clients")
+            self._send(packets.encode(packets.Connack(packets.CONGESTION)), address)
+            return
+        made: list[AirClient] = []
+        broker = self._broker(lambda: made[0])
+        client = AirClient(
+            packet,
+            self._ids,
+            lambda datagram: self._send(datagram, address),
+            broker,
+            self._claim,
+            self._count,
+            now_s,
+        )
+        made.append(client)
+        self._at[address] = client
+        client.start()
+        self._look_at(address, now_s)
+
+    def _claim(self, client: AirClient) -> bool:
+        holder = self._named.get(client.client_id)
+        if holder is not None and holder.is_there:
+            return False
+        self._named[client.client_id] = client
+        return True
+
+    def _look_at(self, address: Address, now_s: float) -> None:
+        client = self._at[address]
+        client.tick(now_s)
+        if client.stage is Stage.GONE:
+            del self._at[address]
+        if not client.is_there and self._named.get(client.client_id) is client:
+            del self._named[client.client_id]

@@ -1,0 +1,228 @@
+"""What has to arrive over datagrams: one packet under way at a time, repeated until it is answered (MQTT-SN 1.2, 6.13).
+
+Both ends have a `Sender` for what they say and a `Receiver` that tells repetitions of the other's.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import inf
+
+from ..round_trip import RoundTrip
+from .packets import Message, Packet, Puback, Regack, Suback, Subscribe, Unsuback, Unsubscribe, size_of_publish
+from .together import Told, pack
+from .topic_ids import TOGETHER, TopicIds
+
+LARGEST_DATAGRAM = 1200
+"""Bytes of a datagram behind IP and UDP: less than any link cuts (RFC 8085, section 3.2; IPv6's least is 1,280)."""
+FIRST_S, LEAST_S, LONGEST_S = 0.5, 0.1, 2.0
+"""When a packet is repeated: before a round trip was measured, at the least, and at the most."""
+GIVE_UP_S = 15.0
+"""A connection is lost where nothing answers for so long."""
+MOST_WAITING = 1000
+"""Messages; as Mosquitto keeps for a client. Further ones are dropped."""
+_IDS = 65_535
+
+Answer = Puback | Suback | Unsuback | Regack
+Asked = Subscribe | Unsubscribe
+Done = Callable[[int], None]
+
+
+@dataclass
+class _Tell:
+    told: Told
+    done: Done | None
+    key: str | None = None
+
+
+@dataclass
+class _Ask:
+    packet: Asked
+    done: Done
+
+
+@dataclass
+class _UnderWay:
+    packet: Message | Asked
+    done: list[Done]
+    first_s: float
+    sent_s: float
+    times: int = 1
+
+
+@dataclass
+class _Stream:
+    """Messages that leave together: their bytes, and behind how many of these each ends."""
+
+    left: bytes = b""
+    ends: deque[tuple[int, Done | None]] = field(default_factory=deque)
+
+
+def repeat_after_s(round_trip: RoundTrip, times: int) -> float:
+    """How long an answer is waited for, behind so many times that a packet was sent."""
+    first_s = round_trip.usual_s(0.0) if round_trip.is_known else FIRST_S
+    return min(LONGEST_S, float(max(LEAST_S, first_s) * 2 ** (times - 1)))
+
+
+class Sender:
+    """Sends what has to arrive, in its order. `together`: the other side takes messages together and in pieces.
+
+    `id_of` is the topic id and its type that the other side knows a topic by.
+    """
+
+    def __init__(
+        self,
+        send: Callable[[Packet], None],
+        ids: TopicIds,
+        round_trip: RoundTrip,
+        id_of: Callable[[str], tuple[int, int] | None],
+        together: bool,
+    ) -> None:
+        self.together = together
+        self._send = send
+        self._ids = ids
+        self._id_of = id_of
+        self._round_trip = round_trip
+        self._waiting: deque[_Tell | _Ask] = deque()
+        self._keyed: dict[str, _Tell] = {}
+        self._stream = _Stream()
+        self._under_way: _UnderWay | None = None
+        self._msg_id = 0
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether all is answered."""
+        return self._under_way is None and not self._waiting and not self._stream.left
+
+    def tell(self, told: Told, now_s: float, done: Done | None = None, key: str | None = None) -> bool:
+        """Send a message behind what waits; `done` hears the return code. What waits of the same key is replaced.
+
+        False where too many wait, and where the other side takes no message of this length or topic.
+        """
+        if key is not None and key in self._keyed:
+            self._keyed[key].told = told
+            return True
+        if len(self._waiting) >= MOST_WAITING or not (self.together or self._fits_alone(told)):
+            return False
+        item = _Tell(told, done, key)
+        if key is not None:
+            self._keyed[key] = item
+        self._waiting.append(item)
+        self._go_on(now_s)
+        return True
+
+    def ask(self, packet: Asked, now_s: float, done: Done) -> None:
+        """Send a SUBSCRIBE or UNSUBSCRIBE behind what waits; its message id is set here."""
+        self._waiting.append(_Ask(packet, done))
+        self._go_on(now_s)
+
+    def on_answer(self, answer: Answer, now_s: float) -> None:
+        """An acknowledgement came; one of what is not under way is none."""
+        current = self._under_way
+        kind = {Puback: Message, Suback: Subscribe, Unsuback: Unsubscribe}.get(type(answer))
+        if current is None or not isinstance(current.packet, kind or ()) or current.packet.msg_id != answer.msg_id:
+            return
+        if current.times == 1:  # of a repeated one it is not known what was answered (Karn)
+            self._round_trip.took(now_s - current.sent_s)
+        self._under_way = None
+        code = answer.code if not isinstance(answer, Unsuback) else 0
+        for done in current.done:
+            done(code)
+        self._go_on(now_s)
+
+    def tick(self, now_s: float) -> None:
+        """Repeat what is due."""
+        current = self._under_way
+        if current is not None and now_s >= self._due_s(current):
+            current.times += 1
+            current.sent_s = now_s
+            again = current.packet
+            self._send(again if isinstance(again, Unsubscribe) else replace(again, dup=True))
+
+    def due_s(self) -> float:
+        """When `tick` has something to do; infinite where it has not."""
+        return self._due_s(self._under_way) if self._under_way is not None else inf
+
+    def is_lost(self, now_s: float) -> bool:
+        """Whether the other side has not answered for too long."""
+        return self._under_way is not None and now_s - self._under_way.first_s >= GIVE_UP_S
+
+    def _due_s(self, current: _UnderWay) -> float:
+        return current.sent_s + repeat_after_s(self._round_trip, current.times)
+
+    def _go_on(self, now_s: float) -> None:
+        if self._under_way is not None or self.is_idle:
+            return
+        head = self._waiting[0] if self._waiting else None
+        if not self._stream.left and isinstance(head, _Ask):
+            self._waiting.popleft()
+            self._start(replace(head.packet, msg_id=self._next_id()), [head.done], now_s)
+        elif not self._stream.left and isinstance(head, _Tell) and self._is_single(head.told):
+            self._take()
+            topic_id, id_type = self._id_of(head.told.topic) or (0, 0)
+            message = Message(topic_id, head.told.payload, id_type, 1, self._next_id(), head.told.retain)
+            self._start(message, [head.done] if head.done is not None else [], now_s)
+        else:
+            self._start(*self._piece(), now_s)
+
+    def _is_single(self, told: Told) -> bool:
+        """Whether a message leaves as a PUBLISH of its own."""
+        if not self.together:
+            return True
+        others_wait = len(self._waiting) > 1 and isinstance(self._waiting[1], _Tell)
+        return not others_wait and self._fits_alone(told)
+
+    def _fits_alone(self, told: Told) -> bool:
+        return size_of_publish(told.payload) <= LARGEST_DATAGRAM and self._id_of(told.topic) is not None
+
+    def _piece(self) -> tuple[Message, list[Done]]:
+        """As much of what waits as a datagram takes."""
+        most = LARGEST_DATAGRAM - size_of_publish(b"")
+        stream = self._stream
+        while len(stream.left) < most and self._waiting and isinstance(self._waiting[0], _Tell):
+            item = self._take()
+            stream.left += pack(item.told, self._ids)
+            stream.ends.append((len(stream.left), item.done))
+        piece, stream.left = stream.left[:most], stream.left[most:]
+        done: list[Done] = []
+        while stream.ends and stream.ends[0][0] <= len(piece):
+            _, each = stream.ends.popleft()
+            if each is not None:
+                done.append(each)
+        stream.ends = deque((end - len(piece), each) for end, each in stream.ends)
+        return Message(TOGETHER, piece, qos=1, msg_id=self._next_id()), done
+
+    def _take(self) -> _Tell:
+        item = self._waiting.popleft()
+        assert isinstance(item, _Tell)
+        if item.key is not None:
+            del self._keyed[item.key]
+        return item
+
+    def _start(self, packet: Message | Asked, done: list[Done], now_s: float) -> None:
+        self._under_way = _UnderWay(packet, done, now_s, now_s)
+        self._send(packet)
+
+    def _next_id(self) -> int:
+        self._msg_id = self._msg_id % _IDS + 1
+        return self._msg_id
+
+
+class Receiver:
+    """Tells what is new: the other side's message ids rise, and one that does not is a repetition."""
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+
+    def is_new(self, msg_id: int) -> bool:
+        """Whether a message id has not come yet; from then on it has."""
+        if self._last is not None and not 0 < (msg_id - self._last) % _IDS < _IDS // 2:
+            return False
+        self._last = msg_id
+        return True
+
+    def is_last(self, msg_id: int) -> bool:
+        """Whether it is that of the newest message."""
+        return msg_id == self._last

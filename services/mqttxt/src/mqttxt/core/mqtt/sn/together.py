@@ -1,0 +1,61 @@
+"""Messages that leave together, and messages in pieces: one stream of bytes, cut where a datagram ends.
+
+A message in it is a head (flags, topic id, length of the name, length of the payload), the topic's name where the id
+is 0, and the payload. The pieces come in order and once, as the PUBLISHes at QoS 1 that carry them do.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from .topic_ids import TopicIds
+
+MOST_BYTES = 65_536
+"""Of one message with its topic."""
+_HEAD = struct.Struct(">BHHH")
+_RETAIN, _QOS = 0x10, 0x20
+
+
+@dataclass(frozen=True)
+class Told:
+    """A message as it is told; `qos` is the publisher's."""
+
+    topic: str
+    payload: bytes
+    qos: int = 1
+    retain: bool = False
+
+
+def pack(told: Told, ids: TopicIds) -> bytes:
+    """A message as it stands in the stream."""
+    topic_id = ids.id_of(told.topic)
+    name = told.topic.encode() if topic_id is None else b""
+    flags = _RETAIN * told.retain | _QOS * (told.qos > 0)
+    return _HEAD.pack(flags, topic_id or 0, len(name), len(told.payload)) + name + told.payload
+
+
+class Unpacker:
+    """Takes the stream piece by piece."""
+
+    def __init__(self, ids: TopicIds) -> None:
+        self._ids = ids
+        self._came = b""
+
+    def take(self, piece: bytes) -> list[Told]:
+        """The messages that end in this piece; raises ValueError for what is no stream of messages."""
+        self._came += piece
+        found: list[Told] = []
+        while len(self._came) >= _HEAD.size:
+            flags, topic_id, name_length, length = _HEAD.unpack_from(self._came)
+            begin = _HEAD.size + name_length
+            if begin + length > MOST_BYTES or (topic_id == 0) != (name_length > 0):
+                raise ValueError(f"a message with topic id {topic_id}, {name_length} + {length} bytes")
+            if len(self._came) < begin + length:
+                break
+            name = self._came[_HEAD.size : begin].decode() if topic_id == 0 else self._ids.topic_of(topic_id)
+            if name is None:
+                raise ValueError(f"topic id {topic_id}: not predefined")
+            found.append(Told(name, self._came[begin : begin + length], int(flags & _QOS != 0), flags & _RETAIN != 0))
+            self._came = self._came[begin + length :]
+        return found

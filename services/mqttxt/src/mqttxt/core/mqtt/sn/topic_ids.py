@@ -1,0 +1,122 @@
+"""The predefined topic ids of the air leg, which both ends know, and how each topic travels there.
+
+A drone's topic has the drone's number in the upper byte, and below it the state's code, or a number of `_OF_NAME`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+
+from ....errors import PayloadError
+from ....protocol.commands import COMMANDS
+from ....protocol.names import MAX_DRONE
+from ....protocol.states import STATES, AutopilotText
+from ....protocol.topic_table import FOG_NODES, FOG_SIDE, UAV
+from ....protocol.topics import REVOKED, DroneTopic, FogSide
+
+TOGETHER = 1
+"""No topic: messages that leave together, or in pieces (`together`)."""
+_REVOKED = 2
+_RESULTS = 64
+_MALFORMED = "malformed"
+_OF_NAME = {
+    **{f"state/{name}": code for code, name in enumerate(STATES, start=1)},
+    f"commands_result/{_MALFORMED}": _RESULTS,
+    **{f"commands_result/{name}": _RESULTS + code for code, name in enumerate(COMMANDS, start=1)},
+    **{
+        name: 128 + number
+        for number, name in enumerate(
+            (
+                *("reachable", "clock", "init_connect", "stations", "control"),
+                *("states", "commands", "bulk", "bulk_answer", "sensor_ack"),
+            )
+        )
+    },
+}
+"""What stands behind `droneY/`, by the lower byte of its id."""
+_NAME_OF = {low: name for name, low in _OF_NAME.items()}
+
+
+def _kinds(is_sender: bool) -> frozenset[str]:
+    """The kinds of topics (`DroneTopic.kind`) that a UAV client says, or hears: its own retained ones too (R9.1)."""
+    rows = [row for row in FOG_SIDE if row.topic != REVOKED]
+    said = {row for row in rows if row.sender in (UAV, FOG_NODES)}
+    found = said if is_sender else {row for row in rows if row.receiver in (UAV, FOG_NODES) or row.retained}
+    return frozenset(row.topic.split("/")[1].removesuffix("S") for row in found)
+
+
+_SAID, _HEARD = _kinds(True), _kinds(False)
+
+
+class Travel(Enum):
+    """How a topic's messages travel: at QoS 0; so, and once more at QoS 1 unless a newer one follows; or at QoS 1."""
+
+    ONCE = 0
+    NEWEST = 1
+    SURELY = 2
+
+
+@dataclass(frozen=True)
+class TopicIds:
+    """The topics of the fog side, below `root`, as the air leg has them."""
+
+    root: str = ""
+
+    def id_of(self, topic: str) -> int | None:
+        """The predefined id of a topic; None where it has none."""
+        below = topic.removeprefix(self.root)
+        if topic == self.root + REVOKED:
+            return _REVOKED
+        level, _, name = below.partition("/")
+        low = _OF_NAME.get(name)
+        if low is None or self.drone_of(topic) is None:
+            return None
+        return int(level.removeprefix("drone")) << 8 | low
+
+    def topic_of(self, topic_id: int) -> str | None:
+        """The topic of a predefined id; None where there is none."""
+        if topic_id == _REVOKED:
+            return self.root + REVOKED
+        drone, name = topic_id >> 8, _NAME_OF.get(topic_id & 0xFF)
+        return None if name is None or not 1 <= drone <= MAX_DRONE else f"{self.root}drone{drone}/{name}"
+
+    def travel(self, topic: str) -> Travel:
+        """How a topic's messages travel."""
+        found = self._parsed(topic)
+        if found is None:
+            return Travel.SURELY
+        if found.kind == "state":
+            return Travel.SURELY if found.name == AutopilotText.name else Travel.NEWEST
+        return Travel.ONCE if found.kind in ("bulk", "bulk_answer") else Travel.SURELY
+
+    def drone_of(self, topic: str) -> int | None:
+        """The drone that a topic is about; None for the revocation list, and for what is no topic of this side."""
+        found = self._parsed(topic)
+        return found.drone if found is not None else None
+
+    def may_say(self, drone: int | None, topic: str) -> bool:
+        """Whether a UAV client of `drone` publishes a topic."""
+        return self._may(_SAID, drone, topic)
+
+    def may_hear(self, drone: int | None, topic: str) -> bool:
+        """Whether a UAV client of `drone` subscribes to a topic; to filters with wildcards it does not."""
+        return self._may(_HEARD, drone, topic)
+
+    def _may(self, kinds: frozenset[str], drone: int | None, topic: str) -> bool:
+        if topic == self.root + REVOKED:
+            return True
+        found = self._parsed(topic)
+        return found is not None and found.drone == drone and found.kind in kinds
+
+    def _parsed(self, topic: str) -> DroneTopic | None:
+        return _parsed(self.root, topic)
+
+
+@lru_cache(maxsize=8192)
+def _parsed(root: str, topic: str) -> DroneTopic | None:
+    try:
+        return FogSide(root).parse(topic)
+    except PayloadError:
+        return None
