@@ -63,6 +63,7 @@ ACTIVATOR_VARIANTS = {
     "activator-believes-every-puback": {"passes-readings-on"},
     "activator-answers-nothing-anew": {"answers-what-is-not-shown"},
     "activator-loses-a-word": {"loses-no-word-that-waits"},
+    "activator-forgets-the-roster": {"loses-no-word-that-waits"},
     "activator-obeys-everybody": {"lets-one-station-command", "raises-the-epoch-at-a-takeover"},
 }
 GS_VARIANTS = {

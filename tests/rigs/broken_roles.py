@@ -36,6 +36,7 @@ from mqttxt.drone.commands import CommandDesk
 from mqttxt.drone.executor import Executor
 from mqttxt.drone.grants import Grants
 from mqttxt.drone.role import UavClient
+from mqttxt.drone.start_order import StartOrder
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.messages import CommandMessage, DroneRecord, FogResultMessage, Registration, ResultMessage, Word
@@ -108,7 +109,7 @@ def uav_repeats_late() -> None:
 def uav_forgets_the_order() -> None:
     def make(original: Any) -> Any:
         def refusal(self: Any, *arguments: Any) -> Any:
-            self._highest_started.clear()
+            self.order = StartOrder()
             return original(self, *arguments)
 
         return refusal
@@ -453,6 +454,17 @@ def activator_loses_a_word() -> None:
     wrap(WordsTogether, "flush", make)
 
 
+def activator_forgets_the_roster() -> None:
+    def make(original: Any) -> Any:
+        def flush(self: Any, now_ms: int) -> Any:
+            self._roster = None if self._waiting else self._roster
+            return original(self, now_ms)
+
+        return flush
+
+    wrap(WordsTogether, "flush", make)
+
+
 def gs_counts_no_registrations() -> None:
     def make(original: Any) -> Any:
         def registration(self: Any, *arguments: Any, **more: Any) -> Any:
@@ -515,6 +527,7 @@ VARIANTS: dict[str, Patch] = {
     "activator-stamps-on-arrival": activator_stamps_on_arrival,
     "activator-answers-nothing-anew": activator_answers_nothing_anew,
     "activator-loses-a-word": activator_loses_a_word,
+    "activator-forgets-the-roster": activator_forgets_the_roster,
     "activator-obeys-everybody": activator_obeys_everybody,
     "activator-chooses-who-cannot-go": activator_chooses_who_cannot_go,
     "activator-believes-every-puback": activator_believes_every_puback,

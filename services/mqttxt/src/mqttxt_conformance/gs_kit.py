@@ -171,21 +171,22 @@ class GsKit:
             about = {name: command.fields[name] for name in ("gs_session", "seq")}
             now, roster = stamp(self.activator.now_ms()), (RosterEntry(drone=self.drone, session=self.drone_session),)
             message = FogResultMessage(**about, session=self.activator.session, stamp=now, roster=roster)
-            self.tap.publish(self.topics.fog_result(command.fields["command"]), encode(message))
             if self.enrolments[-1].fields.get("bundles"):
-                self._say_together(command, replace(message, roster=None), words)
+                self._say_together(command, message, words)
                 return
+            self.tap.publish(self.topics.fog_result(command.fields["command"]), encode(message))
         for word in words:
             self.tap.publish(*self.word(command, word))
 
     def _say_together(self, command: Timed, about: FogResultMessage, words: tuple[Word, ...]) -> None:
-        """The drone's words about a broadcast in one message."""
+        """The drone's words about a broadcast in one message, behind the roster; a signed one comes before it."""
         self.together.append(command)
         topic, results = self.topics.fog_result(command.fields["command"]), [self._result(command, w) for w in words]
         if self.secured is None:
             said = tuple(WordTogether.of(self.drone, result) for result in results)
             self.tap.publish(topic, encode(replace(about, words=said)))
             return
+        self.tap.publish(topic, encode(about))
         own = self.topics.drone_result(self.drone, command.fields["command"])
         signed = [cbor2.loads(self.secured.sealed(own, encode(result))) for result in results]
         payload = cbor2.dumps([1, [[self.drone, envelope] for envelope in signed]], canonical=True)

@@ -241,7 +241,7 @@ async def is_quiet_after_the_last_word(kit: GsKit) -> str:
 
 @rule("gs", "R10.6")
 async def reads_words_together(kit: GsKit) -> str:
-    """A broadcast whose words came in one message is not sent again."""
+    """A broadcast whose words came in one message, with its roster where that is not signed, is not sent again."""
     if not kit.together:
         raise NotTested("no broadcast came of a station that asks for bundles")
     for command in kit.together:

@@ -90,8 +90,11 @@ class RelayWords:
     def say_roster(self, entry: Entry[Job], roster: tuple[RosterEntry, ...], now_ms: int) -> list[Effect]:
         """Whom a broadcast is for."""
         result = self._fog_result(entry.id, roster, None, now_ms)
-        entry.record.answer = self._publish_of_fog(entry.record.message.command.name, result)
-        return [*self.together.flush(now_ms), entry.record.answer]
+        name = entry.record.message.command.name
+        entry.record.answer = alone = self._publish_of_fog(name, result)
+        if entry.record.query or not self._leases.reads_together(entry.id.gs_session):
+            return [*self.together.flush(now_ms), alone]
+        return [*self.together.open(name, entry.id, roster, alone, now_ms)]
 
     def deny_whole(self, entry: Entry[Job], reason: str, now_ms: int) -> list[Effect]:
         """Why the whole fog is denied a command."""
@@ -131,6 +134,8 @@ class RelayWords:
         out: list[Effect]
         if job.target is None and not job.query and self._leases.reads_together(result.gs_session):
             out = [*self.together.add(name, leg.drone, result, alone, now_ms)]
+            if all(leg.is_closed or self.together.waits(leg.drone) for leg in job.legs.values()):
+                out += self.together.flush(now_ms)  # no drone is left to wait for
         else:
             out = [*self.together.flush(now_ms), alone]
         if leg.is_closed:

@@ -189,7 +189,7 @@ class Activator:
 
     def say_together(self, now_ms: int) -> list[Effect]:
         """The words that have waited for others long enough; to be called at `together_due_ms` too."""
-        return [*self.relay.words.together.tick(now_ms)]
+        return self._with_bundle([*self.relay.words.together.tick(now_ms)], now_ms)
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop says that neither the fog nor its drones are reachable; what waits leaves first."""
@@ -237,10 +237,16 @@ class Activator:
         if link is None:
             raise PayloadError(f"topic {message.topic!r}: a drone that was never reachable", "topic")
         if self._seal is None:
-            return self.relay.words.on_result(link, message.payload, topic.name, now_ms)
+            return self._with_bundle(self.relay.words.on_result(link, message.payload, topic.name, now_ms), now_ms)
         said_on = self._to_fog.signed_topic(message.topic)
         signed = self._seal.open(said_on, message.payload, f"drone{topic.drone}")
-        return self.relay.words.on_result(link, signed.payload, topic.name, now_ms, signed.envelope.bare())
+        said = self.relay.words.on_result(link, signed.payload, topic.name, now_ms, signed.envelope.bare())
+        return self._with_bundle(said, now_ms)
+
+    def _with_bundle(self, said: list[Effect], now_ms: int) -> list[Effect]:
+        """What is said of commands, and beside it the states that wait: one segment to the cloud's broker."""
+        is_said = any(isinstance(effect, Publish) and effect.link == CLOUD for effect in said)
+        return [*said, *self.states.beside_words(now_ms)] if is_said else said
 
     def _on_drone_presence(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         """A drone's birth or will; a signed birth is passed on to who is to verify what the drone says."""

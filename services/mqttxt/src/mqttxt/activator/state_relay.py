@@ -90,6 +90,14 @@ class StateRelay:
             out.append(Publish(CLOUD, self._cloud.qods, payload))
         return out
 
+    def beside_words(self, now_ms: int) -> list[Effect]:
+        """What waits for the next bundle, before its time: beside words it is no segment of its own (R10.7)."""
+        if not self._bundled or not self._leases:
+            return []
+        self._is_urgent = False
+        self._next_bundle_ms = now_ms + self._settings.bundle_ms
+        return self._bundles(now_ms)
+
     def _is_news(self, link: DroneLink, state: PlainState, now_ms: int) -> bool:
         """Keep a state, unless it is older than what is known."""
         known = link.states.get(state.name)

@@ -7,14 +7,22 @@ from dataclasses import dataclass
 from ..core.channel import Channel
 from ..core.clock import stamp
 from ..core.effects import Publish
-from ..protocol.messages import MOST_TOGETHER, FogResultMessage, ResultMessage, Word, WordTogether
+from ..protocol.messages import (
+    MOST_TOGETHER,
+    CommandId,
+    FogResultMessage,
+    ResultMessage,
+    RosterEntry,
+    Word,
+    WordTogether,
+)
 from ..protocol.topics import CloudSide
 from ..security.cose import Envelope
 from ..security.together import encode_together
 
-WINDOW_MS = 50
-"""How long a word waits at most: the answers of drones behind one mobile network differ by its jitter, there and back,
-and nobody does anything else by a yes.
+WINDOW_MS = 1000
+"""How long a word or a roster waits at most: drones say yes by heartbeats, which come once per second, and nobody does
+anything else by the yes of some of them.
 """
 LONGEST = 3000
 """Bytes of a word that leaves with others: as many as may leave together stay below the longest payload."""
@@ -31,8 +39,19 @@ class _Waiting:
     alone: Publish
 
 
+@dataclass(frozen=True)
+class _Roster:
+    """A broadcast's roster, and the message in which it would leave alone."""
+
+    entries: tuple[RosterEntry, ...]
+    alone: Publish
+
+
 class WordsTogether:
-    """The words that wait, of one command and in their order. Whoever says anything else flushes them first."""
+    """The roster and the words that wait, of one command and in their order.
+
+    Whoever says anything else flushes them first.
+    """
 
     def __init__(self, session: int, channel: Channel, cloud: CloudSide) -> None:
         self.due_ms: int | None = None
@@ -43,33 +62,69 @@ class WordsTogether:
         self._channel = channel
         self._cloud = cloud
         self._name = ""
+        self._id: CommandId | None = None
+        self._roster: _Roster | None = None
         self._waiting: list[_Waiting] = []
+
+    def open(
+        self, name: str, command_id: CommandId, roster: tuple[RosterEntry, ...], alone: Publish, now_ms: int
+    ) -> list[Publish]:
+        """The roster of a broadcast of a command of this name: what leaves now."""
+        out = self.flush(now_ms)
+        if not roster or len(roster) > MOST_TOGETHER or self._channel.seal is not None or self.is_ended:
+            return [*out, alone]
+        self._begin(name, command_id, now_ms)
+        self._roster = _Roster(roster, alone)
+        return out
 
     def add(self, name: str, drone: int, result: ResultMessage, alone: Publish, now_ms: int) -> list[Publish]:
         """A word about the broadcast of a command of this name: what leaves now."""
         if len(alone.payload) > LONGEST:
             return [*self.flush(now_ms), alone]
-        out = self.flush(now_ms) if self._waiting and self._waiting[0].result.id != result.id else []
-        if self.due_ms is None:
-            self._name, self.due_ms = name, now_ms + WINDOW_MS
+        out = self.flush(now_ms) if self._id not in (None, result.id) else []
+        self._begin(name, result.id, now_ms)
+        self._waiting = [word for word in self._waiting if word.drone != drone or not _is_replaced(word.result)]
         self._waiting.append(_Waiting(drone, result, alone))
         waits = result.word in PATIENT and len(self._waiting) < MOST_TOGETHER and not self.is_ended
         return out if waits else [*out, *self.flush(now_ms)]
+
+    def waits(self, drone: int) -> bool:
+        """Whether a word of a drone does."""
+        return any(word.drone == drone for word in self._waiting)
 
     def tick(self, now_ms: int) -> list[Publish]:
         """What has waited long enough."""
         return self.flush(now_ms) if self.due_ms is not None and now_ms >= self.due_ms else []
 
     def flush(self, now_ms: int) -> list[Publish]:
-        """All that waits; one word by itself leaves as if it had never waited."""
+        """All that waits; a roster, or a word, by itself leaves as if it had never waited."""
         waiting, self._waiting, self.due_ms = self._waiting, [], None
-        if len(waiting) < 2:
+        roster, self._roster = self._roster, None
+        command_id, self._id = self._id, None
+        if roster is None and len(waiting) < 2:
             return [word.alone for word in waiting]
+        if roster is not None and not waiting:
+            return [roster.alone]
+        assert command_id is not None
         topic, qos = self._cloud.fog_result(self._name), self._channel.settings.qos
         if self._channel.seal is not None:
             signed = [(word.drone, Envelope.parse(word.alone.payload)) for word in waiting]
             return [Publish(self._channel.link, topic, encode_together(signed), qos)]
-        words = tuple(WordTogether.of(word.drone, word.result) for word in waiting)
-        of, session, now = waiting[0].result, self._session, stamp(now_ms)
-        message = FogResultMessage(gs_session=of.gs_session, seq=of.seq, session=session, stamp=now, words=words)
+        message = FogResultMessage(
+            gs_session=command_id.gs_session,
+            seq=command_id.seq,
+            session=self._session,
+            stamp=stamp(now_ms),
+            roster=roster.entries if roster is not None else None,
+            words=tuple(WordTogether.of(word.drone, word.result) for word in waiting),
+        )
         return [self._channel.publish(topic, message)]
+
+    def _begin(self, name: str, command_id: CommandId, now_ms: int) -> None:
+        if self._id is None:
+            self._name, self._id, self.due_ms = name, command_id, now_ms + WINDOW_MS
+
+
+def _is_replaced(word: ResultMessage) -> bool:
+    """Whether a newer word of its drone leaves in its place: all that it says is that the command was begun."""
+    return not word.word.is_last and word.late_ms is None

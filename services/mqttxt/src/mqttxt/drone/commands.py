@@ -10,7 +10,7 @@ from ..core.channel import Channel
 from ..core.clock import MAX_TTL_MS
 from ..core.effects import Audit, Inbound, Log, Publish
 from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
-from ..core.ledger import KEEP_MS, OVERRIDING, Admission, Ledger, Share
+from ..core.ledger import OVERRIDING, Admission, Ledger, Share
 from ..core.session_owners import SessionOwners
 from ..core.settings import NO_MATCHING_SUBSCRIBERS, QUERY_DEADLINE_MS
 from ..errors import PayloadError
@@ -26,13 +26,13 @@ from ..security.seal import Signed
 from .answers import Answers, Unfinished, result_of
 from .effects import Effect, Journal
 from .executor import Executor
+from .first_words import FirstWords
 from .mavlink.raw import Limits
 from .mavlink.vehicle import Vehicle
 from .runs import Output, Said
+from .start_order import StartOrder
 
 LINK = "fog"
-MOST_SESSIONS = 1000
-"""Stations of the last ten minutes beyond which older ones are forgotten."""
 KEPT_BACK_MS = 1000
 """How long a result waits before it is published again, where nobody was there to get it."""
 
@@ -64,6 +64,8 @@ class CommandDesk:
         self.ledger: Ledger[Answers] = Ledger()
         self._repetitions: Repetitions[CommandId] = Repetitions()
         self._budget = Budget(STATION_PER_S, STATION_AT_ONCE)
+        settings = channel.settings
+        self.first_words = FirstWords(settings.bundle_ms if settings.bundles else None)
         self.executor = Executor(vehicle, limits, staged, kept_parameters)
         self.may_publish = False
         self.republish_at_ms: int | None = None
@@ -75,8 +77,9 @@ class CommandDesk:
         self._channel = channel
         self._owners = owners
         self._topics = topics
+        self._results = topics.commands_result(drone, "")
         self._remembers = remembers
-        self._highest_started: dict[int, tuple[int, int]] = {}
+        self.order = StartOrder()
         self._to_start: dict[CommandId, CommandMessage] = {}
         self._restored = list(unfinished)
         for left in self._restored:
@@ -114,12 +117,11 @@ class CommandDesk:
         known = identify(payload)
         if known is None or self.ledger.get(known) is not None:
             return []
-        if not self._budget.takes((station or known.gs_session, False), now_ms):
-            return []
-        if not self._repetitions.may_answer(known, now_ms):
+        is_taken = self._budget.takes((station or known.gs_session, False), now_ms)
+        if not (is_taken and self._repetitions.may_answer(known, now_ms)):
             return []
         denial = result_of(Said(known, Word.DENIED, str(error)), self._session, now_ms)
-        return [self._publish_result("malformed", denial, kept=False)]
+        return [*self.say_first_words(), self._publish_result("malformed", denial, kept=False)]
 
     def _tightened(self, command: CommandMessage, route: Any) -> CommandMessage:
         """The command as its relay passed it on: due as it was signed, or earlier."""
@@ -150,8 +152,9 @@ class CommandDesk:
         if verdict is Admission.DUPLICATE:
             entry = self.ledger.get(command.id)
             assert entry is not None
-            again = self._answer(entry.record)
-            return again if again and self._repetitions.may_answer(entry.id, now_ms) else []
+            is_answered = self.may_publish and entry.record.newest is not None
+            is_due = is_answered and self._repetitions.may_answer(entry.id, now_ms)
+            return self._answer(entry.record) if is_due else []
         if verdict is Admission.IGNORED:
             return [Log("outsiders", f"{command.command.name} of {command.id}: no room for it")]
         if verdict in (Admission.CONFLICT, Admission.FULL):
@@ -159,7 +162,7 @@ class CommandDesk:
                 return []
             reason = "id_conflict" if verdict is Admission.CONFLICT else "ledger_full"
             denial = result_of(Said(command.id, Word.DENIED, reason), self._session, now_ms)
-            return [self._publish_result(command.command.name, denial, kept=False)]
+            return [*self.say_first_words(), self._publish_result(command.command.name, denial, kept=False)]
         self.ledger.enter(command.id, command.command, Answers(command.command.name), known_until_ms, share, station)
         who = signed.signer if signed is not None else None
         audit = Audit("command", command, now_ms, who, self._drone, signed is not None)
@@ -182,7 +185,7 @@ class CommandDesk:
         limit_ms = round(command.limit_s * 1000)
         started = self.executor.start(command_id, command.command, command.deadline_ms, limit_ms, now_ms)
         if not any(isinstance(output, Said) and output.id == command_id for output in started):
-            self._note_started(command, now_ms)
+            self.order.note(command, now_ms)
         return self.carry_out(started, now_ms)
 
     def on_not_journalled(self, command_id: CommandId, now_ms: int) -> list[Effect]:
@@ -205,7 +208,7 @@ class CommandDesk:
             return Said(command.id, Word.EXPIRED)
         if command.epoch < self.epoch or not self._is_in_control(command.gs_session, now_ms):
             return Said(command.id, Word.DENIED, NOT_IN_CONTROL)
-        if command.seq < self._highest_started.get(command.gs_session, (-1, 0))[0]:
+        if self.order.is_overtaken(command):
             return Said(command.id, Word.OVERTAKEN)
         if not (isinstance(command.command, OVERRIDING) or self.is_audited()):
             return Said(command.id, Word.DENIED, NOT_AUDITED)
@@ -217,13 +220,6 @@ class CommandDesk:
             return True
         is_held = self.held_until_ms is not None and now_ms <= self.held_until_ms
         return is_held and self.executor.lease.holder_session == gs_session
-
-    def _note_started(self, command: CommandMessage, now_ms: int) -> None:
-        """Keep the order of a station's commands while an older one of it may still be in time."""
-        self._highest_started[command.gs_session] = (command.seq, now_ms)
-        if len(self._highest_started) > MOST_SESSIONS:
-            recent = {session: at for session, at in self._highest_started.items() if now_ms - at[1] <= KEEP_MS}
-            self._highest_started = recent
 
     def carry_out(self, outputs: list[Output], now_ms: int) -> list[Effect]:
         """Effects as they are; words become results, recorded in ledger and journal before they leave."""
@@ -237,17 +233,16 @@ class CommandDesk:
             record = entry.record
             earlier = record.newest.word if record.newest is not None else None
             word, reason = without_contradiction(output.word, output.reason, earlier)
-            record.newest, record.said = (
-                result_of(replace(output, word=word, reason=reason), self._session, now_ms),
-                None,
-            )
+            record.newest = result_of(replace(output, word=word, reason=reason), self._session, now_ms)
+            record.said = None
             if word.is_last:
                 self.ledger.close(entry, now_ms)
                 out.append(self._audited(record.newest, now_ms))
                 record.is_journalled = record.is_journalled or not word.is_definite_no
                 if record.is_journalled:
                     out.append(Journal(entry.id, record.name, word, reason))
-            out += self._answer(record)
+            if not self.first_words.waits(record.newest, now_ms):
+                out += self._answer(record)
         return out
 
     def _audited(self, word: ResultMessage, now_ms: int) -> Audit:
@@ -262,10 +257,19 @@ class CommandDesk:
         if newest is None or not self.may_publish:
             return []
         record.said = record.said or self._publish_result(record.name, newest)
-        out: list[Effect] = [record.said]
+        out: list[Effect] = [*self.say_first_words(newest.id), record.said]
         if self._channel.settings.qos == 0 and newest.word.is_last and not record.delivered:
             out += self._delivered(newest.id, record)
         return out
+
+    def say_first_words(self, besides: CommandId | None = None) -> list[Effect]:
+        """The first words that wait, before anything else is said; but of a command of which a newer one leaves."""
+        waiting = [self.ledger.get(command_id) for command_id in self.first_words.take(besides)]
+        return [effect for entry in waiting if entry is not None for effect in self._answer(entry.record)]
+
+    def is_word(self, effect: Effect) -> bool:
+        """Whether an effect is a word about a command."""
+        return isinstance(effect, Publish) and effect.topic.startswith(self._results)
 
     def _delivered(self, command_id: CommandId, record: Answers) -> list[Effect]:
         """The last word has arrived, and is not published again."""
@@ -309,7 +313,8 @@ class CommandDesk:
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Deadlines and limits of what runs, and last words that nobody was there to get."""
-        out = self.carry_out(self.executor.tick(now_ms), now_ms)
+        out = self.say_first_words() if self.first_words.is_due(now_ms) else []
+        out += self.carry_out(self.executor.tick(now_ms), now_ms)
         again = (self.ledger.get(command_id) for command_id in self._repetitions.due(now_ms))
         out += [effect for entry in again if entry is not None for effect in self._answer(entry.record)]
         if self.may_publish and self.republish_at_ms is not None and now_ms >= self.republish_at_ms:

@@ -108,6 +108,7 @@ class UavRunner(Runner):
         events: LinkEvents = self
         if second is not None:
             self.client.paths = Paths(next(iter(brokers)), settings.beacon_interval_ms)
+            self.client.desk.first_words.wait_ms = None  # commands go over the other one where no word comes soon
             bond = events = self.bonds[LINK] = Bond(
                 LINK, self, lambda lost: self.client.on_path(lost, clock.now_ms()), is_led=True
             )

@@ -69,13 +69,14 @@ class PublishedStates:
         self._for_bundle |= {state.name: state for state in waiting}
         return [state for state in streamed if state not in waiting]
 
-    def bundle(self, now_ms: int) -> list[Effect]:
-        """Once per bundle interval, or when something urgent is due: everything that is due, in one message."""
+    def bundle(self, now_ms: int, early: bool = False) -> list[Effect]:
+        """Once per bundle interval, or when something urgent is due, or `early`: all that is due, in one message."""
         if not self._settings.bundles:
             return []
-        if now_ms < self._next_bundle_ms and not self.throttle.is_due(URGENT, now_ms):
+        if not early and now_ms < self._next_bundle_ms and not self.throttle.is_due(URGENT, now_ms):
             return []
-        self._next_bundle_ms = next_turn_ms(self._next_bundle_ms, now_ms, self._settings.bundle_ms)
+        on_schedule_ms = self._next_bundle_ms
+        self._next_bundle_ms = next_turn_ms(on_schedule_ms, now_ms, self._settings.bundle_ms)
         due = {state.name: state for state in self.throttle.due(now_ms)}
         due |= {name: self.throttle.current(name) or state for name, state in self._for_bundle.items()}
         self._for_bundle.clear()
@@ -83,6 +84,7 @@ class PublishedStates:
         refused: list[Effect] = [found for _, found in encoded if isinstance(found, Log)]
         together = [state for state, found in encoded if not isinstance(found, Log)]
         if not together:
+            self._next_bundle_ms = on_schedule_ms if early else self._next_bundle_ms
             return refused
         bundle, topic = drone_bundle(together, stamp(now_ms)), self._topics.states(self._drone)
         payload = self._channel.state_payload(topic, encode(bundle, self._settings.encoding), self._session, now_ms)

@@ -206,7 +206,7 @@ class UavClient:
             self._states.throttle.update(endurance)
         out += self.desk.carry_out(self.desk.executor.on_message(message, now_ms), now_ms)
         streamed = self._states.streamed(message, now_ms)
-        return out + self._states.publish(streamed, now_ms) if self.born else out
+        return self._with_bundle(out + self._states.publish(streamed, now_ms), now_ms) if self.born else out
 
     def on_transmitted(self, ref: Any, now_ms: int) -> list[Effect]:
         return self.desk.carry_out(self.desk.executor.on_transmitted(ref, now_ms), now_ms)
@@ -249,7 +249,12 @@ class UavClient:
         if self.carrier is not None:
             out += self.carrier.tick(now_ms)
         out += self._bulk.tick(now_ms) + self._states.publish(self._states.due(now_ms), now_ms)
-        return out + self._states.bundle(now_ms)
+        bundle = self._states.bundle(now_ms)
+        return out + self.desk.say_first_words() + bundle if bundle else self._with_bundle(out, now_ms)
+
+    def _with_bundle(self, out: list[Effect], now_ms: int) -> list[Effect]:
+        """What leaves, and beside a word the states that wait: what leaves in one turn is one segment (R10.7)."""
+        return out + self._states.bundle(now_ms, early=True) if any(map(self.desk.is_word, out)) else out
 
     def is_controlled(self, now_ms: int) -> bool:
         """Whether a ground station controls this drone: the lease that the activator handed down has not ended."""
@@ -257,10 +262,11 @@ class UavClient:
 
     def goodbye(self, now_ms: int) -> list[Effect]:
         """A clean stop leaves no set-points behind, and says that the drone is no longer reachable."""
+        said = self.desk.say_first_words()
         self.desk.may_publish = False
         if self.carrier is not None:
             self.carrier.on_fog_down()
-        out = self.desk.carry_out(self.desk.executor.leave(), now_ms)
+        out = [*said, *self.desk.carry_out(self.desk.executor.leave(), now_ms)]
         return [*out, self._publish_presence(up=False)] if self.connected else out
 
     def _on_other(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
