@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Hashable
+from collections.abc import AsyncIterator, Callable, Hashable
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -30,6 +30,7 @@ class Heard:
         self.acknowledged: list[tuple[Hashable, int]] = []
         self.counted: list[str] = []
         self.fails_at: bytes | None = None
+        self.on_received: Callable[[Inbound], None] = lambda message: None
 
     def connected(self, link: str) -> None:
         self.connections += 1
@@ -41,6 +42,7 @@ class Heard:
         if message.payload == self.fails_at:
             raise RuntimeError("a role's mistake")
         self.messages.append(message)
+        self.on_received(message)
 
     def subscribed(self, subscribe: Subscribe) -> None:
         self.subscribes.append(subscribe)

@@ -201,6 +201,15 @@ async def test_other_links_acknowledge_by_themselves() -> None:
         assert heard.messages == [Inbound("drone1/commands", b"x", 1)]
 
 
+async def test_what_a_role_does_by_a_message_comes_before_its_puback() -> None:
+    async with Server() as server, linked(server) as (link, heard):
+        heard.on_received = lambda message: link.publish(state("armed", qos=1))
+        server.sessions[0].send(publish("drone1/commands", b"x", qos=1, mid=7))
+        await eventually(lambda: len(server.sessions[0].of(PUBACK)) == 1, "PUBACK")
+        kinds = [packet.kind for packet in server.sessions[0].packets if packet.kind in (PUBLISH, PUBACK)]
+        assert kinds == [PUBLISH, PUBACK]
+
+
 async def test_a_role_that_fails_on_a_message_hears_the_next_ones() -> None:
     reported: list[dict[str, Any]] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: reported.append(context))

@@ -106,6 +106,20 @@ async def client(tmp_path: Path, disk: Disk, memory: Path) -> AsyncIterator[Clie
     await client.close()
 
 
+async def test_the_disk_is_asked_behind_what_follows_in_the_same_turn(client: Client, disk: Disk) -> None:
+    before = set(threading.enumerate())
+    client.begin(1)
+    assert set(threading.enumerate()) == before
+    await eventually(lambda: set(threading.enumerate()) != before, "the journal's thread")
+    await eventually(lambda: client.front_size == 0, "the disk has it")
+
+
+async def test_what_is_recorded_in_the_turn_of_the_end_is_on_the_disk(client: Client, tmp_path: Path) -> None:
+    client.begin(1)
+    await client.close()
+    assert [left.id.seq for left in JournalFile(client.copy(tmp_path)).unfinished] == [1]
+
+
 async def test_a_disk_that_stalls_delays_neither_a_command_nor_the_event_loop(client: Client, disk: Disk) -> None:
     disk.stall()
     client.begin(1)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 from ..core.ledger import OVERRIDING
 from ..protocol.messages import CommandId
@@ -33,21 +35,33 @@ class JournalKeeper:
         self._on_disk = on_disk
         self._on_error = on_error
         self._thread = ThreadPoolExecutor(1, "journal")
+        self._handed_over: deque[tuple[Journal, bool]] = deque()
         self._waiting = 0
         self._is_failing = False
         self._has_ended = False
 
     def record(self, effect: Journal) -> bool:
-        """Keep one record; whether it is an opening that the front has. To be called on the event loop."""
+        """Keep one record; whether it is an opening that the front has. To be called on the event loop.
+
+        The thread is woken at the end of this turn of the loop, behind what is written to the autopilot in it: awake,
+        it would take turns with that.
+        """
         is_begun = self._front_takes(effect) and effect.is_opening
         self._waiting += 1
-        on_disk = asyncio.get_running_loop().run_in_executor(self._thread, self._file.record, effect, is_begun)
-        on_disk.add_done_callback(lambda done: self._tried(effect, is_begun, done))
+        self._handed_over.append((effect, is_begun))
+        asyncio.get_running_loop().call_soon(self._hand_over)
         return is_begun
+
+    def _hand_over(self) -> None:
+        while self._handed_over:
+            effect, is_begun = self._handed_over.popleft()
+            on_disk = asyncio.get_running_loop().run_in_executor(self._thread, self._file.record, effect, is_begun)
+            on_disk.add_done_callback(partial(self._tried, effect, is_begun))
 
     async def close(self) -> None:
         """Wait until the disk has been asked for every record, and end the journal. Nothing is opened any more."""
         self._has_ended = True
+        self._hand_over()
         await asyncio.to_thread(self._thread.shutdown)
         await asyncio.to_thread(self._file.close)
 

@@ -166,6 +166,11 @@ class Connection:
     def unsubscribe(self, effect: Unsubscribe) -> None:
         self._client.unsubscribe(list(effect.filters))
 
+    def _acknowledge(self, mid: int, qos: int) -> None:
+        """PUBACK, behind what a role does by the message: a command goes on before its sender's broker is answered."""
+        if self._socket is not None:
+            self._client.ack(mid, qos)
+
     def acknowledge(self, receipt: Receipt) -> None:
         """PUBACK for an inbound message, unless another connection received it. In the order of their receipt."""
         serial, mid = receipt
@@ -316,7 +321,7 @@ class Connection:
         if qos:
             self._owe_an_answer()
             if receipt is None:
-                self._client.ack(mid, qos)
+                self._note(self._acknowledge, mid, qos)
 
     def _owe_an_answer(self) -> None:
         """Raises ValueError for a broker that goes on asking for answers and does not read them."""
