@@ -71,8 +71,8 @@ def test_a_machine_without_docker_flies_for_nobody(tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.long
-def test_one_machine_alone_needs_no_dask() -> None:
-    alone = "import sys, testbed.cli.commands; sys.exit({'dask', 'distributed'} & set(sys.modules) != set())"
+def test_one_machine_alone_needs_no_dask_and_a_run_no_scapy() -> None:
+    alone = "import sys, testbed.cli.commands; sys.exit({'dask', 'distributed', 'scapy'} & set(sys.modules) != set())"
     assert subprocess.run([sys.executable, "-c", alone], check=False).returncode == 0
 
 
