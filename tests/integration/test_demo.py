@@ -24,6 +24,12 @@ from tests.simulation.map_tiles import pmtiles, png
 from tests.tools.programs import chromium
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart, pytest.mark.timeout(400)]
+PARTS = pytest.mark.soak("services/mqttxt/src/mqttxt/demo", "tests/rigs/demonstration.py")
+"""One part that is killed stands for all, unless the demo itself has changed."""
+ELSEWHERE = pytest.mark.soak(
+    *(f"services/{part}/{what}" for part in ("mqttxt", "sitl") for what in ("src", "pyproject.toml")),
+    *(f"tests/rigs/{rig}" for rig in ("as_macos", "demonstration.py", "installed.py")),
+)
 
 
 @pytest.fixture
@@ -66,9 +72,14 @@ def test_what_it_prints_flies_beside_a_taken_port_and_an_impatient_ctrl_c_leaves
 
 
 @pytest.mark.skipif(chromium() is None, reason="no Chromium; `make tools` has it")
-def test_its_page_flies_and_typed_lines_take_over_from_it(demo: Demonstration) -> None:
-    demo.start()
+def test_its_page_is_opened_and_flies_and_typed_lines_take_over_from_it(demo: Demonstration, tmp_path: Path) -> None:
+    opened, program = tmp_path / "opened", tmp_path / "browser"
+    program.write_text(f'#!/bin/sh\necho "$1" > {opened}.new\nmv {opened}.new {opened}\nexec sleep 600\n')
+    program.chmod(0o755)
+    demo.start("--open", BROWSER=f"{program} %s")
     demo.wait_for(READY)
+    wait_until(opened.exists, "a browser is opened")
+    assert opened.read_text() == f"{demo.page()}\n"
     assert demo.said().index(demo.page()) < demo.said().index("drone 1 is ready")
     with LivePage() as browser:
         browser.open(demo.page())
@@ -86,6 +97,8 @@ def test_its_page_flies_and_typed_lines_take_over_from_it(demo: Demonstration) -
         landed = "document.querySelectorAll('#orders > li:first-child li[data-word=completed]').length === 4"
         browser.until(landed, "all four have landed", 60)
         assert browser.said == []
+    demo.signal(signal.SIGINT)
+    assert demo.wait() == 0, "though the browser that it opened runs on"
 
 
 @pytest.mark.skipif(chromium() is None, reason="no Chromium; `make tools` has it")
@@ -114,19 +127,6 @@ def test_drone_2_flies_to_the_church_and_everybody_gets_down(demo: Demonstration
         assert browser.said == []
 
 
-def test_its_page_is_opened_where_it_is_asked_for(demo: Demonstration, tmp_path: Path) -> None:
-    opened = tmp_path / "opened"
-    browser = tmp_path / "browser"
-    browser.write_text(f'#!/bin/sh\necho "$1" > {opened}.new\nmv {opened}.new {opened}\nexec sleep 600\n')
-    browser.chmod(0o755)
-    demo.start("--open", BROWSER=f"{browser} %s")
-    demo.wait_for("the page: ")
-    wait_until(opened.exists, "a browser is opened")
-    assert opened.read_text() == f"{demo.page()}\n"
-    demo.signal(signal.SIGINT)
-    assert demo.wait() == 0
-
-
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["SIGTERM", "a closed terminal"])
 def test_a_signal_while_it_starts_ends_it_clean(demo: Demonstration, number: signal.Signals) -> None:
     demo.start("--verbose")
@@ -140,10 +140,10 @@ def test_a_signal_while_it_starts_ends_it_clean(demo: Demonstration, number: sig
 @pytest.mark.parametrize(
     ("words", "name"),
     [
-        (("activator", "--fog"), "the activator"),
-        (("sitl", "--system 3"), "drone 3's autopilot"),
         (("uav", "--drone 2"), "drone 2's UAV client"),
-        (("gs", "page"), "the page"),
+        pytest.param(("activator", "--fog"), "the activator", marks=PARTS),
+        pytest.param(("sitl", "--system 3"), "drone 3's autopilot", marks=PARTS),
+        pytest.param(("gs", "page"), "the page", marks=PARTS),
     ],
 )
 def test_a_part_that_is_killed_is_named_with_its_last_words(
@@ -170,7 +170,7 @@ def test_a_part_that_ends_while_the_rig_ends_what_is_left_is_no_error(
     demo.close()
 
 
-def test_a_station_without_what_linux_has_flies(demo: Demonstration) -> None:
+def test_a_station_without_what_linux_has_flies_and_the_parts_of_a_killed_demo_end(demo: Demonstration) -> None:
     demo.start()
     demo.wait_for(READY)
     (export,) = [line for line in demo.printed() if line.startswith("export ")]
@@ -179,8 +179,11 @@ def test_a_station_without_what_linux_has_flies(demo: Demonstration) -> None:
     written = demo.type([export, *(f"{as_windows} {command}" for command in (*commands, "watch --fog 1"))])
     assert "drone 1: land completed" in written
     assert "on ground" in written
+    demo.signal(signal.SIGKILL)
+    wait_until(lambda: not demo.processes(), "no process is left")
 
 
+@ELSEWHERE
 def test_without_what_macos_lacks_it_flies_and_ends_clean(demo: Demonstration) -> None:
     as_macos = ROOT / "tests" / "rigs" / "as_macos"
     demo.start(PYTHONPATH=str(as_macos))
@@ -195,13 +198,7 @@ def test_without_what_macos_lacks_it_flies_and_ends_clean(demo: Demonstration) -
     assert "Traceback" not in demo.said()
 
 
-def test_the_parts_of_a_demo_that_is_killed_end_by_themselves(demo: Demonstration) -> None:
-    demo.start()
-    demo.wait_for(READY)
-    demo.signal(signal.SIGKILL)
-    wait_until(lambda: not demo.processes(), "no process is left")
-
-
+@ELSEWHERE
 def test_from_wheels_in_an_empty_virtual_environment_it_flies(tmp_path: Path) -> None:
     demo = Demonstration(tmp_path, installed_demo(tmp_path / "venv"))
     try:
