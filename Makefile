@@ -86,16 +86,17 @@ down: containers ## End what `make up` started
 report: venv ## Make metrics and report of the newest results again, without Docker
 	@$(PYTHON) -m testbed report results/*/latest
 
-test: containers tools ## Run every check and every test, WORKERS= at a time; of `make soak` what has changed
-	@# Beside mypy a core is left: one collection compiles the tests, which each worker would do for itself.
-	@$(PYTHON) -m pytest --collect-only -qq > /dev/null 2>&1 & $(MAKE) --no-print-directory lint; linted=$$?; wait; exit $$linted
-	@$(PYTHON) -m pytest --numprocesses '$(WORKERS)' --dist loadfile --no-loadscope-reorder
-
-check: venv ## Format, lint, types, import rules and unit tests, in about a minute
-	@# lint has one process and the tests wait now and then: beside each other they leave no core idle.
-	@$(MAKE) --no-print-directory lint > .cache/lint.log 2>&1 & lint=$$!; \
-	$(PYTHON) -m pytest -q tests/unit -m 'not long' --hypothesis-profile quick --numprocesses 2 --dist loadfile; tested=$$?; \
+# Runs pytest with lint beside it, whose lines come at the end: lint has one process and tests wait now and then, so that
+# beside each other they leave no core idle.
+beside-lint = @$(1) $(MAKE) --no-print-directory lint > .cache/lint.log 2>&1 & lint=$$!; \
+	$(PYTHON) -m pytest $(2) --dist loadfile; tested=$$?; \
 	wait $$lint; linted=$$?; cat .cache/lint.log; exit $$((linted | tested))
+
+test: containers tools ## Run every check and every test, WORKERS= at a time; of `make soak` what has changed
+	$(call beside-lint,nice,--numprocesses '$(WORKERS)' --no-loadscope-reorder)
+
+check: venv ## Format, lint, types, import rules and unit tests, in under a minute
+	$(call beside-lint,,-q tests/unit -m 'not long' --hypothesis-profile quick --numprocesses 2)
 
 soak: containers tools ## Run long tests of what has changed since they passed, or ALL=1; then commit tests/soak.json
 	@$(PYTHON) -m pytest -m soak $(if $(ALL),--soak-all)
