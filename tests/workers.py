@@ -38,16 +38,13 @@ def _is_integration(item: pytest.Item) -> bool:
     return item.get_closest_marker("integration") is not None
 
 
-def _order(item: pytest.Item) -> tuple[bool, bool, bool, bool]:
+def _order(item: pytest.Item) -> tuple[bool, bool, bool, bool, float]:
     """Flights first, those that are to be alone last of them; then what waits for others, whole files before what can
-    be shared out; then what needs nothing but time.
+    be shared out, and of that first what may take long; then what needs nothing but time.
     """
-    return (
-        not _is_flight(item),
-        _is_alone(item),
-        not _is_integration(item),
-        item.get_closest_marker("apart") is not None,
-    )
+    is_apart = item.get_closest_marker("apart") is not None
+    longest_first = -_limit_s(item) if is_apart else 0.0
+    return not _is_flight(item), _is_alone(item), not _is_integration(item), is_apart, longest_first
 
 
 @pytest.hookimpl(tryfirst=True)

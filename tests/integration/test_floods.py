@@ -22,7 +22,6 @@ pytestmark = [pytest.mark.integration, pytest.mark.apart]
 COMMANDS = 10
 
 
-@pytest.mark.alone
 @pytest.mark.parametrize("kind", KINDS)
 async def test_a_station_that_floods_stops_nobody(tmp_path: Path, kind: str) -> None:
     system = SecureSystem(tmp_path, signed=True)

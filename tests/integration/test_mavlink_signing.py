@@ -140,9 +140,8 @@ async def test_an_autopilot_without_the_key_is_not_believed(tmp_path: Path) -> N
             keyless.kill()
 
 
-@pytest.mark.alone
 async def test_a_pilots_station_that_signs_flies_beside_ours(tmp_path: Path) -> None:
-    """Both are heard on the same key; PX4's ports for ground stations are always the same."""
+    """Both are heard on the same key; PX4's ports for ground stations are always the same, and no other test's."""
     async with flown(tmp_path, pilots=True) as (system, drone):
         with KeyedPilot(PILOTS_PORT, 1, system.key) as pilot, KeyedPilot(PILOTS_PORT, 1, None) as stranger:
             await fly(drone, Arm(), Takeoff(10.0))

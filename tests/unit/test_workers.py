@@ -45,7 +45,8 @@ def test_it():
 FILES = {
     **{f"test_{name}": () for name in "abcd"},
     **{f"test_{name}": ("integration",) for name in "ij"},
-    **{"test_k": ("integration", "apart"), "test_x": ("alone",), "test_y": ("e2e",), "test_z": ("e2e", "alone")},
+    **{"test_k": ("integration", "apart"), "test_l": ("integration", "apart", "timeout(300)")},
+    **{"test_x": ("alone",), "test_y": ("e2e",), "test_z": ("e2e", "alone")},
 }
 
 
@@ -115,7 +116,7 @@ def test_what_is_alone_does_not_wait_for_what_comes_behind_it(
 
 @pytest.mark.long
 def test_a_file_is_on_one_worker_and_all_that_flies_or_is_alone_on_one_too(ran: list[Ran]) -> None:
-    workers = {name: {one.worker for one in ran if one.file == name} for name in FILES if name != "test_k"}
+    workers = {name: {one.worker for one in ran if one.file == name} for name in FILES if "apart" not in FILES[name]}
     assert {len(found) for found in workers.values()} == {1}
     assert workers["test_x"] == workers["test_y"] == workers["test_z"]
 
@@ -129,6 +130,12 @@ def test_what_flies_comes_one_after_another_and_what_is_alone_when_no_integratio
     assert next(one for one in flights if one.file == "test_y").began_ns < max(one.ended_ns for one in integration)
     alone = next(one for one in flights if one.file == "test_x")
     assert all(one.ended_ns <= alone.began_ns for one in integration)
+
+
+@pytest.mark.long
+def test_of_what_is_shared_out_the_longest_comes_first(ran: list[Ran]) -> None:
+    began_ns = {name: [one.began_ns for one in ran if one.file == name] for name in ("test_k", "test_l")}
+    assert min(began_ns["test_l"]) < min(began_ns["test_k"])
 
 
 @pytest.mark.long
