@@ -105,7 +105,7 @@ async def test_a_second_broker_of_another_fleet_costs_nothing_but_a_line(tmp_pat
     async with flying(tmp_path, TLS, second_of=other) as (system, drone, watch):
         await up_and_down(system, drone)
         assert system.connections(2) == 0
-        assert f"fog 2: mqtts://127.0.0.1:{system.links[1].port}: " in system.uav.said()
+        assert f"fog: mqtts://127.0.0.1:{system.links[1].port}: " in system.uav.said()
         assert watch.losses == []
 
 
@@ -113,8 +113,11 @@ async def test_both_links_cut_and_back(tmp_path: Path) -> None:
     """What is sent meanwhile is refused, and never flown afterwards."""
     async with flying(tmp_path) as (system, drone, watch):
         before = [system.connections(number) for number in (1, 2)]
-        for link in system.links:
-            link.cut()
+        addresses = [f"mqtt://127.0.0.1:{link.port}" for link in system.links]
+        system.links[0].cut()
+        lost = f"fog: one of two connections is lost; {addresses[1]} carries all"
+        await eventually(lambda: lost in system.uav.said(), "the log says so")
+        system.links[1].cut()
         meanwhile = await drone.arm(ttl_s=1)
         assert meanwhile.word in (Word.UNREACHABLE, Word.EXPIRED)
         await eventually(lambda: watch.losses, "the drone is gone", limit_s=GONE_S)
@@ -123,6 +126,7 @@ async def test_both_links_cut_and_back(tmp_path: Path) -> None:
         for number in (1, 2):
             await system.connected_again(number, before[number - 1])
         await eventually(lambda: drone.is_reachable, "the drone is there again")
+        await eventually(lambda: "fog: both connections are up" in system.uav.said().rpartition(lost)[2], "it says so")
         assert system.turns() == []
         await up_and_down(system, drone)
 
@@ -132,7 +136,8 @@ async def test_a_second_broker_that_comes_up_late_is_a_second_link(tmp_path: Pat
         await up_and_down(system, drone)
         system.second.start()
         await system.connected_again(2, 0)
-        await eventually(lambda: "connected by fog 2" in system.activator.said(), "the activator has it too")
+        connected = f"fog: connected to mqtt://127.0.0.1:{system.second.port} after "
+        await eventually(lambda: connected in system.activator.said(), "the activator has it too")
         system.links[0].cut()
         await up_and_down(system, drone)
         assert watch.losses == []

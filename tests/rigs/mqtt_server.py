@@ -152,7 +152,9 @@ class Server:
         acknowledges: bool = True,
         tls: ssl.SSLContext | None = None,
         granted: Iterable[int] = (),
+        port: int = 0,
     ) -> None:
+        self._wanted_port = port
         self._granted = iter(granted)
         self.sessions: list[Session] = []
         self._connack = b"\0" + bytes([code]) + variable_length(len(connack)) + connack
@@ -167,7 +169,7 @@ class Server:
         return int(self._server.sockets[0].getsockname()[1])
 
     async def __aenter__(self) -> Self:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0, ssl=self._tls)
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", self._wanted_port, ssl=self._tls)
         return self
 
     async def __aexit__(self, *_: object) -> None:

@@ -117,15 +117,15 @@ class TwoLinkSystem:
 
     def connections(self, number: int) -> int:
         """How often the drone's client has connected over its first or second link."""
-        return self.uav.said().count(f"connected by fog {number}")
+        return self.uav.said().count(f"fog: connected to {self._url(self.links[number - 1].port)}")
 
     async def connected_again(self, number: int, before: int) -> None:
         await eventually(lambda: self.connections(number) > before, f"link {number} is up again")
 
     def in_use(self) -> int:
         """Which link the drone's client has last taken for the better."""
-        _, taken, rest = self.uav.said().rpartition("fog: over fog ")
-        return int(rest[0]) if taken else 1
+        _, taken, rest = self.uav.said().rpartition("fog: over ")
+        return 2 if taken and rest.startswith(self._url(self.links[1].port)) else 1
 
     def commanded(self, mav_cmd: int) -> int:
         """How often the autopilot was sent a MAV_CMD."""

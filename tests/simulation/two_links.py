@@ -18,7 +18,8 @@ from mqttxt.drone.role import UavClient
 from mqttxt.protocol.policies import POLICIES
 from tests.simulation.world import World, heartbeat, home, landed, matches, position
 
-LINKS = tuple(connections(FOG, BrokerAddress("lte", 1883), BrokerAddress("sat", 1883)))
+LINKS_TO = connections(FOG, BrokerAddress("lte", 1883), BrokerAddress("sat", 1883))
+LINKS = tuple(LINKS_TO)
 USUAL_S = dict(zip(LINKS, (0.05, 0.6), strict=True))
 OFTEN = POLICIES | {"location": replace(POLICIES["location"], min_interval_ms=50)}
 NOTICED_MS = 600
@@ -32,6 +33,10 @@ class Path:
         self._world = world
         self._name = name
         self._link = link
+
+    @property
+    def address(self) -> BrokerAddress:
+        return LINKS_TO[self._link]
 
     def publish(self, effect: Publish, /) -> None:
         self._world.leave(self._name, effect)

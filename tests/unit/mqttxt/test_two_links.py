@@ -18,7 +18,7 @@ from mqttxt.protocol.commands import Arm, Disarm, Hold
 from mqttxt.protocol.messages import DroneLease, DroneRecord, Word
 from mqttxt.security.cose import Envelope
 from mqttxt.station.outcomes import Outcome
-from tests.simulation.two_links import LINKS, NOTICED_MS, TwoLinks
+from tests.simulation.two_links import LINKS, LINKS_TO, NOTICED_MS, TwoLinks
 from tests.simulation.world import UAV_SESSION, ack, heartbeat, position
 
 LTE, SAT = LINKS
@@ -142,8 +142,10 @@ def test_a_better_broker_without_the_activator_carries_nothing_and_is_told_of(
         world.pass_time(1000)
     assert locations(world, since) == {LTE}
     assert is_reachable(world)
-    (told,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
-    assert told.startswith(f"fog: {SAT} is up but carries nothing: the activator is heard over {LTE} alone; expected")
+    lte, sat = LINKS_TO[LTE], LINKS_TO[SAT]
+    *lost, told = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert lost == [f"fog: one of two connections is lost; {lte} carries all"] * 2
+    assert told.startswith(f"fog: {sat} is up but carries nothing: the activator is heard over {lte} alone; expected")
     world.connect("activator", SAT)
     world.pass_time(1000)
     since = len(world.over)

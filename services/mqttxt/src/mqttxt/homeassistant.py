@@ -193,7 +193,6 @@ class HomeAssistant:
         self._link.publish(Publish(LINK, topic, payload.encode(), qos=1, retain=True))
 
     def connected(self, link: str) -> None:
-        logger.info("%s: connected to %s", link, self._link.address)
         self._is_up = True
         self._said.clear()
         self._say(self._entities.status, ONLINE)

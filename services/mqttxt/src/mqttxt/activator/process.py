@@ -98,7 +98,7 @@ class ActivatorRunner(Runner):
             own_id = f"{client_id}-{name.replace(' ', '')}"
             may_be_ended = seal is None and second is None
             self.links[name] = link = MqttLink(
-                name, broker, own_id, None, events, identity=identity, may_be_ended=may_be_ended
+                name, broker, own_id, None, events, identity=identity, may_be_ended=may_be_ended, link=FOG
             )
             if second is not None:
                 self.bonds[FOG].add(name, link)

@@ -35,6 +35,8 @@ def connections(link: str, broker: BrokerAddress, second: BrokerAddress | None) 
 class Path(Protocol):
     """One of the connections, as `mqtt.link.MqttLink` is."""
 
+    @property
+    def address(self) -> BrokerAddress: ...
     def publish(self, effect: Publish, /) -> None: ...
     def subscribe(self, effect: Subscribe, /) -> None: ...
     def unsubscribe(self, effect: Unsubscribe, /) -> None: ...
@@ -175,7 +177,7 @@ class Bond:
             for name in [name for name in proof.missing if now_s - proof.came_s > LATE_S + ready.get(name, 0.0)]:
                 proof.missing.discard(name)
                 if name in ready and self._members[name].is_led:
-                    logger.info("%s: %s leads to no activator", self.name, name)
+                    logger.info("%s: %s leads to no activator", self.name, self._address(name))
                     self._members[name].is_led = False
 
     def _tell_unled(self, ready: Iterable[str], now_s: float) -> None:
@@ -192,7 +194,7 @@ class Bond:
                 logger.warning(
                     "%s: %s is up but carries nothing: the activator is heard over %s alone; expected that it is "
                     "connected to this broker too (--second-fog-broker), or another address of its broker",
-                    *(self.name, name, led[0]),
+                    *(self.name, self._address(name), self._address(led[0])),
                 )
 
     def publish(self, effect: Publish) -> None:
@@ -219,9 +221,10 @@ class Bond:
                 member.path.unsubscribe(replace(effect, link=name))
 
     def connected(self, link: str) -> None:
-        logger.info("%s: connected by %s", self.name, link)
         member, is_first = self._members[link], not any(member.is_up for member in self._members.values())
         member.is_up, member.is_stuck, member.is_led = True, False, not self._is_led
+        if not is_first and all(other.is_up for other in self._members.values()):
+            logger.info("%s: both connections are up", self.name)
         self._owner.carry_out(self._owner.lists.on_connected(link))
         if is_first:
             self._owner.connected(self.name)
@@ -237,7 +240,9 @@ class Bond:
         self._owner.lists.on_disconnected(link)
         if self.best == link:
             self.best = None
-        if any(other.is_up for other in self._members.values()):
+        others = [name for name, other in self._members.items() if other.is_up]
+        if others:
+            logger.warning("%s: one of two connections is lost; %s carries all", self.name, self._address(others[0]))
             self._owner.carry_out(self._on_change(link))
             return
         self._subscribes.clear()
@@ -284,8 +289,11 @@ class Bond:
     def count(self, kind: str, detail: str) -> None:
         self._owner.count(kind, detail)
 
+    def _address(self, name: str) -> BrokerAddress:
+        return self._members[name].path.address
+
     def _use(self, link: str) -> None:
-        logger.info("%s: over %s", self.name, link)
+        logger.info("%s: over %s", self.name, self._address(link))
         self.best = link
 
     def _take(self, found: str) -> None:

@@ -217,8 +217,6 @@ class Runner:
         """All that followed from one message, or from the time, is carried out."""
 
     def connected(self, link: str) -> None:
-        if link in self.links:
-            logger.info("%s: connected to %s", link, self.links[link].address)
         self.carry_out(self.lists.on_connected(link))
         self.carry_out(self.role.on_connected(link, self.clock.now_ms()))
 

@@ -122,6 +122,7 @@ class UavRunner(Runner):
                 identity=identity,
                 may_be_ended=may_be_ended,
                 root=self.client.topics.root,
+                link=LINK,
             )
             self.links[name] = link
             self._to_fog.append(link)

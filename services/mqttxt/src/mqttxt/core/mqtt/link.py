@@ -7,7 +7,6 @@ connection is sent on a new one. What must not be lost is the role's to repeat; 
 from __future__ import annotations
 
 import asyncio
-import logging
 import random
 import secrets
 import ssl
@@ -20,13 +19,12 @@ from ..address import BrokerAddress
 from ..effects import Publish, Receipt, Subscribe, Unsubscribe, Will
 from .connection import Connection
 from .events import LinkEvents
+from .outage import Outage
 from .sn.connection import SnConnection
 from .sn.topic_ids import TopicIds
 
 if TYPE_CHECKING:
     from ...security.identity import Identity
-
-logger = logging.getLogger("mqttxt.mqtt")
 
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0
@@ -49,8 +47,8 @@ class MqttLink:
     its fleet; without, `ssl_context`, or the system's certificate authorities. A broker's refusal for good, or its
     word that somebody took over the client id, ends a link only where `may_be_ended`: else it is tried again.
     `aliases`: how many topics the broker may give aliases to; `root`: that of the topics which a gateway for MQTT-SN
-    knows by numbers. Raises ConfigurationError for one of these with
-    `mqtt://`.
+    knows by numbers; `link`: the role's link of which this is one of several connections. Raises ConfigurationError for
+    one of these with `mqtt://`.
     """
 
     def __init__(
@@ -69,6 +67,7 @@ class MqttLink:
         may_be_ended: bool = True,
         aliases: int = 0,
         root: str = "",
+        link: str | None = None,
     ) -> None:
         for given, what in ((ssl_context, "ssl_context"), (identity, "identity")):
             if given is not None and not (address.tls or (address.datagrams and what == "identity")):
@@ -94,20 +93,26 @@ class MqttLink:
         self._session_expiry_s = session_expiry_s
         self._longest_pause_s = longest_pause_s
         self._is_closed = False
+        self._has_been_up = self._was_accepted = False
+        self._outage = Outage(link or name, address)
         self._use(None)
 
     async def run(self) -> None:
-        """Connect, stay connected, connect again; raises BrokerRefused when asking again is pointless."""
-        pause_s = FIRST_PAUSE_S
+        """Connect, stay connected, connect again; raises BrokerRefused when asking again is pointless.
+
+        Raises ConfigurationError where the broker demands a certificate of a node without an identity, unless it was
+        connected before.
+        """
+        now_s, pause_s = asyncio.get_running_loop().time, FIRST_PAUSE_S
         while not self._is_closed:
             reason = self.failure = await self._one_connection()
             if self._is_closed:
                 return
             if reason is None:
                 pause_s = FIRST_PAUSE_S
-                logger.info("%s: %s: connection lost", self.name, self.address)
+                self._outage.begin(now_s())
             else:
-                logger.info("%s: %s: %s; trying again", self.name, self.address, reason)
+                self._outage.fail(reason, now_s(), was_accepted=self._was_accepted)
             await asyncio.sleep(pause_s * random.uniform(0.5, 1.0))
             pause_s = min(2 * pause_s, self._longest_pause_s)
 
@@ -164,7 +169,7 @@ class MqttLink:
     async def _one_connection(self) -> str | None:
         """One connection from CONNECT to its end; returns why it never came about, or was of no use, None if it was."""
         if self._identity is None or self.address.datagrams:
-            return await self._one_connection_by(self._ssl_context)
+            return await self._one_connection_without_identity()
         from .tls import client_context
 
         try:
@@ -175,8 +180,26 @@ class MqttLink:
         reason = await self._one_connection_by(context)
         return f"it refuses this node's certificate: {context.alert}" if context.alert is not None else reason
 
+    async def _one_connection_without_identity(self) -> str | None:
+        if self._ssl_context is not None or not self.address.tls:
+            return await self._one_connection_by(self._ssl_context)
+        from .alerts import CERTIFICATE_REQUIRED, system_context
+
+        context, alerts = system_context()
+        reason = await self._one_connection_by(context)
+        if reason is not None and "CERTIFICATE_VERIFY_FAILED" in reason:
+            return f"{reason}; a fleet's own broker is known by an identity (--identity)"
+        if CERTIFICATE_REQUIRED not in alerts:
+            return reason
+        reason = "the broker demands a certificate of this node; expected an identity (--identity)"
+        if self._may_be_ended and not self._has_been_up:
+            raise ConfigurationError(f"{self.address}: {reason}")
+        return reason
+
     async def _one_connection_by(self, ssl_context: ssl.SSLContext | None) -> str | None:
         connection = self._made(ssl_context)
+        told: asyncio.TimerHandle | None = None
+        self._was_accepted = False
         try:
             try:
                 code = await connection.open()
@@ -191,6 +214,12 @@ class MqttLink:
             if self._is_closed:
                 return None
             self._use(connection)
+            self._has_been_up = self._was_accepted = True
+            loop = asyncio.get_running_loop()
+            if self._outage.patience_s > 0:
+                told = loop.call_later(self._outage.patience_s, lambda: self._outage.end(loop.time()))
+            else:
+                self._outage.end(loop.time())
             self._events.connected(self.name)
             try:
                 code = await connection.ended
@@ -205,6 +234,8 @@ class MqttLink:
                 return reason
             return connection.refusal
         finally:
+            if told is not None:
+                told.cancel()
             was_up = self._connection is connection
             self._use(None)
             connection.close(with_will=not self._is_closed)

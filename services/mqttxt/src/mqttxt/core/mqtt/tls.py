@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import logging
 import os
 import ssl
-from typing import Any
 
 from ...errors import ConfigurationError
 from ...security.certificate import Certificate
 from ...security.fleet import FLEET_FILE
 from ...security.identity import CERTIFICATE_FILE, KEY_FILE, Identity
 from ...security.names import Kind
+from .alerts import AlertSocket
 
 logger = logging.getLogger("mqttxt.tls")
 
@@ -30,11 +29,8 @@ class FleetContext(ssl.SSLContext):
     alert: str | None = None
 
 
-class FleetSocket(ssl.SSLSocket):
-    """Looks at the broker's certificate before a byte of MQTT is sent, and hears why the broker refuses this node.
-
-    In TLS 1.3 a client has done its handshake when the server says no: that comes with what is read next.
-    """
+class FleetSocket(AlertSocket):
+    """Looks at the broker's certificate before a byte of MQTT is sent."""
 
     def do_handshake(self, block: bool = False) -> None:
         super().do_handshake(block)
@@ -43,22 +39,8 @@ class FleetSocket(ssl.SSLSocket):
             self.close()
             raise ssl.SSLCertVerificationError(ssl.SSLErrorNumber.SSL_ERROR_SSL, wrong)
 
-    def recv(self, buflen: int = 1024, flags: int = 0) -> bytes:
-        try:
-            return super().recv(buflen, flags)
-        except ssl.SSLError as error:
-            _, is_alert, said = (error.reason or "").partition("ALERT_")
-            if is_alert:
-                self._fleet.alert = said.replace("_", " ").lower()
-            raise
-
-    def send(self, data: Any, flags: int = 0) -> int:
-        try:
-            return super().send(data, flags)
-        except (ConnectionError, ssl.SSLEOFError):  # the broker has said why before it closed
-            with contextlib.suppress(OSError):
-                self.recv(1)
-            raise
+    def heard(self, alert: str) -> None:
+        self._fleet.alert = alert
 
     @property
     def _fleet(self) -> FleetContext:
