@@ -40,6 +40,7 @@ from mqttxt.protocol.messages import (
 )
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMessage, SelectMode
 from mqttxt.protocol.state_payload import StampedState, encode_state
+from mqttxt.security.cose import Envelope
 
 SESSION = 0x22
 NEAR = Goto(47.4, 8.5, 20)
@@ -298,6 +299,15 @@ async def test_connect_names_what_each_fog_lacks() -> None:
     field = Field(1)
     view = field.runner.station.fogs[1]
     assert field.runner.missing(view) == "its activator has not confirmed the registration"
+    view.up = False
+    assert field.runner.missing(view) == "no activator is at mqtt://127.0.0.1:1"
+    birth = FogPresence(session=7, up=True)
+    plain, signed = encode(birth), Envelope(encode(birth), bytes(4), bytes(64)).encode()
+    field.runner.received("cloud", Inbound("fog1/reachable", signed))
+    advice = "does not; expected --signed beside --identity"
+    assert field.runner.missing(view) == f"its activator signs messages and this station {advice}"
+    field.runner.received("cloud", Inbound("fog1/reachable", plain))
+    assert view.up
     view.up = False
     assert field.runner.missing(view) == "no activator is at mqtt://127.0.0.1:1"
     view.subscribed = False

@@ -54,6 +54,8 @@ async def connect(station: GroundStation | Fleets, fogs: Mapping[str, list[int]]
             return await station.connect([number for numbers in fogs.values() for number in numbers], timeout_s)
         return await station.connect(fogs, timeout_s)
     except FogUnreachable as error:
+        if "--signed" in str(error):
+            raise
         raise FogUnreachable(f"{error}; expected --cloud (or MQTTXT_CLOUD) and --fog of a running fleet") from None
 
 

@@ -12,6 +12,8 @@ from ..protocol.cbor import MAX_PAYLOAD, parse_cbor
 
 PROTECTED = cbor2.dumps({1: -8})
 """The protected header: EdDSA, as the only algorithm there is nothing to choose."""
+SIGNED = b"\x84" + cbor2.dumps(PROTECTED)
+"""How every signed message begins, and no other."""
 KID, X5CHAIN, ROUTE = 4, 33, -65537
 """Labels of the unprotected header; that of the route is for private use."""
 KID_BYTES, SIGNATURE_BYTES = 4, 64

@@ -53,6 +53,8 @@ class FogView:
         self.name = f"fog{topics.fog}"
         self.session: int | None = None
         self.up = False
+        self.is_signed: bool | None = None
+        """Whether its activator's birth looks signed; None while none was shown."""
         self.registered = False
         self.subscribed = False
         self.clock: RemoteClock | None = None

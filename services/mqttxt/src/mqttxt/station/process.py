@@ -282,6 +282,10 @@ class StationRunner(Runner):
             return f"no connection to {link.address}{f' ({link.failure})' if link.failure else ''}"
         if not view.subscribed:
             return f"{link.address} has not granted the subscription"
+        if not view.up and view.is_signed not in (None, self.station.signs):
+            return f"its activator {'signs' if view.is_signed else 'does not sign'} messages and this station " + (
+                "does not; expected --signed beside --identity" if view.is_signed else "does; expected no --signed"
+            )
         if not view.up:
             return f"no activator is at {link.address}"
         if view.registered and self.station.signs:

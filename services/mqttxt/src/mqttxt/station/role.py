@@ -23,6 +23,7 @@ from ..protocol.names import check_prefix
 from ..protocol.rankings import PsmiMessage, QodsMessage
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
 from ..protocol.topics import REVOKED, CloudSide, DroneTopic, FogSide, FogTopic, Topic, station_reachable
+from ..security.cose import SIGNED
 from ..security.rights import TAKE_OVER
 from .commands import Output, StationCommands
 from .drone_words import DroneWords, apart
@@ -247,6 +248,7 @@ class StationRole:
         return [*events, *asked, *self._on_list(fog, fog.name, beacon.revoked, now_ms)]
 
     def _on_presence(self, fog: FogView, topic: FogTopic, message: Inbound, now_ms: int) -> list[Output]:
+        fog.is_signed = message.payload.startswith(SIGNED)
         presence = decode(FogPresence, self._channel.opened(message, fog.name))
         effects, events = fog.on_presence(presence, now_ms)
         is_live = self.signs and effects and not message.retain
