@@ -210,7 +210,7 @@ async def test_a_port_for_sensors_that_is_taken_is_one_line(tmp_path: Path) -> N
         finally:
             uav.remove(force=True)
     assert ended["StatusCode"] == 2
-    assert f"embedded broker {address}: Mosquitto ended with code" in said
+    assert f"--sensors {address}: another program listens there" in said
 
 
 def _contained_uav(fog: str, autopilot_port: int, sensors: str) -> Any:

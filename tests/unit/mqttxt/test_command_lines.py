@@ -88,6 +88,18 @@ ADVICE = "not encrypted; expected mqtts:// with --identity DIR, or --insecure"
             "--second-fog-broker mqtt://127.0.0.1:1: is another option's address too; expected one of its own",
         ),
         ("activator --fog 1 --cloud mqtt://127.0.0.1 --listen x", "--listen 'x': expected HOST:PORT"),
+        (
+            "activator --fog 1 --cloud mqtt://127.0.0.1 --fog-broker mqtt://127.0.0.1:1 --listen 127.0.0.1:2",
+            "--listen 127.0.0.1:2: expected none beside --fog-broker",
+        ),
+        (
+            "uav --drone 1 --broker mqtt://127.0.0.1 --sensor-store x",
+            "--sensor-store x: expected --sensors or --sensor-broker beside it",
+        ),
+        (
+            "uav --drone 1 --broker mqtt://127.0.0.1 --sensor-store-limit 5",
+            "--sensor-store-limit 5: expected --sensors or --sensor-broker beside it",
+        ),
         ("gs page --fog 1 --listen 127.0.0.1:80000", "expected HOST:PORT, with a port from 1 to 65535"),
         (
             "activator --fog 1 --cloud mqtt://127.0.0.1 --listen 127.0.0.1:1 --drones a",
@@ -129,10 +141,31 @@ def test_what_a_person_gets_wrong_is_one_line_and_exit_code_2(typed: str, said: 
     assert done.stderr.count("\n") == 1
 
 
-def test_a_drones_command_typed_as_one_of_the_station_is_told_where_it_belongs() -> None:
-    done = CliRunner().invoke(app, ["gs", "takeoff", "10"])
-    assert done.exit_code == 2
-    assert "No such command 'takeoff'; expected `mqttxt gs send takeoff`." in done.stderr
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("gs watch", "gs watch: expected --fog: A fog's number, or FLEET/NUMBER, as acme/1"),
+        ("gs watch --fog", "--fog: expected a value behind it"),
+        ("gs watch --frog 1", "gs watch: no such option: --frog"),
+        ("gs send arm --ttl soon", "gs send: --ttl 'soon': expected a number"),
+        ("uav --drone one --broker mqtt://[::1]", "uav: --drone 'one': expected a whole number"),
+        ("keys issue plane 1", "keys issue: KIND 'plane': expected one of drone, fog, broker, station, sensor"),
+        ("keys check", "keys check: expected FOLDER: An identity's folder."),
+        ("fly", "no such command 'fly'"),
+        ("gs takeoff 10", "gs: no such command 'takeoff'; expected `mqttxt gs send takeoff`"),
+    ],
+)
+def test_what_is_no_command_line_is_one_line_too(typed: str, said: str) -> None:
+    done = CliRunner().invoke(app, shlex.split(typed))
+    assert done.exit_code == 2, done.output
+    assert done.stderr.startswith(f"mqttxt: {said}")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_command_without_words_shows_its_help() -> None:
+    for typed in ([], ["gs"], ["gs", "plan"]):
+        done = CliRunner().invoke(app, typed)
+        assert (done.exit_code, "Commands:" in done.output) == (2, True)
 
 
 def test_no_broker_is_one_line_that_names_the_options() -> None:

@@ -229,7 +229,7 @@ async def test_a_broker_that_is_still_starting_is_told_of_a_newer_list_once_it_r
 @pytest.mark.parametrize("how", [Lives.TAKEN, f"{Lives.SLOW}; {Lives.TAKEN}"], ids=["at once", "on a slow machine"])
 async def test_a_broker_that_cannot_start_ends_its_role_with_what_it_said(tmp_path: Path, how: str) -> None:
     lives = Lives(tmp_path, how)
-    with pytest.raises(ConfigurationError, match=r"^embedded broker 127.0.0.1:18830: .*code 1: .*already in use$"):
+    with pytest.raises(ConfigurationError, match=r"^--listen 127.0.0.1:18830: .*code 1: .*already in use$"):
         await lives.run(until=2)
     assert lives.begun == 1
 

@@ -11,8 +11,9 @@ from typer.testing import CliRunner, Result
 
 from mqttxt.cli.main import app
 from mqttxt.errors import PayloadError
+from mqttxt.security.authority import hosts_of
 from mqttxt.security.certificate import Certificate
-from mqttxt.security.identity import Identity
+from mqttxt.security.identity import Identity, read_certificate
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal
 
@@ -137,6 +138,26 @@ def test_check_has_a_line_for_each_thing_that_is_wrong(here: Path) -> None:
     well_typed("keys", "renew", "broker-fog1")
     (folder / "members.pem").unlink()
     assert "members.pem: No such file" in typed("keys", "check", "acme/broker-fog1").output
+
+
+def test_a_broker_is_renewed_for_another_name(here: Path) -> None:
+    """As a fog's second broker, which answers at a name of its own, or one that has moved."""
+    well_typed(*THREE_COMMANDS)
+
+    def hosts() -> set[str]:
+        return set(hosts_of(read_certificate(here / "acme/broker-fog1/certificate.pem")))
+
+    before = hosts()
+    well_typed("keys", "renew", "broker-fog1", "--dns", "fog1.lte.example", "--dns", "fog1.sat.example")
+    both = {"fog1.lte.example", "fog1.sat.example"}
+    assert hosts() == both | before
+    well_typed("keys", "renew", "broker-fog1")
+    assert hosts() == both | before
+    well_typed("keys", "renew", "broker-fog1", "--address", "10.0.0.1")
+    assert hosts() == {"10.0.0.1"} | before
+    refused = typed("keys", "renew", "fog1", "--dns", "x.example")
+    assert (refused.exit_code, refused.output.count("\n")) == (2, 1)
+    assert "fog1: expected --dns and --address for brokers alone" in refused.output
 
 
 def test_the_configuration_names_the_identitys_files(here: Path) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import shutil
 import sys
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +23,7 @@ from mqttxt.core.settings import Settings
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.rankings import SelectMode
 from mqttxt.security.authority import Authority
-from mqttxt.security.broker import BrokerFiles
+from mqttxt.security.broker import ACCESS_FILE, BrokerFiles
 from mqttxt.security.identity import Identity
 from mqttxt.security.revocation import RevocationList
 from mqttxt.security.rights import Rights
@@ -183,6 +185,26 @@ async def test_no_broker_reads_a_list_that_would_let_everybody_in(
     with pytest.raises(ConfigurationError, match="No space left on device"):
         files.write_access(tmp_path)
     assert not files.is_list_readable
+
+
+def test_a_renewed_nodes_entry_outlives_its_old_certificate_only_with_the_new_members(tmp_path: Path) -> None:
+    """What docs/security.md says of a broker that was not brought its new members.pem after a renewal."""
+    fleet = Authority.create(tmp_path / "acme", "acme")
+    fleet.issue("fog1", days=1)
+    broker = fleet.issue("broker-cloud")
+    elsewhere = Path(shutil.copytree(broker, tmp_path / "elsewhere"))
+    fleet.renew("fog1", days=9)
+
+    def has_entry(days: float) -> bool:
+        files = BrokerFiles(elsewhere, system=lambda: time.time() + days * 86_400)
+        files.write_access(tmp_path)
+        return "\nuser fog1\n" in f"\n{(tmp_path / ACCESS_FILE).read_text()}"
+
+    assert has_entry(0)
+    assert not has_entry(2)
+    shutil.copyfile(broker / "members.pem", elsewhere / "members.pem")
+    assert has_entry(2)
+    assert not has_entry(10)
 
 
 @pytest.mark.parametrize("cuts", [True, False])

@@ -78,6 +78,8 @@ def activator(
         transport = Transport.of(identity, insecure, f"fog{number}")
         cloud_broker = transport.check(BrokerAddress.parse(cloud, "--cloud"), "--cloud")
         embedded = None
+        if fog_broker is not None and listen is not None:
+            raise ConfigurationError(f"--listen {listen}: expected none beside --fog-broker, which runs elsewhere")
         if fog_broker is None:
             where = listen or ("0.0.0.0:8883" if transport.identity is not None else "0.0.0.0:1883")
             embedded = embedded_broker(where, transport, broker_identity, cuts=not signed, air=air_sn is not None)

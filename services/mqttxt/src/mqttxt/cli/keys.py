@@ -55,6 +55,10 @@ FleetFolder = Annotated[
 ]
 Dns = Annotated[list[str] | None, typer.Option(help="A name by which others reach the broker; several times.")]
 Address = Annotated[list[str] | None, typer.Option(help="An address by which others reach the broker; several times.")]
+NewDns = Annotated[list[str] | None, typer.Option(help="A broker's name, instead of those it has; several times.")]
+NewAddress = Annotated[
+    list[str] | None, typer.Option(help="A broker's address, instead of those it has; several times.")
+]
 Days = Annotated[float | None, typer.Option(help="Days until the certificate expires.")]
 
 
@@ -140,11 +144,16 @@ def revoke(
 def renew(
     name: Annotated[str, typer.Argument(help="The node as its certificate has it: drone3, gs-ops, broker-cloud.")],
     days: Days = None,
+    dns: NewDns = None,
+    address: NewAddress = None,
     fleet: FleetFolder = None,
 ) -> None:
     """Give a node a new key and certificate; the old one is valid until it expires or is revoked (`--old`)."""
     with errors_as_lines():
-        typer.echo(_authority(fleet).renew(name, days))
+        hosts = (*(dns or ()), *(address or ()))
+        if hosts and not name.startswith("broker-"):
+            raise ConfigurationError(f"{name}: expected --dns and --address for brokers alone, as broker-fog1")
+        typer.echo(_authority(fleet).renew(name, days, hosts))
 
 
 @keys_app.command()

@@ -19,6 +19,7 @@ from .gs import gs_app
 from .keys import keys_app
 from .logs import logs_app
 from .mavlink_key import mavlink
+from .one_line import OneLineErrors
 from .page import page
 from .params import params_app
 from .plan import plan_app
@@ -26,6 +27,7 @@ from .uav import uav
 
 app = typer.Typer(
     name="mqttxt",
+    cls=OneLineErrors,
     help="MQTT-XT: drones as ordinary nodes of an IoT network.",
     no_args_is_help=True,
     add_completion=False,

@@ -50,7 +50,7 @@ def embedded_broker(
         if broker_identity is not None:
             raise ConfigurationError(f"--broker-identity {broker_identity}: expected --identity beside it")
         transport.check(BrokerAddress(host, port), option)
-        return EmbeddedBroker(host, port, instead=instead)
+        return EmbeddedBroker(host, port, option=option, instead=instead)
     name = f"broker-{identity.name}"
     folder = broker_identity or identity.folder.absolute().with_name(name)
     files = BrokerFiles(folder, air=air)
@@ -58,7 +58,7 @@ def embedded_broker(
         raise ConfigurationError(f"--broker-identity {folder}: {files.identity.name}; expected {name}")
     if files.identity.fleet.key_hash != identity.fleet.key_hash:
         raise ConfigurationError(f"--broker-identity {folder}: of another fleet; expected that of {identity.folder}")
-    return EmbeddedBroker(host, port, instead=instead, files=files, cuts=cuts)
+    return EmbeddedBroker(host, port, option=option, instead=instead, files=files, cuts=cuts)
 
 
 def second_address(url: str | None, option: str, transport: Transport, *others: BrokerAddress) -> BrokerAddress | None:

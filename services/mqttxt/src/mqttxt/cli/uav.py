@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from ..drone.process import UavRunner
     from ..drone.sensors.port import SensorOptions
 
+NO_SENSORS = "expected --sensors or --sensor-broker beside it"
+
 
 def uav(
     drone: Annotated[int, typer.Option(help="This drone's number: its autopilot's MAVLink system id.")],
@@ -129,6 +131,11 @@ def uav(
 
     def make() -> UavRunner:
         number = check_number("--drone", drone, MAX_DRONE)
+        if sensors is None and sensor_broker is None:
+            if sensor_store is not None:
+                raise ConfigurationError(f"--sensor-store {sensor_store}: {NO_SENSORS}")
+            if sensor_store_limit != DEFAULT_LIMIT:
+                raise ConfigurationError(f"--sensor-store-limit {sensor_store_limit}: {NO_SENSORS}")
         store = sensor_store or _default_state(number, "sensors")
         journal_file = journal or _default_state(number, "journal")
         if logs_limit_mb < 1:

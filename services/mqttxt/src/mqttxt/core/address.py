@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
+import socket
 from dataclasses import dataclass
 from urllib.parse import unquote, urlsplit
 
@@ -68,6 +70,17 @@ def is_host(text: str) -> bool:
     try:
         return text != "" and "\0" not in text and text.encode("idna") != b""
     except UnicodeError:
+        return False
+
+
+def is_taken(host: str, port: int) -> bool:
+    """Whether another program listens at an address."""
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            return error.errno == errno.EADDRINUSE
         return False
 
 

@@ -14,6 +14,7 @@ from ..errors import ConfigurationError
 from ..security.broker import BrokerFiles
 from ..security.revocation import RevocationList
 from . import mosquitto
+from .address import is_taken
 from .children import ENDS_WITH_PARENT, ending_with_parent
 from .disk import is_fault
 
@@ -28,7 +29,8 @@ STEADY_S = 10.0
 class EmbeddedBroker:
     """One Mosquitto on `host:port`, with `files` as a broker of the fleet. `run` keeps it running until cancelled.
 
-    `cuts`: it is started anew where a certificate was revoked whose name stays in use, which ends that connection.
+    `option` names its address in errors. `cuts`: it is started anew where a certificate was revoked whose name
+    stays in use, which ends that connection.
     """
 
     def __init__(
@@ -36,6 +38,7 @@ class EmbeddedBroker:
         host: str,
         port: int,
         program: str = mosquitto.PROGRAM,
+        option: str = "--listen",
         instead: str = "--fog-broker",
         files: BrokerFiles | None = None,
         cuts: bool = True,
@@ -49,6 +52,7 @@ class EmbeddedBroker:
         self._directory: Path | None = None
         self._process: asyncio.subprocess.Process | None = None
         self._program = program
+        self._option = option
         self._instead = instead
         self._has_run = False
         self._is_running = False
@@ -159,9 +163,10 @@ class EmbeddedBroker:
             code, last_line = await self._run_once(program, configuration)
             lasted_s = loop.time() - started
             if code >= 0 and not self._has_run:
-                raise ConfigurationError(
-                    f"embedded broker {self.host}:{self.port}: Mosquitto ended with code {code}: {last_line}"
-                )
+                where = f"{self._option} {self.host}:{self.port}"
+                if is_taken(self.host, self.port):
+                    raise ConfigurationError(f"{where}: another program listens there; expected a free address")
+                raise ConfigurationError(f"{where}: Mosquitto ended with code {code}: {last_line}")
             pause_s = FIRST_PAUSE_S if lasted_s >= STEADY_S else min(2 * pause_s, LONGEST_PAUSE_S)
             logger.warning("embedded broker ended with code %d (%s); starting it again", code, last_line)
             await asyncio.sleep(pause_s)

@@ -95,8 +95,10 @@ class Authority:
         self._put_in_place(fresh, folder)
         return folder
 
-    def renew(self, name: str, days: float | None = None) -> Path:
-        """A new key and certificate with the same rights and hosts; the old certificate stays valid until it ends.
+    def renew(self, name: str, days: float | None = None, hosts: Iterable[str] = ()) -> Path:
+        """A new key and certificate with the same rights; the old certificate stays valid until it ends.
+
+        `hosts` are instead of those that a broker's certificate has; without any those stay.
 
         The old identity is kept as `NAME~` until the next renewal. What was revoked is not given again this way.
         """
@@ -108,7 +110,7 @@ class Authority:
         if self._is_revoked(old):
             raise ConfigurationError(f"{folder}: revoked; expected `mqttxt keys issue`, with rights of its own")
         lifetime = days if days is not None else (old.not_after_s - old.not_before_s) / 86_400
-        self._put_in_place(self._made(node, old.rights, lifetime, hosts_of(old), None), folder)
+        self._put_in_place(self._made(node, old.rights, lifetime, tuple(hosts) or hosts_of(old), None), folder)
         return folder
 
     def revoke(self, name: str, only_old: bool = False) -> int:

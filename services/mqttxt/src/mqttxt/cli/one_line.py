@@ -1,0 +1,69 @@
+"""What a person types wrong at any subcommand is one line that names the option, the value and what was expected."""
+
+from __future__ import annotations
+
+import re
+import sys
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+_USAGE: Any = typer.BadParameter.__mro__[1]
+"""typer's own class of all of them, which it does not export."""
+_VALUE = re.compile(r"'(.*?)' is not ", re.DOTALL)
+_NOT_VALID = re.compile(r" valid (integer|number|float|boolean)")
+_NOT_ONE_OF = re.compile(r" is not one of (.*)")
+_KINDS = {"integer": "a whole number", "boolean": "true or false"}
+
+
+class OneLineErrors(TyperGroup):
+    """The root of a command whose mistakes end it with one line and exit code 2."""
+
+    def main(self, *args: Any, **how: Any) -> Any:
+        """As the base class does."""
+        if not how.get("standalone_mode", True):
+            return super().main(*args, **how)
+        try:
+            code = super().main(*args, **{**how, "standalone_mode": False})
+        except _USAGE as error:
+            if type(error).__name__ == "NoArgsIsHelpError":
+                error.show()
+            else:
+                typer.echo(f"{self.name}: {_line_of(error)}", err=True)
+            code = error.exit_code
+        except typer.Abort:
+            typer.echo("Aborted!", err=True)
+            code = 1
+        sys.exit(code)
+
+
+def _line_of(error: Any) -> str:
+    """The line for one of typer's errors."""
+    path = error.ctx.command_path.partition(" ")[2] if error.ctx is not None else ""
+    where = f"{path}: " if path else ""
+    message = " ".join(error.format_message().split())
+    parameter = getattr(error, "param", None)
+    if "requires an argument" in message:
+        return f"{where}{error.option_name}: expected a value behind it"
+    if parameter is None:
+        return f"{where}{message[:1].lower()}{message[1:].removesuffix('.')}"
+    name = max(parameter.opts, key=len) if parameter.param_type_name == "option" else parameter.name.upper()
+    if hasattr(error, "param_type"):  # it is missing
+        return f"{where}expected {name}: {parameter.help}".rstrip(": ")
+    said = " ".join(error.message.split())
+    typed = f"{where}{name}{_value_of(error)}"
+    if wrong := _NOT_VALID.search(said):
+        return f"{typed}: expected {_KINDS.get(wrong[1], 'a number')}"
+    if wrong := _NOT_ONE_OF.search(said):
+        return f"{typed}: expected one of {wrong[1].replace(chr(39), '').removesuffix('.')}"
+    return f"{typed}: {said.removesuffix('.')}"
+
+
+def _value_of(error: Any) -> str:
+    """What was typed, as far as typer tells: in its message, or in what caused the error."""
+    causes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
+    if causes:
+        return f" {causes[0]['input']!r}"
+    found = _VALUE.search(error.message)
+    return f" {found[1]!r}" if found else ""
