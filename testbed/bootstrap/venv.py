@@ -20,6 +20,8 @@ SOURCES = (
     "services/sensor/src",
     "services/router/src",
 )
+COMMANDS = {"mqttxt": "mqttxt.cli", "testbed": "testbed.cli.commands"}
+"""Commands of `.venv/bin`, and the modules whose `main` they are."""
 _MARK = VENV / ".made-from"
 _OLD = ROOT / ".cache" / "venv-before"
 
@@ -28,8 +30,12 @@ def ensure_venv() -> None:
     """Make `.venv` unless it is there and made from the present lock file; one that was there stays if that fails."""
     check_python()
     CACHE.mkdir(exist_ok=True)
-    if venv_is_current():
-        return
+    if not venv_is_current():
+        _make_anew()
+    _write_commands()
+
+
+def _make_anew() -> None:
     check_disk(ROOT, 1500)
     shutil.rmtree(_OLD, ignore_errors=True)
     if VENV.exists():
@@ -56,6 +62,16 @@ def _make() -> None:
     site = next((VENV / "lib").glob("python3.*")) / "site-packages"
     (site / "mqttxt-testbed.pth").write_text("".join(f"{ROOT / source}\n" for source in SOURCES))
     _MARK.write_text(_key())
+
+
+def _write_commands() -> None:
+    for name, module in COMMANDS.items():
+        path = VENV / "bin" / name
+        code = f"import sys; sys.argv[0] = '{name}'; from {module} import main; main()"
+        text = f'#!/bin/sh\nexec \'{VENV}/bin/python\' -c "{code}" "$@"\n'
+        if not path.exists() or path.read_text() != text:
+            path.write_text(text)
+            path.chmod(0o755)
 
 
 def _has_module(name: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 from collections import namedtuple
 from collections.abc import Callable
@@ -124,6 +125,24 @@ def test_an_environment_stays_when_a_new_one_cannot_be_made(tmp_path: Path, monk
     with pytest.raises(BootstrapError, match="no network"):
         venv.ensure_venv()
     assert (tmp_path / ".venv" / "kept").exists()
+
+
+@pytest.mark.parametrize(("name", "said"), [("mqttxt", "keys"), ("testbed", "verdict")])
+def test_the_environment_has_the_commands_that_the_pages_type(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, said: str
+) -> None:
+    made = tmp_path / "an environment"
+    (made / "bin").mkdir(parents=True)
+    (made / "bin" / "python").write_text(f"#!/bin/sh\nexec '{sys.executable}' \"$@\"\n")
+    (made / "bin" / "python").chmod(0o755)
+    monkeypatch.setattr(venv, "VENV", made)
+    monkeypatch.setattr(venv, "CACHE", tmp_path)
+    monkeypatch.setattr(venv, "venv_is_current", lambda: True)
+    for _ in range(2):
+        venv.ensure_venv()
+    shown = subprocess.run([made / "bin" / name, "--help"], capture_output=True, text=True, check=True, cwd="/")
+    assert f"Usage: {name} " in shown.stdout
+    assert said in shown.stdout
 
 
 @pytest.mark.parametrize(("pin", "upgrades"), [(venv.lock, False), (venv.upgrade, True)])
