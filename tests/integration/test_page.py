@@ -26,7 +26,7 @@ pytestmark = [
     pytest.mark.integration,
     pytest.mark.skipif(chromium() is None or not AXE.exists(), reason="no Chromium or axe-core; `make tools` has them"),
 ]
-PHONE, DESK = 400, 1600
+PHONE, LAPTOP, DESK = 400, 1366, 1600
 ARM, TAKEOFF, LAND = 400, 22, 21
 PICTURES = os.environ.get("PAGE_PICTURES")
 """Where pictures of the page go, as docs/pictures; none are made without."""
@@ -194,9 +194,24 @@ def test_the_page_fits_and_keeps_nobody_out(page: Served, browser: LivePage, wid
     assert browser.said == []
 
 
-def test_what_ends_a_flight_is_seen_without_scrolling(page: Served, browser: LivePage) -> None:
-    browser.open(page.url, DESK)
-    browser.until("document.querySelector('#send-land')?.getBoundingClientRect().bottom < innerHeight", "Land is seen")
+@pytest.mark.parametrize(("width", "height"), [(LAPTOP, 768), (PHONE, 700), (DESK, 1000)])
+def test_what_ends_a_flight_is_in_sight_wherever_one_is(
+    page: Served, browser: LivePage, width: int, height: int
+) -> None:
+    browser.open(page.url, width)
+    browser.resize(width, dark=False, height=height)
+    is_ready(browser, 1)
+    browser.click("tr[data-drone='1/1'] th")
+    browser.until_text("#safety-who", "Drone 1")
+    for place in ("0", "document.body.scrollHeight / 2", "document.body.scrollHeight"):
+        browser.value(f"scrollTo({{top: {place}, behavior: 'instant'}})")
+        covered = browser.value(
+            """['hold', 'land', 'return'].filter(name => { const button = document.getElementById(`send-${name}`);
+              const box = button.getBoundingClientRect();
+              return button.disabled || box.bottom > innerHeight || box.right > innerWidth
+                || document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2) !== button; })"""
+        )
+        assert covered == [], place
 
 
 @pytest.mark.parametrize("text", ["1,5", "", "12 m", "1e1", "-1", "10001"])

@@ -164,7 +164,7 @@ async def test_a_notice_and_a_refusal_keep_nobody_out(width: int, dark: bool) ->
         station.heard.put_nowait(ControlChanged(1, 1, "rival", False, 2))
         await asyncio.to_thread(browser.until_text, "#notice", "rival has it.")
         await asyncio.to_thread(browser.until_text, "#newest", "Another ground station controls the drone: rival.")
-        await asyncio.to_thread(browser.value, "document.querySelector('#send-land').scrollIntoView({block: 'end'})")
+        await asyncio.to_thread(browser.value, "document.querySelector('#send-takeoff').scrollIntoView({block: 'end'})")
         apart = "document.querySelector('#newest').getBoundingClientRect().bottom"
         apart += " - document.querySelector('#notice').getBoundingClientRect().top"
         assert await asyncio.to_thread(browser.value, f"{apart} <= 0.5"), "one does not cover the other"

@@ -95,7 +95,7 @@ async def test_a_place_is_chosen_on_the_map_by_its_sign_or_its_name_and_gets_its
 async def test_the_map_says_what_go_to_has_leads_there_and_nothing_moves(width: int) -> None:
     async with shown(FakeStation(), width=width, places=PLACES) as browser:
         await asyncio.to_thread(browser.until, "document.querySelectorAll('.places path').length === 4", "those near")
-        tops = "['#map-box', '#map-scale', '#send-goto', '#send-land'].map(s => document.querySelector(s))"
+        tops = "['#map-box', '#map-scale', '#send-goto', '#send-pause'].map(s => document.querySelector(s))"
         tops += ".map(e => Math.round(e.getBoundingClientRect().top + scrollY))"
         before = await asyncio.to_thread(browser.value, tops)
         assert not await asyncio.to_thread(browser.value, "document.querySelector('#map-goto').checkVisibility()")

@@ -10,6 +10,7 @@ const ONE_ALONE = "; Go to takes one drone";
 const GOOD = ["accepted", "in_progress", "completed", "choice"];
 const MOST_NAMED = 8;
 const KEYS = { h: "hold", l: "land", r: "return" };
+const SAFETY = Object.values(KEYS); // in sight wherever one is
 
 export class Commands {
   constructor(page) {
@@ -30,7 +31,10 @@ export class Commands {
     byId("ttl").value = ttl_s;
     byId("ttl").dataset.high = longest_ttl_s;
     this.forms.clear();
-    byId("commands").replaceChildren(...Object.entries(commands).map(([name, command]) => this.form(name, command)));
+    const forms = Object.entries(commands).map(([name, command]) => [name, this.form(name, command)]);
+    const those = (isSafety) => forms.filter(([name]) => SAFETY.includes(name) === isSafety).map(([, form]) => form);
+    byId("safety-commands").replaceChildren(...those(true));
+    byId("commands").replaceChildren(...those(false));
     this.forms.get("goto").form.before(this.page.places.form);
     this.page.forgetFound();
     this.showTargets();
@@ -111,6 +115,7 @@ export class Commands {
     const all = `All drones of fog ${fogs}${more}${ONE_ALONE}`;
     const others = to.best ? `Whoever arrives first of fog ${fogs}: Go to alone` : all;
     setText(byId("who"), to.drones ? drones : others);
+    setText(byId("safety-who"), byId("who").textContent.replace(ONE_ALONE, ""));
     this.fillHeight();
     this.showHolders();
     this.showDistance();
