@@ -44,24 +44,20 @@ def rules_table() -> str:
 
 
 def verdicts_table(found: list[dict[str, Any]]) -> str:
-    """A row per rule, a column per broker; last, for which sides each broker passes."""
-    rows = [
-        (f"`{rule.name}`", *(_CELLS[report["findings"][index]["verdict"]] for report in found))
-        for index, rule in enumerate(RULES["broker"])
-    ]
+    """A row per rule that not every broker passes, a column per broker; last, for which sides each broker passes."""
+    rows = []
+    for index, rule in enumerate(RULES["broker"]):
+        of_rule = [report["findings"][index] for report in found]
+        if any(finding["verdict"] != Verdict.PASS.value for finding in of_rule):
+            rows.append((f"`{rule.name}`", *map(_cell, of_rule)))
     passes = ["passes as the broker of", *(", ".join(_sides(report)) or "nobody" for report in found)]
     return table(("rule", *(report["name"] for report in found)), [*rows, passes])
 
 
-def evidence_table(found: list[dict[str, Any]]) -> str:
-    """What failed, and what was seen instead."""
-    rows = [
-        (report["name"], f"`{rule.name}`", finding["evidence"])
-        for report in found
-        for rule, finding in zip(RULES["broker"], report["findings"], strict=True)
-        if finding["verdict"] == Verdict.FAIL.value
-    ]
-    return table(("broker", "rule", "evidence"), rows)
+def _cell(finding: dict[str, Any]) -> str:
+    """A verdict; of what failed with what was seen instead."""
+    evidence = f": {finding['evidence']}" if finding["verdict"] == Verdict.FAIL.value else ""
+    return f"{_CELLS[finding['verdict']]}{evidence}"
 
 
 def _sides(report: dict[str, Any]) -> list[str]:
@@ -78,7 +74,6 @@ def main(*files: str) -> None:
         sections: dict[str, Callable[[], str]] = {
             "broker-rules": rules_table,
             "broker-verdicts": partial(verdicts_table, found),
-            "broker-evidence": partial(evidence_table, found),
         }
         path.write_text(filled(path.read_text(encoding="utf-8"), sections), encoding="utf-8")
 

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,10 +15,14 @@ from typing import Any
 import typer
 
 from mqttxt.cli.main import app
+from mqttxt.cli.station import DroneOptions, StationOptions
 from mqttxt_conformance import activator, activator_signed, gs, uav
 from mqttxt_conformance.registry import RULES, Rule
 
 from .tables import filled, table
+
+Row = tuple[str, str, str]
+MANY = 3
 
 
 def subcommands(parent: Any = None, path: str = "") -> dict[str, Any]:
@@ -36,27 +42,74 @@ def groups(path: str) -> list[str]:
 
 
 def group(name: str) -> str:
-    """Every subcommand of a group under its own heading, with what it says of itself."""
-    parts = [
-        f"### mqttxt {path.replace('-', ' ')}\n\n{' '.join((command.help or '').split())}\n\n{options(command)}"
-        for path, command in subcommands().items()
-        if path.startswith(f"{name}-")
-    ]
+    """Every subcommand of a group under its own heading; above them what three or more of them take."""
+    of_group = {
+        path.removeprefix(f"{name}-"): command for path, command in subcommands().items() if path.startswith(f"{name}-")
+    }
+    takers: dict[Row | str, tuple[str, ...]] = {}
+    for path, command in of_group.items():
+        rows, shared = _parted(command)
+        taken: list[Row | str] = [row for row in rows if row[0].startswith("`--")]
+        for one in [*taken, *([shared] if shared else [])]:
+            takers[one] = (*takers.get(one, ()), path)
+    common = {one: those for one, those in takers.items() if len(those) >= MANY}
+    parts = []
+    for those in dict.fromkeys(common.values()):
+        rows = [one for one, taking in common.items() if taking == those and isinstance(one, tuple)]
+        links = [one for one, taking in common.items() if taking == those and isinstance(one, str)]
+        who = "Each" if len(those) == len(of_group) else ", ".join(f"`{path}`" for path in those)
+        takes = "takes" if who == "Each" else "take"
+        parts += [f"{who} also {takes} {link}." for link in links]
+        parts += [f"{who} also {takes}:", _table(rows)] if rows else []
+    for path, command in of_group.items():
+        rows, shared = _parted(command)
+        own = [row for row in rows if row not in common]
+        parts.append(f"### mqttxt {name.replace('-', ' ')} {path.replace('-', ' ')}")
+        parts += [" ".join((command.help or "").split()), *([_table(own)] if own else [])]
+        parts += [f"And {shared}."] if shared and shared not in common else []
     return "\n\n".join(parts)
 
 
 def options(command: Any) -> str:
-    """What a subcommand takes."""
-    return table(("option", "what", "default"), [_row(parameter) for parameter in command.params])
+    """What a subcommand takes; what many take, as a link to it."""
+    rows, shared = _parted(command)
+    return "\n\n".join([*([_table(rows)] if rows else []), *([f"And {shared}."] if shared else [])])
 
 
-def rules_table(rules: list[Rule]) -> str:
-    """A role's rules as a Markdown table."""
-    rows = [(f"`{rule.name}`", ", ".join(rule.numbers), rule.statement) for rule in rules]
-    return table(("rule", "specification", "what is checked"), rows)
+def _parted(command: Any) -> tuple[list[Row], str]:
+    """A subcommand's own rows, and links to those that it shares with others."""
+    own, links = [_row(parameter) for parameter in command.params], []
+    for shared, of in SHARED.items():
+        if set(shared) <= {*own}:
+            own = [row for row in own if row not in shared]
+            links.append(f"[the options of {of}](ground-station.md#{_anchor(of)})")
+    return own, " and ".join(links)
 
 
-def _row(parameter: Any) -> tuple[str, str, str]:
+def _anchor(of: str) -> str:
+    return f"options-of-{of.replace(' ', '-')}"
+
+
+def _table(rows: Iterable[Row]) -> str:
+    return table(("option", "what", "default"), rows)
+
+
+def _rows_of(kind: type[Any], of: str) -> tuple[Row, ...]:
+    """The rows of the options that are the fields of `kind`, as the subcommand `of` has them."""
+    names = {field.name for field in fields(kind)}
+    return tuple(_row(parameter) for parameter in subcommands()[of].params if parameter.name in names)
+
+
+def rules_list(rules: list[Rule]) -> str:
+    """A role's rules by the section of the specification that they are of."""
+    by_section: dict[int, list[str]] = {}
+    for rule in rules:
+        section = int(rule.numbers[0].removeprefix("R").partition(".")[0])
+        by_section.setdefault(section, []).append(f"`{rule.name}` ({', '.join(rule.numbers)})")
+    return "\n".join(f"- {', '.join(named)}" for _, named in sorted(by_section.items()))
+
+
+def _row(parameter: Any) -> Row:
     is_option = parameter.param_type_name == "option"
     name = ", ".join(f"`{opt}`" for opt in parameter.opts) if is_option else f"`{parameter.name.upper()}`"
     help_text = parameter.help or ""
@@ -68,16 +121,24 @@ def _row(parameter: Any) -> tuple[str, str, str]:
     return name, help_text, "" if default in (None, "", False) else f"`{default}`"
 
 
+SHARED = {
+    _rows_of(DroneOptions, "gs-plan-clear"): "one drone",
+    _rows_of(StationOptions, "gs-watch"): "every station",
+}
+"""Rows that many subcommands have, and whose they are; a page has them under that name."""
+
+
 def main(*files: str) -> None:
     """Write the tables into `files`."""
     found = subcommands()
     sections = {f"options-{name}": partial(options, command) for name, command in found.items()}
     sections |= {f"options-{name}": partial(group, name) for path in found for name in groups(path)}
+    sections |= {_anchor(of): partial(_table, rows) for rows, of in SHARED.items()}
     rules = {"uav": uav.rules(), "activator": activator.rules(), "gs": gs.rules()}
     rules["two-links"] = RULES["uav with two connections"]
     rules["two-brokers"] = RULES["activator with two brokers"]
     rules["signed-activator"] = activator_signed.rules()
-    sections |= {f"rules-{role}": partial(rules_table, checked) for role, checked in rules.items()}
+    sections |= {f"rules-{role}": partial(rules_list, checked) for role, checked in rules.items()}
     for path in map(Path, files):
         path.write_text(filled(path.read_text(encoding="utf-8"), sections), encoding="utf-8")
 

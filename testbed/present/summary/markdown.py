@@ -74,12 +74,12 @@ def _named(document: Path, name: str, known: Sequence[Overview]) -> tuple[str, O
 
 
 def numbers_of(overview: Overview) -> Iterator[str]:
-    """A table by profile, what went wrong below it, and on which profiles it was not flown."""
+    """A table by profile, and on which profiles it was not flown."""
     for block in overview.blocks:
         yield f"**Profile `{block.profile}`**"
-        rows = [[f"`{row.arm}`", *(str(row.texts[name]) for name in numbers.COLUMNS)] for row in block.rows]
+        flown = [row for row in block.rows if row.cell is not None]
+        rows = [[f"`{row.arm}`", *(str(row.texts[name]) for name in numbers.COLUMNS)] for row in flown]
         yield _table(["arm", *numbers.COLUMNS.values()], rows)
-        yield from (f"{_plain(f'`{arm}`, {said}')}." for arm, said in block.troubles)
     if overview.missing:
         yield f"Not flown on {wording.listed([f'`{name}`' for name in overview.missing])}."
 
@@ -87,12 +87,12 @@ def numbers_of(overview: Overview) -> Iterator[str]:
 def claims_of(overview: Overview) -> Iterator[str]:
     """Each claim of the thesis in each cell that was flown."""
     rows = [
-        [f"`{block.profile}`", f"`{cell.arm}`", str(numbers.completed_of(cell)), *map(str, judged)]
+        [f"`{block.profile}`", f"`{cell.arm}`", *map(str, judged)]
         for block in overview.blocks
         for cell, judged in block.judged
     ]
     headings = [claim.heading for claim in claims.claims()]
-    yield _table(["profile", "arm", "completed", *headings], rows) if rows else NOT_FLOWN
+    yield _table(["profile", "arm", *headings], rows) if rows else NOT_FLOWN
 
 
 def bytes_of(overview: Overview) -> Iterator[str]:
@@ -117,7 +117,7 @@ def kinds_of(overview: Overview) -> Iterator[str]:
 
 
 def series_of(overview: Overview) -> Iterator[str]:
-    """From which series the numbers are, of which revision, flown where, and what is to know of it."""
+    """From which series the numbers are, of which revision, flown where, what is to know of it, and what failed."""
     rows = []
     named = any(cell.machine for cell in overview.cells)
     for cell in overview.cells:
@@ -126,6 +126,8 @@ def series_of(overview: Overview) -> Iterator[str]:
         rows.append([f"`{cell.name}`", *told, "; ".join(map(_plain, cell.metrics["notes"]))])
     headings = ["series", "revision", *(["machine"] if named else []), "shaper", "completed", ""]
     yield _table(headings, rows) if rows else NOT_FLOWN
+    failed = [(f"{arm}-{block.profile}", said) for block in overview.blocks for arm, said in block.troubles]
+    yield "".join(f"- {_plain(f'`{cell}`, {said}')}\n" for cell, said in failed)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,8 @@ COLUMNS = {
 }
 """What a row of a cell has, with its heading; where both sides are in a column, MQTT-XT is the first."""
 READING = (
-    "In each column MQTT-XT comes first, then MAVLink. Packets and bytes: how many times those of MQTT-XT MAVLink "
+    "In each column MQTT-XT comes first, then MAVLink; an arm without a row was not flown. Packets and bytes: how many "
+    "times those of MQTT-XT MAVLink "
     "needed for the mission, made only where both sides completed an attempt, as is the change of the mission time "
     "(MQTT-XT's against MAVLink's). Bytes a second are over every attempt that counts, so that a failed one, which "
     "ends early, can be compared too; × is MAVLink's over MQTT-XT's. Medians of the attempts; losses are of all "

@@ -15,7 +15,7 @@ from testbed.present.summary.markdown import fill
 from tests.unit.docs.figures_of_findings import Findings, passages
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
-PAGE = DOCS / "results.md"
+PAGE, SERIES = DOCS / "results.md", DOCS / "findings" / "README.md"
 pytestmark = pytest.mark.long  # some twenty metrics.json are held to their schema
 
 
@@ -29,12 +29,13 @@ def pattern(figures: Sequence[str]) -> re.Pattern[str]:
     return re.compile(".*?".join(rf"(?<![\w.,]){re.escape(figure)}(?!\w|[.,]\d)" for figure in figures))
 
 
-def test_the_tables_are_what_the_command_writes(found: Found, tmp_path: Path) -> None:
-    copy = tmp_path / "results.md"
-    shutil.copyfile(PAGE, copy)
+@pytest.mark.parametrize("page", [PAGE, SERIES], ids=["results", "series"])
+def test_the_tables_are_what_the_command_writes(found: Found, tmp_path: Path, page: Path) -> None:
+    copy = tmp_path / "page.md"
+    shutil.copyfile(page, copy)
     assert found.unread == ()
     names = fill(copy, found.cells)
-    assert copy.read_text() == PAGE.read_text()
+    assert copy.read_text() == page.read_text()
     flown = {path.name for path in (DOCS / "findings").iterdir()}
     assert {name.split(":")[1] for name in names} == flown & set(EXPERIMENTS)
 
@@ -54,5 +55,5 @@ def test_a_figure_is_found_whole_and_in_its_place_alone() -> None:
 
 def test_every_series_that_is_kept_is_named_and_every_named_one_kept() -> None:
     kept = {"/".join(path.parts[-4:-1]) for path in (DOCS / "findings").glob("*/*/*/metrics.json")}
-    named = set(re.findall(r"^\| `([a-z0-9-]+/[^`]+)` \|", PAGE.read_text(), re.MULTILINE))
+    named = set(re.findall(r"^\| `([a-z0-9-]+/[^`]+)` \|", SERIES.read_text(), re.MULTILINE))
     assert named == kept

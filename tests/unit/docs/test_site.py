@@ -96,7 +96,15 @@ def test_required_options_and_defaults_are_told() -> None:
     shown = options.options(options.subcommands()["uav"])
     assert "| `--drone` | This drone's number: its autopilot's MAVLink system id. | required |" in shown
     assert "| `udp:127.0.0.1:14540` |" in shown
-    assert "Also from the environment's `MQTTXT_CLOUD`." in options.options(options.subcommands()["gs-send"])
+
+
+def test_what_every_station_takes_is_told_once() -> None:
+    told = [page.name for page in (ROOT / "docs").glob("*.md") if "`MQTTXT_SIGNED_STATES`" in page.read_text()]
+    assert told == ["ground-station.md"]
+    sent = options.options(options.subcommands()["gs-send"])
+    assert "`MQTTXT_CLOUD`" not in sent
+    assert sent.endswith("And [the options of every station](ground-station.md#options-of-every-station).")
+    assert "And [" not in options.options(options.subcommands()["gs-share-list"])
 
 
 @pytest.mark.parametrize(

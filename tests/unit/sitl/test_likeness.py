@@ -44,12 +44,15 @@ def test_the_stand_in_does_as_a_real_autopilot_was_recorded_to(like: str, case: 
 
 @pytest.mark.parametrize("like", RECORDED)
 def test_the_pages_tables_are_of_the_recording_and_of_these_flights(like: str, tmp_path: Path) -> None:
-    recorded, flown, copy = RECORDED[like], Recording("stand-in"), tmp_path / "stand-in.md"
+    recorded, flown = RECORDED[like], Recording("stand-in")
     for case in recorded.cases:
         flown.add(_flown_by_the_stand_in(case, like))
-    copy.write_text(PAGE.read_text())
-    page.write(copy, recorded, flown)
-    assert copy.read_text() == PAGE.read_text(), "type: .venv/bin/python -m sitl compare --write docs/stand-in.md"
+    for path, marks in ((PAGE, page.APART), (RECORDINGS / "README.md", page.LIKENESS)):
+        copy = tmp_path / path.name
+        copy.write_text(path.read_text())
+        page.write(copy, recorded, flown)
+        assert marks[like][0] in copy.read_text()
+        assert copy.read_text() == path.read_text(), f"type: .venv/bin/python -m sitl compare --write {path}"
 
 
 def test_the_page_of_the_mavlink_side_has_the_streams() -> None:
@@ -108,7 +111,7 @@ def test_a_page_gets_the_table_of_its_family(like: str, tmp_path: Path) -> None:
     assert after == "\nafter\n"
     row = "| disarmed by itself | results and transitions<br>disarmed, s | 4<br>11 | 4 the same<br>11 |"
     assert row in table
-    assert all(f"- {case}: {why}." in table for case, why in NOT_FLOWN[like].items())
+    assert all(f"- {case}: {why}." in page.apart(like, ()) for case, why in NOT_FLOWN[like].items())
 
 
 def test_a_real_arducopter_is_started_with_a_link_to_its_recorder(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Writes two tables into pages, each between its markers: the streams, and two recordings' facts."""
+"""Writes into pages, each between its markers: the streams, two recordings' facts, and what stays apart of them."""
 
 from __future__ import annotations
 
@@ -19,6 +19,13 @@ LIKENESS = {
         "<!-- likeness to ArduCopter: end -->",
     ),
 }
+APART = {
+    "px4": ("<!-- apart: made by `python -m sitl compare --write` -->", "<!-- apart: end -->"),
+    "ardupilot": (
+        "<!-- apart from ArduCopter: made by `python -m sitl compare FILE --write` -->",
+        "<!-- apart from ArduCopter: end -->",
+    ),
+}
 """By family."""
 ASKED_FOR = ("BATTERY_STATUS", "GLOBAL_POSITION_INT", "VFR_HUD")
 """What the ground station asks for at 1 Hz in five-states, beside the heartbeats."""
@@ -29,7 +36,12 @@ def write(path: Path, first: Recording, second: Recording) -> None:
     """Put the tables that a page has where the last ones were. Raises SitlError for a page without markers."""
     try:
         text = path.read_text(encoding="utf-8")
-        tables = ((STREAMS, streams()), (LIKENESS[first.like], likeness(first, second)))
+        facts = compare(first, second)
+        tables = (
+            (STREAMS, streams()),
+            (LIKENESS[first.like], likeness(first, second, facts)),
+            (APART[first.like], apart(first.like, facts)),
+        )
         held = [(marks, table) for marks, table in tables if marks[0] in text and marks[1] in text]
         if not held:
             raise SitlError(f"{path}: expected {' or '.join(' and '.join(marks) for marks, _ in tables)}")
@@ -53,20 +65,24 @@ def streams() -> str:
     return "\n".join([*lines, ""])
 
 
-def likeness(first: Recording, second: Recording) -> str:
+def likeness(first: Recording, second: Recording, facts: Sequence[Fact]) -> str:
     """Markdown: a row per case, a line in it per number; what agrees in words, or in rate and size, is counted."""
-    facts = compare(first, second)
     lines = [f"| case | what | {first.autopilot} | {second.autopilot} |", "|---|---|---|---|"]
     for case in dict.fromkeys(fact.case for fact in facts):
         lines.append(_row(case, [fact for fact in facts if fact.case == case]))
-    lines += ["", "What stays apart:", ""]
+    return "\n".join([*lines, ""])
+
+
+def apart(like: str, facts: Sequence[Fact]) -> str:
+    """Markdown: each difference with its reason, and the cases that are not flown."""
+    lines = ["What stays apart:", ""]
     for fact in facts:
         if not fact.agrees:
-            why = reason(first.like, fact.case, fact.name) or "not explained"
+            why = reason(like, fact.case, fact.name) or "not explained"
             lines.append(f"- {fact.case}, {fact.name}: {fact.first} beside {fact.second}. {why}.")
-    lines += [f"- {text}" for text in OF_ITSELF[first.like]]
+    lines += [f"- {text}" for text in OF_ITSELF[like]]
     lines += ["", "Cases that do not apply:", ""]
-    lines += [f"- {case}: {why}." for case, why in NOT_FLOWN[first.like].items()]
+    lines += [f"- {case}: {why}." for case, why in NOT_FLOWN[like].items()]
     return "\n".join([*lines, ""])
 
 
