@@ -31,6 +31,10 @@ class Budget:
         self._paid_until_ms[station] = paid_until_ms
         return True
 
+    def owes(self, station: Hashable, now_ms: int, messages: int) -> None:
+        """Charge messages that were taken: so many later ones are not."""
+        self._paid_until_ms[station] = max(self._paid_until_ms.get(station, 0.0), now_ms) + messages * self._ms
+
 
 class Repetitions(Generic[Key]):
     """A repetition is answered at once, then at most once in `PAUSE_MS`; the last one when that is over.

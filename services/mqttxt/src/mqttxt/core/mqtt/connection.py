@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("mqttxt.mqtt")
 
+TOO_LONG, TOO_MUCH = 0x95, 0x97
+"""Reason codes of what is not handed over (MQTT 5.0, 2.4): packet too large, quota exceeded."""
 MOST_HELD = 10_000
 """Publishes that wait while the broker takes no bytes or, at QoS 1, acknowledges none; further ones are dropped."""
 _MOST_OWED = 2000
@@ -126,30 +128,33 @@ class Connection:
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
             return await asyncio.shield(self._accepted)
 
-    def publish(self, effect: Publish) -> None:
-        """Hand a message over; all that is handed over in one turn of the event loop leaves together."""
+    def publish(self, effect: Publish) -> int:
+        """Hand a message over; all that is handed over in one turn of the event loop leaves together.
+
+        Returns 0; of a message that is counted and dropped, the reason code of what is too much, or too long.
+        """
         if self._is_blocked and effect.qos == 0:
             if self._held >= MOST_HELD:
                 self._events.count("held_up", f"{self.name}: {effect.topic}: {self.address} takes no bytes")
-                return
+                return TOO_MUCH
             self._held += 1
         if not self._limits.fits(effect.topic, effect.payload):
             detail = f"{effect.topic}: {self.address} takes packets of at most {self._limits.largest_packet} bytes"
             self._events.count("too_long_for_broker", detail)
-            return
+            return TOO_LONG
         if effect.qos > 0 and len(self._unacknowledged) >= self._limits.in_flight:
             if len(self._waiting) < MOST_HELD:
                 self._waiting.append(effect)
-            else:
-                self._events.count("held_up", f"{self.name}: {effect.topic}: {self.address} acknowledges nothing")
-            return
+                return 0
+            self._events.count("held_up", f"{self.name}: {effect.topic}: {self.address} acknowledges nothing")
+            return TOO_MUCH
         if effect.qos == 0:
             if self._socket is not None:
                 if self._client.want_write():  # what paho has yet to write comes first
                     self._client.loop_write()
                 self._socket.send(publish(effect, *self._aliases.shorten(effect.topic)))
                 self._flush_soon()
-            return
+            return 0
         info = self._client.publish(
             effect.topic, effect.payload, effect.qos, effect.retain, expiry_properties(effect.expiry_s)
         )
@@ -157,6 +162,7 @@ class Connection:
             self._unacknowledged.add(info.mid)
             if effect.ref is not None:
                 self._refs[info.mid] = effect.ref
+        return 0
 
     @property
     def _socket(self) -> Buffered | None:

@@ -45,7 +45,8 @@ class MqttLink:
     within `session_expiry_s` with the same client id: for who only subscribes. `will` makes that of each connection.
     `longest_pause_s` is that between two attempts to connect. `identity` is this node's, for `mqtts://` to a broker of
     its fleet; without, `ssl_context`, or the system's certificate authorities. A broker's refusal for good, or its
-    word that somebody took over the client id, ends a link only where `may_be_ended`: else it is tried again.
+    word that somebody took over the client id, ends a link only where `may_be_ended`: else it is tried again, and
+    always with `mqtt-sn://`, where anybody may have said so.
     `aliases`: how many topics the broker may give aliases to; `root`: that of the topics which a gateway for MQTT-SN
     knows by numbers; `link`: the role's link of which this is one of several connections. Raises ConfigurationError for
     one of these with `mqtt://`.
@@ -74,7 +75,7 @@ class MqttLink:
                 raise ConfigurationError(f"{what} for {address}: expected a broker at mqtts://")
         self.name = name
         self.address = address
-        self.publish: Callable[[Publish], None]
+        self.publish: Callable[[Publish], object]
         """Hands a message to the connection; without one it is dropped, and the role hears of the reconnection."""
         self.subscribe: Callable[[Subscribe], None]
         self.unsubscribe: Callable[[Unsubscribe], None]
@@ -82,7 +83,7 @@ class MqttLink:
         """Why the last attempt to connect failed, None where it did not."""
         self._ssl_context = ssl_context
         self._identity = identity
-        self._may_be_ended = may_be_ended
+        self._may_be_ended = may_be_ended and not address.datagrams
         self._aliases = aliases
         self._root = root
         is_secret = identity is not None and session_expiry_s == 0

@@ -47,7 +47,10 @@ class _ToBroker:
 
     def publish(self, told: Told, ref: Hashable) -> None:
         if self._connection is not None:
-            self._connection.publish(Publish(BROKER_SIDE, told.topic, told.payload, told.qos, told.retain, ref=ref))
+            publish = Publish(BROKER_SIDE, told.topic, told.payload, told.qos, told.retain, ref=ref)
+            code = self._connection.publish(publish)
+            if code:
+                self._client().on_published(ref, code)
 
     def subscribe(self, topic: str, live_only: bool, ref: Hashable) -> None:
         if self._connection is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from dataclasses import dataclass
 from enum import Enum, auto
 from math import inf
 from typing import Protocol
@@ -21,14 +22,16 @@ GREETING_S = 5.0
 OPENING_S = 20.0
 """How long a client is kept for which no connection to the broker comes about, from its CONNECT on."""
 LONGEST_KEEPALIVE_S = 300
-ASK_S = 1.5
-"""How long a client whose id somebody else names may take to answer (R9.5 has the same)."""
+ASK_S, ASK_TIMES = 5.0, 4
+"""How long a client whose id or drone somebody else names may take to answer, and how often it is asked meanwhile."""
 LINGER_S = 5.0
 """How long a client that took leave is answered when it does so again."""
 MOST_REGISTERED = 256
 """Topics that one client may register, or subscribe to by name."""
 _REFUSED = 0x87
 """MQTT 5's reason code "not authorized"."""
+_Asked = Message | packets.Register | packets.Subscribe | packets.Unsubscribe
+_Answer = packets.Puback | packets.Regack | packets.Suback | packets.Unsuback
 
 
 class BrokerSide(Protocol):
@@ -50,11 +53,21 @@ class Stage(Enum):
     GONE = auto()
 
 
+@dataclass
+class _Awaited:
+    """A PUBLISH that the broker has yet to acknowledge: how many times, and the worst code so far."""
+
+    topic_id: int
+    msg_id: int
+    missing: int
+    code: int
+
+
 class AirClient:
     """One client at one address, from its CONNECT to its end. Times are seconds of one clock.
 
-    `claim` says whether the client's id is free, and makes it this client's. It speaks of one drone: the first that
-    its will or a topic names.
+    `claim` says whether the client's id and drone are nobody else's. It speaks of one drone: the first that its will
+    or a topic names.
     """
 
     def __init__(
@@ -63,14 +76,19 @@ class AirClient:
         ids: TopicIds,
         send: Callable[[bytes], None],
         broker: BrokerSide,
-        claim: Callable[[AirClient], bool],
+        claim: Callable[[AirClient, float], bool],
         count: Callable[[str, str], None],
         now_s: float,
     ) -> None:
         self.client_id = connect.client_id
         self.stage = Stage.WILL_TOPIC if connect.has_will else Stage.OPENING
-        self.asked_s: float | None = None
-        """Since when it has not answered whether it is there, though somebody else came with its id."""
+        self.drone: int | None = None
+        self.published = 0
+        """How many messages it had for the broker."""
+        self._asked_s: float | None = None
+        """Since when it has not answered whether it is there, though somebody else came with its id or drone."""
+        self._asked_times = 0
+        self._is_asked_again = False
         self._keepalive_s = min(connect.duration_s or KEEPALIVE_S, LONGEST_KEEPALIVE_S)
         self._ids = ids
         self._send_datagram = send
@@ -78,7 +96,6 @@ class AirClient:
         self._claim = claim
         self._count = count
         self._will_topic = ""
-        self._drone: int | None = None
         self._since_s = self._last_in_s = now_s
         self._is_confirmed = False
         round_trip = RoundTrip()
@@ -87,10 +104,10 @@ class AirClient:
         self._unpacker = Unpacker(ids)
         self._registered: dict[str, int] = {}
         self._heard_by_name: set[str] = set()
-        self._awaited: dict[int, tuple[Message, int, int]] = {}
-        """Of a PUBLISH under way: how many acknowledgements of the broker are to come, and the worst code so far."""
-        self._asking: dict[int, packets.Subscribe] = {}
-        self._last_answer: Packet | None = None
+        self._awaited: _Awaited | None = None
+        self._asking: packets.Subscribe | None = None
+        self._last_answer: _Answer | None = None
+        self._may_take_leave_again = True
 
     def start(self) -> None:
         """Answer the CONNECT."""
@@ -107,10 +124,14 @@ class AirClient:
     def received(self, packet: Packet, now_s: float) -> None:
         """A packet came from the client's address."""
         self._last_in_s = now_s
-        self.asked_s = None
+        self._asked_s = None
         if self.stage is Stage.UP:
             self._is_confirmed = self._is_confirmed or not isinstance(packet, packets.WillMsg)
             self._on_packet(packet, now_s)
+        elif self.stage is Stage.LEFT:  # two gateways would go on answering each other
+            if not isinstance(packet, packets.Disconnect) or self._may_take_leave_again:
+                self._may_take_leave_again = not isinstance(packet, packets.Disconnect)
+                self._send(packets.Disconnect())
         elif isinstance(packet, packets.Disconnect):
             self._send(packets.Disconnect())
             self._leave(now_s, with_will=packet.duration_s is not None)
@@ -120,8 +141,6 @@ class AirClient:
             self._open(Will(self._will_topic, packet.payload))
         elif self.stage is Stage.WILL and isinstance(packet, packets.WillTopic):
             self._send(packets.WillMsgReq())
-        elif self.stage is Stage.LEFT:
-            self._send(packets.Disconnect())
 
     def on_connect_again(self, now_s: float) -> bool:
         """Its CONNECT came once more; whether it is a repetition, which has had its answer again."""
@@ -134,15 +153,22 @@ class AirClient:
         return not (self.stage in (Stage.LEFT, Stage.GONE) or (self.stage is Stage.UP and self._is_confirmed))
 
     def ask(self, now_s: float) -> None:
-        """Somebody else came with its id: is it there?"""
-        if self.asked_s is None:
-            self.asked_s = now_s
-        self._send(packets.Pingreq())
+        """Somebody else came with its id or drone: is it there?"""
+        self._is_asked_again = self._asked_s is not None
+        if self._asked_s is None:
+            self._asked_s, self._asked_times = now_s, 1
+            self._send(packets.Pingreq())
 
     def tick(self, now_s: float) -> None:
         """Repeat what is due; end what is over. To be called at `due_s`."""
         if self.stage is Stage.UP:
             self._sender.tick(now_s)
+        if self._asked_s is not None and now_s >= self._ask_due_s():
+            if self._asked_times < ASK_TIMES:
+                self._asked_times += 1
+                self._send(packets.Pingreq())
+            elif not self._is_asked_again:
+                self._asked_s = None
         is_lost = self.stage is Stage.UP and self._sender.is_lost(now_s)
         if now_s < self._over_s() and not is_lost:
             return
@@ -153,7 +179,12 @@ class AirClient:
 
     def due_s(self) -> float:
         """When `tick` has something to do."""
-        return min(self._over_s(), self._sender.due_s() if self.stage is Stage.UP else inf)
+        return min(self._over_s(), self._ask_due_s(), self._sender.due_s() if self.stage is Stage.UP else inf)
+
+    def _ask_due_s(self) -> float:
+        if self._asked_s is None or not self.is_there:
+            return inf
+        return self._asked_s + self._asked_times * ASK_S / ASK_TIMES
 
     def _over_s(self) -> float:
         """When its stage is over where nothing more comes: silence as a broker has it (MQTT 5.0, 3.1.2.10)."""
@@ -161,11 +192,11 @@ class AirClient:
             return self._since_s + (LINGER_S if self.stage is Stage.LEFT else GREETING_S)
         is_up = self.stage is Stage.UP
         lasts_s = self._last_in_s + 1.5 * self._keepalive_s if is_up else self._since_s + OPENING_S
-        return min(lasts_s, self.asked_s + ASK_S if self.asked_s is not None else inf)
+        return min(lasts_s, self._asked_s + ASK_S if self._asked_s is not None else inf)
 
     def end(self, now_s: float) -> None:
         """It is given up; the broker publishes its will. At its port there may be who came with its id meanwhile."""
-        if self.asked_s is None:
+        if self._asked_s is None:
             self._send(packets.Disconnect())
         self._leave(now_s, with_will=True)
 
@@ -181,8 +212,8 @@ class AirClient:
     def on_ended(self, now_s: float, refused: bool = False) -> None:
         """The broker has ended the connection; `refused`: because of a subscription."""
         if self.stage is Stage.UP:
-            for subscribe in self._asking.values() if refused else ():
-                self._send(packets.Suback(0, subscribe.msg_id, _REFUSED))
+            if refused and self._asking is not None:
+                self._send(packets.Suback(0, self._asking.msg_id, _REFUSED))
             self.end(now_s)
 
     def on_message(self, message: Inbound, now_s: float) -> None:
@@ -198,29 +229,37 @@ class AirClient:
 
     def on_published(self, ref: Hashable, code: int) -> None:
         """The broker has acknowledged what was published with `ref`, the packet's message id."""
-        found = self._awaited.get(ref) if isinstance(ref, int) else None
-        if found is not None:
-            self._await(found[0], found[1] - 1, max(found[2], code))
+        awaited = self._awaited
+        if awaited is not None and awaited.msg_id == ref:
+            self._await(_Awaited(awaited.topic_id, awaited.msg_id, awaited.missing - 1, max(awaited.code, code)))
 
     def on_subscribed(self, ref: Hashable) -> None:
         """The broker has granted the subscription of the packet with the message id `ref`."""
-        subscribe = self._asking.pop(ref, None) if isinstance(ref, int) else None
-        if subscribe is not None:
+        subscribe = self._asking
+        if subscribe is not None and subscribe.msg_id == ref:
+            self._asking = None
             topic_id = self._registered.get(subscribe.topic, 0) if isinstance(subscribe.topic, str) else subscribe.topic
             self._answer(packets.Suback(topic_id, subscribe.msg_id))
 
     # Packets of a client that is connected.
 
     def _on_packet(self, packet: Packet, now_s: float) -> None:
+        if isinstance(packet, _Asked) and not (isinstance(packet, Message) and packet.qos == 0):
+            if self._awaited is not None or self._asking is not None:
+                return
+            if not self._receiver.is_new(packet.msg_id):
+                if self._last_answer is not None and self._last_answer.msg_id == packet.msg_id:
+                    self._send(self._last_answer)
+                return
         match packet:
             case Message():
-                self._on_told(packet)
+                self._on_told(packet, now_s)
             case packets.Puback():
                 self._sender.on_answer(packet, now_s)
             case packets.Register():
-                self._on_register(packet)
+                self._on_register(packet, now_s)
             case packets.Subscribe():
-                self._on_subscribe(packet)
+                self._on_subscribe(packet, now_s)
             case packets.Unsubscribe():
                 topic = self._topic(packet.topic)
                 if topic is not None:
@@ -238,27 +277,28 @@ class AirClient:
             case _:
                 self._count("air_packet", f"{self.client_id}: {type(packet).__name__}: not expected now")
 
-    def _on_told(self, message: Message) -> None:
-        if message.qos and not self._receiver.is_new(message.msg_id):
-            last = self._last_answer
-            if isinstance(last, packets.Puback) and last.msg_id == message.msg_id:
-                self._send(last)
-            return
+    def _on_told(self, message: Message, now_s: float) -> None:
         try:
             told = self._read(message)
         except ValueError as error:
             self._count("air_datagram", f"{self.client_id}: {error}")
-            if message.qos:
+            if message.topic_id == TOGETHER and message.id_type == PREDEFINED:
+                self.end(now_s)
+            elif message.qos:
                 self._answer(packets.Puback(message.topic_id, message.msg_id, packets.INVALID_TOPIC))
             return
-        wrong = [each for each in told if not self._may(self._ids.may_say, each.topic)]
-        for each in wrong:
-            self._count("air_topic", f"{self.client_id}: {each.topic}: not one that its drone publishes")
-        right = [each for each in told if each not in wrong]
+        for each in told:
+            if not self._may(self._ids.may_say, each.topic, now_s):
+                self._count("air_topic", f"{self.client_id}: {each.topic}: not one that its drone publishes")
+                if self.stage is Stage.UP and message.qos:
+                    self._answer(packets.Puback(message.topic_id, message.msg_id, packets.INVALID_TOPIC))
+                if self.stage is Stage.UP and message.topic_id == TOGETHER:
+                    self.end(now_s)
+                return
+        self.published += len(told)
         if message.qos:
-            code = packets.INVALID_TOPIC if wrong else 0
-            self._await(message, sum(each.qos > 0 for each in right), code)
-        for each in right:
+            self._await(_Awaited(message.topic_id, message.msg_id, sum(each.qos > 0 for each in told), 0))
+        for each in told:
             self._broker.publish(each, message.msg_id if each.qos else None)
 
     def _read(self, message: Message) -> list[Told]:
@@ -272,44 +312,46 @@ class AirClient:
             raise ValueError(f"topic id {message.topic_id}: known to nobody")
         return [Told(topic, message.payload, message.qos, message.retain)]
 
-    def _await(self, message: Message, missing: int, code: int) -> None:
+    def _await(self, awaited: _Awaited) -> None:
         """PUBACK once the broker has acknowledged all."""
-        if missing > 0:
-            self._awaited[message.msg_id] = message, missing, code
+        if awaited.missing > 0:
+            self._awaited = awaited
             return
-        self._awaited.pop(message.msg_id, None)
-        self._answer(packets.Puback(message.topic_id, message.msg_id, code))
+        self._awaited = None
+        self._answer(packets.Puback(awaited.topic_id, awaited.msg_id, awaited.code))
 
-    def _on_register(self, packet: packets.Register) -> None:
-        may = self._may(self._ids.may_say, packet.topic)
+    def _on_register(self, packet: packets.Register, now_s: float) -> None:
+        may = self._may(self._ids.may_say, packet.topic, now_s)
         found = self._register(packet.topic) if may else None
         code = 0 if found is not None else packets.CONGESTION if may else packets.INVALID_TOPIC
-        self._answer(packets.Regack(found or 0, packet.msg_id, code))
+        if self.stage is Stage.UP:
+            self._answer(packets.Regack(found or 0, packet.msg_id, code))
 
-    def _on_subscribe(self, packet: packets.Subscribe) -> None:
-        last = self._last_answer
-        if packet.msg_id in self._asking:
-            return
-        if isinstance(last, packets.Suback) and last.msg_id == packet.msg_id:
-            self._send(last)
-            return
+    def _on_subscribe(self, packet: packets.Subscribe, now_s: float) -> None:
         topic = self._topic(packet.topic)
         if packet.topic == TOGETHER:
             self._sender.together = True
             self._answer(packets.Suback(TOGETHER, packet.msg_id))
-        elif topic is None or not self._may(self._ids.may_hear, topic):
+        elif topic is None or not self._may(self._ids.may_hear, topic, now_s):
             self._count("air_topic", f"{self.client_id}: {packet.topic}: not one that its drone hears")
-            self._answer(packets.Suback(0, packet.msg_id, packets.INVALID_TOPIC))
+            if self.stage is Stage.UP:
+                self._answer(packets.Suback(0, packet.msg_id, packets.INVALID_TOPIC))
         else:
             if isinstance(packet.topic, str) and self._register(topic) is not None:
                 self._heard_by_name.add(topic)
-            self._asking[packet.msg_id] = packet
+            self._asking = packet
             self._broker.subscribe(topic, packet.live_only, packet.msg_id)
 
-    def _may(self, rule: Callable[[int | None, str], bool], topic: str) -> bool:
-        if self._drone is None:
-            self._drone = self._ids.drone_of(topic)
-        return rule(self._drone, topic)
+    def _may(self, rule: Callable[[int | None, str], bool], topic: str, now_s: float) -> bool:
+        """Whether the rule lets it. A client ends that names another drone than its own, or one that is there."""
+        drone = self._ids.drone_of(topic)
+        is_first = self.drone is None and drone is not None
+        if is_first:
+            self.drone = drone
+        if drone not in (None, self.drone) or (is_first and not self._claim(self, now_s)):
+            self.end(now_s)
+            return False
+        return rule(self.drone, topic)
 
     def _topic(self, topic: str | int, id_type: int = PREDEFINED) -> str | None:
         if isinstance(topic, str):
@@ -333,7 +375,8 @@ class AirClient:
     # Greeting and leave.
 
     def _on_will_topic(self, packet: packets.WillTopic) -> None:
-        if not self._may(self._ids.may_say, packet.topic):
+        self.drone = self._ids.drone_of(packet.topic)
+        if not self._ids.may_say(self.drone, packet.topic):
             self._count("air_topic", f"{self.client_id}: will {packet.topic}: not one that a drone publishes")
             self._send(packets.Connack(packets.NOT_SUPPORTED))
             self.stage = Stage.GONE
@@ -342,7 +385,7 @@ class AirClient:
         self._send(packets.WillMsgReq())
 
     def _open(self, will: Will | None) -> None:
-        if not self._claim(self):
+        if not self._claim(self, self._last_in_s):
             self._send(packets.Connack(packets.CONGESTION))
             self.stage = Stage.GONE
             return
@@ -354,7 +397,7 @@ class AirClient:
             self._broker.close(with_will=with_will)
         self.stage, self._since_s = Stage.LEFT, now_s
 
-    def _answer(self, packet: Packet) -> None:
+    def _answer(self, packet: _Answer) -> None:
         self._last_answer = packet
         self._send(packet)
 

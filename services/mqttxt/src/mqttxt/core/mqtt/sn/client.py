@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from typing import Protocol
 
@@ -23,6 +24,8 @@ QUIET_S = 5.0
 CONFIRM_S = 1.5
 """A state that no newer one has followed by then is sent once more, at QoS 1. States at a rate have a newer one."""
 _UNREADABLE = 0x99
+_UNSPECIFIED = 0x80
+"""MQTT 5's reason code for a failure that has no other."""
 
 
 class ClientEvents(Protocol):
@@ -78,7 +81,10 @@ class SnClient:
         self._take_step(packets.Connect(self._client_id, KEEPALIVE_S, has_will), now_s)
 
     def publish(self, effect: Publish, now_s: float, done: Callable[[int], None] | None = None) -> None:
-        """Send a message as its topic travels; `done` hears the reason code of what travels surely."""
+        """Send a message as its topic travels; `done` hears MQTT 5's reason code of what travels surely.
+
+        MQTT-SN's own return codes mean that it was not taken.
+        """
         told = Told(effect.topic, effect.payload, effect.qos, effect.retain)
         travel = self._ids.travel(effect.topic)
         size = packets.size_of_publish(effect.payload)
@@ -86,9 +92,11 @@ class SnClient:
         if len(effect.payload) > MAX_PAYLOAD:
             self._events.count("too_long_for_broker", f"{effect.topic}: {len(effect.payload)} bytes")
         elif travel is Travel.SURELY or found is None or size > LARGEST_DATAGRAM:
-            self._tell(told, now_s, done)
+            own = partial(_in_mqtt_5, done) if done is not None else None
+            self._tell(told, now_s, own)
         else:
             if travel is Travel.NEWEST:
+                self._sender.forget(effect.topic)
                 self._newest[effect.topic] = _Newest(told, now_s + CONFIRM_S)
             self._send(Message(found[0], effect.payload, retain=effect.retain))
 
@@ -259,3 +267,7 @@ class SnClient:
         if not self.has_ended:
             self.has_ended, self.is_up, self._step = True, False, None
             self._events.on_ended()
+
+
+def _in_mqtt_5(done: Callable[[int], None], code: int) -> None:
+    done(_UNSPECIFIED if 0 < code < packets.FIRST_OF_MQTT_5 else code)

@@ -14,14 +14,11 @@ from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from ....errors import BrokerRefused
 from ...address import BrokerAddress
 from ...effects import Inbound, Publish, Receipt, Subscribe, Unsubscribe, Will
 from ..client import CONNECT_TIMEOUT_S, in_own_thread
 from ..events import LinkEvents
-from ..subscriptions import NEVER_GRANTED
 from .client import SnClient
-from .packets import INVALID_TOPIC
 from .topic_ids import TopicIds
 
 if TYPE_CHECKING:
@@ -31,7 +28,6 @@ logger = logging.getLogger("mqttxt.mqtt")
 
 _LARGEST_DATAGRAM = 65_535
 _TAKEN_AT_ONCE = 256
-_FOR_GOOD = NEVER_GRANTED | {INVALID_TOPIC}
 
 
 class SnConnection:
@@ -47,7 +43,7 @@ class SnConnection:
         self._events = events
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[int] = self._loop.create_future()
-        """0 at the connection's end, BrokerRefused where a subscription was refused."""
+        """0 at the connection's end."""
         self._accepted: asyncio.Future[int] = self._loop.create_future()
         self._settled: asyncio.Future[None] | None = None
         self._notes: deque[Callable[[], None]] = deque()
@@ -209,16 +205,9 @@ class SnConnection:
         if not refused:
             self._notes.append(partial(self._events.subscribed, effect))
             return
-        topic, code = next((each for each in refused if each[1] in _FOR_GOOD), refused[0])
-        self._notes.append(partial(self._refused, topic, code))
-
-    def _refused(self, topic: str, code: int) -> None:
-        self.refusal = f"the subscription to {topic} was refused with return code 0x{code:02x}"
-        if code not in _FOR_GOOD:
-            self.give_up(self.refusal)
-        elif not self.ended.done():
-            logger.error("%s: %s: %s", self.name, self.address, self.refusal)
-            self.ended.set_exception(BrokerRefused(f"{self.name}: {self.address} refused the subscription to {topic}"))
+        topic, code = refused[0]
+        refusal = f"the subscription to {topic} was refused with return code 0x{code:02x}"
+        self._notes.append(partial(self.give_up, refusal))
 
     def _end(self) -> None:
         sock, self._socket = self._socket, None

@@ -6,15 +6,17 @@ from collections.abc import Callable
 from math import inf
 from typing import Any
 
+from ....protocol.cbor import MAX_PAYLOAD
 from ...floods import Budget
 from . import packets
 from .air_client import AirClient, BrokerSide, Stage
+from .sender import LARGEST_DATAGRAM
 from .topic_ids import TopicIds
 
 MOST_CLIENTS = 300
 """Above the 250 drones that a fog may have."""
 CLIENT_PER_S, CLIENT_AT_ONCE = 1000, 2000
-"""Datagrams that are taken of one client."""
+"""Datagrams that are taken of one client, and messages where there are several in one."""
 STRANGERS_PER_S, STRANGERS_AT_ONCE = 200, 400
 """The same of all others together: their sender addresses may be anybody's."""
 
@@ -36,7 +38,6 @@ class Gateway:
         self._broker = broker
         self._count = count
         self._at: dict[Address, AirClient] = {}
-        self._named: dict[str, AirClient] = {}
         self._of_clients = Budget(CLIENT_PER_S, CLIENT_AT_ONCE)
         self._of_strangers = Budget(STRANGERS_PER_S, STRANGERS_AT_ONCE)
 
@@ -48,14 +49,16 @@ class Gateway:
             self._count("air_flood", f"{address[0]}:{address[1]}")
             return
         try:
-            packet = packets.decode(datagram)
+            packet = _read(datagram)
         except ValueError as error:
             self._count("air_datagram", f"{address[0]}:{address[1]}: {error}")
             return
         if isinstance(packet, packets.Connect):
             self._on_connect(packet, address, now_s)
         elif client is not None:
+            before = client.published
             client.received(packet, now_s)
+            budget.owes(address, now_ms, max(0, client.published - before - 1))
             self._look_at(address, now_s)
         elif not isinstance(packet, packets.Disconnect):  # two gateways would go on answering each other
             self._send(packets.encode(packets.Disconnect()), address)
@@ -79,8 +82,8 @@ class Gateway:
         known = self._at.get(address)
         if known is not None and known.client_id == packet.client_id and known.on_connect_again(now_s):
             return
-        rival = self._named.get(packet.client_id)
-        if rival is not None and rival.is_there:  # a CONNECT proves nothing: anybody can repeat one
+        rival = next((one for one in self._at.values() if one.is_there and one.client_id == packet.client_id), None)
+        if rival is not None:  # a CONNECT proves nothing: anybody can repeat one
             rival.ask(now_s)
             return
         if known is not None and known.is_there:
@@ -106,11 +109,13 @@ class Gateway:
         client.start()
         self._look_at(address, now_s)
 
-    def _claim(self, client: AirClient) -> bool:
-        holder = self._named.get(client.client_id)
-        if holder is not None and holder.is_there:
-            return False
-        self._named[client.client_id] = client
+    def _claim(self, client: AirClient, now_s: float) -> bool:
+        """Whether nobody else who is there has its id or drone; who has is asked for a sign of life."""
+        for other in self._at.values():
+            is_same = other.client_id == client.client_id or (client.drone is not None and other.drone == client.drone)
+            if other is not client and other.is_there and is_same:
+                other.ask(now_s)
+                return False
         return True
 
     def _look_at(self, address: Address, now_s: float) -> None:
@@ -118,5 +123,11 @@ class Gateway:
         client.tick(now_s)
         if client.stage is Stage.GONE:
             del self._at[address]
-        if not client.is_there and self._named.get(client.client_id) is client:
-            del self._named[client.client_id]
+
+
+def _read(datagram: bytes) -> packets.Packet:
+    """A client's packet; raises ValueError for what is none, and for what is longer than one may be."""
+    is_will = datagram[3:4] == bytes((packets.WillMsg.KIND,))
+    if len(datagram) > (packets.size_of_publish(b"") + MAX_PAYLOAD if is_will else LARGEST_DATAGRAM):
+        raise ValueError(f"{len(datagram)} bytes; expected at most {LARGEST_DATAGRAM}")
+    return packets.decode(datagram)

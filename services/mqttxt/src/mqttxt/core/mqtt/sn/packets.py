@@ -13,7 +13,9 @@ from typing import ClassVar
 NORMAL, PREDEFINED = 0, 1
 """What a topic id is: one that was registered on this connection, or one that both sides know."""
 CONGESTION, INVALID_TOPIC, NOT_SUPPORTED = 0x01, 0x02, 0x03
-"""Return codes of their own; from 0x10 on a return code is MQTT 5's reason code."""
+"""Return codes of their own."""
+FIRST_OF_MQTT_5 = 0x10
+"""From here on a return code is MQTT 5's reason code."""
 _DUP, _RETAIN, _WILL, _CLEAN, _TYPE = 0x80, 0x10, 0x08, 0x04, 0x03
 _LIVE_ONLY = _RETAIN
 """In a SUBSCRIBE, where 1.2 gives this flag no meaning."""

@@ -23,6 +23,8 @@ GIVE_UP_S = 15.0
 """A connection is lost where nothing answers for so long."""
 MOST_WAITING = 1000
 """Messages; as Mosquitto keeps for a client. Further ones are dropped."""
+MOST_WAITING_BYTES = 1 << 19
+"""Of their payloads."""
 _IDS = 65_535
 
 Answer = Puback | Suback | Unsuback | Regack
@@ -86,6 +88,7 @@ class Sender:
         self._id_of = id_of
         self._round_trip = round_trip
         self._waiting: deque[_Tell | _Ask] = deque()
+        self._waiting_bytes = 0
         self._keyed: dict[str, _Tell] = {}
         self._stream = _Stream()
         self._under_way: _UnderWay | None = None
@@ -97,21 +100,29 @@ class Sender:
         return self._under_way is None and not self._waiting and not self._stream.left
 
     def tell(self, told: Told, now_s: float, done: Done | None = None, key: str | None = None) -> bool:
-        """Send a message behind what waits; `done` hears the return code. What waits of the same key is replaced.
+        """Send a message behind what waits; `done` hears the return code.
 
-        False where too many wait, and where the other side takes no message of this length or topic.
+        False where too much waits, and where the other side takes no message of this length or topic.
         """
-        if key is not None and key in self._keyed:
-            self._keyed[key].told = told
-            return True
-        if len(self._waiting) >= MOST_WAITING or not (self.together or self._fits_alone(told)):
+        waiting_bytes = self._waiting_bytes + len(told.payload)
+        if len(self._waiting) >= MOST_WAITING or waiting_bytes > MOST_WAITING_BYTES:
+            return False
+        if not (self.together or self._fits_alone(told)):
             return False
         item = _Tell(told, done, key)
         if key is not None:
             self._keyed[key] = item
         self._waiting.append(item)
+        self._waiting_bytes = waiting_bytes
         self._go_on(now_s)
         return True
+
+    def forget(self, key: str) -> None:
+        """What waits of this key is not sent any more."""
+        item = self._keyed.pop(key, None)
+        if item is not None:
+            self._waiting.remove(item)
+            self._waiting_bytes -= len(item.told.payload)
 
     def ask(self, packet: Asked, now_s: float, done: Done) -> None:
         """Send a SUBSCRIBE or UNSUBSCRIBE behind what waits; its message id is set here."""
@@ -197,6 +208,7 @@ class Sender:
     def _take(self) -> _Tell:
         item = self._waiting.popleft()
         assert isinstance(item, _Tell)
+        self._waiting_bytes -= len(item.told.payload)
         if item.key is not None:
             del self._keyed[item.key]
         return item

@@ -43,19 +43,20 @@ class Unpacker:
         self._came = b""
 
     def take(self, piece: bytes) -> list[Told]:
-        """The messages that end in this piece; raises ValueError for what is no stream of messages."""
-        self._came += piece
+        """The messages that end in this piece; raises ValueError for what is no stream of messages, which then ends."""
+        came, at, self._came = self._came + piece, 0, b""
         found: list[Told] = []
-        while len(self._came) >= _HEAD.size:
-            flags, topic_id, name_length, length = _HEAD.unpack_from(self._came)
-            begin = _HEAD.size + name_length
-            if begin + length > MOST_BYTES or (topic_id == 0) != (name_length > 0):
+        while len(came) - at >= _HEAD.size:
+            flags, topic_id, name_length, length = _HEAD.unpack_from(came, at)
+            begin = at + _HEAD.size + name_length
+            if _HEAD.size + name_length + length > MOST_BYTES or (topic_id == 0) != (name_length > 0):
                 raise ValueError(f"a message with topic id {topic_id}, {name_length} + {length} bytes")
-            if len(self._came) < begin + length:
+            if len(came) < begin + length:
                 break
-            name = self._came[_HEAD.size : begin].decode() if topic_id == 0 else self._ids.topic_of(topic_id)
+            name = came[at + _HEAD.size : begin].decode() if topic_id == 0 else self._ids.topic_of(topic_id)
             if name is None:
                 raise ValueError(f"topic id {topic_id}: not predefined")
-            found.append(Told(name, self._came[begin : begin + length], int(flags & _QOS != 0), flags & _RETAIN != 0))
-            self._came = self._came[begin + length :]
+            at = begin + length
+            found.append(Told(name, came[begin:at], int(flags & _QOS != 0), flags & _RETAIN != 0))
+        self._came = came[at:]
         return found

@@ -111,12 +111,13 @@ class TopicIds:
         return found is not None and found.drone == drone and found.kind in kinds
 
     def _parsed(self, topic: str) -> DroneTopic | None:
-        return _parsed(self.root, topic)
+        try:
+            return _parsed(self.root, topic)
+        except PayloadError:
+            return None
 
 
 @lru_cache(maxsize=8192)
 def _parsed(root: str, topic: str) -> DroneTopic | None:
-    try:
-        return FogSide(root).parse(topic)
-    except PayloadError:
-        return None
+    """Only what is a topic is kept. Raises PayloadError."""
+    return FogSide(root).parse(topic)

@@ -1,0 +1,184 @@
+"""What a stranger, a network that reorders, or a broker that refuses must not bring about on the air leg."""
+
+from __future__ import annotations
+
+from mqttxt.core.effects import Will
+from mqttxt.core.mqtt.sn import packets
+from mqttxt.core.mqtt.sn.gateway import Address, Gateway
+from mqttxt.core.mqtt.sn.packets import CONGESTION, PREDEFINED, Connect, Message
+from mqttxt.core.mqtt.sn.sender import LARGEST_DATAGRAM
+from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds, _parsed
+from tests.simulation.air_bench import GATEWAY, AirBench, BrokerSide, Port
+
+COMMANDS, RESULT, STATE = "drone1/commands", "drone1/commands_result/arm", "drone1/state/location"
+EVIL: Port = ("evil", 1)
+JUNK = bytes((0, 0, 0, 0, 1, 255, 255))
+"""A head of a message that can never be one."""
+
+
+def id_of(topic: str) -> int:
+    found = TopicIds().id_of(topic)
+    assert found is not None
+    return found
+
+
+def stranger(bench: AirBench) -> None:
+    assert bench.says(Connect("evil", 15), EVIL) == [packets.Connack()]
+
+
+def test_what_is_no_stream_is_not_kept() -> None:
+    bench = AirBench()
+    stranger(bench)
+    for number in range(1, 21):
+        bench.says(Message(TOGETHER, JUNK + bytes(1000), PREDEFINED, 1, number), EVIL)
+    at = bench.gateway._at.get(EVIL)
+    assert at is None or len(at._unpacker._came) <= LARGEST_DATAGRAM
+
+
+def test_a_datagram_that_is_too_long_is_not_read() -> None:
+    """7,000 messages of another drone in one datagram cost ten seconds of the activator's time."""
+    bench = AirBench()
+    stranger(bench)
+    own = id_of("drone1/reachable").to_bytes(2, "big")
+    bench.says(Message(TOGETHER, (b"\x20" + own + bytes(4)) * 1000, PREDEFINED, 1, 1), EVIL)
+    assert bench.sides[0].published == []
+
+
+def test_what_a_broker_never_acknowledges_is_not_kept() -> None:
+    bench = AirBench()
+    stranger(bench)
+    bench.broker_answers = False
+    for number in range(1, 51):
+        bench.says(Message(id_of(RESULT), bytes(1000), PREDEFINED, 1, number), EVIL)
+    assert len(bench.sides[0].published) == 1
+
+
+def test_names_that_are_no_topics_are_not_kept() -> None:
+    bench = AirBench()
+    stranger(bench)
+    _parsed.cache_clear()
+    for number in range(1, 21):
+        bench.says(packets.Subscribe(number, f"{number}" + "x" * 1000), EVIL)
+    assert _parsed.cache_info().currsize == 0
+
+
+def test_a_client_whom_the_broker_refused_is_forgotten() -> None:
+    bench = AirBench()
+    bench.broker_answers = False
+    for number in range(10):
+        bench.says(Connect(f"x{number}", 15), EVIL)
+        bench.sides[-1].client().on_opened(CONGESTION)
+        bench.now_s += 0.01
+    bench.pass_time(30)
+    assert bench.gateway._at == {}
+
+
+def test_a_second_client_does_not_speak_for_a_drone_that_is_there() -> None:
+    bench = AirBench()
+    client = bench.up()
+    client.subscribe(COMMANDS, live_only=True)
+    bench.says(Connect("evil", 15), EVIL)
+    bench.says(Message(id_of("drone1/reachable"), b"down", PREDEFINED, 1, 1, retain=True), EVIL)
+    bench.says(Message(id_of(RESULT), b"made up", PREDEFINED, 1, 2), EVIL)
+    bench.says(packets.Subscribe(3, id_of(COMMANDS), live_only=True), EVIL)
+    others = bench.sides[1:]
+    assert [told.topic for side in others for told in side.published] == []
+    assert [topic for side in others for topic, _ in side.subscribed] == []
+
+
+def test_a_second_client_s_will_does_not_say_that_a_drone_is_down_which_is_there() -> None:
+    bench = AirBench()
+    bench.up()
+    bench.says(Connect("evil", 15, has_will=True), EVIL)
+    bench.says(packets.WillTopic("drone1/reachable"), EVIL)
+    bench.says(packets.WillMsg(b"down"), EVIL)
+    bench.says(packets.Disconnect(1), EVIL)
+    assert [side.will for side in bench.sides[1:] if side.closed == [True]] == []
+
+
+def test_a_late_copy_of_a_subscribe_costs_no_connection_and_subscribes_nothing() -> None:
+    bench = AirBench()
+    client = bench.up()
+    client.subscribe(COMMANDS, live_only=True)
+    late = next(packet for packet in bench.to_gateway(packets.Subscribe) if packet != packets.Subscribe(1, TOGETHER))
+    pubacks = iter(range(10**6))
+    bench.lose = lambda port, packet: port != GATEWAY and isinstance(packet, packets.Puback) and next(pubacks) == 0
+    client.publish(RESULT)
+    bench.says(late, client.port)
+    bench.pass_time(16)
+    assert bench.sides[0].subscribed == [(COMMANDS, True)]
+    assert client.acknowledged == [(RESULT, 0)]
+    assert client.ended == 0
+
+
+def test_drones_that_a_nat_takes_for_each_other_connect_anew_and_no_word_is_taken_for_said() -> None:
+    """The ledger takes each code below 0x80 but 0x10 for delivery (`desk.on_published`)."""
+    bench = AirBench()
+    one = bench.up(1, "drone1-a")
+    two = bench.client(2, "drone2-a", Will("drone2/reachable", b"down"))
+    for client, drone in ((one, 1), (two, 2)):
+        client.subscribe(f"drone{drone}/commands", live_only=True)
+        client.publish(f"drone{drone}/commands_result/hold")
+    one.acknowledged.clear()
+    ports = one.port, two.port
+    one.machine._send_datagram = lambda data: bench.from_client(data, ports[1])
+    two.machine._send_datagram = lambda data: bench.from_client(data, ports[0])
+    bench.clients[ports[0]], bench.clients[ports[1]] = two, one
+    one.publish(RESULT, b"done")
+    bench.pass_time(20)
+    assert not any(code < 0x80 for _, code in one.acknowledged)
+    assert one.ended == 1
+
+
+def test_two_gateways_do_not_take_leave_of_each_other_for_ever() -> None:
+    ports: list[Address] = [("a", 1), ("b", 1)]
+    on_the_way: list[tuple[float, Address, Address, bytes]] = []
+    now_s, heard = 100.0, 0
+
+    def made(own: Address) -> Gateway:
+        bench = AirBench()
+        return Gateway(
+            TopicIds(),
+            lambda data, to: on_the_way.append((now_s + 0.005, own, to, data)),
+            lambda client: BrokerSide(client, bench),
+            lambda kind, detail: None,
+        )
+
+    gateways = {port: made(port) for port in ports}
+    one, other = ports
+    gateways[one].received(packets.encode(Connect("x", 15)), other, now_s)
+    gateways[other].received(packets.encode(Connect("y", 15)), one, now_s)
+    gateways[one].received(packets.encode(packets.Disconnect()), other, now_s)
+    while on_the_way and now_s < 160:
+        now_s, sender, to, data = on_the_way.pop(0)
+        heard += 1
+        for gateway in gateways.values():
+            if gateway.due_s() <= now_s:
+                gateway.tick(now_s)
+        gateways[to].received(data, sender, now_s)
+    assert heard < 20, f"{heard} datagrams, {now_s - 100:.0f} s"
+
+
+def test_a_connect_and_one_lost_datagram_do_not_end_a_client_that_is_there() -> None:
+    bench = AirBench()
+    bench.up()
+    bench.pass_time(1)
+    asked = iter(range(10**6))
+    bench.lose = lambda port, packet: port != GATEWAY and isinstance(packet, packets.Pingreq) and next(asked) == 0
+    bench.says(Connect("drone1-a", 15), EVIL)
+    bench.pass_time(3)
+    assert bench.sides[0].closed == []
+
+
+def test_a_state_that_is_confirmed_does_not_replace_a_newer_one() -> None:
+    bench = AirBench()
+    client = bench.up()
+    bench.lose = lambda port, packet: port != GATEWAY and isinstance(packet, packets.Puback)
+    client.publish(RESULT)
+    client.publish(STATE, b"old", 0, retain=True)
+    bench.pass_time(1.6)
+    client.publish(STATE, b"new", 0, retain=True)
+    bench.lose = lambda port, packet: False
+    bench.pass_time(1.2)
+    states = [told.payload for told in bench.sides[0].published if told.topic == STATE]
+    assert states[-1] == b"new", states
