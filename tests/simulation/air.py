@@ -217,7 +217,7 @@ class _ToBroker(Client):
             up, down = (Channel(self.sim.events, self.sim.machine) for _ in range(2))
             self.connection = Connection(broker, self, FOG, will, up, down)
             broker.connect(self.connection)
-        client.on_opened(0 if self.connection is not None else CONGESTION)
+        client.on_opened(0 if self.connection is not None else CONGESTION, self.sim.now_s)
         self.sim.alarm.arm()
 
     # What the broker says; there it is the process of the activator that stands still.

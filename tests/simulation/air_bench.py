@@ -38,7 +38,7 @@ class BrokerSide:
     def open(self, client_id: str, will: Will | None) -> None:
         self.client_id, self.will = client_id, will
         if self.bench.broker_answers:
-            self.client().on_opened(self.bench.broker_code)
+            self.client().on_opened(self.bench.broker_code, self.bench.now_s)
 
     def publish(self, told: Told, ref: Hashable) -> None:
         self.published.append(told)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mqttxt.core.effects import Will
 from mqttxt.core.mqtt.sn import packets
-from mqttxt.core.mqtt.sn.gateway import Address, Gateway
+from mqttxt.core.mqtt.sn.gateway import OPENED_AT_ONCE, Address, Gateway
 from mqttxt.core.mqtt.sn.packets import CONGESTION, PREDEFINED, Connect, Message
 from mqttxt.core.mqtt.sn.sender import LARGEST_DATAGRAM
 from mqttxt.core.mqtt.sn.topic_ids import TOGETHER, TopicIds, _parsed
@@ -67,7 +67,7 @@ def test_a_client_whom_the_broker_refused_is_forgotten() -> None:
     bench.broker_answers = False
     for number in range(10):
         bench.says(Connect(f"x{number}", 15), EVIL)
-        bench.sides[-1].client().on_opened(CONGESTION)
+        bench.sides[-1].client().on_opened(CONGESTION, bench.now_s)
         bench.now_s += 0.01
     bench.pass_time(30)
     assert bench.gateway._at == {}
@@ -182,3 +182,29 @@ def test_a_state_that_is_confirmed_does_not_replace_a_newer_one() -> None:
     bench.pass_time(1.2)
     states = [told.payload for told in bench.sides[0].published if told.topic == STATE]
     assert states[-1] == b"new", states
+
+
+def test_one_address_does_not_open_connections_to_the_broker_without_end() -> None:
+    bench = AirBench()
+    for _ in range(200):
+        bench.says(Connect("x", 15), EVIL)
+        bench.says(packets.Disconnect(), EVIL)
+        bench.now_s += 0.005
+    assert len(bench.sides) <= 20, f"{len(bench.sides)} in a second"
+
+
+def test_three_hundred_datagrams_do_not_keep_drones_out_for_minutes() -> None:
+    bench = AirBench()
+    for number in range(300):
+        bench.says(Connect(f"fake{number}", 65_535), ("fake", number))
+        bench.now_s += 0.01
+    bench.pass_time(30)
+    assert bench.client().codes == [0]
+
+
+def test_so_many_addresses_do_not_open_so_many_connections_to_the_broker() -> None:
+    bench = AirBench()
+    for number in range(200):
+        bench.says(Connect(f"x{number}", 15), ("evil", number))
+    assert sum(side.client_id != "" for side in bench.sides) == OPENED_AT_ONCE
+    assert bench.counted.count("air_full") == 200 - OPENED_AT_ONCE

@@ -28,6 +28,8 @@ BROKER_SIDE = "air"
 CLIENT_PREFIX = "sn-"
 """In front of a client's id at the broker: no datagram takes over the id of a client with a connection of its own."""
 MOST_UNSENT_BYTES = 1 << 20
+TICK_S = 0.05
+"""Half of the shortest time after which a packet is repeated."""
 
 
 class _ToBroker:
@@ -80,7 +82,7 @@ class _ToBroker:
                 code = CONGESTION
             if code == 0:
                 self._connection = connection
-            client.on_opened(code)
+            client.on_opened(code, air.now_s())
             air.look()
             if code == 0 and connection is not None:
                 logger.info("%s: %s is connected", BROKER_SIDE, client_id)
@@ -169,13 +171,11 @@ class Air(asyncio.DatagramProtocol):
         return asyncio.get_running_loop().time()
 
     def look(self) -> None:
-        """See to it that the gateway is called when it has something to do."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-        due_s = self._gateway.due_s()
-        if self._transport is not None and due_s < inf:
-            self._timer = asyncio.get_running_loop().call_at(due_s, self._tick)
+        """See to it that the gateway is called while it has clients: with 300 of them, to ask each for its time costs
+        more than a datagram.
+        """
+        if self._timer is None and self._transport is not None and self._gateway.due_s() < inf:
+            self._timer = asyncio.get_running_loop().call_later(TICK_S, self._tick)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.DatagramTransport", transport)

@@ -18,10 +18,9 @@ from .together import Told, Unpacker
 from .topic_ids import TOGETHER, TopicIds, Travel
 
 GREETING_S = 5.0
-"""How long a client may take for its will."""
+"""How long a client may take for its will, and for its first packet behind CONNACK."""
 OPENING_S = 20.0
 """How long a client is kept for which no connection to the broker comes about, from its CONNECT on."""
-LONGEST_KEEPALIVE_S = 300
 ASK_S, ASK_TIMES = 5.0, 4
 """How long a client whose id or drone somebody else names may take to answer, and how often it is asked meanwhile."""
 LINGER_S = 5.0
@@ -89,7 +88,7 @@ class AirClient:
         """Since when it has not answered whether it is there, though somebody else came with its id or drone."""
         self._asked_times = 0
         self._is_asked_again = False
-        self._keepalive_s = min(connect.duration_s or KEEPALIVE_S, LONGEST_KEEPALIVE_S)
+        self._keepalive_s = min(connect.duration_s or KEEPALIVE_S, KEEPALIVE_S)
         self._ids = ids
         self._send_datagram = send
         self._broker = broker
@@ -97,7 +96,8 @@ class AirClient:
         self._count = count
         self._will_topic = ""
         self._since_s = self._last_in_s = now_s
-        self._is_confirmed = False
+        self.is_confirmed = False
+        """Whether it has said anything, but that it leaves, since it is connected."""
         round_trip = RoundTrip()
         self._sender = Sender(self._send, ids, round_trip, self._id_of, together=False)
         self._receiver = Receiver()
@@ -126,7 +126,7 @@ class AirClient:
         self._last_in_s = now_s
         self._asked_s = None
         if self.stage is Stage.UP:
-            self._is_confirmed = self._is_confirmed or not isinstance(packet, packets.WillMsg)
+            self.is_confirmed = self.is_confirmed or not isinstance(packet, packets.WillMsg | packets.Disconnect)
             self._on_packet(packet, now_s)
         elif self.stage is Stage.LEFT:  # two gateways would go on answering each other
             if not isinstance(packet, packets.Disconnect) or self._may_take_leave_again:
@@ -148,9 +148,9 @@ class AirClient:
             self._send(packets.WillTopicReq())
         elif self.stage is Stage.WILL:
             self._send(packets.WillMsgReq())
-        elif self.stage is Stage.UP and not self._is_confirmed:
+        elif self.stage is Stage.UP and not self.is_confirmed:
             self._send(packets.Connack())
-        return not (self.stage in (Stage.LEFT, Stage.GONE) or (self.stage is Stage.UP and self._is_confirmed))
+        return not (self.stage in (Stage.LEFT, Stage.GONE) or (self.stage is Stage.UP and self.is_confirmed))
 
     def ask(self, now_s: float) -> None:
         """Somebody else came with its id or drone: is it there?"""
@@ -192,6 +192,8 @@ class AirClient:
             return self._since_s + (LINGER_S if self.stage is Stage.LEFT else GREETING_S)
         is_up = self.stage is Stage.UP
         lasts_s = self._last_in_s + 1.5 * self._keepalive_s if is_up else self._since_s + OPENING_S
+        if is_up and not self.is_confirmed:
+            lasts_s = self._since_s + GREETING_S
         return min(lasts_s, self._asked_s + ASK_S if self._asked_s is not None else inf)
 
     def end(self, now_s: float) -> None:
@@ -202,11 +204,11 @@ class AirClient:
 
     # What the connection to the broker reports.
 
-    def on_opened(self, code: int) -> None:
+    def on_opened(self, code: int, now_s: float) -> None:
         """The broker has answered, or cannot be reached (CONGESTION)."""
         if self.stage is not Stage.OPENING:
             return
-        self.stage = Stage.UP if code == 0 else Stage.GONE
+        self.stage, self._since_s = Stage.UP if code == 0 else Stage.GONE, now_s
         self._send(packets.Connack(code))
 
     def on_ended(self, now_s: float, refused: bool = False) -> None:

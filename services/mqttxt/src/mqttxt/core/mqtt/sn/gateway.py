@@ -20,6 +20,9 @@ CLIENT_PER_S, CLIENT_AT_ONCE = 1000, 2000
 STRANGERS_PER_S, STRANGERS_AT_ONCE = 200, 400
 """The same of all others together: their sender addresses may be anybody's."""
 
+OPENED_PER_S, OPENED_AT_ONCE = 20, 60
+"""Connections to the broker that are begun for all clients together; so many at most are under way."""
+
 Address = tuple[Any, ...]
 
 
@@ -40,6 +43,7 @@ class Gateway:
         self._at: dict[Address, AirClient] = {}
         self._of_clients = Budget(CLIENT_PER_S, CLIENT_AT_ONCE)
         self._of_strangers = Budget(STRANGERS_PER_S, STRANGERS_AT_ONCE)
+        self._of_openings = Budget(OPENED_PER_S, OPENED_AT_ONCE)
 
     def received(self, datagram: bytes, address: Address, now_s: float) -> None:
         """A datagram came; what is no packet, and what is too much, is counted and dropped."""
@@ -89,6 +93,8 @@ class Gateway:
         if known is not None and known.is_there:
             known.ask(now_s)
             return
+        if known is not None and known.stage is Stage.LEFT and not known.is_confirmed:
+            return
         if known is None and len(self._at) >= MOST_CLIENTS:
             self._count("air_full", f"{address[0]}:{address[1]}: more than {MOST_CLIENTS} clients")
             self._send(packets.encode(packets.Connack(packets.CONGESTION)), address)
@@ -110,13 +116,19 @@ class Gateway:
         self._look_at(address, now_s)
 
     def _claim(self, client: AirClient, now_s: float) -> bool:
-        """Whether nobody else who is there has its id or drone; who has is asked for a sign of life."""
+        """Whether it may connect, and nobody who is there has its id or drone; who has is asked for a sign of life."""
         for other in self._at.values():
             is_same = other.client_id == client.client_id or (client.drone is not None and other.drone == client.drone)
             if other is not client and other.is_there and is_same:
                 other.ask(now_s)
                 return False
-        return True
+        if client.stage is Stage.UP:
+            return True
+        under_way = sum(other.stage is Stage.OPENING for other in self._at.values() if other is not client)
+        if under_way < OPENED_AT_ONCE and self._of_openings.takes((), int(now_s * 1000)):
+            return True
+        self._count("air_full", f"{client.client_id}: more than {OPENED_PER_S} connections a second to the broker")
+        return False
 
     def _look_at(self, address: Address, now_s: float) -> None:
         client = self._at[address]
