@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import socket
+from unittest.mock import create_autospec
+
+import pytest
+
+from mqttxt.core.address import BrokerAddress
 from mqttxt.core.effects import Will
+from mqttxt.core.mqtt.events import LinkEvents
+from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.core.mqtt.sn import packets
 from mqttxt.core.mqtt.sn.gateway import OPENED_AT_ONCE, Address, Gateway
 from mqttxt.core.mqtt.sn.packets import CONGESTION, PREDEFINED, Connect, Message
@@ -208,3 +217,36 @@ def test_so_many_addresses_do_not_open_so_many_connections_to_the_broker() -> No
         bench.says(Connect(f"x{number}", 15), ("evil", number))
     assert sum(side.client_id != "" for side in bench.sides) == OPENED_AT_ONCE
     assert bench.counted.count("air_full") == 200 - OPENED_AT_ONCE
+
+
+async def test_each_address_of_a_gateway_s_name_is_tried_and_no_return_code_ends_the_link(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nobody is at the first address; at the second somebody refuses every client for good."""
+    came: asyncio.Queue[Address] = asyncio.Queue()
+
+    class Refusing(asyncio.DatagramProtocol):
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            self.transport = transport
+
+        def datagram_received(self, data: bytes, addr: Address) -> None:
+            if isinstance(packets.decode(data), Connect):
+                came.put_nowait(addr)
+                self.transport.sendto(packets.encode(packets.Connack(0x87)), addr)  # type: ignore[attr-defined]
+
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(Refusing, local_addr=("127.0.0.1", 0))
+    port = transport.get_extra_info("sockname")[1]
+    found = [(socket.AF_INET, socket.SOCK_DGRAM, 17, "", (host, port)) for host in ("127.0.0.2", "127.0.0.1")]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+    address = BrokerAddress.parse(f"mqtt-sn://fog:{port}", datagrams=True)
+    link = MqttLink("fog", address, "drone1-a", None, create_autospec(LinkEvents))
+    running = asyncio.ensure_future(link.run())
+    try:
+        async with asyncio.timeout(60):
+            await came.get()
+            await came.get()
+        assert not running.done()
+    finally:
+        running.cancel()
+        transport.close()

@@ -94,6 +94,7 @@ class MqttLink:
         self._session_expiry_s = session_expiry_s
         self._longest_pause_s = longest_pause_s
         self._is_closed = False
+        self._failures = 0
         self._has_been_up = self._was_accepted = False
         self._outage = Outage(link or name, address)
         self._use(None)
@@ -113,6 +114,7 @@ class MqttLink:
                 pause_s = FIRST_PAUSE_S
                 self._outage.begin(now_s())
             else:
+                self._failures += 1
                 self._outage.fail(reason, now_s(), was_accepted=self._was_accepted)
             await asyncio.sleep(pause_s * random.uniform(0.5, 1.0))
             pause_s = min(2 * pause_s, self._longest_pause_s)
@@ -151,7 +153,7 @@ class MqttLink:
         will = self._will() if self._will is not None else None
         who = (self.name, self.address, self._client_id, will, self._events)
         if self.address.datagrams:
-            return SnConnection(*who, TopicIds(self._root))
+            return SnConnection(*who, TopicIds(self._root), self._failures)
         return Connection(
             *who,
             manual_ack=self._manual_ack,

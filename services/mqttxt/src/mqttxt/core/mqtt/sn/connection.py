@@ -31,15 +31,26 @@ _TAKEN_AT_ONCE = 256
 
 
 class SnConnection:
-    """One client, on a socket of its own: what is late of an earlier connection has another sender's port."""
+    """One client, on a socket of its own: what is late of an earlier connection has another sender's port.
+
+    With each of the link's `failures` it begins with the next of the addresses that the gateway's name has.
+    """
 
     def __init__(
-        self, name: str, address: BrokerAddress, client_id: str, will: Will | None, events: LinkEvents, ids: TopicIds
+        self,
+        name: str,
+        address: BrokerAddress,
+        client_id: str,
+        will: Will | None,
+        events: LinkEvents,
+        ids: TopicIds,
+        failures: int = 0,
     ) -> None:
         self.name = name
         self.address = address
         self.refusal: str | None = None
         """Why this connection was given up though the gateway had accepted it."""
+        self._failures = failures
         self._events = events
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[int] = self._loop.create_future()
@@ -53,7 +64,7 @@ class SnConnection:
 
     async def open(self) -> int:
         """Connect; returns the CONNACK's return code. Raises OSError, TimeoutError without a CONNACK."""
-        connecting = in_own_thread(partial(_socket_to, self.address))
+        connecting = in_own_thread(partial(_socket_to, self.address, self._failures))
         try:
             self._socket = await asyncio.shield(connecting)
         except asyncio.CancelledError:
@@ -222,17 +233,26 @@ class SnConnection:
             self._accepted.exception()  # nobody may wait for it any more
 
 
-def _socket_to(address: BrokerAddress) -> socket.socket:
+def _socket_to(address: BrokerAddress, failures: int) -> socket.socket:
     """A UDP socket whose other side the gateway is; blocks while the name is resolved. Raises OSError."""
-    family, kind, proto, _, where = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
-    sock = socket.socket(family, kind, proto)
-    try:
-        sock.setblocking(False)
-        sock.connect(where)
-    except OSError:
-        sock.close()
-        raise
-    return sock
+    found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
+    first = failures % len(found)
+    failure = OSError(f"{address.host}: no address")
+    for family, kind, proto, _, where in found[first:] + found[:first]:
+        try:
+            sock = socket.socket(family, kind, proto)
+        except OSError as error:
+            failure = error
+            continue
+        try:
+            sock.setblocking(False)
+            sock.connect(where)
+        except OSError as error:
+            sock.close()
+            failure = error
+        else:
+            return sock
+    raise failure
 
 
 def _abandon(connecting: asyncio.Future[socket.socket]) -> None:
