@@ -124,7 +124,6 @@ def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:
         assert contained.ended() == 2
         (said,) = [line for line in contained.said().splitlines() if line.startswith("mqttxt: ")]
         assert f"--listen 127.0.0.1:{system.cloud.port}: another program listens there" in said
-        assert "Address already in use" in said
         assert "Traceback" not in contained.said()
     finally:
         contained.kill()
