@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.e2e.flying import Run, attempt_over
+from tests.e2e.flying import FEW, Run, attempt_over, few_drones
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 
@@ -20,7 +20,7 @@ SERVICES = {
 
 
 def test_one_message_of_each_kind_is_counted_over_both(tmp_path: Path) -> None:
-    run = Run(tmp_path / "results", "--count", "1", experiment="messages")
+    run = Run(tmp_path / "results", "--count", "1", experiment="messages", environment=few_drones(tmp_path))
     assert run.wait() == 0, run.output
     for protocol, services in SERVICES.items():
         (measured,) = run.metrics()["protocols"][protocol]["attempts"]
@@ -38,5 +38,5 @@ def test_one_message_of_each_kind_is_counted_over_both(tmp_path: Path) -> None:
         assert list((flight.path / "sitl").glob("*.sock")) == []
         events = [json.loads(line) for line in (flight.path / "events.jsonl").read_text().splitlines()]
         assert [event["command"] for event in events if event["event"] == "command"] == COMMANDS
-        silent = [f"air:uav{drone}:{way}" for drone in range(2, 7) for way in ("up", "down")]
+        silent = [f"air:uav{drone}:{way}" for drone in range(2, FEW + 1) for way in ("up", "down")]
         assert all(measured["links"].get(link, {}).get("packets", 0) == 0 for link in silent)

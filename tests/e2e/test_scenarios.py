@@ -3,36 +3,35 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
+from testbed.fly.results import Attempt
 from tests.e2e.agreement import assert_pymavlink_agrees, assert_tshark_agrees
-from tests.e2e.flying import Run, attempt_over, quick_drones
+from tests.e2e.flying import Run, attempt_over, few_drones, quick_drones
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(900)]
 
 COMMANDS = ["arm", "takeoff", "goto", "return"]
 SAMPLES = 1
-SERIES = 18
+SERIES_A_DRONE = 3
 
 
 class Flight(NamedTuple):
-    """A scenario, and the arm that it is flown in."""
+    """A scenario, the arm that it is flown in, and by how many drones."""
 
     scenario: str
     arm: str = "five-states-bundled"
-
-    def __str__(self) -> str:
-        return "-".join(self)
+    fleet: Callable[[Path], dict[str, str]] = few_drones
 
 
-SCENARIO_2, SCENARIO_4 = Flight("scenario-2"), Flight("scenario-4")
-SHAPED = pytest.param(SCENARIO_4, marks=pytest.mark.alone, id="scenario-4")
-"""Its sensors' links are shaped, and a shaper needs its time."""
+SCENARIO_2 = pytest.param(Flight("scenario-2"), id="scenario-2")
+SCENARIO_4 = pytest.param(Flight("scenario-4"), id="scenario-4")
 FULL_STREAMS = pytest.param(
-    Flight("scenario-4", "thesis"),
+    Flight("scenario-4", "thesis", quick_drones),
     marks=[
         pytest.mark.alone,
         pytest.mark.soak(
@@ -42,7 +41,8 @@ FULL_STREAMS = pytest.param(
     ],
     id="scenario-4-thesis",
 )
-"""Readings beside all that PX4 streams; readings without that are in SCENARIO_4, those streams in scenario 1."""
+"""Readings of the experiments' fleet beside all that PX4 streams; readings without that are in SCENARIO_4, those
+streams in scenario 1."""
 
 
 @pytest.fixture(scope="module")
@@ -50,40 +50,46 @@ def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     flight: Flight = request.param
     folder: Path = tmp_path_factory.mktemp("flown")
     options = ["--arm", flight.arm, "--samples", str(SAMPLES)]
-    run = Run(folder / "results", *options, experiment=flight.scenario, environment=quick_drones(folder))
+    run = Run(folder / "results", *options, experiment=flight.scenario, environment=flight.fleet(folder))
     assert run.wait() == 0, run.output
     return run
 
 
-@pytest.mark.parametrize("flown", [pytest.param(SCENARIO_2, id="scenario-2"), SHAPED, FULL_STREAMS], indirect=True)
+def drones_of(attempt: Attempt) -> list[int]:
+    return [int(node.name.removeprefix("uav")) for node in attempt.topology().nodes if node.name.startswith("uav")]
+
+
+@pytest.mark.parametrize("flown", [SCENARIO_2, SCENARIO_4, FULL_STREAMS], indirect=True)
 def test_every_drone_completes_every_command_of(flown: Run) -> None:
     for protocol in ("mqttxt", "mavlink"):
         (attempt,) = flown.metrics()["protocols"][protocol]["attempts"]
         assert attempt["status"] == "completed"
+        assert {*attempt["outcomes"]} == {str(drone) for drone in drones_of(attempt_over(flown, protocol))}
         for drone, said in attempt["outcomes"].items():
             assert [(o["command"], o["word"]) for o in said] == [(c, "completed") for c in COMMANDS], drone
         assert attempt["message_loss"]["commands"] == 0.0
 
 
-@pytest.mark.parametrize("flown", [SHAPED, FULL_STREAMS], indirect=True)
+@pytest.mark.parametrize("flown", [SCENARIO_4, FULL_STREAMS], indirect=True)
 def test_what_the_sensors_measured_arrives_whole(flown: Run) -> None:
     for protocol in ("mqttxt", "mavlink"):
         (attempt,) = flown.metrics()["protocols"][protocol]["attempts"]
         flight = attempt_over(flown, protocol)
+        drones = drones_of(flight)
         series = json.loads((flight.path / "series.json").read_text())["series"]
-        assert len(series) == SERIES
+        assert len(series) == SERIES_A_DRONE * len(drones)
         assert all(one["whole"] and one["delivered"] == SAMPLES for one in series), series
         assert [
             {name: one[name] for name in told} for one, told in zip(attempt["series"], series, strict=True)
         ] == series, "the files alone say the same as the mission"
-        assert attempt["reading_delay_ms"]["captures"]["n"] == SERIES * SAMPLES
+        assert attempt["reading_delay_ms"]["captures"]["n"] == len(series) * SAMPLES
         changes = [json.loads(line) for line in (flight.path / "links" / "events.jsonl").read_text().splitlines()]
         opened = {change["link"] for change in changes if change.get("cause") == "range" and not change["change"]}
-        assert opened == {f"sense:uav{drone}:{way}" for drone in range(1, 7) for way in ("up", "down")}
+        assert opened == {f"sense:uav{drone}:{way}" for drone in drones for way in ("up", "down")}
 
 
 @pytest.mark.parametrize("protocol", ["mqttxt", "mavlink"])
-@pytest.mark.parametrize("flown", [pytest.param(SCENARIO_2, id="scenario-2")], indirect=True)
+@pytest.mark.parametrize("flown", [SCENARIO_2], indirect=True)
 def test_other_programs_count_the_same_in_the_captures_of(flown: Run, protocol: str) -> None:
     attempt = attempt_over(flown, protocol)
     assert_tshark_agrees(attempt)
