@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import re
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from ssl import PROTOCOL_TLS_SERVER, SSLContext, create_default_context
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -32,6 +33,7 @@ from tests.rigs.mqtt_server import (
     SILENCE,
     SUBSCRIBE,
     Server,
+    Session,
     numbers,
     publish,
 )
@@ -275,6 +277,59 @@ async def test_where_messages_are_signed_a_broker_that_says_so_ends_nothing(monk
         assert link.failure == "refused with reason code 0x87"
         await link.close()
         await running
+
+
+@pytest.fixture
+def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The pauses of links, which take no time."""
+    found: list[float] = []
+
+    async def pause(seconds: float) -> None:
+        found.append(seconds)
+        await asyncio.sleep(0)
+
+    monkeypatch.setattr(mqtt_module, "asyncio", SimpleNamespace(sleep=pause))
+    monkeypatch.setattr(mqtt_module, "random", SimpleNamespace(uniform=lambda least, most: most))
+    return found
+
+
+async def end_each(server: Server, count: int, serves: Callable[[Session], object] = lambda session: None) -> None:
+    """End the next connections, each behind its CONNACK, or behind what it is served with."""
+    for number in range(len(server.sessions), len(server.sessions) + count):
+        await eventually(lambda number=number: len(server.sessions) > number, "connected again")  # type: ignore[misc]
+        serves(server.sessions[number])
+        server.sessions[number].end()
+
+
+async def test_a_broker_that_accepts_and_ends_connections_is_tried_at_growing_pauses(pauses: list[float]) -> None:
+    async with Server() as server, linked(server) as (link, _):
+        server.sessions[0].end()
+        await end_each(server, 6)
+        await eventually(lambda: len(pauses) == 7, "the seventh pause")
+        assert pauses == [0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0]
+        assert link.failure == "accepted, and ended before any message"
+
+
+@pytest.mark.parametrize("served", [publish("drone1/commands", b"x"), b"\xd0\x00"], ids=["a message", "PINGRESP"])
+async def test_a_link_that_worked_is_tried_again_at_once(served: bytes, pauses: list[float]) -> None:
+    async with Server() as server, linked(server):
+        server.sessions[0].end()
+        await end_each(server, 3)
+        await end_each(server, 3, lambda session: session.send(served))
+        await eventually(lambda: len(pauses) == 7, "the seventh pause")
+        assert pauses == [0.2, 0.4, 0.8, 1.6, 0.2, 0.2, 0.2]
+
+
+async def test_an_acknowledged_message_is_enough(pauses: list[float]) -> None:
+    async with Server() as server, linked(server) as (link, heard):
+        server.sessions[0].end()
+        await end_each(server, 1)
+        await eventually(lambda: heard.connections == 3, "connected again")
+        link.publish(state("armed", qos=1, ref=1))
+        await eventually(lambda: heard.acknowledged == [(1, 0)], "acknowledged")
+        server.sessions[2].end()
+        await eventually(lambda: len(pauses) == 3, "the third pause")
+        assert pauses == [0.2, 0.4, 0.2]
 
 
 def test_a_client_id_is_a_secret_where_nodes_have_identities(tmp_path: Path) -> None:

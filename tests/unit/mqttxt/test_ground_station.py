@@ -145,6 +145,15 @@ def test_there_is_exactly_one_last_word() -> None:
     assert bench.result(Word.FAILED) == []
 
 
+def test_progress_never_goes_back() -> None:
+    """R5.18."""
+    bench = StationBench()
+    bench.send()
+    said = [(percent, bench.result(Word.IN_PROGRESS, percent=percent)) for percent in (10, 60, 40, 60, 61, None, 5)]
+    assert [percent for percent, outcomes in said if outcomes] == [10, 60, 61, None, 5]
+    assert bench.result(Word.COMPLETED) == [(Word.COMPLETED, False)]
+
+
 def test_the_truth_after_an_unconfirmed_settles_it_once() -> None:
     bench = StationBench()
     bench.send()

@@ -56,7 +56,7 @@ class Pending:
             before = self.words[drone] = Word.DENIED
             self.signers[drone] = self.denied_by
         if before is None or not before.is_last:
-            if before is outcome.word and outcome.percent == self.percents.get(drone):
+            if before is outcome.word and not _is_further(outcome.percent, self.percents.get(drone)):
                 return []
             word, reason = without_contradiction(outcome.word, outcome.reason, before)
             self.percents[drone], self.words[drone], self.signers[drone] = outcome.percent, word, outcome.signer
@@ -96,3 +96,8 @@ class Pending:
         if self.roster is None or self.open_drones():
             return True
         return self.choosing and all(self.words[number] in PASSED_OVER for number in self.roster)
+
+
+def _is_further(percent: int | None, before: int | None) -> bool:
+    """Whether a progress is news: a lower one is an older word that came late."""
+    return percent != before and (percent is None or before is None or percent > before)

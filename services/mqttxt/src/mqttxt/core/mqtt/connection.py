@@ -87,6 +87,8 @@ class Connection:
         self._notes: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
         self.refusal: str | None = None
         """Why this connection was given up though the broker had accepted it."""
+        self.was_served = False
+        """Whether the broker has delivered or acknowledged a message, or answered a ping."""
         self._refs: dict[int, Hashable] = {}
         self._unacknowledged: set[int] = set()
         self._waiting: deque[Publish] = deque()
@@ -301,8 +303,10 @@ class Connection:
             return False
         sock.start = end
         if came[start] & KIND == PUBLISH:
+            self.was_served = True
             self._take_message(came, start, body, end)
         elif came[start] == PINGRESP:
+            self.was_served = True
             if self._pinged_s is not None:
                 self._round_trip.took(self._loop.time() - self._pinged_s)
             self._pinged_s = None
@@ -399,6 +403,7 @@ class Connection:
         self._note(self._subscriptions.on_suback, mid, [code.value for code in codes])
 
     def _on_publish(self, _client: Client, _userdata: Any, mid: int, code: Any, _properties: Any) -> None:
+        self.was_served = True
         self._unacknowledged.discard(mid)
         if mid in self._refs:
             self._note(self._events.published, self.name, self._refs.pop(mid), code.value)

@@ -30,6 +30,7 @@ FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0
 GOODBYE_S = 1.0
 """How long a broker that takes no bytes, or acknowledges none, may hold up the end."""
+UNSERVED = "accepted, and ended before any message"
 SESSION_TAKEN_OVER = 0x8E
 SECRET_BYTES = 8
 """Behind a client id where nodes have identities: no other member of the fleet can take it over."""
@@ -235,7 +236,7 @@ class MqttLink:
                 if self._may_be_ended:
                     raise BrokerRefused(f"{self.name}: {self.address}: {reason}")
                 return reason
-            return connection.refusal
+            return connection.refusal or (None if connection.was_served else UNSERVED)
         finally:
             if told is not None:
                 told.cancel()
