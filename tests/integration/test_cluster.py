@@ -1,4 +1,4 @@
-"""A cloud of three RabbitMQ nodes: one after the other is lost while commands fly, in two ways."""
+"""A cloud of three RabbitMQ nodes: one after the other is lost while commands fly, in three ways."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ BEFORE, DURING = 20, 100
 FAULTS: dict[str, tuple[Callable[[Cluster, str], None], Callable[[Cluster, str], None]]] = {
     "killed": (Cluster.kill, Cluster.start_again),
     "frozen": (Cluster.freeze, Cluster.thaw),
+    "cut off from the others": (Cluster.cut_off, Cluster.join_again),
 }
 
 

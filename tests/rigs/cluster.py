@@ -17,6 +17,7 @@ from mqttxt.security.broker import BrokerFiles
 from mqttxt.security.rabbitmq import write
 from mqttxt.security.rights import Rights
 from testbed.bootstrap.docker import compose_command
+from testbed.bootstrap.images import NODE
 from tests.rigs.processes import ROOT, System, free_port, listens, wait_until
 from tests.rigs.secure import SecureBroker
 
@@ -28,7 +29,7 @@ MEMBERS = ("broker-cloud", "broker-fog1", "fog1", "drone1", "drone2")
 
 
 class Cluster:
-    """The cloud of three; a node is killed or frozen."""
+    """The cloud of three; a node is killed, frozen, or cut off from the other two but not from the balancer."""
 
     def __init__(self, folder: Path) -> None:
         self.port = free_port()
@@ -45,11 +46,11 @@ class Cluster:
             for path in (identity, *identity.iterdir(), out, *out.iterdir()):
                 os.chown(path, 1000, 1000)
         self._project = f"{IMAGE}-{self.port}"
-        subnet = f"10.{secrets.randbelow(100) + 100}.{secrets.randbelow(256)}"
+        self._subnet = f"10.{secrets.randbelow(100) + 100}.{secrets.randbelow(256)}"
         self._environment = {
             **os.environ,
             **{"IDENTITY": str(identity), "CONFIGURATION": str(out), "LISTEN": f"127.0.0.1:{self.port}"},
-            **{"COMPOSE_PROJECT_NAME": self._project, "SUBNET": subnet},
+            **{"COMPOSE_PROJECT_NAME": self._project, "SUBNET": self._subnet},
         }
 
     @property
@@ -87,6 +88,27 @@ class Cluster:
 
     def thaw(self, node: str) -> None:
         self._container(node).unpause()
+
+    def cut_off(self, node: str) -> None:
+        self._others(node, "--append")
+
+    def join_again(self, node: str) -> None:
+        self._others(node, "--delete")
+
+    def _others(self, node: str, verb: str) -> None:
+        """A rule against every packet between a node and the others, in the node's own network."""
+        others = ",".join(f"{self._subnet}.{11 + number}" for number, each in enumerate(NODES) if each != node)
+        rules = (f"iptables -w {verb} {way} {others} -j DROP" for way in ("INPUT -s", "OUTPUT -d"))
+        docker.from_env().containers.run(
+            NODE,
+            entrypoint=["sh", "-ec"],
+            command=["; ".join(rules)],
+            network_mode=f"container:{self._container(node).id}",
+            cap_drop=["ALL"],
+            cap_add=["NET_ADMIN"],
+            user="root",
+            remove=True,
+        )
 
     def _is_formed(self, node: str) -> bool:
         container = self._container(node)
