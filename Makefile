@@ -21,6 +21,7 @@ STATES ?=
 SECURITY ?=
 STATION ?=
 TCP ?=
+AIR ?=
 # Not empty: the flights are shown on the live page, and do not count.
 PAGE ?=
 # What `make reproduce` draws from; empty: the table's own seed.
@@ -29,7 +30,7 @@ SEED ?=
 SCHEDULER ?=
 CERTIFICATE ?= campaign.pem
 PORT ?= 8786
-FACTORS = --streams '$(STREAMS)' --commanding '$(COMMANDING)' --qos '$(QOS)' --chain '$(CHAIN)' --states '$(STATES)' --security '$(SECURITY)' --station '$(STATION)' --tcp '$(TCP)'
+FACTORS = --streams '$(STREAMS)' --commanding '$(COMMANDING)' --qos '$(QOS)' --chain '$(CHAIN)' --states '$(STATES)' --security '$(SECURITY)' --station '$(STATION)' --tcp '$(TCP)' --air '$(AIR)'
 # One fleet can be up at a time: where nobody chose a protocol it is MQTT-XT's.
 ONE_PROTOCOL = $(if $(filter file,$(origin PROTOCOLS)),mqttxt,$(PROTOCOLS))
 BOOTSTRAP := python3 -m testbed.bootstrap
@@ -74,7 +75,7 @@ summary: venv ## All experiments, arms and profiles beside each other, from the 
 links: containers ## Probe the links of all profiles, configured beside measured, without flying (PROFILE=lte,sik)
 	@$(PYTHON) -m testbed links --profile '$(if $(filter file,$(origin PROFILE)),,$(PROFILE))' --shaper '$(SHAPER)'
 
-arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES= SECURITY= TCP=)
+arms: venv ## Say what the arms and the factors are (ARM= STREAMS= COMMANDING= QOS= CHAIN= STATES= SECURITY= TCP= AIR=)
 	@$(PYTHON) -m testbed arms
 
 up: containers ## Start the fleet and leave them running, to explore by hand (PROTOCOLS=mavlink, PROFILE=lte, SECURITY=none, FOGS= DRONES=)

@@ -71,6 +71,7 @@ def run(
     security: Annotated[str, typer.Option(help=factor_help("security"))] = "",
     station: Annotated[str, typer.Option(help=factor_help("station"))] = "",
     tcp: Annotated[str, typer.Option(help=factor_help("tcp"))] = "",
+    air: Annotated[str, typer.Option(help=factor_help("air"))] = "",
     samples: Annotated[str, typer.Option(help="Scenario 4: values of each series.")] = str(DEFAULT_SAMPLES),
     count: Annotated[str, typer.Option(help="messages: how many of each kind.")] = str(DEFAULT_COUNT),
     page: Annotated[bool, typer.Option("--page", help="Show the flights on the live page; they do not count.")] = False,
@@ -79,7 +80,7 @@ def run(
     """Fly an experiment, measure it, and write its report. Exit code 0 only if every attempt was completed."""
     with _errors_as_lines():
         factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
-        factors |= {"security": security, "station": station, "tcp": tcp}
+        factors |= {"security": security, "station": station, "tcp": tcp, "air": air}
         plan = make_plan(
             experiment, attempts, arm, profile, protocols, factors, shaper, samples, count, fleet_of(os.environ)
         )

@@ -54,13 +54,14 @@ def up(
     security: Annotated[str, typer.Option(help=f"{', '.join(FACTORS['security'])}; empty: tls.")] = "",
     station: Annotated[str, typer.Option(help=factor_help("station"))] = "",
     tcp: Annotated[str, typer.Option(help=factor_help("tcp"))] = "",
+    air: Annotated[str, typer.Option(help=factor_help("air"))] = "",
     encoding: Annotated[str, typer.Option(help="Payloads of fogs and drones: cbor, or json for people.")] = "cbor",
     profile: Annotated[str, typer.Option(help=PROFILE_HELP)] = "ideal",
     shaper: Annotated[str, typer.Option(help=SHAPER_HELP)] = SHAPERS[0],
 ) -> None:
     """Start the fleet and leave it running, to explore by hand."""
     factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
-    factors |= {"security": security or "tls", "station": station, "tcp": tcp}
+    factors |= {"security": security or "tls", "station": station, "tcp": tcp, "air": air}
     fleet = fleet_of(os.environ)
     plan = make_plan("scenario-1", "1", arm, profile, one_protocol(protocol), factors, shaper, fleet=fleet)
     settings = settings_of(plan, protocol, encoding)

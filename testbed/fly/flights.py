@@ -25,6 +25,8 @@ SCENARIO_LIMIT_S = 1500.0
 MESSAGE_LIMIT_S = 900.0
 """The same for one message of each kind."""
 LINKS_START = "/run-dir/links/start"
+SN, AIR_PORT = "mqtt-sn", "1883"
+"""How UAV clients reach their fogs by datagrams; the port is UDP's."""
 ENCODINGS = {"cbor": "", "json": "--json"}
 
 
@@ -38,10 +40,12 @@ def settings_of(plan: Plan, protocol: str, encoding: str = "cbor") -> dict[str, 
     overlaid = chosen(os.environ)
     alone = {"AUTOPILOT_ON": "0.0.0.0", "AUTOPILOT_TO": plan.fleet.address("gs")}
     secured = plan.is_secured(protocol)
+    by_air = protocol == "mqttxt" and plan.factors.air == "sn"
     return {
         "QOS": str(plan.factors.qos),
         "STREAMS": plan.factors.streams,
         "CHAIN": plan.factors.chain,
+        **({"AIR_SCHEME": SN, "AIR_PORT": AIR_PORT, "AIR_FLAG": f"--air-sn 0.0.0.0:{AIR_PORT}"} if by_air else {}),
         "TCP_TIMESTAMPS": "0" if plan.factors.tcp == "lean" else "1",
         "ENCODING_FLAG": ENCODINGS[encoding],
         "BUNDLES_FLAG": "--bundles" if plan.factors.states == "bundle" else "",

@@ -41,6 +41,7 @@ FACTORS: dict[str, tuple[str, ...]] = {
     "security": ("none", "tls", "signed"),
     "station": ("mqttxt", "mavsdk"),
     "tcp": ("default", "lean"),
+    "air": ("tcp", "sn"),
 }
 """Every factor with its values; in capitals it is the variable that sets it."""
 
@@ -57,6 +58,7 @@ class Factors:
     security    MQTT-XT: none, mutual TLS with identities that are made for the flight, or signed messages in that
     station     MQTT-XT: its own API, or MAVSDK through `mqttxt gs mavlink` at the ground station
     tcp         every node's TCP as Linux has it by default, or lean: without time stamps
+    air         MQTT-XT: between UAV and fog by MQTT over TCP, or by MQTT-SN over UDP
     """
 
     streams: str
@@ -67,6 +69,7 @@ class Factors:
     security: str = "none"
     station: str = "mqttxt"
     tcp: str = "default"
+    air: str = "tcp"
 
 
 @dataclass(frozen=True)
@@ -195,6 +198,10 @@ def make_plan(
     factors = _factors(ARMS[arm], overrides or {})
     if factors.station == "mavsdk" and experiment in (*WITH_SENSORS, MESSAGES):
         raise UserError(f"STATION=mavsdk: expected another experiment than {experiment}, which MAVSDK cannot fly")
+    if factors.air == "sn" and factors.security == "tls":
+        raise UserError("AIR=sn: expected SECURITY=none or signed, because datagrams are not encrypted")
+    if factors.air == "sn" and experiment == MESSAGES:
+        raise UserError(f"AIR=sn: expected another experiment than {MESSAGES}, which counts TCP's acknowledgements")
     fleet = fleet or standard_fleet()
     if "mavlink" in chosen and not fleet.has_routers:
         expected = f"drones 1 to {MOST_ROUTED} over MAVLink, whose routers have system ids as well; or PROTOCOLS=mqttxt"

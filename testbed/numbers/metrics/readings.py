@@ -153,7 +153,7 @@ def carried(packets: Packets, window: Window) -> dict[str, dict[str, AmountEntry
     """
     found: dict[str, dict[str, AmountEntry]] = {}
     counts = (
-        packets.frames.filter(window.entered, pl.col("protocol").cast(pl.String) == "mqtt")
+        packets.frames.filter(window.entered, pl.col("protocol").cast(pl.String).is_in(["mqtt", "mqttsn"]))
         .with_columns(pl.col("link").cast(pl.String).str.split(":").list.first(), pl.col("purpose").cast(pl.String))
         .filter(pl.col("purpose").is_in(_OWN_PURPOSES))
         .group_by("link", "purpose")

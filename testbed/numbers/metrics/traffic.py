@@ -10,8 +10,9 @@ import polars as pl
 from ..packets import Packets
 from .window import Window
 
-_TRANSPORT = {"mqtt": "tcp", "tcp": "tcp", "mavlink": "udp", "udp": "udp"}
-_MESSAGING = ("mqtt", "mavlink")
+_TRANSPORT = {"mqtt": "tcp", "tcp": "tcp", "mavlink": "udp", "udp": "udp", "mqttsn": "udp"}
+_MESSAGING = {"mqtt": "mqtt", "mavlink": "mavlink", "mqttsn": "mqtt"}
+"""Whose framing a protocol's is: MQTT-SN's stands for MQTT's."""
 
 
 @dataclass
@@ -46,7 +47,7 @@ def count_links(packets: Packets, window: Window) -> dict[str, LinkCount]:
         if row["protocol"] in _TRANSPORT:
             layers[_TRANSPORT[row["protocol"]]] = row["transport"]
         if row["protocol"] in _MESSAGING:
-            layers[row["protocol"]] = row["protocol_bytes"]
+            layers[_MESSAGING[row["protocol"]]] = row["protocol_bytes"]
         count.layers.update(layers)
     return found
 

@@ -13,10 +13,11 @@ from ...errors import ResultsError
 from ...fly.pcap import Capture, Flags, Ints, Words, empty_capture, read_capture
 from ...fly.results import Attempt
 from . import purposes
-from .headers import MAVLINK, MQTT, MQTT_PORT, MQTTS_PORT, UDP, Headers, read_headers
+from .headers import MAVLINK, MQTT, MQTT_PORT, MQTT_SN, MQTTS_PORT, UDP, Headers, read_headers
 from .links import NOWHERE, Tree, match
 from .mavlink import Messages, find_messages
 from .mqtt import VERSION_5, Direction, randoms_of, read_direction, read_tls_direction
+from .mqttsn import Datagram, read_datagrams
 from .rows import MESSAGE_SCHEMA, Columns, frame_rows, mavlink_rows, mqtt_rows, stray_rows
 from .streams import SYN, Segment
 from .tcp import retransmissions
@@ -99,6 +100,7 @@ def build(attempt: Attempt) -> Built:
     rows = np.concatenate([row_of[first + each.datagram] for first, each in zip(firsts, found, strict=False)])
     segments = _mqtt_segments(entered, bodies)
     directions, unread = _mqtt_directions(segments, read_key_log(attempt.key_log))
+    directions.append(read_datagrams(_flows_of_datagrams(entered, bodies)))
     payload_bytes, tls_bytes = np.zeros(len(order), dtype=np.int64), np.zeros(len(order), dtype=np.int64)
     np.add.at(payload_bytes, rows, np.concatenate([each.payload_size for each in found]))
     messages = pl.concat([mavlink_rows(found, rows, entered["left_ns"]), mqtt_rows(directions)])
@@ -191,7 +193,7 @@ def _read_part(tree: Tree, node: str, number: int, capture: Capture, mac: int | 
 
 
 def _mqtt_bodies(capture: Capture, headers: Headers, chosen: Ints) -> dict[int, bytes]:
-    carried = (headers.protocol[chosen] == MQTT) & (headers.body_end > headers.body)[chosen]
+    carried = np.isin(headers.protocol[chosen], (MQTT, MQTT_SN)) & (headers.body_end > headers.body)[chosen]
     return {
         int(place): capture.data[headers.body[at] : headers.body_end[at]].tobytes()
         for place, at in zip(np.flatnonzero(carried), chosen[carried], strict=True)
@@ -213,6 +215,17 @@ def _mqtt_segments(entered: Columns, bodies: dict[int, bytes]) -> dict[tuple[int
         )
         segments.setdefault(tuple(int(number) for number in place), []).append(segment)
     return segments
+
+
+def _flows_of_datagrams(entered: Columns, bodies: dict[int, bytes]) -> Iterable[list[Datagram]]:
+    """The datagrams of MQTT-SN from each port to each other one, on each link."""
+    flows: dict[tuple[int, ...], list[Datagram]] = {}
+    names = ("link", "source", "source_port", "destination", "destination_port", "left_ns")
+    rows = np.flatnonzero(entered["protocol"] == MQTT_SN)
+    for row, *place, left_ns in zip(rows, *(entered[name][rows] for name in names), strict=True):
+        datagram = Datagram(int(row), int(left_ns) if left_ns != NOWHERE else None, bodies.get(int(row), b""))
+        flows.setdefault(tuple(int(number) for number in place), []).append(datagram)
+    return flows.values()
 
 
 def _mqtt_directions(

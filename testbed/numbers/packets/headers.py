@@ -8,11 +8,11 @@ import numpy as np
 
 from ...fly.pcap import Bytes, Capture, Flags, Ints, Words, big_endian, windows
 
-PROTOCOLS = ("other", "arp", "ipv6", "icmp", "igmp", "tcp", "udp", "mqtt", "mavlink")
+PROTOCOLS = ("other", "arp", "ipv6", "icmp", "igmp", "tcp", "udp", "mqtt", "mavlink", "mqttsn")
 """What a frame carries; the codes of `Headers.protocol` are places in it."""
-OTHER, ARP, IPV6, ICMP, IGMP, TCP, UDP, MQTT, MAVLINK = range(len(PROTOCOLS))
+OTHER, ARP, IPV6, ICMP, IGMP, TCP, UDP, MQTT, MAVLINK, MQTT_SN = range(len(PROTOCOLS))
 MQTT_PORT, MQTTS_PORT = 1883, 8883
-"""Of brokers, and of brokers in TLS; what either carries is MQTT here."""
+"""Of brokers, and of brokers in TLS; what either carries is MQTT here, in UDP to the first one MQTT-SN."""
 ETHERNET = 14
 _IPV4, _ETHER_TYPES = 0x0800, {0x0806: ARP, 0x86DD: IPV6}
 _IP_PROTOCOLS = {1: ICMP, 2: IGMP, 6: TCP, 17: UDP}
@@ -66,6 +66,7 @@ def read_headers(capture: Capture) -> Headers:
     destination_port = np.where(has_ports, big_endian(behind, 2, 2), 0)
     for port in (MQTT_PORT, MQTTS_PORT):
         protocol[is_tcp & ((source_port == port) | (destination_port == port))] = MQTT
+    protocol[is_udp & ((source_port == MQTT_PORT) | (destination_port == MQTT_PORT))] = MQTT_SN
     body = at + transport
     body_end = np.maximum(body, end)
     source = np.where(is_ip, big_endian(rows, 26, 4), -1)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import polars as pl
 
 from ...fly.pcap import Ints
-from .headers import MAVLINK, MQTT, PROTOCOLS
+from .headers import MAVLINK, MQTT, MQTT_SN, PROTOCOLS
 from .links import NOWHERE, Tree
 from .mavlink import NONE, Messages, name_of
 from .mqtt import Direction
@@ -68,7 +68,7 @@ _OF_MAVLINK = set(_OWN) - {"topic", "body", "protocol"}
 
 
 def mqtt_rows(directions: list[Direction]) -> pl.DataFrame:
-    """MQTT packets of all connections."""
+    """MQTT packets of all connections, and what MQTT-SN carried in their place."""
     packets = [packet for direction in directions for packet in direction.packets]
     table = pl.DataFrame(
         [(p.row, p.left_ns, "mqtt", p.kind, p.size, p.copies, p.topic, p.payload) for p in packets],
@@ -89,7 +89,7 @@ def frame_rows(
     count = len(entered["t_ns"])
     at = messages["frame"].to_numpy()
     protocol, body = entered["protocol"], entered["body"]
-    protocol_bytes = np.where((protocol == MQTT) | (protocol == MAVLINK), body - payload_bytes - tls_bytes, 0)
+    protocol_bytes = np.where(np.isin(protocol, (MQTT, MAVLINK, MQTT_SN)), body - payload_bytes - tls_bytes, 0)
     firsts, places = np.unique(at, return_index=True)
     first = np.full(count, len(messages), dtype=np.int64)
     first[firsts] = places

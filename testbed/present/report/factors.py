@@ -37,6 +37,10 @@ _SAID = {
             "default": "TCP is as Linux has it, with time stamps: 12 bytes of each frame",
             "lean": "TCP has no time stamps",
         },
+        "air": {
+            "tcp": "drones reach their fogs by MQTT over TCP",
+            "sn": "drones reach their fogs by MQTT-SN over UDP: a lost state is replaced by the next, not repeated",
+        },
     },
     "mavlink": {
         "streams": {

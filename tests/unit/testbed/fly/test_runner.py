@@ -436,7 +436,7 @@ def test_a_factor_reaches_containers_mission_manifest_and_path(tmp_path: Path) -
     configuration = _manifest(tmp_path, "mavlink")["configuration"]
     assert configuration == {
         **{"streams": "px4-gcs", "commanding": "one-by-one", "qos": 1, "chain": "shared", "states": "on-change"},
-        **{"security": "none", "station": "mqttxt", "tcp": "default"},
+        **{"security": "none", "station": "mqttxt", "tcp": "default", "air": "tcp"},
         **fleet.settings,
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,12 @@ def test_compose_gets_every_factor_that_a_container_needs() -> None:
         "ALL_STATES_FLAG": "",
     }
     assert settings_of(_plan(tcp="lean"), "mqttxt")["TCP_TIMESTAMPS"] == "0"
+    by_air = settings_of(_plan(air="sn"), "mqttxt")
+    assert (by_air["AIR_SCHEME"], by_air["AIR_PORT"], by_air["AIR_FLAG"]) == (
+        *("mqtt-sn", "1883", "--air-sn 0.0.0.0:1883"),
+    )
+    assert "AIR_FLAG" not in settings_of(_plan(air="sn"), "mavlink")
+    assert settings_of(_plan(air="sn", security="signed"), "mqttxt")["AIR_PORT"] == "1883"
     assert settings_of(_plan(), "mqttxt", "json")["ENCODING_FLAG"] == "--json"
     assert settings_of(_plan("five-states-bundled"), "mqttxt")["BUNDLES_FLAG"] == "--bundles"
 
@@ -335,3 +342,16 @@ def test_a_mission_that_is_none_is_named(tmp_path: Path, name: str, said: str) -
         make_plan(str(tmp_path / name))
     assert str(error.value).startswith(str(tmp_path / name))
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "factors", "said"),
+    [
+        ("scenario-1", {"air": "sn", "security": "tls"}, "AIR=sn: expected SECURITY=none or signed"),
+        ("messages", {"air": "sn"}, "AIR=sn: expected another experiment than messages"),
+        ("scenario-1", {"air": "udp"}, "AIR=udp: expected one of tcp, sn"),
+    ],
+)
+def test_datagrams_are_flown_where_they_can_be(experiment: str, factors: dict[str, str], said: str) -> None:
+    with pytest.raises(UserError, match=re.escape(said)):
+        make_plan(experiment, overrides=factors)
