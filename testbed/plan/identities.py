@@ -43,7 +43,7 @@ def secured_settings(fleet: Fleet, *, signed: bool, sensors: bool) -> dict[str, 
         own |= {f"SENSOR{drone}_AS": f"--identity {identity_of(f'sensor{drone}')}" for drone in fleet.fog_of}
     station = {"STATION_IDENTITY": identity_of(f"gs-{STATION}"), "SIGNED": "1" if signed else "0", "INSECURE": "0"}
     broker = {"BROKER_CONFIGURATION": f"{_CLOUD}/mosquitto.conf", "BROKER_CLIENT": client_words()}
-    return {"MQTT": "mqtts", "MQTT_PORT": "8883", **broker, **station, **own}
+    return {"MQTT": "mqtts", "MQTT_PORT": "8883", "AIR_SCHEME": "mqtts", "AIR_PORT": "8883", **broker, **station, **own}
 
 
 def making(fleet: Fleet, *, sensors: bool, page: bool = False) -> list[list[str]]:

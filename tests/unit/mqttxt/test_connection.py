@@ -288,7 +288,7 @@ def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         found.append(seconds)
         await asyncio.sleep(0)
 
-    monkeypatch.setattr(mqtt_module, "asyncio", SimpleNamespace(sleep=pause))
+    monkeypatch.setattr(mqtt_module, "asyncio", SimpleNamespace(sleep=pause, get_running_loop=asyncio.get_running_loop))
     monkeypatch.setattr(mqtt_module, "random", SimpleNamespace(uniform=lambda least, most: most))
     return found
 

@@ -24,7 +24,7 @@ from mqttxt.errors import ConfigurationError
 from mqttxt.security.authority import Authority
 from tests.rigs.linked import Heard, linked
 from tests.rigs.loopback import free_port
-from tests.rigs.mqtt_server import Server
+from tests.rigs.mqtt_server import Server, publish
 from tests.rigs.processes import eventually
 
 NOT_AUTHORIZED_NOW = 0x97
@@ -50,8 +50,10 @@ async def test_a_broker_that_is_away_is_told_of_once_and_so_is_its_return(caplog
     link._outage = Counted("fog", link.address)
     running = asyncio.create_task(link.run())
     await eventually(lambda: len(failures) >= 3, "three attempts")
-    async with Server(port=port):
+    async with Server(port=port) as server:
         await eventually(lambda: heard.connections == 1, "connected")
+        server.sessions[0].send(publish("drone1/commands", b"x"))
+        await eventually(lambda: len(heard.messages) == 1, "served")
         count = len(failures)
     await eventually(lambda: heard.losses == 1, "lost")
     running.cancel()

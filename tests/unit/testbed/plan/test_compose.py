@@ -93,7 +93,7 @@ def test_plain_brokers_lead_from_each_uav_over_its_fog_to_the_cloud(fleet: Fleet
 def test_each_drone_talks_to_its_own_fog_and_its_own_autopilot(fleet: Fleet, services: dict[str, Any]) -> None:
     for drone, fog in fleet.fog_of.items():
         client, autopilot = services[f"client{drone}"], services[f"sitl{drone}"]
-        to_fog = f"--broker ${{MQTT:-mqtt}}://{fleet.address(f'fog{fog}')}:${{MQTT_PORT:-1883}}"
+        to_fog = f"--broker ${{AIR_SCHEME:-mqtt}}://{fleet.address(f'fog{fog}')}:${{AIR_PORT:-1883}}"
         assert f" ${{UAV{drone}_AS:---insecure}} " in client["command"]
         assert f"--drone {drone} {to_fog} --autopilot udp:127.0.0.1:{14540 + drone}" in client["command"]
         assert f"--endurance-s {fleet.drones[drone]['endurance_s']} " in client["command"]

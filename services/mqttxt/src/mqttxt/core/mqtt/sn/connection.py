@@ -51,6 +51,8 @@ class SnConnection:
         self.refusal: str | None = None
         """Why this connection was given up though the gateway had accepted it."""
         self._failures = failures
+        self.was_served = False
+        """Whether the gateway has delivered or acknowledged a message."""
         self._events = events
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[int] = self._loop.create_future()
@@ -140,6 +142,7 @@ class SnConnection:
             self._accepted.set_result(code)
 
     def on_message(self, message: Inbound) -> None:
+        self.was_served = True
         self._notes.append(partial(self._events.received, self.name, message))
 
     def on_ended(self) -> None:
@@ -209,6 +212,7 @@ class SnConnection:
         self._end()
 
     def _published(self, effect: Publish, code: int) -> None:
+        self.was_served = True
         self._notes.append(partial(self._events.published, self.name, effect.ref, code))
 
     def _subscribed(self, effect: Subscribe, codes: list[int]) -> None:
