@@ -116,6 +116,7 @@ docs: venv ## Make schemas, tables and pictures anew from the code, and the site
 	@$(PYTHON) -m spec.pictures docs/pictures
 	@$(PYTHON) -m spec.options docs/activator.md docs/conformance.md docs/gateway.md docs/ground-station.md docs/homeassistant.md docs/metrics.md docs/page.md docs/security.md docs/tutorial.md docs/uav-client.md
 	@$(PYTHON) -m spec.brokers docs/brokers.md
+	@$(PYTHON) -m spec.scale docs/scale.md
 	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict > .cache/site.log 2>&1 || (cat .cache/site.log; exit 1)
 	@echo "site: .cache/site/index.html"
 

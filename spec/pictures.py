@@ -30,6 +30,7 @@ from testbed.present.report import sentences
 from testbed.present.report import terminal as report_terminal
 from testbed.present.summary.page import PAGE
 
+from . import load_picture
 from .svg import Drawing
 
 _MISSION = {"mqttxt": "mission (mqttxt)", "mavlink": "mission (MAVSDK)"}
@@ -203,6 +204,7 @@ PICTURES: dict[str, Callable[[], str]] = {
     "topology": lambda: topology().svg(),
     "data-flow": lambda: data_flow().svg(),
     "command": lambda: command().svg(),
+    "load": lambda: load_picture.draw().svg(),
     "terminal": terminal,
 }
 

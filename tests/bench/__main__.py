@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+from pathlib import Path
 
 FIGURES = (
     "activator",
@@ -28,8 +29,9 @@ FIGURES = (
 """Modules of this folder; each has `measure`, which returns lines of text."""
 
 
-LOAD = {"fogs": int, "drones": int, "minutes": float, "every_s": float}
-"""What may be said of the load: fogs, drones at each, how long it lasts, and how often each drone has a command."""
+LOAD = {"fogs": int, "drones": int, "minutes": float, "every_s": float, "fleets": int, "write": Path}
+"""What may be said of the load: fogs, drones at each, how long it lasts, how often each drone has a command, how many
+fleets there are at least, and a file that gets the figures."""
 
 
 def main() -> None:

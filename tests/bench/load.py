@@ -17,6 +17,7 @@ import time
 from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +32,15 @@ SETTLING_S = 5.0
 
 @dataclass(frozen=True)
 class Fogs:
-    """Fogs of as many drones each, in fleets of as many as have ids."""
+    """Fogs of as many drones each, in fleets of as many as have ids, but in `fleets` at least."""
 
     fogs: int
     drones: int
+    fleets: int = 1
 
     def plan(self) -> list[tuple[str, int, int, int]]:
         """The prefix, number, first and last drone of each fog."""
-        together = MAX_DRONE // self.drones
+        together = min(MAX_DRONE // self.drones, ceil(self.fogs / self.fleets))
         found = []
         for index in range(self.fogs):
             fleet, place = divmod(index, together)
@@ -54,6 +56,7 @@ class Fogs:
 class Load:
     """What a run has shown. Shares are of one core, memory is in megabytes: a quarter into the run, and at its end."""
 
+    seconds: float
     words: Counter[str]
     lost: int
     doubled: int
@@ -68,11 +71,23 @@ class Load:
         return self.words.total()
 
 
-def measure(fogs: int = 10, drones: int = 100, minutes: float = 0.5, every_s: float = 10.0) -> list[str]:
-    """Lines of figures; takes about a minute longer than `minutes`."""
-    of = Fogs(fogs, drones)
+def measure(
+    fogs: int = 10,
+    drones: int = 100,
+    minutes: float = 0.5,
+    every_s: float = 10.0,
+    fleets: int = 1,
+    write: Path | None = None,
+) -> list[str]:
+    """Lines of figures; takes about a minute longer than `minutes`. They are added to the file `write` too."""
+    of = Fogs(fogs, drones, fleets)
     with tempfile.TemporaryDirectory() as folder:
         found = asyncio.run(run(Path(folder), of, 60 * minutes, every_s))
+    if write is not None:
+        runs = json.loads(write.read_text()) if write.exists() else []
+        run_of = {"fogs": fogs, "drones": of.count, "fleets": len({prefix for prefix, *_ in of.plan()})}
+        runs.append(run_of | {"every_s": every_s} | vars(found))
+        write.write_text(json.dumps(runs, indent=1) + "\n")
     per_250 = found.shares["activators"] * MAX_DRONE / of.count
     memory = ", ".join(f"{name} {first:.0f} and {last:.0f}" for name, (first, last) in found.rss_mb.items())
     return [
@@ -121,7 +136,7 @@ async def run(folder: Path, of: Fogs, lasting_s: float, every_s: float) -> Load:
             for process in processes:
                 code = await asyncio.to_thread(process.wait, LAST_WORDS_S + 30)
                 assert code == 0, process.log.read_text()[-2000:]
-    return _judged(folder, plan, shares, memory)
+    return _judged(folder, plan, wall_s, shares, memory)
 
 
 def _root(prefix: str, fog: int) -> str:
@@ -154,6 +169,7 @@ def _drones(folder: Path, url: str, prefix: str, plan: list[tuple[str, int, int,
 def _judged(
     folder: Path,
     plan: list[tuple[str, int, int, int]],
+    wall_s: float,
     shares: dict[str, float],
     memory: dict[str, tuple[float, float]],
 ) -> Load:
@@ -176,4 +192,4 @@ def _judged(
                 doubled += max(0, len(own) - 1)
                 late += sum(at_s > sent_s + TTL_S for at_s in own)
                 slowest_s = max([slowest_s, *(at_s - sent_s for at_s in own)])
-    return Load(words, lost, doubled, late, slowest_s, said["ages_s"][-1], shares, memory)
+    return Load(wall_s, words, lost, doubled, late, slowest_s, said["ages_s"][-1], shares, memory)

@@ -1,0 +1,205 @@
+"""What more drones cost, from runs of whole roles: tables for docs/scale.md, and what a picture of them needs.
+
+`python -m spec.scale FILE` writes them between their markers, from the runs that `python -m tests.bench load --write`
+added to `load.json` in the folder beside it, and from the bytes per hop in docs/performance.md.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mqttxt.protocol.names import MAX_DRONE
+from testbed.plan.documents import ROOT
+
+from .tables import filled, table
+
+RUNS = ROOT / "docs" / "scale" / "load.json"
+ROLES = {"activators": "activators", "broker": "broker", "station": "station"}
+SHOWN = {"drones": "UAV clients", **ROLES}
+"""What runs show; the UAV clients' part falls on the drones."""
+STATES = 5
+"""Of each drone, a second, in every run."""
+COMMANDS_EVERY_S = 10.0
+"""How often a drone of the computed fleets has a command, in seconds."""
+BUSY = 0.5
+"""Of one core: as much as a process that has only one should be given, so that commands do not wait."""
+FLEETS = (250, 1000, 10_000, 1_000_000)
+HOPS = ("drone to fog's broker", "activator to cloud's broker", "cloud's broker to a station")
+MONTH_S = 30 * 86_400
+_BYTES = r"^\| {} \| [\d,]+ \| ([\d,]+), ([\d,]+), ([\d,]+) \|"
+MQTTXT, MAVLINK = "MQTT-XT, bundles", "MAVLink 2 over UDP"
+"""Rows of that section."""
+_BYTES_OF_DRONES = 6
+"""How many drones the section "Bytes of a fleet" has."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cores that a role takes: of each fog, of each drone with its five states a second, of each command a second."""
+
+    per_fog: float
+    per_drone: float
+    per_command: float
+
+    def cores(self, fogs: float, drones: float, commands_s: float) -> float:
+        return self.per_fog * fogs + self.per_drone * drones + self.per_command * commands_s
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a number of drones takes: processes, cores by role, and bytes a second on each hop of all of them."""
+
+    drones: int
+    fogs: int
+    brokers: int
+    stations: int
+    cores: dict[str, float]
+    bytes_s: tuple[float, ...]
+
+
+def read_runs(path: Path = RUNS) -> list[dict[str, Any]]:
+    """The runs in their order."""
+    runs: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+    return runs
+
+
+def hops(page: str, row: str = MQTTXT) -> tuple[float, ...]:
+    """Bytes a second of one drone on each hop, from a row in the text of docs/performance.md."""
+    found = re.search(_BYTES.format(re.escape(row)), page, re.MULTILINE)
+    assert found is not None, f"docs/performance.md: expected a row {row!r} with three hops"
+    return tuple(int(hop.replace(",", "")) / _BYTES_OF_DRONES for hop in found.groups())
+
+
+def costs(runs: Sequence[dict[str, Any]]) -> dict[str, Cost]:
+    """Each role's cost by least squares over all runs, none of its three parts below zero.
+
+    What does not lie between zero is left out: of all choices of parts the one that fits best counts.
+    """
+    factors = np.array([[run["fogs"], run["drones"], sum(run["words"].values()) / run["seconds"]] for run in runs])
+    return {role: Cost(*_fitted(factors, np.array([run["shares"][role] for run in runs]))) for role in ROLES}
+
+
+def _fitted(factors: Any, measured: Any) -> list[float]:
+    best: tuple[float, list[float]] = (float("inf"), [0.0, 0.0, 0.0])
+    for count in (1, 2, 3):
+        for chosen in combinations(range(3), count):
+            part, *_ = np.linalg.lstsq(factors[:, chosen], measured, rcond=None)
+            error = float(np.sum((factors[:, chosen] @ part - measured) ** 2))
+            if min(part) >= 0 and error < best[0]:
+                found = [0.0, 0.0, 0.0]
+                for place, value in zip(chosen, part, strict=True):
+                    found[place] = float(value)
+                best = error, found
+    return best[1]
+
+
+def needs(drones: int, cost: dict[str, Cost], apiece: Sequence[float], every_s: float = COMMANDS_EVERY_S) -> Needs:
+    """The processes for a number of drones with a command each `every_s` seconds, `BUSY` of a core at most each."""
+    fogs = ceil(drones / MAX_DRONE)
+    cores = {role: cost[role].cores(fogs, drones, drones / every_s) for role in ROLES}
+    busy = {role: max(1, ceil(cores[role] / BUSY)) for role in ("broker", "station")}
+    return Needs(drones, fogs, busy["broker"], busy["station"], cores, tuple(drones * hop for hop in apiece))
+
+
+def runs_table(runs: Sequence[dict[str, Any]]) -> str:
+    rows = []
+    for run in runs:
+        words = sum(run["words"].values())
+        memory = ", ".join(f"{first:.0f} and {last:.0f}" for first, last in (run["rss_mb"][role] for role in SHOWN))
+        rows.append(
+            (
+                f"{run['drones']:,} at {run['fogs']} in {run['fleets']}",
+                f"{run['seconds']:.0f} s",
+                f"{words:,}: {run['lost']}, {run['late']}, {run['doubled']}",
+                ", ".join(f"{count:,} {word}" for word, count in run["words"].items()),
+                f"{run['slowest_s']:.2f} s",
+                *(f"{100 * run['shares'][role]:.1f}" for role in SHOWN),
+                memory,
+            )
+        )
+    head = ("drones, fogs, fleets", "lasting", "commands: lost, late, doubled", "last words", "slowest")
+    return table(
+        (
+            *head,
+            *(f"{name}, % of a core" for name in SHOWN.values()),
+            f"MB of {', '.join(SHOWN.values())}, after a quarter and at the end",
+        ),
+        rows,
+    )
+
+
+def costs_table(cost: dict[str, Cost]) -> str:
+    rows = [
+        (name, *(f"{1000 * part:.2f}" for part in (of.per_fog, of.per_drone, of.per_drone / STATES, of.per_command)))
+        for role, name in ROLES.items()
+        for of in (cost[role],)
+    ]
+    return table(("ms of processor time", "a fog, per second", "a drone, per second", "a state", "a command"), rows)
+
+
+def needs_table(found: Sequence[Needs]) -> str:
+    rows: list[tuple[str, ...]] = [
+        ("fleets, and fogs of 250", *(f"{each.fogs:,}" for each in found)),
+        *((f"cores of {name}", *(f"{each.cores[role]:,.1f}" for each in found)) for role, name in ROLES.items()),
+        (f"brokers of at most {100 * BUSY:.0f} % of a core", *(f"{each.brokers:,}" for each in found)),
+        (f"station processes of at most {100 * BUSY:.0f} %", *(f"{each.stations:,}" for each in found)),
+        *(
+            (f"{hop}, Mbit/s", *(f"{8 * each.bytes_s[place] / 1e6:,.1f}" for each in found))
+            for place, hop in enumerate(HOPS)
+        ),
+        (
+            "from the cloud to one who hears all, TB a month",
+            *(f"{each.bytes_s[2] * MONTH_S / 1e12:,.2f}" for each in found),
+        ),
+    ]
+    return table(("drones", *(f"{each.drones:,}" for each in found)), rows)
+
+
+def limits(cost: dict[str, Cost]) -> str:
+    """How many drones fill `BUSY` of the one core that a process has."""
+    lines = []
+    for role in ("broker", "station"):
+        each = cost[role].cores(1 / MAX_DRONE, 1, 1 / COMMANDS_EVERY_S)
+        lines.append(f"- One {ROLES[role]} process: {BUSY / each:,.0f} drones.")
+    return "\n".join(lines)
+
+
+def goals(cost: dict[str, Cost]) -> str:
+    """What a thousand drones take by the costs, beside the goals."""
+    found = needs(1000, cost, ()).cores
+    of_250 = 100 * found["activators"] * MAX_DRONE / 1000
+    return (
+        f"For 1,000 drones that is {of_250:.0f} % of a core of activators per {MAX_DRONE} drones (goal: at most 25 %), "
+        f"and {100 * found['station']:.0f} % of a core for the station (goal: at most one core)."
+    )
+
+
+def main(*files: str) -> None:
+    """Write the tables into `files`."""
+    apiece = hops((ROOT / "docs" / "performance.md").read_text(encoding="utf-8"))
+    for path in map(Path, files):
+        runs = read_runs(path.with_suffix("") / "load.json")
+        cost = costs(runs)
+        sections: dict[str, Callable[[], str]] = {
+            "load-runs": partial(runs_table, runs),
+            "load-costs": partial(costs_table, cost),
+            "load-needs": partial(needs_table, [needs(drones, cost, apiece) for drones in FLEETS]),
+            "load-goals": partial(goals, cost),
+            "load-limits": partial(limits, cost),
+        }
+        path.write_text(filled(path.read_text(encoding="utf-8"), sections), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,58 @@
+"""The page of what more drones cost: its tables are those of the command, its costs those that its runs had."""
+
+from __future__ import annotations
+
+import shutil
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from spec import scale
+from spec.scale import ROLES, Cost, costs, hops, needs, read_runs
+from testbed.plan.documents import ROOT
+
+PAGE = ROOT / "docs" / "scale.md"
+OF = {"activators": Cost(9e-3, 1e-4, 3e-4), "broker": Cost(0, 1e-4, 0), "station": Cost(1e-3, 3e-4, 7e-4)}
+
+
+def made_up(fogs: int, drones: int, commands: int) -> dict[str, object]:
+    """A run of a hundred seconds whose roles cost what `OF` says."""
+    shares = {role: cost.cores(fogs, drones, commands / 100) for role, cost in OF.items()}
+    return {"fogs": fogs, "drones": drones, "seconds": 100.0, "words": {"completed": commands}, "shares": shares}
+
+
+def test_the_tables_are_what_the_command_writes(tmp_path: Path) -> None:
+    copy = tmp_path / "scale.md"
+    shutil.copyfile(PAGE, copy)
+    shutil.copytree(PAGE.with_suffix(""), copy.with_suffix(""))
+    scale.main(str(copy))
+    assert copy.read_text() == PAGE.read_text(), "run make docs"
+
+
+def test_no_command_of_any_run_was_lost_late_or_doubled() -> None:
+    assert [(run["lost"], run["late"], run["doubled"]) for run in read_runs()] == [(0, 0, 0)] * len(read_runs())
+
+
+def test_costs_are_found_again_in_what_they_make() -> None:
+    found = costs([made_up(*of) for of in product((2, 10), (20, 200), (100, 3000))])
+    for role, cost in OF.items():
+        assert vars(found[role]) == pytest.approx(vars(cost), abs=1e-9)
+
+
+def test_no_cost_is_below_zero_where_a_run_was_cheaper_than_a_smaller_one() -> None:
+    runs = [made_up(2, drones, 100) for drones in (20, 40, 60)]
+    runs[2]["shares"] = dict.fromkeys(ROLES, 0.0)
+    assert all(part >= 0 for cost in costs(runs).values() for part in vars(cost).values())
+
+
+def test_what_a_thousand_drones_need_follows_from_the_costs() -> None:
+    found = needs(1000, OF, (200.0, 100.0, 100.0))
+    assert (found.fogs, found.brokers, found.stations) == (4, 1, 1)
+    assert found.cores["activators"] == pytest.approx(4 * 9e-3 + 1000 * 1e-4 + 100 * 3e-4)
+    assert found.bytes_s == (200_000, 100_000, 100_000)
+    assert needs(10_000, OF, ()).stations == 8  # 3.74 cores, half of one each
+
+
+def test_bytes_of_a_drone_are_those_of_the_page_of_performance() -> None:
+    assert hops("| MQTT-XT, bundles | 2,516 | 1,200, 600, 660 | **0.45** |\n") == (200, 100, 110)
