@@ -87,11 +87,11 @@ down: containers ## End what `make up` started
 report: venv ## Make metrics and report of the newest results again, without Docker
 	@$(PYTHON) -m testbed report results/*/latest
 
-# Runs pytest with lint beside it, whose lines come at the end: lint has one process and tests wait now and then, so that
+# Runs pytest with lint beside it, whose lines come at the end where it fails: lint has one process and tests wait now and then, so that
 # beside each other they leave no core idle.
 beside-lint = @$(1) $(MAKE) --no-print-directory lint > .cache/lint.log 2>&1 & lint=$$!; \
 	$(PYTHON) -m pytest $(2) --dist loadfile; tested=$$?; \
-	wait $$lint; linted=$$?; cat .cache/lint.log; exit $$((linted | tested))
+	wait $$lint; linted=$$?; [ $$linted = 0 ] || cat .cache/lint.log; exit $$((linted | tested))
 
 test: containers tools ## Run every check and every test, WORKERS= at a time; of `make soak` what has changed
 	$(call beside-lint,nice,--numprocesses '$(WORKERS)' --no-loadscope-reorder)
