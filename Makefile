@@ -87,8 +87,8 @@ down: containers ## End what `make up` started
 report: venv ## Make metrics and report of the newest results again, without Docker
 	@$(PYTHON) -m testbed report results/*/latest
 
-# Runs pytest with lint beside it, whose lines come at the end where it fails: lint has one process and tests wait now and then, so that
-# beside each other they leave no core idle.
+# Runs pytest with lint beside it, whose lines come at the end where it fails: lint has one process and tests wait now
+# and then, so that beside each other they leave no core idle.
 beside-lint = @$(1) $(MAKE) --no-print-directory lint > .cache/lint.log 2>&1 & lint=$$!; \
 	$(PYTHON) -m pytest $(2) --dist loadfile; tested=$$?; \
 	wait $$lint; linted=$$?; [ $$linted = 0 ] || cat .cache/lint.log; exit $$((linted | tested))
@@ -96,7 +96,7 @@ beside-lint = @$(1) $(MAKE) --no-print-directory lint > .cache/lint.log 2>&1 & l
 test: containers tools ## Run every check and every test, WORKERS= at a time; of `make soak` what has changed
 	$(call beside-lint,nice,--numprocesses '$(WORKERS)' --no-loadscope-reorder)
 
-check: venv ## Format, lint, types, import rules and unit tests, in under a minute
+check: venv ## Format, lint, types, import rules and unit tests, in about a minute
 	$(call beside-lint,,-q tests/unit -m 'not long' --hypothesis-profile quick --numprocesses 2)
 
 soak: containers tools ## Run long tests of what has changed since they passed, or ALL=1; then commit tests/soak.json

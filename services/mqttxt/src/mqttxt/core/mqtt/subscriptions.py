@@ -12,7 +12,7 @@ from ..effects import Subscribe
 
 UNSPECIFIED = 0x80
 """From this reason code on MQTT's are errors."""
-NEVER_GRANTED = frozenset({0x87, 0x8F, 0x9E, 0xA1, 0xA2})
+_NEVER_GRANTED = frozenset({0x87, 0x8F, 0x9E, 0xA1, 0xA2})
 """SUBACK reason codes that asking again cannot mend (MQTT 5.0, 3.9.3)."""
 
 
@@ -46,8 +46,8 @@ class Subscriptions:
         answers = dict(zip(effect.filters, codes, strict=False))
         refused = {topic: code for topic in effect.filters if (code := answers.get(topic, UNSPECIFIED)) >= UNSPECIFIED}
         if refused:
-            topic, code = next(((t, c) for t, c in refused.items() if c in NEVER_GRANTED), next(iter(refused.items())))
-            self._refused(topic, code, code in NEVER_GRANTED)
+            topic, code = next(((t, c) for t, c in refused.items() if c in _NEVER_GRANTED), next(iter(refused.items())))
+            self._refused(topic, code, code in _NEVER_GRANTED)
             return
         if self._waiting:
             self._send_next()

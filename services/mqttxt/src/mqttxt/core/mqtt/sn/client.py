@@ -13,6 +13,7 @@ from ...effects import Inbound, Publish, Will
 from ...effects import Subscribe as SubscribeEffect
 from ..client import KEEPALIVE_S
 from ..round_trip import RoundTrip
+from ..subscriptions import UNSPECIFIED
 from . import packets
 from .packets import PREDEFINED, Message, Packet, Subscribe
 from .sender import GIVE_UP_S, LARGEST_DATAGRAM, Receiver, Sender, repeat_after_s
@@ -24,8 +25,6 @@ QUIET_S = 5.0
 CONFIRM_S = 1.5
 """A state that no newer one has followed by then is sent once more, at QoS 1. States at a rate have a newer one."""
 _UNREADABLE = 0x99
-_UNSPECIFIED = 0x80
-"""MQTT 5's reason code for a failure that has no other."""
 
 
 class ClientEvents(Protocol):
@@ -110,15 +109,11 @@ class SnClient:
                 done(codes)
 
         for topic in effect.filters:
-            known = self._ids.id_of(topic)
-            self._sender.ask(
-                Subscribe(0, topic if known is None else known, live_only=effect.live_only), now_s, on_code
-            )
+            self._sender.ask(Subscribe(0, self._filter(topic), live_only=effect.live_only), now_s, on_code)
 
     def unsubscribe(self, filters: tuple[str, ...], now_s: float) -> None:
         for topic in filters:
-            known = self._ids.id_of(topic)
-            self._sender.ask(packets.Unsubscribe(0, topic if known is None else known), now_s, lambda _code: None)
+            self._sender.ask(packets.Unsubscribe(0, self._filter(topic)), now_s, lambda _code: None)
 
     def ping(self, now_s: float) -> None:
         """Ask for a sign of life, unless one is owed."""
@@ -242,6 +237,11 @@ class SnClient:
         if not self._sender.tell(told, now_s, done, key):
             self._events.count("held_up", f"{told.topic}: the gateway acknowledges nothing")
 
+    def _filter(self, topic: str) -> int | str:
+        """A topic by its number, or by its name where it has none."""
+        known = self._ids.id_of(topic)
+        return topic if known is None else known
+
     def _id_of(self, topic: str) -> tuple[int, int] | None:
         found = self._ids.id_of(topic)
         return (found, PREDEFINED) if found is not None else None
@@ -270,4 +270,4 @@ class SnClient:
 
 
 def _in_mqtt_5(done: Callable[[int], None], code: int) -> None:
-    done(_UNSPECIFIED if 0 < code < packets.FIRST_OF_MQTT_5 else code)
+    done(UNSPECIFIED if 0 < code < packets.FIRST_OF_MQTT_5 else code)

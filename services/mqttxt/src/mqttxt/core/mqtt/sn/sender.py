@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 
 from ..round_trip import RoundTrip
-from .packets import Message, Packet, Puback, Regack, Suback, Subscribe, Unsuback, Unsubscribe, size_of_publish
+from .packets import Message, Packet, Puback, Suback, Subscribe, Unsuback, Unsubscribe, size_of_publish
 from .together import Told, pack
 from .topic_ids import TOGETHER, TopicIds
 
@@ -27,7 +27,7 @@ MOST_WAITING_BYTES = 1 << 19
 """Of their payloads."""
 _IDS = 65_535
 
-Answer = Puback | Suback | Unsuback | Regack
+Answer = Puback | Suback | Unsuback
 Asked = Subscribe | Unsubscribe
 Done = Callable[[int], None]
 
