@@ -108,7 +108,7 @@ def test_a_mission_is_drawn_and_saved_by_keyboard_alone(page: Served, browser: L
     browser.tab_to("#draft-save")
     browser.press("Enter")
     saved = tmp_path / "drawn.plan"
-    wait_until(saved.exists, "the file is saved")
+    wait_until(lambda: saved.exists() and saved.stat().st_size, "the file is saved")
     plan = Plan.load(saved)
     (item,) = plan.content.mission or ()
     assert (item.command, item.z) == (WAYPOINT, 20.0)
@@ -128,7 +128,7 @@ def test_a_saved_mission_takes_off_at_the_drone_and_returns_and_is_uploaded_agai
     browser.click("#map", 0.7, 0.3)
     browser.click("#draft-save")
     saved = tmp_path / "drawn.plan"
-    wait_until(saved.exists, "the file is saved")
+    wait_until(lambda: saved.exists() and saved.stat().st_size, "the file is saved")
     plan = Plan.load(saved)
     takeoff, waypoint, back = plan.content.mission or ()
     assert [takeoff.command, waypoint.command, back.command] == [TAKEOFF, WAYPOINT, RETURN]
