@@ -9,10 +9,11 @@ from unittest.mock import create_autospec
 import pytest
 
 from mqttxt.core.address import BrokerAddress
-from mqttxt.core.effects import Will
+from mqttxt.core.effects import Inbound, Will
 from mqttxt.core.mqtt.events import LinkEvents
 from mqttxt.core.mqtt.link import MqttLink
 from mqttxt.core.mqtt.sn import packets
+from mqttxt.core.mqtt.sn.air_client import REFLECTED
 from mqttxt.core.mqtt.sn.gateway import OPENED_AT_ONCE, Address, Gateway
 from mqttxt.core.mqtt.sn.packets import CONGESTION, PREDEFINED, Connect, Message
 from mqttxt.core.mqtt.sn.sender import LARGEST_DATAGRAM
@@ -217,6 +218,94 @@ def test_so_many_addresses_do_not_open_so_many_connections_to_the_broker() -> No
         bench.says(Connect(f"x{number}", 15), ("evil", number))
     assert sum(side.client_id != "" for side in bench.sides) == OPENED_AT_ONCE
     assert bench.counted.count("air_full") == 200 - OPENED_AT_ONCE
+
+
+class Victim:
+    """An address that never asked for anything; an attacker, who sees no answer, sends in its name."""
+
+    def __init__(self, bench: AirBench) -> None:
+        self.bench, self.received, self.sent = bench, 0, 0
+
+    def is_named_in(self, packet: packets.Packet) -> None:
+        self.sent += len(packets.encode(packet))
+        self.bench.says(packet, EVIL)
+        self.look()
+
+    def waits(self, seconds: float) -> None:
+        for _ in range(int(seconds * 10)):
+            self.bench.pass_time(0.1)
+            self.look()
+
+    def look(self) -> None:
+        self.received = sum(len(packets.encode(packet)) for to, packet in self.bench.sent if to == EVIL)
+        assert self.received <= REFLECTED * self.sent
+
+
+@pytest.mark.parametrize("topic", [TOGETHER, COMMANDS, None])
+@pytest.mark.parametrize("travels", [(COMMANDS, 1), ("drone1/bulk", 0)])
+def test_an_address_that_never_answered_gets_no_more_than_three_times_what_came_in_its_name(
+    topic: int | str | None, travels: tuple[str, int]
+) -> None:
+    bench = AirBench()
+    victim = Victim(bench)
+    victim.is_named_in(Connect("evil", 15))
+    if topic is not None:
+        victim.is_named_in(packets.Subscribe(1, topic))
+    victim.is_named_in(packets.Subscribe(2, id_of("drone1/bulk")))
+    for number in range(200):
+        bench.sides[0].client().on_message(Inbound(travels[0], bytes(1000), travels[1]), bench.now_s)
+        victim.is_named_in(packets.Puback(id_of(COMMANDS), 1 + number % 3))
+        victim.is_named_in(packets.Pingreq())
+        victim.waits(0.1)
+    victim.waits(30)
+
+
+def test_who_guesses_what_the_gateway_asked_is_not_served_any_longer() -> None:
+    bench = AirBench()
+    stranger(bench)
+    bench.says(packets.Subscribe(1, TOGETHER), EVIL)
+    (asked,) = [packet for packet in bench.to_clients(Message) if isinstance(packet, Message)]
+    assert bench.says(packets.Puback(TOGETHER, asked.msg_id % 65_535 + 1), EVIL) == [packets.Disconnect()]
+    assert bench.sides[0].closed == [True]
+
+
+def test_what_a_gateway_asks_cannot_be_known_beforehand() -> None:
+    asked = set()
+    for _ in range(20):
+        bench = AirBench()
+        bench.up()
+        asked |= {packet.msg_id for packet in bench.to_clients(Message) if isinstance(packet, Message)}
+    assert len(asked) > 15
+
+
+def test_an_address_that_answered_is_told_all_at_once() -> None:
+    bench = AirBench()
+    client = bench.up()
+    for number in range(50):
+        bench.sides[0].client().on_message(Inbound(COMMANDS, bytes((number,)) * 1000, 1), bench.now_s)
+    assert [heard.payload[0] for heard in client.heard] == list(range(50))
+
+
+@pytest.mark.parametrize("lost", range(1, 4))
+def test_a_client_is_told_all_though_the_proof_of_its_address_is_lost(lost: int) -> None:
+    bench = AirBench()
+    proofs = iter(range(10**6))
+    bench.lose = lambda port, packet: port == GATEWAY and isinstance(packet, packets.Puback) and next(proofs) < lost
+    client = bench.up()
+    bench.sides[0].client().on_message(Inbound(COMMANDS, bytes(1000), 1), bench.now_s)
+    assert client.heard == []
+    bench.pass_time(5)
+    assert [heard.payload for heard in client.heard] == [bytes(1000)]
+    assert client.ended == 0
+
+
+def test_an_address_that_never_answers_is_given_up() -> None:
+    bench = AirBench()
+    bench.lose = lambda port, packet: port != GATEWAY and isinstance(packet, Message)
+    client = bench.up()
+    bench.pass_time(16)
+    assert client.ended == 1
+    assert bench.sides[0].closed == [True]
 
 
 async def test_each_address_of_a_gateway_s_name_is_tried_and_no_return_code_ends_the_link(

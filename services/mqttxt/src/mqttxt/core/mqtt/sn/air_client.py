@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -13,7 +14,7 @@ from ..client import KEEPALIVE_S
 from ..round_trip import RoundTrip
 from . import packets
 from .packets import NORMAL, PREDEFINED, Message, Packet
-from .sender import LARGEST_DATAGRAM, Receiver, Sender
+from .sender import LARGEST_DATAGRAM, MOST_IDS, Receiver, Sender
 from .together import Told, Unpacker
 from .topic_ids import TOGETHER, TopicIds, Travel
 
@@ -25,6 +26,8 @@ ASK_S, ASK_TIMES = 5.0, 4
 """How long a client whose id or drone somebody else names may take to answer, and how often it is asked meanwhile."""
 LINGER_S = 5.0
 """How long a client that took leave is answered when it does so again."""
+REFLECTED = 3
+"""How many times the bytes that came from an address may go there before it is proven (RFC 9000, section 8.1)."""
 MOST_REGISTERED = 256
 """Topics that one client may register, or subscribe to by name."""
 _REFUSED = 0x87
@@ -98,8 +101,12 @@ class AirClient:
         self._since_s = self._last_in_s = now_s
         self.is_confirmed = False
         """Whether it has said anything, but that it leaves, since it is connected."""
+        self._is_proven = False
+        """Whether it has answered what only its address was told: the message id of the gateway's first PUBLISH."""
+        self._credit = 0
         round_trip = RoundTrip()
-        self._sender = Sender(self._send, ids, round_trip, self._id_of, together=False)
+        last_id = secrets.randbelow(MOST_IDS)
+        self._sender = Sender(self._send, ids, round_trip, self._id_of, together=False, last_id=last_id)
         self._receiver = Receiver()
         self._unpacker = Unpacker(ids)
         self._registered: dict[str, int] = {}
@@ -120,6 +127,10 @@ class AirClient:
     def is_there(self) -> bool:
         """Whether the client's id is its own."""
         return self.stage in (Stage.OPENING, Stage.UP)
+
+    def came(self, size: int) -> None:
+        """A datagram of so many bytes came from the client's address."""
+        self._credit += REFLECTED * size
 
     def received(self, packet: Packet, now_s: float) -> None:
         """A packet came from the client's address."""
@@ -257,7 +268,11 @@ class AirClient:
             case Message():
                 self._on_told(packet, now_s)
             case packets.Puback():
-                self._sender.on_answer(packet, now_s)
+                is_answer = self._sender.on_answer(packet, now_s)
+                if not (is_answer or self._is_proven):
+                    self._count("air_unproven", f"{self.client_id}: a PUBACK of what was not sent")
+                    self.end(now_s)
+                self._is_proven = is_answer or self._is_proven
             case packets.Register():
                 self._on_register(packet, now_s)
             case packets.Subscribe():
@@ -334,6 +349,8 @@ class AirClient:
         if packet.topic == TOGETHER:
             self._sender.together = True
             self._answer(packets.Suback(TOGETHER, packet.msg_id))
+            if not self._is_proven:
+                self._sender.probe(now_s)
         elif topic is None or not self._may(self._ids.may_hear, topic, now_s):
             self._count("air_topic", f"{self.client_id}: {packet.topic}: not one that its drone hears")
             if self.stage is Stage.UP:
@@ -404,4 +421,10 @@ class AirClient:
         self._send(packet)
 
     def _send(self, packet: Packet) -> None:
-        self._send_datagram(packets.encode(packet))
+        """To an address that is not proven no more than its share; the rest is lost, as on the way."""
+        datagram = packets.encode(packet)
+        if not self._is_proven:
+            if len(datagram) > self._credit:
+                return
+            self._credit -= len(datagram)
+        self._send_datagram(datagram)

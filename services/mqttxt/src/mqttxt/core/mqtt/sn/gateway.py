@@ -57,8 +57,10 @@ class Gateway:
         except ValueError as error:
             self._count("air_datagram", f"{address[0]}:{address[1]}: {error}")
             return
+        if client is not None:
+            client.came(len(datagram))
         if isinstance(packet, packets.Connect):
-            self._on_connect(packet, address, now_s)
+            self._on_connect(packet, len(datagram), address, now_s)
         elif client is not None:
             before = client.published
             client.received(packet, now_s)
@@ -82,7 +84,7 @@ class Gateway:
             if client.is_there:
                 client.end(now_s)
 
-    def _on_connect(self, packet: packets.Connect, address: Address, now_s: float) -> None:
+    def _on_connect(self, packet: packets.Connect, size: int, address: Address, now_s: float) -> None:
         known = self._at.get(address)
         if known is not None and known.client_id == packet.client_id and known.on_connect_again(now_s):
             return
@@ -112,6 +114,7 @@ class Gateway:
         )
         made.append(client)
         self._at[address] = client
+        client.came(size)
         client.start()
         self._look_at(address, now_s)
 

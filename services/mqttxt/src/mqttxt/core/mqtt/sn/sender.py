@@ -25,7 +25,8 @@ MOST_WAITING = 1000
 """Messages; as Mosquitto keeps for a client. Further ones are dropped."""
 MOST_WAITING_BYTES = 1 << 19
 """Of their payloads."""
-_IDS = 65_535
+MOST_IDS = 65_535
+"""Message ids: 1 to this."""
 
 Answer = Puback | Suback | Unsuback
 Asked = Subscribe | Unsubscribe
@@ -71,7 +72,7 @@ def repeat_after_s(round_trip: RoundTrip, times: int) -> float:
 class Sender:
     """Sends what has to arrive, in its order. `together`: the other side takes messages together and in pieces.
 
-    `id_of` is the topic id and its type that the other side knows a topic by.
+    `id_of` is the topic id and its type that the other side knows a topic by. Message ids begin behind `last_id`.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class Sender:
         round_trip: RoundTrip,
         id_of: Callable[[str], tuple[int, int] | None],
         together: bool,
+        last_id: int = 0,
     ) -> None:
         self.together = together
         self._send = send
@@ -92,7 +94,7 @@ class Sender:
         self._keyed: dict[str, _Tell] = {}
         self._stream = _Stream()
         self._under_way: _UnderWay | None = None
-        self._msg_id = 0
+        self._msg_id = last_id
 
     @property
     def is_idle(self) -> bool:
@@ -129,12 +131,17 @@ class Sender:
         self._waiting.append(_Ask(packet, done))
         self._go_on(now_s)
 
-    def on_answer(self, answer: Answer, now_s: float) -> None:
-        """An acknowledgement came; one of what is not under way is none."""
+    def probe(self, now_s: float) -> None:
+        """Have something answered, whatever it is: without anything under way a message stream's next piece, empty."""
+        if self._under_way is None:
+            self._start(Message(TOGETHER, b"", qos=1, msg_id=self._next_id()), [], now_s)
+
+    def on_answer(self, answer: Answer, now_s: float) -> bool:
+        """An acknowledgement came; whether it is that of what is under way. Another one changes nothing."""
         current = self._under_way
         kind = {Puback: Message, Suback: Subscribe, Unsuback: Unsubscribe}.get(type(answer))
         if current is None or not isinstance(current.packet, kind or ()) or current.packet.msg_id != answer.msg_id:
-            return
+            return False
         if current.times == 1:  # of a repeated one it is not known what was answered (Karn)
             self._round_trip.took(now_s - current.sent_s)
         self._under_way = None
@@ -142,6 +149,7 @@ class Sender:
         for done in current.done:
             done(code)
         self._go_on(now_s)
+        return True
 
     def tick(self, now_s: float) -> None:
         """Repeat what is due."""
@@ -218,7 +226,7 @@ class Sender:
         self._send(packet)
 
     def _next_id(self) -> int:
-        self._msg_id = self._msg_id % _IDS + 1
+        self._msg_id = self._msg_id % MOST_IDS + 1
         return self._msg_id
 
 
@@ -230,7 +238,7 @@ class Receiver:
 
     def is_new(self, msg_id: int) -> bool:
         """Whether a message id has not come yet; from then on it has."""
-        if self._last is not None and not 0 < (msg_id - self._last) % _IDS < _IDS // 2:
+        if self._last is not None and not 0 < (msg_id - self._last) % MOST_IDS < MOST_IDS // 2:
             return False
         self._last = msg_id
         return True
