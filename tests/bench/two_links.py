@@ -133,7 +133,7 @@ async def _broken(system: TwoLinkSystem, drone: Drone, arrivals: Arrivals, how: 
         if how == "cut":
             link.cut()
         else:
-            link.hold()
+            link.stall()
         await asyncio.sleep(BEHIND_S)
         sending = asyncio.create_task(_taken_s(drone, command))
         await asyncio.sleep(DOWN_S - BEHIND_S)

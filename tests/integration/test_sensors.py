@@ -21,7 +21,8 @@ from mqttxt.protocol.codec import decode
 from mqttxt.protocol.readings import ReadingAck, ReadingKey
 from mqttxt_conformance.tap import Tap
 from testbed.bootstrap.images import NODE
-from tests.rigs.processes import ROOT, Broker, Process, Proxy, System, eventually, free_port
+from tests.rigs.flaky_link import FlakyLink
+from tests.rigs.processes import ROOT, Broker, Process, System, eventually, free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.apart]
 
@@ -37,7 +38,7 @@ class SensorField:
         self.cloud, self.fog, self.activator = self.system.cloud, self.system.fog, self.system.activator
         self.sitl = self.system.sitls[1]
         self.drone = Broker(folder, "drone")
-        self.air = Proxy(self.fog.port)
+        self.air = FlakyLink(self.fog.port)
         self.store = folder / "uav1.sensors"
         self.events = folder / "sensor.jsonl"
         self.uav: Process | None = None

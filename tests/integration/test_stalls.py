@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 import pytest_asyncio
 
-from tests.rigs.processes import Proxy, System
+from tests.rigs.flaky_link import FlakyLink
+from tests.rigs.processes import System
 from tests.rigs.salvo import FAST, SLOW, Salvo, all_reachable, aloft, station
 
 pytestmark = [pytest.mark.integration, pytest.mark.asyncio(loop_scope="module")]
@@ -20,15 +21,15 @@ COMMANDS_PER_LEG = 120
 STALL_S = 0.9
 """How long a leg stalls, and how long it flows between."""
 PARTS = ("cloud broker", "fog broker", "activator", "uav clients")
-PROXIES = ("gs-cloud", "cloud-activator", "activator-fog", "fog-uav")
+LEGS = ("gs-cloud", "cloud-activator", "activator-fog", "fog-uav")
 
 
 @dataclass
 class Fleet:
-    """A system with a proxy on every hop, its drones aloft."""
+    """A system with a link that can fail on every hop, its drones aloft."""
 
     system: System
-    proxies: dict[str, Proxy]
+    links: dict[str, FlakyLink]
     fog: Any
     salvo: Salvo
 
@@ -36,7 +37,7 @@ class Fleet:
         system = self.system
         named = {"cloud broker": [system.cloud], "fog broker": [system.fog], "activator": [system.activator]}
         named["uav clients"] = list(system.uavs.values())
-        return named.get(leg) or [self.proxies[leg]]
+        return named.get(leg) or [self.links[leg]]
 
     def anew(self) -> Salvo:
         """A salvo of its own; it goes on where the last one's longitudes ended."""
@@ -48,23 +49,23 @@ class Fleet:
 async def fleet(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Fleet]:
     """The activator and a drone have slow clocks, the station and the other drone fast ones."""
     system = System(tmp_path_factory.mktemp("stalls"))
-    proxies = {}
+    links = {}
     try:
-        for name in PROXIES:
+        for name in LEGS:
             port = system.cloud.port if name in ("gs-cloud", "cloud-activator") else system.fog.port
-            proxies[name] = await Proxy(port).start()
-        links = proxies["cloud-activator"].url, proxies["activator-fog"].url
-        system.activator = system.make_activator(*links, ppm=SLOW)
+            links[name] = await FlakyLink(port).start()
+        ends = links["cloud-activator"].url, links["activator-fog"].url
+        system.activator = system.make_activator(*ends, ppm=SLOW)
         for drone, ppm in ((1, SLOW), (2, FAST)):
-            system.uavs[drone] = system.make_uav(drone, proxies["fog-uav"].url, ppm=ppm)
+            system.uavs[drone] = system.make_uav(drone, links["fog-uav"].url, ppm=ppm)
         await asyncio.to_thread(system.start)
-        async with station(proxies["gs-cloud"].url) as gs:
+        async with station(links["gs-cloud"].url) as gs:
             (fog,) = await gs.connect([1])
-            yield Fleet(system, proxies, fog, await aloft(system, fog))
+            yield Fleet(system, links, fog, await aloft(system, fog))
     finally:
         system.close()
-        for proxy in proxies.values():
-            await proxy.close()
+        for link in links.values():
+            await link.close()
 
 
 @contextlib.asynccontextmanager
@@ -87,7 +88,7 @@ async def again_and_again(act: Callable[[], Any], pause_s: float) -> AsyncIterat
         await task
 
 
-@pytest.mark.parametrize("leg", PARTS + PROXIES)
+@pytest.mark.parametrize("leg", PARTS + LEGS)
 async def test_no_command_is_executed_late_or_twice_while_a_leg_stalls(fleet: Fleet, leg: str) -> None:
     await all_reachable(fleet.fog)
     salvo, parts, stalled = fleet.anew(), fleet.parts(leg), False
@@ -110,13 +111,13 @@ async def test_no_command_is_executed_late_or_twice_while_a_leg_stalls(fleet: Fl
 async def test_while_every_hop_delays(fleet: Fleet) -> None:
     await all_reachable(fleet.fog)
     salvo = fleet.anew()
-    for proxy in fleet.proxies.values():
-        proxy.delay_s = 0.15
+    for link in fleet.links.values():
+        link.jitter_s = 0.3
     try:
         await salvo.fire(fleet.fog, COMMANDS_PER_LEG)
     finally:
-        for proxy in fleet.proxies.values():
-            proxy.delay_s = 0.0
+        for link in fleet.links.values():
+            link.jitter_s = 0.0
     assert salvo.verdict("every hop delays")["executed"] > 0
 
 

@@ -57,7 +57,7 @@ async def test_a_link_that_is_cut_or_held_up_either_way_holds_up_no_command(tmp_
     async with flying(tmp_path, mode) as (system, drone, watch):
         for number, link in enumerate(system.links, start=1):
             for ways in ((UP, DOWN), (UP,), (DOWN,)):
-                link.hold(*ways)
+                link.stall(*ways)
                 await up_and_down(system, drone)
                 link.go_on()
                 await up_and_down(system, drone)
@@ -158,7 +158,7 @@ async def test_a_second_broker_without_the_activator_carries_nothing(tmp_path: P
 async def test_a_clock_that_jumps_makes_no_command_late_or_doubled(tmp_path: Path) -> None:
     async with flying(tmp_path, ppm=200) as (system, drone, watch):
         for link in system.links:
-            link.hold()
+            link.stall()
             before = system.turns().count("armed")
             outcome = asyncio.ensure_future(drone.arm(ttl_s=5))
             system.uav.step_clock()

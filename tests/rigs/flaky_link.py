@@ -1,16 +1,17 @@
-"""A TCP link on loopback that can be cut, or hold back what goes one way; it counts what it carries."""
+"""A TCP link on loopback that can be cut, hold back one direction, or delay both; it counts what it carries."""
 
 from __future__ import annotations
 
 import asyncio
+import random
 import socket
 import struct
 from collections import Counter
-from typing import Self
 
+from mqttxt.core.address import BrokerAddress
+from mqttxt_conformance.relay import DOWN, MOST_BYTES, UP, Relay
 from tests.rigs.loopback import free_port
 
-UP, DOWN = "up", "down"
 HEADERS = 14 + 20 + 32
 """Of a frame on Ethernet: Ethernet's, IP's, and TCP's with time stamps, in bytes."""
 _TCP_INFO_BYTES = 144
@@ -19,29 +20,27 @@ _COUNTS = struct.Struct("=QQII")
 _COUNTS_AT = 120
 
 
-class FlakyLink:
-    """Passes connections to `there` on; `carried` has the bytes of each direction (up: of the client)."""
+class FlakyLink(Relay):
+    """A relay to the port `there`; `carried` has the bytes of each direction.
 
-    def __init__(self, there: int, host: str = "127.0.0.1") -> None:
-        self.port = free_port()
-        self.host = host
+    What it passes on comes `one_way_s` later, and by chance up to `jitter_s` more.
+    """
+
+    def __init__(self, there: int) -> None:
+        super().__init__(BrokerAddress("127.0.0.1", there), free_port())
         self.carried: Counter[str] = Counter()
-        self.one_way_s = 0.0
-        self._there = there
-        self._is_cut = False
+        self.one_way_s = self.jitter_s = 0.0
         self._passes = {UP: asyncio.Event(), DOWN: asyncio.Event()}
-        self._server: asyncio.Server | None = None
-        self._serving: set[asyncio.Task[None]] = set()
         self._clients: set[asyncio.StreamWriter] = set()
         self.go_on()
 
     @property
-    def url(self) -> str:
-        return f"mqtt://{self.host}:{self.port}"
+    def port(self) -> int:
+        return self.address.port
 
-    async def start(self) -> Self:
-        self._server = await asyncio.start_server(self._accept, self.host, self.port)
-        return self
+    @property
+    def url(self) -> str:
+        return str(self.address)
 
     def frames(self) -> tuple[int, int]:
         """How many frames the client's connections of now have had, bare acknowledgements too, and their bytes."""
@@ -49,73 +48,48 @@ class FlakyLink:
         segments = sum(out + into for _, _, out, into in counts)
         return segments, segments * HEADERS + sum(sent + received for sent, received, _, _ in counts)
 
-    def cut(self) -> None:
-        """Every connection ends, and no other comes about."""
-        self._is_cut = True
-        for task in self._serving:
-            task.cancel()
-
-    def hold(self, *ways: str) -> None:
-        """Nothing passes any more in these directions, and nobody is told."""
+    def stall(self, *ways: str) -> None:
+        """Nothing passes any more in these directions, by default in both, and nobody is told."""
         for way in ways or (UP, DOWN):
             self._passes[way].clear()
 
     def go_on(self) -> None:
-        """What was held passes, and connections come about."""
-        self._is_cut = False
+        """What was held passes too."""
+        super().go_on()
         for passes in self._passes.values():
             passes.set()
 
-    async def close(self) -> None:
-        self.cut()
-        if self._server is not None:
-            self._server.close()
-        await asyncio.gather(*self._serving, return_exceptions=True)
-
-    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.create_task(self._serve(reader, writer))
-        self._serving.add(task)
-        task.add_done_callback(self._serving.discard)
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writers = [writer]
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._clients.add(writer)
         try:
-            if self._is_cut:
-                return
-            there, to_there = await asyncio.open_connection("127.0.0.1", self._there)
-            writers.append(to_there)
-            async with asyncio.TaskGroup() as both:
-                both.create_task(self._carry(UP, reader, to_there))
-                both.create_task(self._carry(DOWN, there, writer))
-        except* (ConnectionError, OSError):
-            pass
+            await super().serve(reader, writer)
         finally:
             self._clients.discard(writer)
-            for each in writers:
-                each.transport.abort()
 
-    async def _carry(self, way: str, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
-        """One direction: nothing overtakes. Ends the connection where one side does."""
+    async def carry(self, way: str, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
+        """Nothing overtakes, and the connection's end comes behind all that is on its way."""
         loop, under_way = asyncio.get_running_loop(), asyncio.Queue[tuple[float, bytes]]()
-        delivering = asyncio.create_task(self._deliver(way, under_way, sink))
-        try:
-            while data := await source.read(65_536):
+        async with asyncio.TaskGroup() as both:
+            both.create_task(self._deliver(way, under_way, sink))
+            data = None
+            while data != b"":
+                try:
+                    data = await source.read(MOST_BYTES)
+                except ConnectionError:
+                    data = b""
                 self.carried[way] += len(data)
-                under_way.put_nowait((loop.time() + self.one_way_s, data))
-            raise ConnectionResetError("closed")
-        finally:
-            delivering.cancel()
+                under_way.put_nowait((loop.time() + self.one_way_s + random.uniform(0, self.jitter_s), data))
 
     async def _deliver(
         self, way: str, under_way: asyncio.Queue[tuple[float, bytes]], sink: asyncio.StreamWriter
     ) -> None:
-        loop = asyncio.get_running_loop()
-        while True:
+        loop, data = asyncio.get_running_loop(), None
+        while data != b"":
             due_s, data = await under_way.get()
             await asyncio.sleep(due_s - loop.time())
             await self._passes[way].wait()
             sink.write(data)
+        raise ConnectionResetError("closed")
 
 
 def _counts(writer: asyncio.StreamWriter) -> tuple[int, int, int, int]:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
-import random
 import signal
 import socket
 import subprocess
@@ -151,63 +149,6 @@ class Process(Program):
     def step_clock(self) -> None:
         """Its session clock jumps ahead (`odd_clock`)."""
         self.signal(signal.SIGUSR1)
-
-
-class Proxy:
-    """A TCP proxy on loopback that can hold every byte, in both directions, and let them go again.
-
-    `delay_s` is how long it takes at most for what comes together, each time another part of it.
-    """
-
-    def __init__(self, target_port: int) -> None:
-        self.delay_s = 0.0
-        self._target_port = target_port
-        self._open = asyncio.Event()
-        self._open.set()
-        self._server: asyncio.Server | None = None
-        self._tasks: set[asyncio.Task[None]] = set()
-
-    async def start(self) -> Self:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        return self
-
-    @property
-    def url(self) -> str:
-        assert self._server is not None
-        return f"mqtt://127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
-
-    def stall(self) -> None:
-        self._open.clear()
-
-    def go_on(self) -> None:
-        self._open.set()
-
-    async def close(self) -> None:
-        assert self._server is not None
-        self._server.close()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        there, to_there = await asyncio.open_connection("127.0.0.1", self._target_port)
-        for source, sink in ((reader, to_there), (there, writer)):
-            task = asyncio.create_task(self._pass_on(source, sink))
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
-
-    async def _pass_on(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
-        try:
-            while data := await source.read(65_536):
-                await self._open.wait()
-                if self.delay_s:
-                    await asyncio.sleep(random.uniform(0, self.delay_s))
-                sink.write(data)
-                await sink.drain()
-        except ConnectionError:
-            return
-        finally:
-            sink.close()
 
 
 class System:

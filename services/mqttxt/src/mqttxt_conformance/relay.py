@@ -1,30 +1,34 @@
-"""TCP links of the kit's to two brokers on this machine, which it can cut under the implementation."""
+"""TCP links to brokers on this machine that can be cut under an implementation, or held back and delayed."""
 
 from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, replace
+from typing import Self
 
 from mqttxt.core.address import BrokerAddress
 
 from .tap import Tap, clear_retained
 
+UP, DOWN = "up", "down"
+"""A direction: from the client, and to it."""
 MOST_BYTES = 65_536
 
 
 class Relay:
-    """Passes connections on to `broker`; `address` is where the implementation connects to."""
+    """Passes connections on to `broker`; `address` is where clients connect to, once it has started."""
 
-    def __init__(self, broker: BrokerAddress) -> None:
+    def __init__(self, broker: BrokerAddress, port: int = 0) -> None:
+        self.address = replace(broker, port=port)
         self._broker = broker
         self._server: asyncio.Server | None = None
         self._serving: set[asyncio.Task[None]] = set()
         self._is_cut = False
-        self.address = broker
 
-    async def start(self) -> None:
-        self._server = await asyncio.start_server(self._accept, self._broker.host)
-        self.address = replace(self._broker, port=self._server.sockets[0].getsockname()[1])
+    async def start(self) -> Self:
+        self._server = await asyncio.start_server(self._accept, self._broker.host, self.address.port)
+        self.address = replace(self.address, port=self._server.sockets[0].getsockname()[1])
+        return self
 
     def cut(self) -> None:
         """Every connection ends, and no other comes about."""
@@ -32,7 +36,8 @@ class Relay:
         for task in self._serving:
             task.cancel()
 
-    def mend(self) -> None:
+    def go_on(self) -> None:
+        """Connections come about again."""
         self._is_cut = False
 
     async def close(self) -> None:
@@ -42,11 +47,12 @@ class Relay:
         await asyncio.gather(*self._serving, return_exceptions=True)
 
     def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.create_task(self._serve(reader, writer))
+        task = asyncio.create_task(self.serve(reader, writer))
         self._serving.add(task)
         task.add_done_callback(self._serving.discard)
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One connection of a client, until either side ends it."""
         writers = [writer]
         try:
             if self._is_cut:
@@ -54,20 +60,20 @@ class Relay:
             there, to_there = await asyncio.open_connection(self._broker.host, self._broker.port)
             writers.append(to_there)
             async with asyncio.TaskGroup() as both:
-                both.create_task(_carry(reader, to_there))
-                both.create_task(_carry(there, writer))
+                both.create_task(self.carry(UP, reader, to_there))
+                both.create_task(self.carry(DOWN, there, writer))
         except* OSError:
             pass
         finally:
             for each in writers:
                 each.transport.abort()
 
-
-async def _carry(source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
-    while data := await source.read(MOST_BYTES):
-        sink.write(data)
-        await sink.drain()
-    raise ConnectionResetError("closed")
+    async def carry(self, way: str, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
+        """One direction of a connection; raises ConnectionResetError at its end."""
+        while data := await source.read(MOST_BYTES):
+            sink.write(data)
+            await sink.drain()
+        raise ConnectionResetError("closed")
 
 
 @dataclass(frozen=True)

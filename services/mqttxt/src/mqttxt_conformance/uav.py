@@ -51,12 +51,11 @@ async def check_uav(broker: BrokerAddress, target: UavTarget, on_finding: Callab
     activator = folder.identity(f"fog{target.fog}") if folder is not None else None
     tap = Tap(broker, f"conformance-{secrets.token_hex(4)}", clock, identity=activator)
     host, port = target.autopilot_host, target.autopilot_port
+    values = {"broker": str(broker), "drone": str(target.drone), "autopilot": f"udp:{host}:{port}"}
     relays = Relay(broker), Relay(target.second or broker)
     if target.second is not None:
-        for relay in relays:
-            await relay.start()
-    values = {"broker": str(relays[0].address), "drone": str(target.drone), "autopilot": f"udp:{host}:{port}"}
-    values |= {"second_broker": str(relays[1].address)} if target.second is not None else {}
+        for option, relay in zip(("broker", "second_broker"), relays, strict=True):
+            values[option] = str((await relay.start()).address)
     values |= {"fog": str(target.fog), "identity": str(folder.path / name)} if folder is not None else {}
     subject = Subject(target.run, values, target.log)
     secured = SecuredUav(folder, target.fog, target.drone, topics) if folder is not None and folder.signed else None

@@ -115,7 +115,7 @@ async def the_end_of_one_connection_is_not_the_end(kit: UavKit) -> str:
         try:
             said.append(await _flies_on(kit, cut, other, mark, command))
         finally:
-            relay.mend()
+            relay.go_on()
         back = await cut.until(partial(_births, kit, cut, mark), BACK_S)
         expect(back, f"no birth within {BACK_S:g} s after the link was back")
         expect(back[-1]["session"] == kit.session, f"session {back[-1]['session']} after a cut of one connection")
