@@ -18,6 +18,7 @@ from mqttxt import GroundStation
 from mqttxt.core.effects import Inbound, Subscribe
 from mqttxt.core.mqtt import connection as connection_module
 from mqttxt.core.mqtt import link as mqtt_module
+from mqttxt.core.mqtt import outgoing
 from mqttxt.core.mqtt.client import KEEPALIVE_S
 from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
 from mqttxt.errors import BrokerRefused, ConfigurationError, FogUnreachable
@@ -151,7 +152,7 @@ async def test_no_more_is_in_flight_than_the_broker_takes() -> None:
 
 
 async def test_a_broker_that_acknowledges_nothing_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connection_module, "MOST_HELD", 10)
+    monkeypatch.setattr(outgoing, "MOST_HELD", 10)
     async with Server(RECEIVE_MAXIMUM_2, acknowledges=False) as server, linked(server) as (link, heard):
         for number in range(15):
             link.publish(state("armed", bytes([number]), qos=1, ref=number))

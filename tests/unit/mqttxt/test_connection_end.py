@@ -12,6 +12,7 @@ import pytest
 from mqttxt.core.effects import Publish
 from mqttxt.core.mqtt import connection as connection_module
 from mqttxt.core.mqtt import link as mqtt_module
+from mqttxt.core.mqtt import outgoing
 from mqttxt.core.mqtt.client import CONNECT_THREAD
 from mqttxt.core.mqtt.link import BrokerAddress, MqttLink
 from mqttxt.errors import BrokerRefused
@@ -162,7 +163,7 @@ async def test_a_broker_that_takes_no_bytes_ends_no_role_with_an_error(monkeypat
 
 
 async def test_a_broker_that_takes_no_bytes_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connection_module, "MOST_HELD", 10)
+    monkeypatch.setattr(outgoing, "MOST_HELD", 10)
     async with Server() as server, linked(server) as (link, heard):
         (session,) = server.sessions
         session.reads.clear()

@@ -10,6 +10,7 @@ import pytest
 from mqttxt.core.effects import Inbound
 from mqttxt.core.mqtt import aliases as aliases_module
 from mqttxt.core.mqtt import connection as connection_module
+from mqttxt.core.mqtt import outgoing
 from mqttxt.core.mqtt.buffered import Buffered
 from mqttxt.core.mqtt.properties import LARGEST_PACKET
 from tests.examples import first_quick
@@ -108,7 +109,7 @@ async def test_a_broker_that_does_not_read_the_answers_that_it_asks_for_is_given
     packet: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They would fill the memory."""
-    monkeypatch.setattr(connection_module, "MOST_HELD", 10)
+    monkeypatch.setattr(outgoing, "MOST_HELD", 10)
     async with Server() as server, linked(server) as (link, heard):
         (session,) = server.sessions
         session.reads.clear()

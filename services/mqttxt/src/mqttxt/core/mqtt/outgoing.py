@@ -1,0 +1,165 @@
+"""What a connection hands over to its broker, in bulk; at QoS 0 past paho, of which there may be thousands a second."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Hashable
+from typing import TYPE_CHECKING, cast
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import MQTTErrorCode
+
+from ..address import BrokerAddress
+from ..effects import Publish
+from .aliases import AliasTable
+from .events import LinkEvents
+from .packets import publish
+from .properties import BrokerLimits, expiry_properties
+
+if TYPE_CHECKING:
+    from .buffered import Buffered
+
+TOO_LONG, TOO_MUCH = 0x95, 0x97
+"""Reason codes of what is not handed over (MQTT 5.0, 2.4): packet too large, quota exceeded."""
+MOST_HELD = 10_000
+"""Publishes that wait while the broker takes no bytes or, at QoS 1, acknowledges none; further ones are dropped."""
+_MOST_OWED = 2000
+"""Above what a broker may send without reading: the Receive Maximum, and an answer to each of our own publishes."""
+
+
+class Outgoing:
+    """The way out of one connection, within what the broker's CONNACK allows (`accepted`).
+
+    `failed` is called where writing ended the connection.
+    """
+
+    def __init__(
+        self, name: str, address: BrokerAddress, client: Client, events: LinkEvents, failed: Callable[[], object]
+    ) -> None:
+        self.wrote_s = 0.0
+        """When something was last written, in the event loop's time."""
+        self._name = name
+        self._address = address
+        self._client = client
+        self._events = events
+        self._failed = failed
+        self._loop = asyncio.get_running_loop()
+        self._limits, self._aliases = BrokerLimits(), AliasTable(0)
+        self._refs: dict[int, Hashable] = {}
+        self._unacknowledged: set[int] = set()
+        self._waiting: deque[Publish] = deque()
+        self._settled: asyncio.Future[None] | None = None
+        self._flush_is_due = self._is_blocked = False
+        self._held = self._owed = 0
+
+    @property
+    def sock(self) -> Buffered | None:
+        """None where it is closed."""
+        return cast("Buffered | None", self._client.socket())
+
+    @property
+    def has_waiting(self) -> bool:
+        """Whether something waits for an acknowledgement of what went before."""
+        return bool(self._waiting)
+
+    def accepted(self, connack: object) -> None:
+        self._limits = BrokerLimits.of(connack)
+        self._aliases = AliasTable(self._limits.aliases)
+
+    def publish(self, effect: Publish) -> int:
+        """Hand a message over; all that is handed over in one turn of the event loop leaves together.
+
+        Returns 0; of a message that is counted and dropped, the reason code of what is too much, or too long.
+        """
+        if self._is_blocked and effect.qos == 0:
+            if self._held >= MOST_HELD:
+                self._events.count("held_up", f"{self._name}: {effect.topic}: {self._address} takes no bytes")
+                return TOO_MUCH
+            self._held += 1
+        if not self._limits.fits(effect.topic, effect.payload):
+            detail = f"{effect.topic}: {self._address} takes packets of at most {self._limits.largest_packet} bytes"
+            self._events.count("too_long_for_broker", detail)
+            return TOO_LONG
+        if effect.qos > 0 and len(self._unacknowledged) >= self._limits.in_flight:
+            if len(self._waiting) < MOST_HELD:
+                self._waiting.append(effect)
+                return 0
+            self._events.count("held_up", f"{self._name}: {effect.topic}: {self._address} acknowledges nothing")
+            return TOO_MUCH
+        if effect.qos == 0:
+            if self.sock is not None:
+                if self._client.want_write():  # what paho has yet to write comes first
+                    self._client.loop_write()
+                self.send(publish(effect, *self._aliases.shorten(effect.topic)))
+            return 0
+        info = self._client.publish(
+            effect.topic, effect.payload, effect.qos, effect.retain, expiry_properties(effect.expiry_s)
+        )
+        if info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
+            self._unacknowledged.add(info.mid)
+            if effect.ref is not None:
+                self._refs[info.mid] = effect.ref
+        return 0
+
+    def send(self, packet: bytes) -> None:
+        """Hand a packet over, past paho."""
+        if self.sock is not None:
+            self.sock.send(packet)
+            self.flush_soon()
+
+    def on_puback(self, mid: int) -> Hashable | None:
+        """A publish was acknowledged; returns its `ref`."""
+        self._unacknowledged.discard(mid)
+        return self._refs.pop(mid, None)
+
+    def go_on(self) -> None:
+        """Behind an acknowledgement there is room for a publish that waits."""
+        if self._waiting and self.sock is not None:
+            self.publish(self._waiting.popleft())
+        self._check_settled()
+
+    def owe_an_answer(self) -> None:
+        """Raises ValueError for a broker that goes on asking for answers and does not read them."""
+        self._owed += self._is_blocked
+        if self._owed > _MOST_OWED:
+            raise ValueError(f"{self._owed} packets, without reading the answers")
+
+    def flush_soon(self) -> None:
+        """Write what was handed over when this turn of the event loop is over, or when the system takes bytes again."""
+        if not self._flush_is_due and not self._is_blocked:
+            self._flush_is_due = True
+            self._loop.call_soon(self.flush)
+
+    def flush(self) -> None:
+        """Write what waits; where the system does not take all, the rest when it does."""
+        self._flush_is_due = False
+        if self.sock is not None:
+            self._client.loop_write()
+        sock = self.sock
+        if sock is None:
+            return
+        has_left = sock.flush()
+        self.wrote_s = self._loop.time()
+        if not has_left and not self._is_blocked:
+            self._is_blocked = True
+            self._loop.add_writer(sock, self.flush)
+        elif has_left and self._is_blocked:
+            self._is_blocked, self._held, self._owed = False, 0, 0
+            self._loop.remove_writer(sock)
+        if sock.failure is not None:
+            self._failed()
+        elif has_left:
+            self._check_settled()
+
+    def settled(self) -> asyncio.Future[None]:
+        """Done once all that was handed over has left, and is acknowledged where that is asked for."""
+        self.flush()
+        self._settled = self._loop.create_future()
+        self._check_settled()
+        return self._settled
+
+    def _check_settled(self) -> None:
+        has_left = not self._client.want_write() and not self._is_blocked
+        if self._settled is not None and not self._settled.done() and not self._unacknowledged and has_left:
+            self._settled.set_result(None)
