@@ -163,7 +163,8 @@ class Way:
         """Acknowledgements cross the air."""
         self.take(self.relay.tick(self.now_ms))
         for _ in range(min(most, len(self.to_drone))):
-            self.take(self.carrier.on_ack(self.to_drone.pop(0).payload, self.now_ms))
+            ack = self.to_drone.pop(0)
+            self.take(self.carrier.on_ack(Inbound(ack.topic, ack.payload, ack.qos), self.now_ms))
 
     def lose_the_cloud(self) -> None:
         """The activator's connection to the cloud broker is gone, with what was on it."""

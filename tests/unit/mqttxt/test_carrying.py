@@ -43,6 +43,11 @@ def full(made: Carrier, count: int = WINDOW) -> list[Any]:
     return out
 
 
+def acknowledged(*numbers: int) -> Inbound:
+    keys = tuple(reading(number).key for number in numbers)
+    return Inbound("drone1/sensor_ack", encode(ReadingAck(readings=keys)), 1)
+
+
 def test_a_reading_is_acknowledged_only_once_it_is_stored() -> None:
     made = carrier()
     (store,) = made.on_message(inbound(reading(3), receipt=(9, 4)), 0)
@@ -120,7 +125,7 @@ def test_no_more_than_a_window_is_under_way_and_more_follows_what_was_acknowledg
     assert made.on_fog_up(0) == [LoadReadings(0, WINDOW)]
     assert carried(made.on_loaded([(n + 1, reading(n)) for n in range(WINDOW)], WINDOW, 0)) == list(range(WINDOW))
     assert made.tick(1000) == []
-    out = made.on_ack(encode(ReadingAck(readings=(reading(0).key, reading(1).key))), 1000)
+    out = made.on_ack(acknowledged(0, 1), 1000)
     assert out == [ForgetReadings((reading(0).key, reading(1).key)), LoadReadings(WINDOW, 2)]
 
 
@@ -161,7 +166,7 @@ def test_an_acknowledgement_of_what_is_not_under_way_empties_the_store_all_the_s
     way.work()
     assert way.store is not None
     assert len(way.store) == 1
-    way.take(way.carrier.on_ack(encode(ReadingAck(readings=(reading(0).key,))), 0))
+    way.take(way.carrier.on_ack(acknowledged(0), 0))
     way.work()
     assert len(way.store) == 0
 

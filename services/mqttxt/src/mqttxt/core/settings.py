@@ -54,6 +54,9 @@ class Rebirth:
         if self._at_ms is None:
             self._at_ms = now_ms + REBIRTH_MS
 
+    def disarm(self) -> None:
+        self._at_ms = None
+
     def is_due(self, now_ms: int) -> bool:
         """Whether it is time; asking when it is disarms it."""
         if self._at_ms is None or now_ms < self._at_ms:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..core.channel import Channel
-from ..core.effects import Inbound, Log
+from ..core.effects import Inbound, Log, Stop
 from ..core.session_owners import SessionOwners
 from ..errors import PayloadError
 from ..protocol.codec import decode
@@ -21,6 +21,8 @@ class Control:
 
     def __init__(self, drone: int, session: int, channel: Channel, desk: CommandDesk, owners: SessionOwners) -> None:
         self.lease: DroneLease | None = None
+        self.is_refused = False
+        """Whether another client was said to be this drone while this one flew; it stops once it is disarmed."""
         self._drone = drone
         self._session = session
         self._channel = channel
@@ -33,10 +35,24 @@ class Control:
         if self.lease is not None and self._is_older(lease, self.lease):
             return False
         self.lease = lease
+        self.is_refused = False
         self._apply()
         return True
 
-    def is_repeated(self, refusal: DroneLease) -> bool:
+    def on_refusal(self, lease: DroneLease, is_armed: bool) -> list[Log | Stop]:
+        """Another client is this drone: this one stops, but where messages are signed not in flight (R9.5)."""
+        if self._channel.seal is not None and self.lease is not None:
+            if self._is_repeated(lease):
+                return [Log("old_lease", f"refusal {lease.counter} of drone {self._drone}: older than its lease")]
+            if is_armed:
+                self.is_refused = True
+                return [Log("refused_in_flight", f"another UAV client is drone {self._drone}, it says; armed: goes on")]
+        return [self.stop()]
+
+    def stop(self) -> Stop:
+        return Stop(f"refused: another live UAV client is drone {self._drone} already")
+
+    def _is_repeated(self, refusal: DroneLease) -> bool:
         """Whether its activator session has said a refusal before the newest lease, which is also its own."""
         known = self.lease
         if known is None or known.activator_session != refusal.activator_session:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
-
 from ..core.channel import Channel
-from ..core.effects import Inbound, Log, Publish, Stop, Subscribe, Will
+from ..core.effects import Inbound, Log, Publish, Subscribe, Will
+from ..core.own_presence import OwnPresence
 from ..core.session_owners import SessionOwners
-from ..core.settings import Rebirth, Settings
+from ..core.settings import Settings
 from ..errors import PayloadError
 from ..protocol.codec import decode
 from ..protocol.logs import LOGS
@@ -25,18 +24,16 @@ from .answers import Unfinished
 from .bulk import BulkPort, BulkStore
 from .commands import LINK, CommandDesk
 from .control import Control
-from .effects import Effect, Transmit
+from .effects import Effect
 from .endurance import EnduranceMeter
 from .enquiries import Enquiries
+from .heartbeats import Heartbeats
 from .log_work import LogDone, LogFault, LogLoaded
-from .mavlink.sources import Source
 from .mavlink.vehicle import Vehicle
 from .options import UavOptions
 from .paths import Paths
 from .published_states import PublishedStates
 from .sensors.carrier import SENSORS, Carrier, is_carried
-
-MAV_HEARTBEAT_MS = 1000
 
 
 class UavClient:
@@ -66,6 +63,7 @@ class UavClient:
         self.topics = topics or FogSide()
         self.vehicle = Vehicle(drone)
         self._channel = Channel(LINK, self.topics.root, settings, seal)
+        self._presence = OwnPresence(self._channel, self.topics.reachable(drone), session)
         self._activator = f"fog{fog}"
         self._signed_clock = CloudSide(fog).signed_drone_clock(drone) if seal is not None else None
         owners, staged = SessionOwners(lambda session: session == self.desk.executor.lease.holder_session), BulkStore()
@@ -100,9 +98,7 @@ class UavClient:
         self._endurance = EnduranceMeter(self.vehicle, options.endurance_s)
         self._awaited_subacks = 0
         self._next_beacon_ms = 0
-        self._next_mav_heartbeat_ms = 0
-        self._rebirth = Rebirth()
-        self._is_refused = False
+        self._heartbeats = Heartbeats()
         self.paths: Paths | None = None
         """Where the fog is reached over several connections."""
         self._listener: int | None = None
@@ -115,7 +111,7 @@ class UavClient:
 
     def will(self) -> Will:
         """The will of a connection to the fog broker."""
-        return Will(self.topics.reachable(self.drone), self._presence(up=False, several=self.paths is not None))
+        return self._presence.will(several=self.paths is not None)
 
     def is_ready(self, now_ms: int) -> bool:
         """Whether the drone has a session with its broker and a heartbeat from its autopilot."""
@@ -164,7 +160,7 @@ class UavClient:
         self.desk.may_publish = True
         self._states.throttle.forget_published()
         self._listener = None
-        out: list[Effect] = [self._birth(), self._beacon(now_ms)]
+        out: list[Effect] = [self._presence.say(up=True), self._beacon(now_ms)]
         out += self.desk.close_restored(now_ms) + self.desk.republish()
         return out + (self.carrier.on_fog_up(now_ms) if self.carrier is not None else [])
 
@@ -226,26 +222,22 @@ class UavClient:
         if self._channel.seal is None:
             return []
         self._channel.seal.on_identity()
-        return [self._birth(), self._beacon(now_ms)] if self.born else []
+        return [self._presence.say(up=True), self._beacon(now_ms)] if self.born else []
 
     def tick(self, now_ms: int) -> list[Effect]:
         """Everything that is due by time; to be called at least ten times a second."""
-        if self._is_refused and not self._is_armed:
-            return [self._stop()]
+        if self._control.is_refused and not self._is_armed:
+            return [self._control.stop()]
         out = self.desk.tick(now_ms)
-        if now_ms >= self._next_mav_heartbeat_ms:
-            self._next_mav_heartbeat_ms = now_ms + MAV_HEARTBEAT_MS
-            out.append(Transmit(_heartbeat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER)))
-            if self.is_controlled(now_ms):
-                out.append(Transmit(_heartbeat(mavlink.MAV_TYPE_GCS), source=Source.GCS))
+        out += self._heartbeats.due(now_ms, self.is_controlled(now_ms))
         for question in (*self._enquiries.due(now_ms), *self._streams.reminders(now_ms)):
             out += self.desk.carry_out(self.desk.executor.ask(question, now_ms), now_ms)
         if not self.born:
             return out
         if now_ms >= self._next_beacon_ms:
             out.append(self._beacon(now_ms))
-        if self._rebirth.is_due(now_ms):
-            out.append(self._birth())
+        if self._presence.rebirth.is_due(now_ms):
+            out.append(self._presence.say(up=True))
         if self.carrier is not None:
             out += self.carrier.tick(now_ms)
         out += self._bulk.tick(now_ms) + self._states.publish(self._states.due(now_ms), now_ms)
@@ -267,7 +259,7 @@ class UavClient:
         if self.carrier is not None:
             self.carrier.on_fog_down()
         out = [*said, *self.desk.carry_out(self.desk.executor.leave(), now_ms)]
-        return [*out, self._publish_presence(up=False)] if self.connected else out
+        return [*out, self._presence.say(up=False)] if self.connected else out
 
     def _on_other(self, topic: DroneTopic, message: Inbound, now_ms: int) -> list[Effect]:
         if topic.kind == "reachable":
@@ -287,7 +279,7 @@ class UavClient:
             out: list[Effect] = [] if self.paths is None else [self.paths.led(lease, message.path)]
             return [*out, self._beacon(now_ms, lease.nonce)]
         if topic.kind == "sensor_ack" and self.carrier is not None:
-            return self.carrier.on_ack(self._acknowledged(message), now_ms)
+            return self.carrier.on_ack(message, now_ms)
         if topic.kind == "bulk":
             holder = self.desk.executor.lease.holder_session if self.is_controlled(now_ms) else None
             return self._bulk.on_message(message, holder, now_ms)
@@ -298,18 +290,10 @@ class UavClient:
         raise PayloadError(f"topic {message.topic!r}: not a UAV client's", "topic")
 
     def _on_refusal(self, lease: DroneLease) -> list[Effect]:
-        """Another client is this drone: this one stops, but where messages are signed not in flight (R9.5)."""
-        if self._channel.seal is not None and self._control.lease is not None:
-            if self._control.is_repeated(lease):
-                return [Log("old_lease", f"refusal {lease.counter} of drone {self.drone}: older than its lease")]
-            if self._is_armed:
-                self._is_refused = True
-                self._rebirth = Rebirth()
-                return [Log("refused_in_flight", f"another UAV client is drone {self.drone}, it says; armed: goes on")]
-        return [self._stop()]
-
-    def _stop(self) -> Stop:
-        return Stop(f"refused: another live UAV client is drone {self.drone} already")
+        out = self._control.on_refusal(lease, self._is_armed)
+        if self._control.is_refused:
+            self._presence.rebirth.disarm()
+        return [*out]
 
     @property
     def _is_armed(self) -> bool:
@@ -319,49 +303,19 @@ class UavClient:
         before = self._control.lease
         if not self._control.take(lease):
             return
-        self._is_refused = False
         if self.carrier is not None and (before is None or before.activator_session != lease.activator_session):
             self.carrier.on_new_activator(now_ms)
         if lease.activator_session != self._listener or lease.anew:
             self._states.throttle.repeat_published()  # it has not heard the ones before, and some change rarely
             self._listener = lease.activator_session
 
-    def _acknowledged(self, message: Inbound) -> bytes:
-        """Which readings are safe: in the words of a station that has heard them, where messages are signed."""
-        seal = self._channel.seal
-        if seal is None:
-            return message.payload
-        topic = self._channel.signed_topic(message.topic)
-        signed = seal.open_of_station(topic, Envelope.parse(message.payload)).before_its_end()
-        if not signed.certificate.rights.may_hear:
-            raise PayloadError(f"{signed.signer}: expected the right to hear readings", "not_allowed")
-        return signed.payload
-
     def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Effect]:
-        """The birth is published again where the topic shows anything else; who signs knows its own by the bytes.
-
-        Who was refused leaves the topic to another's birth, whoever signed it (R9.5).
-        """
-        if self._channel.seal is not None:
-            is_own = message.payload == self._birth().payload
-            is_left = self._is_refused and decode(Presence, Envelope.parse(message.payload).payload).up
-        else:
-            seen = decode(Presence, message.payload)
-            is_own, is_left = seen.session == self.session and seen.up, False
-        if self.born and not is_own and not is_left:
-            self._rebirth.arm(now_ms)
+        """Who was refused leaves the topic to another's birth, whoever signed it (R9.5)."""
+        if self._control.is_refused and decode(Presence, Envelope.parse(message.payload).payload).up:
+            return []
+        if not self._presence.is_shown(message) and self.born:
+            self._presence.rebirth.arm(now_ms)
         return []
-
-    def _presence(self, up: bool, several: bool = False) -> bytes:
-        revoked = self._channel.list_number if up else None
-        message = Presence(session=self.session, up=up, revoked=revoked, several=several or None)
-        return self._channel.payload(self.topics.reachable(self.drone), message, with_certificate=up)
-
-    def _publish_presence(self, up: bool) -> Publish:
-        return Publish(LINK, self.topics.reachable(self.drone), self._presence(up), qos=1, retain=True)
-
-    def _birth(self) -> Publish:
-        return self._publish_presence(up=True)
 
     def _beacon(self, now_ms: int, nonce: int | None = None) -> Publish:
         self._next_beacon_ms = now_ms + self.settings.beacon_interval_ms
@@ -370,7 +324,3 @@ class UavClient:
             session=self.session, now_ms=now_ms, nonce=nonce, held_ms=held_ms, revoked=self._channel.list_number
         )
         return self._channel.publish(self.topics.clock(self.drone), message, qos=0, signed_as=self._signed_clock)
-
-
-def _heartbeat(kind: int) -> Any:
-    return mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3)

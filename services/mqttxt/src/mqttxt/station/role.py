@@ -6,8 +6,9 @@ from collections.abc import Callable, Hashable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from ..core.channel import Channel
-from ..core.effects import Inbound, Log, Publish, Subscribe, Will
-from ..core.settings import Rebirth, Settings
+from ..core.effects import Inbound, Log, Subscribe, Will
+from ..core.own_presence import OwnPresence
+from ..core.settings import Settings
 from ..errors import ConfigurationError, FogUnreachable, PayloadError
 from ..protocol.bulk import BulkAnswer
 from ..protocol.codec import decode
@@ -67,8 +68,7 @@ class StationRole:
         self.prefix = check_prefix(prefix)
         self._lease_s = lease_s
         self._control = Control.WANT if control else Control.NONE
-        self._presence_topic = station_reachable(name, prefix)
-        self._rebirth = Rebirth()
+        self._presence = OwnPresence(self._channel, station_reachable(name, prefix), session)
         self._heard: dict[tuple[int, int], list[ReadingKey]] = {}
         self._words = DroneWords(self._channel)
         self._lists = ListWatch(f"gs-{name}")
@@ -90,7 +90,7 @@ class StationRole:
 
     def will(self) -> Will:
         """One will serves all fogs of the station."""
-        return Will(self._presence_topic, self._presence(up=False))
+        return self._presence.will()
 
     def is_ready(self, now_ms: int) -> bool:
         """Whether it is connected to the cloud broker."""
@@ -110,7 +110,7 @@ class StationRole:
 
     def on_subscribed(self, subscribe: Subscribe, now_ms: int) -> list[Output]:
         if subscribe.ref is None:
-            return [self._birth(up=True)]
+            return [self._presence.say(up=True)]
         return [*self.fogs[int(str(subscribe.ref))].on_subscribed(now_ms)]
 
     def add_fogs(self, numbers: Iterable[int]) -> list[Output]:
@@ -154,7 +154,7 @@ class StationRole:
     def on_message(self, link: str, message: Inbound, now_ms: int) -> list[Output]:
         """A message from the cloud broker; what does not follow the specification is counted."""
         try:
-            if message.topic == self._presence_topic:
+            if message.topic == self._presence.topic:
                 return self._on_own_presence(message, now_ms)
             for fog in self.fogs.values():
                 if message.topic.startswith(fog.topics.root):
@@ -177,7 +177,7 @@ class StationRole:
             return []
         if self._channel.seal.on_identity():
             self.commands.sign_again()
-        return [self._birth(up=True)] if self.connected and self.fogs else []
+        return [self._presence.say(up=True)] if self.connected and self.fogs else []
 
     def tick(self, now_ms: int) -> list[Output]:
         """Everything that is due by time; to be called at least ten times a second."""
@@ -185,8 +185,8 @@ class StationRole:
         for fog in self.fogs.values():
             effects, events = fog.tick(now_ms)
             out += [*effects, *events]
-        if self._rebirth.is_due(now_ms):
-            out.append(self._birth(up=True))
+        if self._presence.rebirth.is_due(now_ms):
+            out.append(self._presence.say(up=True))
         return [*out, *self._acknowledge(), *self.commands.tick(self.fogs, now_ms), *self.transfers.tick(now_ms)]
 
     def _acknowledge(self) -> list[Output]:
@@ -206,7 +206,7 @@ class StationRole:
         if not (self.connected and self.fogs):
             return []
         ends: list[Output] = [fog.registration(now_ms, lease_s=0) for fog in self.fogs.values() if fog.registered]
-        return [*ends, self._birth(up=False)]
+        return [*ends, self._presence.say(up=False)]
 
     def _made_handlers(self, signs: bool) -> dict[tuple[type[Topic], str], Handler]:
         """Who takes a message of a fog, by its topic."""
@@ -252,7 +252,7 @@ class StationRole:
         presence = decode(FogPresence, self._channel.opened(message, fog.name))
         effects, events = fog.on_presence(presence, now_ms)
         is_live = self.signs and effects and not message.retain
-        own = [self._birth(up=True)] if is_live else []  # an activator that starts may not be shown it
+        own = [self._presence.say(up=True)] if is_live else []  # an activator that starts may not be shown it
         behind = self._on_list(fog, fog.name, presence.revoked, now_ms) if presence.up else []
         return [*own, *effects, *events, *behind]
 
@@ -298,25 +298,12 @@ class StationRole:
         return self._lists.observe(fog.number, node, number, own, now_ms) if own is not None else []
 
     def _on_own_presence(self, message: Inbound, now_ms: int) -> list[Output]:
-        """The birth is published again where the topic shows anything else; who signs knows its own by the bytes."""
-        if self._channel.seal is not None:
-            is_own = message.payload == self._presence(up=True)
-        else:
-            presence = decode(Presence, message.payload)
-            is_own = presence.session == self.session and presence.up
-        if self.connected and not is_own:
-            self._rebirth.arm(now_ms)
+        if not self._presence.is_shown(message) and self.connected:
+            self._presence.rebirth.arm(now_ms)
         return []
 
     def _subscribed_to(self, fogs: list[FogView], is_first: bool) -> list[Output]:
         """Before the first fog comes the station's own birth: one that takes part in none says nothing of itself."""
         signed = self._channel.seal is not None
-        own: list[Output] = [Subscribe(LINK, (self._presence_topic,), ref=None)] if is_first and fogs else []
+        own: list[Output] = [Subscribe(LINK, (self._presence.topic,), ref=None)] if is_first and fogs else []
         return own + [Subscribe(LINK, fog.topics.station_filters(signed), ref=fog.number) for fog in fogs]
-
-    def _presence(self, up: bool) -> bytes:
-        message = Presence(session=self.session, up=up, revoked=self._channel.list_number if up else None)
-        return self._channel.payload(self._presence_topic, message, with_certificate=up)
-
-    def _birth(self, up: bool) -> Publish:
-        return Publish(LINK, self._presence_topic, self._presence(up), qos=1, retain=True)

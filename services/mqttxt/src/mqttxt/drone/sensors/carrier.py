@@ -140,9 +140,9 @@ class Carrier:
             sent.retry = Retry.unanswered(now_ms)
         return []
 
-    def on_ack(self, payload: bytes, now_ms: int) -> list[Effect]:
+    def on_ack(self, message: Inbound, now_ms: int) -> list[Effect]:
         """`droneY/sensor_ack`; raises PayloadError."""
-        keys = decode(ReadingAck, payload).readings
+        keys = decode(ReadingAck, self._acknowledged(message)).readings
         for key in keys:
             self._under_way.pop(key, None)
         return [ForgetReadings(keys), *self._load()]
@@ -163,6 +163,17 @@ class Carrier:
             return [self._publish(sent)]
         del self._under_way[reading.key]
         return [Log("sensor_certificate", f"{reading.key}: stays, because nobody would take it: {refusal}")]
+
+    def _acknowledged(self, message: Inbound) -> bytes:
+        """Which readings are safe: in the words of a station that has heard them, where messages are signed."""
+        seal = self._channel.seal
+        if seal is None:
+            return message.payload
+        topic = self._channel.signed_topic(message.topic)
+        signed = seal.open_of_station(topic, Envelope.parse(message.payload)).before_its_end()
+        if not signed.certificate.rights.may_hear:
+            raise PayloadError(f"{signed.signer}: expected the right to hear readings", "not_allowed")
+        return signed.payload
 
     def _refusal(self, reading: Reading) -> str | None:
         """Why a station that does not know its sensor would not take a reading."""
