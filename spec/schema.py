@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mqttxt.protocol import bulk, bundles, logs, messages, parameters, plans, rankings, readings
+from mqttxt.protocol import bulk, bundles, control, logs, messages, parameters, plans, rankings, readings
 from mqttxt.protocol.codec import FieldLayout, Layout, layout_of
 from mqttxt.protocol.fields import VERSION, Binary, Constant, Finite, Integer, Items, Name, Named, Real, Scaled, Text
 from mqttxt.protocol.state_payload import message_class
@@ -22,11 +22,11 @@ MESSAGES: tuple[type[Any], ...] = (
     messages.ResultMessage,
     messages.FogResultMessage,
     messages.Presence,
-    messages.DroneRecord,
+    control.DroneRecord,
     messages.FogPresence,
-    messages.Registration,
-    messages.DroneLease,
-    messages.Grant,
+    control.Registration,
+    control.DroneLease,
+    control.Grant,
     rankings.SelectMessage,
     rankings.PsmiMessage,
     rankings.QodsMessage,

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from mqttxt.protocol.bundles import FogBundle, states_of
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import FogPresence, Registration
+from mqttxt.protocol.control import Registration
+from mqttxt.protocol.messages import FogPresence
 from mqttxt.security.authority import Authority
 from mqttxt.security.identity import Identity
 from mqttxt.security.rights import Rights

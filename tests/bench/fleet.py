@@ -8,7 +8,8 @@ from collections.abc import Mapping
 
 from mqttxt.protocol.bundles import drone_bundle
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import BeaconMessage, DroneLease, Presence
+from mqttxt.protocol.control import DroneLease
+from mqttxt.protocol.messages import BeaconMessage, Presence
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import (
     Battery,

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import pytest
 
 from mqttxt.protocol.bulk import BulkAsk
-from mqttxt.protocol.messages import CommandMessage, Grant
+from mqttxt.protocol.control import Grant
+from mqttxt.protocol.messages import CommandMessage
 from mqttxt.protocol.rankings import SelectMessage
 from mqttxt.protocol.topic_table import (
     ACTIVATOR,

@@ -39,7 +39,8 @@ from mqttxt.drone.role import UavClient
 from mqttxt.drone.start_order import StartOrder
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import CommandMessage, DroneRecord, FogResultMessage, Registration, ResultMessage, Word
+from mqttxt.protocol.control import DroneRecord, Registration
+from mqttxt.protocol.messages import CommandMessage, FogResultMessage, ResultMessage, Word
 from mqttxt.protocol.states import Armed, LandedState
 from mqttxt.security.cose import Envelope
 from mqttxt.security.rights import Rights

@@ -16,7 +16,8 @@ from mqttxt.core.mqtt.tls import client_context
 from mqttxt.protocol.cbor import MAX_PAYLOAD
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Hold
-from mqttxt.protocol.messages import CommandMessage, Control, Presence, Registration
+from mqttxt.protocol.control import Control, Registration
+from mqttxt.protocol.messages import CommandMessage, Presence
 from mqttxt.security.addressed import Addressed
 from mqttxt.security.cose import Envelope
 from mqttxt.security.identity import Identity

@@ -17,7 +17,7 @@ from mqttxt.drone.effects import Acknowledge, ForgetReadings, LoadReadings, Stor
 from mqttxt.drone.sensors.carrier import SENSORS, Carrier
 from mqttxt.drone.sensors.store import Batch, Done, SensorStore
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import Registration
+from mqttxt.protocol.control import Registration
 from mqttxt.protocol.readings import Reading, ReadingMessage, checked
 from mqttxt.protocol.topics import CloudSide, DroneTopic, FogSide
 from mqttxt.station.outcomes import SensorReading

@@ -10,16 +10,8 @@ from mqttxt.core.effects import Audit, Effect, Inbound, Publish, Subscribe
 from mqttxt.core.settings import Settings
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Command
-from mqttxt.protocol.messages import (
-    BeaconMessage,
-    Control,
-    DroneLease,
-    DroneRecord,
-    Presence,
-    Registration,
-    ResultMessage,
-    Word,
-)
+from mqttxt.protocol.control import Control, DroneLease, DroneRecord, Registration
+from mqttxt.protocol.messages import BeaconMessage, Presence, ResultMessage, Word
 from mqttxt.protocol.rankings import SelectMessage, SelectMode
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Battery, State

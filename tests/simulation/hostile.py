@@ -15,16 +15,8 @@ from mqttxt.core.effects import Inbound, Publish
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm
-from mqttxt.protocol.messages import (
-    BeaconMessage,
-    CommandMessage,
-    Control,
-    DroneLease,
-    Presence,
-    Registration,
-    ResultMessage,
-    Word,
-)
+from mqttxt.protocol.control import Control, DroneLease, Registration
+from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Presence, ResultMessage, Word
 from mqttxt.security.addressed import Addressed
 from mqttxt.security.cose import Envelope
 from mqttxt.security.rights import Rights

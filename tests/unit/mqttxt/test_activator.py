@@ -7,7 +7,8 @@ import pytest
 from mqttxt.activator.stations import MOST_STATIONS
 from mqttxt.core.effects import Inbound, Log, Publish, Stop, Subscribe, Unsubscribe
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import BeaconMessage, Control, DroneLease, DroneRecord, FogPresence, Presence, Word
+from mqttxt.protocol.control import Control, DroneLease, DroneRecord
+from mqttxt.protocol.messages import BeaconMessage, FogPresence, Presence, Word
 from mqttxt.protocol.state_payload import decode_state
 from mqttxt.protocol.states import Armed
 from tests.simulation.fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words

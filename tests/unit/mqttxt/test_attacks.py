@@ -19,17 +19,8 @@ from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Land
-from mqttxt.protocol.messages import (
-    BeaconMessage,
-    Control,
-    DroneLease,
-    DroneRecord,
-    FogPresence,
-    Presence,
-    Registration,
-    ResultMessage,
-    Word,
-)
+from mqttxt.protocol.control import Control, DroneLease, DroneRecord, Registration
+from mqttxt.protocol.messages import BeaconMessage, FogPresence, Presence, ResultMessage, Word
 from mqttxt.protocol.readings import ReadingAck
 from mqttxt.protocol.state_payload import StampedState, encode_state
 from mqttxt.protocol.states import Location

@@ -10,7 +10,7 @@ import pytest
 from mqttxt.activator.leases import MAX_EPOCH, Leases
 from mqttxt.errors import ConfigurationError, MqttxtError, PayloadError
 from mqttxt.protocol.commands import Attitude, Goto, Offboard, Takeoff, Velocity
-from mqttxt.protocol.messages import Control, Registration
+from mqttxt.protocol.control import Control, Registration
 from mqttxt.station.commands import ttl_ms_of
 from tests.simulation.world import World
 

@@ -23,6 +23,13 @@ class Commands:
         self.overriding_seq = -1
 
 
+class Choices:
+    """Each choice goes on as its test takes its events."""
+
+    def begin(self, choice: Any) -> Any:
+        return choice
+
+
 class Station:
     """A station and its fogs: each has drones with the seconds to arrive, and each drone has its words."""
 
@@ -33,6 +40,7 @@ class Station:
         self.words = words
         self.station = self
         self.commands = Commands()
+        self.choices = Choices()
         self.reserved: dict[int, tuple[int, int]] = {}
         self.tried: dict[int, set[int]] = {}
         self.sent: list[int] = []
@@ -44,9 +52,6 @@ class Station:
 
     def is_doubtful(self, outcome: Outcome) -> bool:
         return False
-
-    def choose(self, choice: Any) -> Any:
-        return choice
 
     def select(
         self,

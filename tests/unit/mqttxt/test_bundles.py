@@ -12,8 +12,8 @@ from mqttxt.drone.role import UavClient
 from mqttxt.protocol.bundles import MAX_DRONES, DroneBundle, FogBundle, drone_bundle, fog_bundles, states_of
 from mqttxt.protocol.cbor import MAX_PAYLOAD
 from mqttxt.protocol.codec import decode, encode, layout_of
+from mqttxt.protocol.control import Control
 from mqttxt.protocol.fields import Binary, Integer, Scaled
-from mqttxt.protocol.messages import Control
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, QodsMessage, Ranked
 from mqttxt.protocol.state_payload import StampedState, decode_state
 from mqttxt.protocol.states import STATE, Armed, AutopilotText, Battery, Groundspeed, Heading, Severity

@@ -17,7 +17,7 @@ from mqttxt.drone.options import UavOptions
 from mqttxt.drone.role import UavClient
 from mqttxt.drone.sensors.carrier import WINDOW, Carrier
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import DroneLease
+from mqttxt.protocol.control import DroneLease
 from mqttxt.protocol.readings import ReadingAck, ReadingKey
 from mqttxt.protocol.topics import FogSide
 from tests.examples import examples

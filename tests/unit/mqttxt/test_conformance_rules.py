@@ -13,16 +13,13 @@ from mqttxt.protocol.bulk import BulkAnswer, Refused
 from mqttxt.protocol.bundles import drone_bundle
 from mqttxt.protocol.codec import decode, encode, layout_of
 from mqttxt.protocol.commands import COMMANDS, Takeoff
+from mqttxt.protocol.control import DroneLease, DroneRecord, Grant, Registration
 from mqttxt.protocol.messages import (
     BeaconMessage,
     CommandMessage,
-    DroneLease,
-    DroneRecord,
     FogPresence,
     FogResultMessage,
-    Grant,
     Presence,
-    Registration,
     ResultMessage,
     Word,
 )

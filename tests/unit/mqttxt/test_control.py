@@ -13,7 +13,8 @@ from mqttxt.drone.mavlink.sources import Source
 from mqttxt.errors import ConfigurationError
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Hold, Offboard, Velocity
-from mqttxt.protocol.messages import CommandMessage, Control, DroneLease, DroneRecord, Registration, Word
+from mqttxt.protocol.control import Control, DroneLease, DroneRecord, Registration
+from mqttxt.protocol.messages import CommandMessage, Word
 from mqttxt.station.outcomes import ControlChanged
 from mqttxt.station.role import StationRole
 from tests.simulation.fogs import UAV_AHEAD_MS, ActivatorBench, of, ready, words

@@ -30,7 +30,8 @@ from mqttxt import (
 )
 from mqttxt.core.clock import SessionClock
 from mqttxt.protocol.codec import decode
-from mqttxt.protocol.messages import CommandMessage, DroneRecord, Registration, ResultMessage
+from mqttxt.protocol.control import DroneRecord, Registration
+from mqttxt.protocol.messages import CommandMessage, ResultMessage
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, QodsMessage, SelectMessage, SelectMode
 from mqttxt.security.access_list import Place, entries
 from mqttxt.security.authority import Authority

@@ -12,14 +12,13 @@ from mqttxt.drone.answers import Unfinished
 from mqttxt.errors import ConfigurationError, FogUnreachable
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Goto, Hold
+from mqttxt.protocol.control import DroneRecord, Registration
 from mqttxt.protocol.messages import (
     BeaconMessage,
     CommandMessage,
-    DroneRecord,
     FogPresence,
     FogResultMessage,
     Presence,
-    Registration,
     ResultMessage,
     RosterEntry,
     Word,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mqttxt.activator.leases import RESTORED_MS, Leases
-from mqttxt.protocol.messages import Control, Registration
+from mqttxt.protocol.control import Control, Registration
 
 A, B = ("a", 1), ("b", 2)
 

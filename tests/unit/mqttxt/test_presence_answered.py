@@ -11,7 +11,8 @@ from mqttxt.activator.role import Activator
 from mqttxt.core.effects import Inbound, Publish, Stop, Subscribe
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm
-from mqttxt.protocol.messages import BeaconMessage, FogPresence, Registration, Word
+from mqttxt.protocol.control import Registration
+from mqttxt.protocol.messages import BeaconMessage, FogPresence, Word
 from mqttxt.protocol.topics import CloudSide
 from mqttxt.station.outcomes import Outcome
 from tests.simulation.fogs import ActivatorBench, of

@@ -18,7 +18,8 @@ from mqttxt.core.effects import Inbound, Log
 from mqttxt.core.printable import printable
 from mqttxt.errors import PayloadError
 from mqttxt.protocol.codec import decode, encode
-from mqttxt.protocol.messages import CommandId, Control, DroneRecord, Registration, Word
+from mqttxt.protocol.control import Control, DroneRecord, Registration
+from mqttxt.protocol.messages import CommandId, Word
 from mqttxt.protocol.rankings import Candidate
 from mqttxt.station.outcomes import Outcome, PsmiList, SensorReading
 from mqttxt_conformance.registry import Finding, Rule, Verdict

@@ -8,7 +8,8 @@ import pytest
 
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Goto, Hold
-from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Control, DroneRecord, FogResultMessage, Word
+from mqttxt.protocol.control import Control, DroneRecord
+from mqttxt.protocol.messages import BeaconMessage, CommandMessage, FogResultMessage, Word
 from mqttxt.protocol.rankings import Candidate, PsmiMessage, SelectMode
 from mqttxt.protocol.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed, State
 from tests.simulation.fogs import BORN_MS, ActivatorBench, of, words

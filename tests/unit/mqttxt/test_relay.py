@@ -9,7 +9,8 @@ import pytest
 from mqttxt.core.effects import Log, Publish
 from mqttxt.protocol.codec import decode
 from mqttxt.protocol.commands import Arm, Command, Goto, Hold, Land
-from mqttxt.protocol.messages import CommandId, CommandMessage, Control, FogResultMessage, Presence, ResultMessage, Word
+from mqttxt.protocol.control import Control
+from mqttxt.protocol.messages import CommandId, CommandMessage, FogResultMessage, Presence, ResultMessage, Word
 from tests.simulation.fogs import BORN_MS, UAV_AHEAD_MS, ActivatorBench, of, ready, words
 from tests.simulation.world import GS_SESSION, UAV_SESSION
 

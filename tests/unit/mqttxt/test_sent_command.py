@@ -29,12 +29,12 @@ from mqttxt import (
 )
 from mqttxt.core.effects import Inbound, Publish, Subscribe
 from mqttxt.protocol.codec import decode, encode
+from mqttxt.protocol.control import Registration
 from mqttxt.protocol.messages import (
     BeaconMessage,
     CommandMessage,
     FogPresence,
     FogResultMessage,
-    Registration,
     ResultMessage,
     RosterEntry,
 )

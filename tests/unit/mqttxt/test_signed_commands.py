@@ -12,15 +12,8 @@ from mqttxt.drone.effects import Journal
 from mqttxt.errors import FogUnreachable
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Hold
-from mqttxt.protocol.messages import (
-    BeaconMessage,
-    CommandId,
-    DroneRecord,
-    FogPresence,
-    FogResultMessage,
-    RosterEntry,
-    Word,
-)
+from mqttxt.protocol.control import DroneRecord
+from mqttxt.protocol.messages import BeaconMessage, CommandId, FogPresence, FogResultMessage, RosterEntry, Word
 from mqttxt.security.addressed import Addressed
 from mqttxt.security.cose import Envelope
 from mqttxt.station.outcomes import Outcome

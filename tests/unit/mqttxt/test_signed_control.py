@@ -15,15 +15,8 @@ from mqttxt.drone.grants import MOST_GRANTS, Grants
 from mqttxt.protocol.bulk import BulkAsk, Get
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Hold, Offboard, Velocity
-from mqttxt.protocol.messages import (
-    Control,
-    DroneLease,
-    FogPresence,
-    Grant,
-    Presence,
-    Registration,
-    Word,
-)
+from mqttxt.protocol.control import Control, DroneLease, Grant, Registration
+from mqttxt.protocol.messages import FogPresence, Presence, Word
 from mqttxt.security.cose import Envelope
 from mqttxt.security.rights import Rights
 from mqttxt.security.seal import Seal

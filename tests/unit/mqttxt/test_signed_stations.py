@@ -18,12 +18,8 @@ from mqttxt.errors import ConfigurationError, PayloadError
 from mqttxt.protocol.bulk import BulkAsk, Get, Put
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Goto, Hold
-from mqttxt.protocol.messages import (
-    CommandId,
-    FogResultMessage,
-    Registration,
-    Word,
-)
+from mqttxt.protocol.control import Registration
+from mqttxt.protocol.messages import CommandId, FogResultMessage, Word
 from mqttxt.protocol.plans import hash_of
 from mqttxt.protocol.rankings import SelectMessage, SelectMode
 from mqttxt.protocol.readings import ReadingAck

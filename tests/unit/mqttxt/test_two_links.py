@@ -15,7 +15,8 @@ from mqttxt.core.mqtt.round_trip import SPARE_S, RoundTrip
 from mqttxt.drone.effects import Transmit
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Disarm, Hold
-from mqttxt.protocol.messages import DroneLease, DroneRecord, Word
+from mqttxt.protocol.control import DroneLease, DroneRecord
+from mqttxt.protocol.messages import Word
 from mqttxt.security.cose import Envelope
 from mqttxt.station.outcomes import Outcome
 from tests.simulation.two_links import LINKS, LINKS_TO, NOTICED_MS, TwoLinks

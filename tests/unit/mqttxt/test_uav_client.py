@@ -15,7 +15,8 @@ from mqttxt.drone.effects import Journal, Transmit
 from mqttxt.drone.role import UavClient
 from mqttxt.protocol.codec import decode, encode
 from mqttxt.protocol.commands import Arm, Disarm, Hold, Land, Return
-from mqttxt.protocol.messages import BeaconMessage, CommandId, DroneLease, Presence, Word
+from mqttxt.protocol.control import DroneLease
+from mqttxt.protocol.messages import BeaconMessage, CommandId, Presence, Word
 from tests.simulation.world import (
     UAV_SESSION,
     World,

@@ -18,16 +18,15 @@ from mqttxt.errors import PayloadError
 from mqttxt.protocol.cbor import MAX_PAYLOAD, parse_cbor
 from mqttxt.protocol.codec import decode, encode, encoding_of
 from mqttxt.protocol.commands import COMMAND, Attitude, Goto, Offboard, Stream, Takeoff, Velocity
+from mqttxt.protocol.control import DroneLease, Registration
 from mqttxt.protocol.identify import identify
 from mqttxt.protocol.messages import (
     BeaconMessage,
     By,
     CommandMessage,
-    DroneLease,
     FogPresence,
     FogResultMessage,
     Presence,
-    Registration,
     ResultMessage,
     Word,
 )

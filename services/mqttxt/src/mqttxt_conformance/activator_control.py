@@ -7,7 +7,8 @@ from typing import Any
 
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Goto
-from mqttxt.protocol.messages import CommandMessage, Control
+from mqttxt.protocol.control import Control
+from mqttxt.protocol.messages import CommandMessage
 from mqttxt.protocol.rankings import SelectMessage, SelectMode
 from mqttxt.protocol.states import Armed, Battery, Landed, LandedState
 

@@ -10,7 +10,8 @@ from typing import Any
 
 from mqttxt.core.clock import STAMP_MODULUS, STAMP_TICK_MS
 from mqttxt.protocol.codec import encode
-from mqttxt.protocol.messages import Control, Word
+from mqttxt.protocol.control import Control
+from mqttxt.protocol.messages import Word
 from mqttxt.protocol.readings import ReadingMessage
 from mqttxt.protocol.states import Armed, Battery, Heading
 

@@ -12,7 +12,8 @@ from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import Beacon, RemoteClock, SessionClock
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Command
-from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Control, Presence, Registration
+from mqttxt.protocol.control import Control, Registration
+from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Presence
 from mqttxt.protocol.states import Armed, Battery, Endurance, Landed, LandedState, Location, MaxGroundspeed
 from mqttxt.protocol.topics import CloudSide, FogSide, station_reachable
 

@@ -9,15 +9,8 @@ from typing import Any
 from mqttxt.core.clock import Beacon, RemoteClock, SessionClock, stamp
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm
-from mqttxt.protocol.messages import (
-    BeaconMessage,
-    CommandMessage,
-    Control,
-    Presence,
-    Registration,
-    ResultMessage,
-    Word,
-)
+from mqttxt.protocol.control import Control, Registration
+from mqttxt.protocol.messages import BeaconMessage, CommandMessage, Presence, ResultMessage, Word
 from mqttxt.protocol.topics import CloudSide, FogSide, station_reachable
 from mqttxt.security.addressed import Addressed
 from mqttxt.security.cose import Envelope

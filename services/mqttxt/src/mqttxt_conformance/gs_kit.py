@@ -16,9 +16,9 @@ import cbor2
 
 from mqttxt.core.clock import SessionClock, stamp
 from mqttxt.protocol.codec import encode
+from mqttxt.protocol.control import DroneRecord
 from mqttxt.protocol.messages import (
     BeaconMessage,
-    DroneRecord,
     FogPresence,
     FogResultMessage,
     Presence,

@@ -13,7 +13,8 @@ from mqttxt.core.address import BrokerAddress
 from mqttxt.core.clock import Beacon, RemoteClock, SessionClock
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Command
-from mqttxt.protocol.messages import CommandMessage, DroneLease, Grant
+from mqttxt.protocol.control import DroneLease, Grant
+from mqttxt.protocol.messages import CommandMessage
 from mqttxt.protocol.topics import FogSide
 from mqttxt.protocol.values import Encoding
 from mqttxt.security.seal import Seal

@@ -11,7 +11,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from mqttxt.protocol.bulk import BulkAsk, Get
 from mqttxt.protocol.codec import encode
 from mqttxt.protocol.commands import Arm, Hold
-from mqttxt.protocol.messages import CommandMessage, DroneLease
+from mqttxt.protocol.control import DroneLease
+from mqttxt.protocol.messages import CommandMessage
 
 from . import shapes
 from .autopilot import GCS

@@ -36,7 +36,7 @@ from ..protocol.identify import identify
 from ..protocol.messages import CommandId, CommandMessage, Word
 from ..protocol.rankings import SelectMessage
 from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic
-from ..protocol.words import CERTIFICATE_EXPIRED, NO_DEADLINE, NOT_ALLOWED, NOT_AUDITED, NOT_SIGNED
+from ..protocol.words import NO_DEADLINE, NOT_AUDITED
 from .command_words import RelayWords
 from .drone_link import DroneLink
 from .drones import Drones
@@ -257,7 +257,7 @@ class Relay:
         """Send a command to a drone, for the first time: closed here if it cannot be, else from then on the drone's."""
         job, link = entry.record, self._drones.links.get(drone)
         leg = job.legs[drone] = Leg(drone)
-        refusal = _not_signed(job, drone)
+        refusal = job.signed.refusal(job.message.command, drone) if job.signed is not None else None
         if refusal is not None:
             return self.words.close(entry, leg, Word.DENIED, refusal, now_ms)
         if job.query:
@@ -309,15 +309,3 @@ class Relay:
         if is_taken and self._repetitions.may_answer(known, now_ms):
             out += self.words.deny(drone, "malformed", known, str(error), now_ms)
         return out
-
-
-def _not_signed(job: Job, drone: int) -> str | None:
-    """Why a drone is not sent what others have signed: its station did not sign it for it, or may not."""
-    if job.signed is None:
-        return None
-    missing = job.signed.signer.rights.missing(job.message.command, drone)
-    if missing is not None:
-        return f"{NOT_ALLOWED}, {missing}"
-    if job.signed.is_expired and not isinstance(job.message.command, OVERRIDING):
-        return CERTIFICATE_EXPIRED
-    return None if drone in job.signed.envelopes else NOT_SIGNED

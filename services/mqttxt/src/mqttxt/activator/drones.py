@@ -9,7 +9,8 @@ from ..core.channel import Channel
 from ..core.clock import Beacon
 from ..core.effects import Effect, Log, Publish
 from ..core.settings import Rebirth
-from ..protocol.messages import BeaconMessage, DroneLease, DroneRecord, Presence, RosterEntry
+from ..protocol.control import DroneLease, DroneRecord
+from ..protocol.messages import BeaconMessage, Presence, RosterEntry
 from ..protocol.topics import CloudSide, FogSide
 from .drone_link import DroneLink
 from .leases import Key, Leases

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from ..protocol.messages import Control, Registration
+from ..protocol.control import Control, Registration
 from ..protocol.words import NOT_IN_CONTROL
 
 RESTORED_MS = 10_000

@@ -10,7 +10,8 @@ from ..core.session_owners import SessionOwners
 from ..core.settings import RESEND_FIRST_MS, Rebirth
 from ..errors import PayloadError
 from ..protocol.codec import decode
-from ..protocol.messages import BeaconMessage, DroneRecord, FogPresence, Registration
+from ..protocol.control import DroneRecord, Registration
+from ..protocol.messages import BeaconMessage, FogPresence
 from ..protocol.topics import CloudSide, DroneTopic, FogTopic
 from .births import Births
 from .drones import CLOUD, Drones

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from ..core.session_owners import MOST_OF_ONE, SessionOwners
 from ..errors import PayloadError
 from ..protocol.codec import decode
-from ..protocol.messages import Control, Registration
+from ..protocol.control import Control, Registration
 from ..security.cose import Envelope
 from ..security.rights import Rights
 from ..security.seal import Seal, is_station

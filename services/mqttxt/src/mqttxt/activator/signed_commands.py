@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
+from ..core.ledger import OVERRIDING
 from ..core.session_owners import SessionOwners
 from ..errors import PayloadError
 from ..protocol.codec import decode
+from ..protocol.commands import Command
 from ..protocol.identify import identify
 from ..protocol.messages import CommandHead, CommandMessage
 from ..protocol.rankings import SelectMessage, SelectMode
 from ..protocol.topics import FogSide
+from ..protocol.words import CERTIFICATE_EXPIRED, NOT_ALLOWED, NOT_SIGNED
 from ..security.addressed import Addressed
 from ..security.certificate import Certificate
 from ..security.cose import Envelope
@@ -38,6 +41,15 @@ class SignedCommand:
                 if drone in self.envelopes and one.payload == self.envelopes[drone].payload
             },
         )
+
+    def refusal(self, command: Command, drone: int) -> str | None:
+        """Why a drone is not sent it: its station did not sign it for the drone, or may not; None where nothing is."""
+        missing = self.signer.rights.missing(command, drone)
+        if missing is not None:
+            return f"{NOT_ALLOWED}, {missing}"
+        if self.is_expired and not isinstance(command, OVERRIDING):
+            return CERTIFICATE_EXPIRED
+        return None if drone in self.envelopes else NOT_SIGNED
 
     def for_drone(self, drone: int, deadline_ms: int) -> bytes:
         """The drone's own, with a deadline beside it where that is earlier than the signed one."""

@@ -8,7 +8,8 @@ from ..core.floods import STATION_AT_ONCE, STATION_PER_S, Budget, Repetitions
 from ..core.session_owners import SessionOwners
 from ..errors import PayloadError
 from ..protocol.codec import decode
-from ..protocol.messages import Grant, Presence, Registration
+from ..protocol.control import Grant, Registration
+from ..protocol.messages import Presence
 from ..protocol.readings import ReadingAck
 from ..protocol.topics import DroneTopic, FogSide, FogTopic, StationTopic
 from ..security.cose import Envelope

@@ -7,7 +7,8 @@ from ..core.effects import Inbound, Log, Stop
 from ..core.session_owners import SessionOwners
 from ..errors import PayloadError
 from ..protocol.codec import decode
-from ..protocol.messages import DroneLease, Grant, Presence
+from ..protocol.control import DroneLease, Grant
+from ..protocol.messages import Presence
 from ..protocol.topics import station_reachable
 from ..security.cose import Envelope
 from ..security.seal import Seal, is_station

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..protocol.messages import Grant
+from ..protocol.control import Grant
 
 MOST_GRANTS = 64
 """Of stations' sessions, the newest."""

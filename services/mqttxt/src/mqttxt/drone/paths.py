@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..protocol.messages import DroneLease
+from ..protocol.control import DroneLease
 from .effects import Led
 
 

@@ -11,8 +11,9 @@ from ..core.session_owners import SessionOwners
 from ..core.settings import Settings
 from ..errors import PayloadError
 from ..protocol.codec import decode
+from ..protocol.control import DroneLease
 from ..protocol.logs import LOGS
-from ..protocol.messages import BeaconMessage, DroneLease, Presence
+from ..protocol.messages import BeaconMessage, Presence
 from ..protocol.parameters import PARAMETERS, ParameterSet
 from ..protocol.plans import PLAN
 from ..protocol.policies import Policy

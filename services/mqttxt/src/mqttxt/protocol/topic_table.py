@@ -11,18 +11,8 @@ from typing import Any
 
 from .bulk import BulkAnswer, BulkAsk
 from .bundles import DroneBundle, FogBundle
-from .messages import (
-    BeaconMessage,
-    CommandMessage,
-    DroneLease,
-    DroneRecord,
-    FogPresence,
-    FogResultMessage,
-    Grant,
-    Presence,
-    Registration,
-    ResultMessage,
-)
+from .control import DroneLease, DroneRecord, Grant, Registration
+from .messages import BeaconMessage, CommandMessage, FogPresence, FogResultMessage, Presence, ResultMessage
 from .rankings import PsmiMessage, QodsMessage, SelectMessage
 from .readings import ReadingAck, ReadingMessage
 from .topics import REVOKED

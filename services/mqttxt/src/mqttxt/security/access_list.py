@@ -12,7 +12,8 @@ from itertools import product
 
 from ..errors import ConfigurationError
 from ..protocol.bulk import BulkAsk
-from ..protocol.messages import CommandMessage, Grant
+from ..protocol.control import Grant
+from ..protocol.messages import CommandMessage
 from ..protocol.rankings import SelectMessage
 from ..protocol.topic_table import (
     ACTIVATOR,

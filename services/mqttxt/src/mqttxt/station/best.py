@@ -38,7 +38,7 @@ def best(places: Sequence[Place], command: Command, ttl_s: float, limit_s: float
         return runner.select(fog, command, SelectMode.SELECT, ttl_s, limit_s)
     runners = {runner: runner.station.commands.overriding_seq for runner, _ in places}
     asked = _ask(places, command, ttl_s, ttl_s)
-    return asked[0][0].choose(_choose(command, asked, runners, ttl_s, limit_s))
+    return asked[0][0].choices.begin(_choose(command, asked, runners, ttl_s, limit_s))
 
 
 async def _choose(

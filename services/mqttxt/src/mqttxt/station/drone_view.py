@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ..core.clock import RemoteClock
-from ..protocol.messages import DroneRecord
+from ..protocol.control import DroneRecord
 from ..protocol.state_payload import StampedState
 
 

@@ -80,7 +80,7 @@ class Fleets:
         runners = self._runners
         try:
             for runner in runners:
-                await runner.end_choices()  # what they have reserved in other fleets, too
+                await runner.choices.end()  # what they have reserved in other fleets, too
         finally:
             await asyncio.gather(*(runner.leave() for runner in runners))
         if error is None:

@@ -11,7 +11,8 @@ from ..core.effects import Inbound, Publish
 from ..core.settings import RESEND_FIRST_MS, Retry
 from ..protocol.bundles import FogBundle, states_of
 from ..protocol.codec import decode, encode
-from ..protocol.messages import BeaconMessage, Control, DroneRecord, FogPresence, Grant, Registration
+from ..protocol.control import Control, DroneRecord, Grant, Registration
+from ..protocol.messages import BeaconMessage, FogPresence
 from ..protocol.rankings import QodsMessage, Ranked
 from ..protocol.state_payload import decode_state
 from ..protocol.topics import CloudSide, DroneTopic, FogSide, FogTopic

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import ssl
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from weakref import WeakSet
@@ -20,6 +20,7 @@ from ..errors import ConfigurationError, FogUnreachable, StationEnded, TransferF
 from ..protocol.commands import Command
 from ..protocol.messages import CommandId
 from ..protocol.rankings import SelectMode
+from .choices import Choices
 from .commands import Output, ttl_ms_of
 from .fog import LINK, FogView
 from .heard import Bell, EventStream, Record, SentCommand
@@ -61,7 +62,7 @@ class StationRunner(Runner):
         )
         self._open: dict[CommandId, Record[Any]] = {}
         self._streams: WeakSet[Record[Event]] = WeakSet()
-        self._choices: set[asyncio.Task[None]] = set()
+        self.choices = Choices()
         self._carried_out = Bell()
         self._running: asyncio.Task[None] | None = None
         self.does |= dict.fromkeys(get_args(Event), self._hear)
@@ -85,17 +86,10 @@ class StationRunner(Runner):
         """End the choices, and say goodbye; raises nothing."""
         assert self._running is not None
         try:
-            await self.end_choices()
+            await self.choices.end()
         finally:
             self._running.cancel()
             await asyncio.wait({self._running})
-
-    async def end_choices(self) -> None:
-        """End the choices across fogs; what they have reserved is released."""
-        for task in self._choices:
-            task.cancel()
-        if self._choices:
-            await asyncio.wait(self._choices)
 
     def result(self) -> None:
         """Raises what broke the station, nothing where it was left."""
@@ -174,23 +168,6 @@ class StationRunner(Runner):
         record = self._open[command_id] = Record[Any]()
         self.carry_out(outputs)
         return SentCommand(record, answer)
-
-    def choose(self, choice: AsyncIterator[Outcome | PsmiList]) -> SentCommand[Outcome, Outcome | PsmiList]:
-        """Carry a choice across fogs through, whether or not somebody waits for it."""
-        record = Record[Outcome | PsmiList]()
-
-        async def carry_through() -> None:
-            async for said in choice:
-                record.hear(said)
-
-        def end(task: asyncio.Task[None]) -> None:
-            self._choices.discard(task)
-            record.end(StationEnded("the ground station has ended") if task.cancelled() else task.exception())
-
-        task = asyncio.create_task(carry_through())
-        self._choices.add(task)
-        task.add_done_callback(end)
-        return SentCommand(record, last_word)
 
     def listen(self, record: Record[Event] | None = None) -> EventStream:
         """Everything that is heard from now on, in a record that others may be heard in too."""

@@ -12,14 +12,8 @@ from ..core.settings import Settings
 from ..errors import ConfigurationError, FogUnreachable, PayloadError
 from ..protocol.bulk import BulkAnswer
 from ..protocol.codec import decode
-from ..protocol.messages import (
-    BeaconMessage,
-    Control,
-    DroneRecord,
-    FogPresence,
-    FogResultMessage,
-    Presence,
-)
+from ..protocol.control import Control, DroneRecord
+from ..protocol.messages import BeaconMessage, FogPresence, FogResultMessage, Presence
 from ..protocol.names import check_prefix
 from ..protocol.rankings import PsmiMessage, QodsMessage
 from ..protocol.readings import MOST_ACKNOWLEDGED, ReadingAck, ReadingKey, ReadingMessage, checked
