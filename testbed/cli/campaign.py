@@ -22,6 +22,7 @@ from ..fly.results import Series
 from ..fly.runner import Begun, Interrupted, run_series, signals_interrupt
 from ..fly.validity import Verdict
 from ..plan.experiments import ARMS, DEFAULT_COUNT, DEFAULT_SAMPLES, EXPERIMENTS, PROTOCOLS, Plan
+from ..plan.machines import refuse_machines
 from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker
 from ..present.summary.cells import find_cells
 from ..present.summary.page import PAGE, write_summary
@@ -46,6 +47,7 @@ def fly_everything(
 
     Broken off, it goes on where it stopped. Exit code 0 if every attempt counts, completed or failed.
     """
+    refuse_machines(os.environ, "a campaign")
     named = {name.lower(): os.environ.get(name, "") for name in ("FLEET", "FOGS", "DRONES")}
     wish = Wish(
         attempts,

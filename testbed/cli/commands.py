@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -16,13 +16,15 @@ from rich.table import Table
 from net.link_plan import SHAPERS
 
 from ..errors import TestbedError, UserError
+from ..fly.containers import Containers
 from ..fly.flights import settings_of
 from ..fly.link_check import check_profiles
+from ..fly.machines.spread import containers_on
 from ..fly.only_run import only_run
 from ..fly.page_process import page_port, page_url
 from ..fly.progress import ConsoleProgress
 from ..fly.results import new_series, open_series
-from ..fly.runner import run_series
+from ..fly.runner import run_series, signals_interrupt, signals_wait
 from ..numbers.metrics import measure_series, read_metrics, verdict
 from ..plan.experiments import (
     ARMS,
@@ -32,8 +34,10 @@ from ..plan.experiments import (
     FACTORS,
     Plan,
     make_plan,
+    on_machines,
 )
 from ..plan.fleets import fleet_of
+from ..plan.machines import refuse_machines
 from ..plan.overrides import files_of_standard_fleet, suffix
 from ..present.report.compare import result_of
 from ..present.report.compare_page import print_comparison, write_comparison
@@ -84,7 +88,7 @@ def run(
         plan = make_plan(
             experiment, attempts, arm, profile, protocols, factors, shaper, samples, count, fleet_of(os.environ)
         )
-        _run(replace(plan, page=page_port() if page else None), results)
+        _run(on_machines(replace(plan, page=page_port() if page else None), os.environ), results)
 
 
 @app.command()
@@ -100,7 +104,8 @@ def fly(
     with _errors_as_lines():
         if not mission.endswith(".py"):
             raise UserError(f"{mission}: expected a Python file, or for a scenario: testbed run {mission}")
-        _run(make_plan(mission, attempts, arm, profile, protocols, fleet=fleet_of(os.environ)), results)
+        plan = make_plan(mission, attempts, arm, profile, protocols, fleet=fleet_of(os.environ))
+        _run(on_machines(plan, os.environ), results)
 
 
 @app.command()
@@ -164,6 +169,7 @@ def links(
 ) -> None:
     """Probe the links of profiles, without flying; configured beside measured. Exit code 1 where a figure is off."""
     with _errors_as_lines():
+        refuse_machines(os.environ, "testbed links")
         only_run()
         if not check_profiles(profiles, shaper, fleet_of(os.environ), results.absolute(), make_console()):
             raise typer.Exit(1)
@@ -186,10 +192,12 @@ def _run(plan: Plan, results: Path) -> None:
     only_run()
     if plan.page is not None:
         console.print(f"the page: {page_url(plan.page)} (what it shows does not count)", soft_wrap=True, markup=False)
-    series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile.name)
-    with reported_without_docker(series, console):
-        endings = run_series(plan, series, ConsoleProgress(console))
-    metrics = report_series(series.path, console)
+    progress = ConsoleProgress(console)
+    with _machines(plan, progress) as make_containers:
+        series = new_series(results.absolute(), plan.experiment, plan.label + suffix(os.environ), plan.profile.name)
+        with reported_without_docker(series, console):
+            endings = run_series(plan, series, progress, make_containers)
+        metrics = report_series(series.path, console)
     if plan.page is not None:
         if not all(ending.was_only_watched for ending in endings):
             raise typer.Exit(1)
@@ -197,6 +205,22 @@ def _run(plan: Plan, results: Path) -> None:
     counted = [attempt["status"] for side in metrics["protocols"].values() for attempt in side["attempts"]]
     if counted != ["completed"] * len(endings):
         raise typer.Exit(1)
+
+
+@contextlib.contextmanager
+def _machines(plan: Plan, progress: ConsoleProgress) -> Iterator[Callable[..., Containers]]:
+    """What makes a plan's containers; its machines are joined meanwhile, and left as they were."""
+    if not plan.machines:
+        yield Containers
+        return
+    with signals_interrupt("what was captured is kept"), contextlib.ExitStack() as stack:
+        with progress.phase(f"joining {1 + len(plan.machines)} machines"):
+            make_containers = stack.enter_context(containers_on(plan))
+        try:
+            yield make_containers
+        finally:
+            with signals_wait():
+                stack.close()
 
 
 @contextlib.contextmanager

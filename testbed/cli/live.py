@@ -29,6 +29,7 @@ from ..fly.progress import ConsoleProgress
 from ..fly.results import live_attempt
 from ..plan.experiments import ARMS, FACTORS, PROTOCOLS, make_plan, one_protocol
 from ..plan.fleets import fleet_of, standard_fleet
+from ..plan.machines import refuse_machines
 from ..plan.overrides import fleet_in
 from ..plan.typed import one_of
 from ..present.reporting import RESULTS, make_console
@@ -62,6 +63,7 @@ def up(
     """Start the fleet and leave it running, to explore by hand."""
     factors = {"streams": streams, "commanding": commanding, "qos": qos, "chain": chain, "states": states}
     factors |= {"security": security or "tls", "station": station, "tcp": tcp, "air": air}
+    refuse_machines(os.environ, "testbed up")
     fleet = fleet_of(os.environ)
     plan = make_plan("scenario-1", "1", arm, profile, one_protocol(protocol), factors, shaper, fleet=fleet)
     settings = settings_of(plan, protocol, encoding)

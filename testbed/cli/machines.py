@@ -27,6 +27,7 @@ from ..fly.results import Series
 from ..fly.runner import Begun, run_series, signals_interrupt
 from ..fly.validity import Verdict
 from ..plan.experiments import Plan
+from ..plan.machines import refuse_machines
 from ..present.reporting import RESULTS, make_console, report_series
 
 LEAST_URGENT = 19
@@ -64,6 +65,7 @@ def worker(
     from ..fly.campaign.certificate import check_scheduler, security_of
     from ..fly.campaign.worker import work
 
+    refuse_machines(os.environ, "testbed worker")
     quiet()
     security = security_of(certificate)
     check_scheduler(scheduler, security)

@@ -20,6 +20,7 @@ from ..fly.validity import Verdict
 from ..numbers.reproduction import REPRODUCED
 from ..plan.experiments import Plan
 from ..plan.headline import HEADLINE, Headline, read_headline
+from ..plan.machines import refuse_machines
 from ..plan.overrides import suffix
 from ..present.reporting import RESULTS, make_console, report_series, reported_without_docker, shown_path
 from ..present.reproduction import Flown, flown_of, print_reproduction, verdict, write_reproduction
@@ -39,6 +40,7 @@ def reproduce(
 
     Exit code 0 if every line is reproduced, 1 if one is not or is undecided.
     """
+    refuse_machines(os.environ, "testbed reproduce")
     headline = read_headline(table, attempts, seed)
     console, root = make_console(), results.absolute()
     if fly:

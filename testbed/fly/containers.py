@@ -19,7 +19,7 @@ from docker.errors import APIError, DockerException
 from requests.exceptions import RequestException
 
 from ..errors import ContainerDied, ContainerUnhealthy, DockerError, FleetError, TestbedError
-from ..plan.compose import COMPOSE_FILE, read_services
+from ..plan.compose import COMPOSE_FILE, PROJECT, read_services
 from ..plan.documents import ROOT
 from ..plan.experiments import PROTOCOLS
 from ..plan.fleet import Fleet
@@ -28,10 +28,11 @@ from ..plan.sensors import SENSOR_PROFILES
 from .daemon import Usage, is_healthy, real_time_us, usage_of
 from .images import autopilot_in_image
 
-PROJECT = "mqttxt-testbed"
 HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE = 180.0, 30.0
 """Six real autopilots need 90 s on a busy machine of two cores, until GPS and estimator agree."""
 POLL_S = 0.5
+ANSWER_S = 20
+"""Within which another machine's Docker answers."""
 HEALTH_INTERVAL = "24h"
 """Docker's own looks take cores from the flight every few seconds; who starts containers looks here (`is_healthy`)."""
 LOG_LINES = 12
@@ -44,26 +45,41 @@ NODE_USER = "1000:1000"
 class Containers:
     """The containers of one compose profile, and of those that its settings name beside it, for one run."""
 
-    def __init__(self, profile: str, run_dir: Path, settings: dict[str, str], fleet: Fleet) -> None:
+    def __init__(
+        self,
+        profile: str,
+        run_dir: Path,
+        settings: dict[str, str],
+        fleet: Fleet,
+        *,
+        daemon: str | None = None,
+        files: Sequence[Path] = (),
+    ) -> None:
+        """`daemon` is the address of another machine's Docker, `files` what compose takes in place of the fleet's."""
         self._profiles = (profile, *settings.get("SENSOR_PROFILES", "").split())
-        self._files = compose_files(settings, fleet, run_dir)
+        self._files = list(files) or compose_files(settings, fleet, run_dir)
         self._timeout_s = max(HEALTHY_TIMEOUT_S, HEALTHY_S_A_DRONE * len(fleet.fog_of))
-        self._client = connect_docker()
+        self._client = connect_docker(daemon)
         self._environment = {
             **os.environ,
+            "RUN_DIR": str(run_dir),
             **settings,
             **autopilot_in_image(self._client, settings),
             "HEALTH_INTERVAL": HEALTH_INTERVAL,
             "REAL_TIME_US": str(real_time_us()),
-            "RUN_DIR": str(run_dir),
+            **({"DOCKER_HOST": daemon} if daemon is not None else {}),
         }
+
+    def up(self, *services: str) -> None:
+        """Start these services, or all that do not run yet. Raises FleetError with what compose says."""
+        self._compose("up", "--detach", "--no-build", "--no-recreate", *services)
 
     def start(self, *services: str) -> None:
         """Start these services, or all that do not run yet, and wait until all are healthy.
 
         Raises FleetError naming what is not, and why.
         """
-        self._compose("up", "--detach", "--no-build", "--no-recreate", *services)
+        self.up(*services)
         deadline = time.monotonic() + self._timeout_s
         healthy: set[str] = set()
         while waiting := self._unhealthy(healthy):
@@ -234,10 +250,10 @@ def _answered() -> Iterator[None]:
         raise DockerError(f"Docker does not answer: {error}") from error
 
 
-def connect_docker() -> docker.DockerClient:
-    """Raises DockerError where Docker does not answer."""
+def connect_docker(address: str | None = None) -> docker.DockerClient:
+    """This machine's, or the one at an address. Raises DockerError where it does not answer."""
     try:
-        client = docker.from_env()
+        client = docker.from_env() if address is None else docker.DockerClient(address, timeout=ANSWER_S)
         client.ping()
     except DockerException as error:
         raise DockerError(f"Docker does not answer: {error}; type: make doctor") from error

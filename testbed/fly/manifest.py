@@ -67,13 +67,14 @@ def machine_name() -> str:
 
 
 def configuration_of(plan: Plan, settings: dict[str, str]) -> dict[str, Any]:
-    """The factors, compose.yaml's variables, how many messages of each kind, and the size of another fleet."""
+    """The factors, compose.yaml's variables, messages of each kind, another fleet's size, and other machines."""
     size = {"fogs": len(plan.fleet.fogs), "drones": len(plan.fleet.fog_of)}
     return {
         **asdict(plan.factors),
         **settings,
         **({"count": plan.count} if plan.is_message_set else {}),
         **(size if plan.fleet != standard_fleet() else {}),
+        **({"machines": [machine.name for machine in plan.machines]} if plan.machines else {}),
     }
 
 

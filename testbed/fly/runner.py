@@ -20,6 +20,7 @@ from ..plan.profiles.resolve import LinksPlan
 from ..plan.sensors import closed_links, gates_of
 from . import links as link_files
 from .calibration import calibrate
+from .calibration.clocks import ahead_ns, measure_ways
 from .containers import Containers, start_network
 from .daemon import Usage
 from .flights import limit_s_of, mission_command, profile_of, remove_sockets, settings_of
@@ -208,10 +209,12 @@ def _fleet_up(
         shaper = link_files.read_shaper(folder)
         manifest |= {"shaper": shaper["shaper"], "shaping": shaper}
         with progress.phase("calibrating the links"):
-            calibration = calibrate(links, topology, containers.output, closed_links(gates))
+            ways = measure_ways(plan.fleet, plan.machines, containers.output)
+            manifest |= {"machines": [way.to_data() for way in ways]} if ways else {}
+            calibration = calibrate(links, topology, containers.output, closed_links(gates), ahead_ns(ways))
         manifest["calibration"] = link_files.write_calibration(folder, calibration)
-        if calibration.off:
-            raise LinksOff("; ".join(calibration.off))
+        if off := (*(way.off for way in ways if way.off is not None), *calibration.off):
+            raise LinksOff("; ".join(off))
         if plan.is_secured(attempt.protocol):
             with progress.phase("making the fleet's identities"):
                 make_identities(containers, plan)
@@ -224,7 +227,7 @@ def _fleet_up(
         manifest["versions"]["tc"] = containers.output("net", ["tc", "-V"]).strip()
         yield
     finally:
-        with _signals_wait(), progress.phase("ending the containers"):
+        with signals_wait(), progress.phase("ending the containers"):
             used = _take_down(containers, attempt)
             manifest["cpu_s"] = {service: each.cpu_s for service, each in used.items()}
             memory = {service: each.memory_bytes for service, each in used.items()}
@@ -284,7 +287,7 @@ def _take_down(containers: Containers, attempt: Attempt) -> dict[str, Usage]:
 
 
 @contextlib.contextmanager
-def _signals_wait() -> Iterator[None]:
+def signals_wait() -> Iterator[None]:
     """A signal within takes effect at the end: taking the containers down is short, and must be whole."""
     heard: list[int] = []
     before = {number: signal.signal(number, lambda number, _: heard.append(number)) for number in SIGNALS}

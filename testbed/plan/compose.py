@@ -14,6 +14,8 @@ from .fleet import AUTOPILOT_PORT, FIRST_PORT, Fleet
 
 TEMPLATE = Path(__file__).with_name("compose.yaml.jinja")
 COMPOSE_FILE = ROOT / "compose.yaml"
+PROJECT = "mqttxt-testbed"
+"""Compose's name for all that it makes."""
 _SERVICES = "\nservices:\n"
 
 

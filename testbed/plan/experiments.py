@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from random import Random
@@ -14,6 +14,7 @@ from net.link_plan import SHAPERS
 from ..errors import UserError
 from .fleet import MOST_ROUTED, Fleet
 from .fleets import standard_fleet
+from .machines import VARIABLE, Machine, machines_of
 from .own_missions import check_mission
 from .profiles.draws import seed_of
 from .profiles.reading import Profile, read_profile
@@ -118,6 +119,8 @@ class Plan:
     """The port where the live page shows the flights. They do not count then: a station that watches opens gates."""
     order_seed: int | None = None
     """Who flies first is drawn from it; None: it alternates."""
+    machines: tuple[Machine, ...] = ()
+    """Those beside this one that have a part of the fleet."""
 
     @property
     def is_message_set(self) -> bool:
@@ -139,7 +142,8 @@ class Plan:
         """The arm with every factor in which the plan deviates from it, as the results' path has it."""
         own, flown = asdict(self.arm.factors), asdict(self.factors)
         deviating = [f"{name}-{flown[name]}" for name in FACTORS if flown[name] != own[name]]
-        return "+".join([self.arm.name, *deviating, *(["page"] if self.page is not None else [])])
+        machines = [f"machines-{1 + len(self.machines)}"] if self.machines else []
+        return "+".join([self.arm.name, *deviating, *(["page"] if self.page is not None else []), *machines])
 
     def is_secured(self, protocol: str) -> bool:
         """Whether a side's nodes have identities: over MAVLink none has, whatever the factor."""
@@ -212,6 +216,33 @@ def make_plan(
     plan = Plan(experiment, how_often, *values)
     resolve(links, plan.topology, experiment, 1)  # a link that does not exist is an error now
     return plan
+
+
+def on_machines(plan: Plan, environment: Mapping[str, str]) -> Plan:
+    """The plan on the machines that MACHINES names beside this one; as it is where that is empty.
+
+    Raises UserError for an address, and for what needs all of the fleet on one machine.
+    """
+    machines = machines_of(environment, plan.fleet)
+    if not machines:
+        return plan
+    for refused in _needs_one_machine(plan, environment):
+        raise UserError(f"{refused} with {VARIABLE}")
+    return replace(plan, machines=machines)
+
+
+def _needs_one_machine(plan: Plan, environment: Mapping[str, str]) -> Iterator[str]:
+    if plan.experiment in WITH_SENSORS:
+        yield f"{plan.experiment}: its links open by where drones are, known on their machine alone: expected another"
+    if plan.is_message_set:
+        yield f"{plan.experiment}: it talks to the autopilot past all links, on one machine: expected another"
+    if plan.factors.security != "none":
+        yield f"SECURITY={plan.factors.security}: identities stay in the memory of one machine: expected none"
+    for name in ("AUTOPILOT", "ROUTER"):
+        if environment.get(name):
+            yield f"{name}={environment[name]}: what it names is on this machine: expected none"
+    if plan.page is not None:
+        yield "PAGE=1: the page reads what autopilots write, on their machine: expected none"
 
 
 def one_protocol(text: str) -> str:

@@ -104,7 +104,11 @@ class Calibration:
 
 
 def calibrate(
-    plan: LinksPlan, topology: Topology, run_in_node: RunInNode, closed: Mapping[str, str] | None = None
+    plan: LinksPlan,
+    topology: Topology,
+    run_in_node: RunInNode,
+    closed: Mapping[str, str] | None = None,
+    ahead_ns: Mapping[str, int] | None = None,
 ) -> Calibration:
     """Probe every link with nothing else on it, before any event: about 3 to 11 s, more for what is very slow.
 
@@ -119,7 +123,7 @@ def calibrate(
     again: tuple[str, ...] = ()
     while only and rounds < ROUNDS:
         schedule = make_schedule(plan, topology, closed or {}, only, rounds)
-        arrived = run_schedule(schedule, run_in_node)
+        arrived = run_schedule(schedule, run_in_node, ahead_ns)
         rounds, again = rounds + 1, again + off
         for check in checks_of(plan, schedule, arrived, only):
             checks[check.link, check.figure] = check
@@ -143,16 +147,21 @@ class Arrivals:
         return len(self.rows), self.sent, self.missed
 
 
-def run_schedule(schedule: Schedule, run_in_node: RunInNode) -> dict[int, Arrivals]:
-    """Carry out a schedule on its nodes; by flow what came. Raises FleetError, of which ProbesLate is one."""
+def run_schedule(
+    schedule: Schedule, run_in_node: RunInNode, ahead_ns: Mapping[str, int] | None = None
+) -> dict[int, Arrivals]:
+    """Carry out a schedule on its nodes; by flow what came. `ahead_ns`: as in `calibrate`.
+
+    Raises FleetError, of which ProbesLate is one.
+    """
     if not schedule.flows:
         return {}
     lead_s = LEAD_S
     for _ in range(STARTS):
-        said = _run_once(schedule, run_in_node, lead_s)
+        said = _run_once(schedule, run_in_node, lead_s, ahead_ns or {})
         late = {node: answer["late_ms"] for node, answer in said.items() if answer["late_ms"] > 0}
         if not late:
-            return _arrivals(schedule, said)
+            return _arrivals(schedule, said, ahead_ns or {})
         lead_s *= 2
     node = max(late, key=lambda name: float(late[name]))
     raise ProbesLate(
@@ -161,12 +170,14 @@ def run_schedule(schedule: Schedule, run_in_node: RunInNode) -> dict[int, Arriva
     )
 
 
-def _run_once(schedule: Schedule, run_in_node: RunInNode, lead_s: float) -> dict[str, dict[str, Any]]:
+def _run_once(
+    schedule: Schedule, run_in_node: RunInNode, lead_s: float, ahead_ns: Mapping[str, int]
+) -> dict[str, dict[str, Any]]:
     run = random.SystemRandom().getrandbits(RUN_BITS)
     begin_ns = time.time_ns() + int(lead_s * 1e9)
 
     def ask(node: str) -> dict[str, Any]:
-        text = json.dumps(schedule.of_node(node, run, begin_ns), separators=(",", ":"))
+        text = json.dumps(schedule.of_node(node, run, begin_ns + ahead_ns.get(node, 0)), separators=(",", ":"))
         said = run_in_node(node, [*COMMAND, text])
         try:
             found = json.loads(said)
@@ -181,11 +192,15 @@ def _run_once(schedule: Schedule, run_in_node: RunInNode, lead_s: float) -> dict
         return dict(zip(schedule.nodes, pool.map(ask, schedule.nodes), strict=True))
 
 
-def _arrivals(schedule: Schedule, said: Mapping[str, Mapping[str, Any]]) -> dict[int, Arrivals]:
+def _arrivals(
+    schedule: Schedule, said: Mapping[str, Mapping[str, Any]], ahead_ns: Mapping[str, int]
+) -> dict[int, Arrivals]:
     found = {}
     for flow in schedule.flows:
         there, number = said[flow.destination], str(flow.number)
-        rows = estimate.first_copies(Row(*row) for row in there["arrived"].get(number, {"rows": []})["rows"])
+        came = there["arrived"].get(number, {"rows": []})["rows"]
+        late_ns = ahead_ns.get(flow.destination, 0) - ahead_ns.get(flow.source, 0)
+        rows = estimate.first_copies(Row(row, sent_ns + late_ns, received_ns) for row, sent_ns, received_ns in came)
         found[flow.number] = Arrivals(said[flow.source]["sent"].get(number, 0), tuple(rows), there["overflowed"])
     return found
 

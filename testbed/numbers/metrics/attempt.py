@@ -19,7 +19,7 @@ from . import delays, mavlink, mqttxt, readings, timeline
 from .causes import losses
 from .exchange import count_messages
 from .message_set import measure_kinds
-from .notes import notes, unsent_note
+from .notes import machines_note, notes, unsent_note
 from .shaping import Shaping, read_shaping
 from .sizes import message_sizes
 from .traffic import count_before, count_foreign, count_links, count_mqtt
@@ -85,6 +85,8 @@ def _measured(
     described = mavlink.describe(packets, ways, window, shared) if is_mavlink else None
     said = notes(packets, shaping, by_cause, window, foreign)
     said += unsent_note(described["unsent"]) if described is not None else []
+    said += machines_note(manifest)
+    by_one_clock = {} if manifest.get("machines") else attempt.autopilot_events()
     return {
         "window": {"start_ns": window.start_ns, "seconds": round(window.seconds, 6)},
         "size_bytes": sum(link.bytes for link in links.values()),
@@ -96,7 +98,7 @@ def _measured(
         "losses": by_cause,
         "delay_ms": delays.by_capture_ms(exchange.commands),
         "delay_app_ms": delays.calls_ms(events, window),
-        "delay_received_ms": delays.received_ms(events, attempt.autopilot_events(), ways.by_fog, window),
+        "delay_received_ms": delays.received_ms(events, by_one_clock, ways.by_fog, window),
         "receipts": delays.receipts(events, attempt.autopilot_events(), ways.by_fog, window),
         "state_delay_ms": delays.states_ms(exchange.states, events, window),
         "frames_per_call": exchange.frames_per_call,

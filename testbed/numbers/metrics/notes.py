@@ -36,6 +36,16 @@ def notes(
     return [*said, *shaping.notes, *disagreements(losses, shaping.is_shaped)]
 
 
+def machines_note(manifest: Mapping[str, Any]) -> list[str]:
+    """Of a flight over several machines: what the way to each takes past all links."""
+    ways = [f"{way['round_trip_ms']:.2f} ms to {way['machine']}" for way in manifest.get("machines", [])]
+    return (
+        [f"past all links the way from net and back took {', '.join(ways)}; delays are told by captures alone"]
+        if ways
+        else []
+    )
+
+
 def unsent_note(unsent: Mapping[str, int]) -> list[str]:
     """What drones sent and their own queues dropped, which no capture has."""
     each = ", ".join(f"{count} of drone {drone}" for drone, count in unsent.items())

@@ -88,7 +88,7 @@ def test_arms_and_factors_are_shown() -> None:
 def test_what_was_flown_is_reported_when_docker_is_lost(
     was_flown: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def lost(_: Any, series: Series, __: Any) -> Any:
+    def lost(_: Any, series: Series, *__: Any) -> Any:
         attempt = new_attempt(series, "mqttxt", 1)
         if was_flown:
             (attempt.path / "events.jsonl").touch()

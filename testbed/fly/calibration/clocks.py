@@ -1,0 +1,82 @@
+"""How far the clocks of several machines are apart, and how long the way to each takes past all links.
+
+Datagrams go from `net` to a node of each machine and back, by a way that nothing shapes. What both ways take together
+is the overlay's and the two kernels'. Half of the difference between the fastest of either is how far the node's clock
+is ahead of `net`'s; that is exact to half of the way's time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import median
+from typing import Any
+
+from ...plan.fleet import Fleet
+from ...plan.machines import Machine
+from .calibrate import Arrivals, RunInNode, run_schedule
+from .schedule import DELAY, SMALLEST_FRAME, Flow, Schedule
+
+NET, HERE, HERE_NODE = "net", "this machine", "gs"
+COUNT, EVERY_S, AFTER_S = 60, 0.02, 0.3
+FURTHEST_MS = 50.0
+"""Clocks that are further apart are not synchronized, and may drift in flight."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """The way from `net` to a machine's nodes and back, and how far its clock is ahead; in ms, None where none came."""
+
+    machine: str
+    nodes: tuple[str, ...]
+    round_trip_ms: float | None
+    ahead_ms: float | None
+
+    @property
+    def off(self) -> str | None:
+        """Why nothing can be measured there, None where it can."""
+        if self.ahead_ms is None:
+            return f"{self.machine}: no datagram came from {self.nodes[0]} to net or back"
+        if abs(self.ahead_ms) > FURTHEST_MS:
+            expected = f"{FURTHEST_MS:g} ms or less (NTP)"
+            return f"{self.machine}: its clock is {self.ahead_ms:+.1f} ms from this one's: expected {expected}"
+        return None
+
+    def to_data(self) -> dict[str, Any]:
+        """As a manifest has it."""
+        return asdict(self)
+
+
+def measure_ways(fleet: Fleet, machines: Sequence[Machine], run_in_node: RunInNode) -> tuple[Way, ...]:
+    """This machine's first, for comparison, then those of `machines`; none where these are none. About 2 s.
+
+    Raises FleetError where a probe cannot be run or begin in time.
+    """
+    if not machines:
+        return ()
+    nodes = {HERE: (HERE_NODE,), **{machine.name: machine.nodes for machine in machines}}
+    flows: list[Flow] = []
+    for place, (first, *_) in enumerate(nodes.values()):
+        at_s = round(place * EVERY_S / len(nodes), 6)
+        ends = ((NET, first, fleet.address(first)), (first, NET, fleet.gateway(first)))
+        flows += [
+            Flow(2 * place + way, first, DELAY, *end, at_s, 1, EVERY_S, COUNT, SMALLEST_FRAME)
+            for way, end in enumerate(ends)
+        ]
+    schedule = Schedule(tuple(flows), COUNT * EVERY_S + AFTER_S)
+    came = run_schedule(schedule, run_in_node)
+    return tuple(
+        _way(name, own, came[2 * place], came[2 * place + 1]) for place, (name, own) in enumerate(nodes.items())
+    )
+
+
+def ahead_ns(ways: Sequence[Way]) -> Mapping[str, int]:
+    """By node how far its clock is ahead of that of `net`."""
+    return {node: round((way.ahead_ms or 0.0) * 1e6) for way in ways for node in way.nodes}
+
+
+def _way(machine: str, nodes: tuple[str, ...], out: Arrivals, back: Arrivals) -> Way:
+    there, here = ([(row.received_ns - row.sent_ns) / 1e6 for row in came.rows] for came in (out, back))
+    if not there or not here:
+        return Way(machine, nodes, None, None)
+    return Way(machine, nodes, round(median(there) + median(here), 3), round((min(there) - min(here)) / 2, 3))

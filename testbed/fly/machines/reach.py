@@ -1,0 +1,143 @@
+"""Other machines' Docker daemons: by their socket, through SSH where the machine is far, and whether they fit."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from docker.errors import APIError, ImageNotFound
+
+from ...errors import DockerError, UserError
+from ...plan.machines import VARIABLE, Machine
+from ..containers import connect_docker
+
+SOCKET = "/var/run/docker.sock"
+OPENED_S, ENDED_S = 30.0, 5.0
+"""Within which ssh forwards the socket, and ends."""
+POLL_S = 0.05
+OVERLAY = "overlay"
+SSH = ("ssh", "-nNT", *(word for option in (
+    "BatchMode=yes", "ExitOnForwardFailure=yes", "ConnectTimeout=10", "ServerAliveInterval=5", "ServerAliveCountMax=3",
+) for word in ("-o", option)))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Daemon:
+    """A machine whose Docker answers at `address`, a socket on this one."""
+
+    machine: Machine
+    address: str
+    client: Any
+
+    @property
+    def name(self) -> str:
+        return self.machine.name
+
+
+@contextlib.contextmanager
+def reached(machines: Sequence[Machine], image: str) -> Iterator[tuple[Daemon, ...]]:
+    """All of them, each with the node image, for as long as this lasts.
+
+    Raises UserError naming the first that does not answer, does not fit this one, or is the same as another.
+    """
+    with contextlib.ExitStack() as stack:
+        daemons = []
+        for machine in machines:
+            address = stack.enter_context(_socket_of(machine))
+            try:
+                client = connect_docker(address)
+            except DockerError as error:
+                raise UserError(f"{VARIABLE}: {machine.address}: {error}") from error
+            stack.callback(client.close)
+            daemons.append(Daemon(machine, address, client))
+        here = connect_docker()
+        stack.callback(here.close)
+        _check(here, daemons)
+        for daemon in daemons:
+            _bring_image(here, daemon, image)
+        yield tuple(daemons)
+
+
+def _check(here: Any, daemons: Sequence[Daemon]) -> None:
+    known = {_identity(here.info()): "this machine"}
+    wanted = here.version()
+    for daemon in daemons:
+        info, found = daemon.client.info(), daemon.client.version()
+        where = f"{VARIABLE}: {daemon.machine.address}"
+        if (same := known.get(_identity(info))) is not None:
+            raise UserError(f"{where}: its Docker is that of {same}: expected each machine once")
+        known[_identity(info)] = daemon.machine.address
+        for what in ("Version", "Arch"):
+            if found[what] != wanted[what]:
+                raise UserError(f"{where}: Docker's {what} is {found[what]}: expected {wanted[what]}, as here")
+        if OVERLAY not in info["Plugins"]["Network"]:
+            raise UserError(f"{where}: expected a Docker that has overlay networks")
+
+
+def _identity(info: Mapping[str, Any]) -> tuple[str, str, str]:
+    """What tells a daemon from others: machines that were copied have one ID."""
+    return info["ID"], info["Name"], info["DockerRootDir"]
+
+
+def _bring_image(here: Any, daemon: Daemon, image: str) -> None:
+    """Load an image of this machine into another's Docker, if it does not have the same."""
+    try:
+        wanted = here.images.get(image).id
+    except ImageNotFound as error:
+        raise DockerError(f"{image}: not here; type: make containers") from error
+    with contextlib.suppress(ImageNotFound):
+        if daemon.client.images.get(image).id == wanted:
+            return
+    try:
+        daemon.client.api.load_image(here.api.get_image(image))
+        found = daemon.client.images.get(image).id
+    except APIError as error:
+        raise DockerError(f"{daemon.name}: {image} could not be loaded: {error}") from error
+    if found != wanted:
+        raise DockerError(f"{daemon.name}: {image} is {found} there: expected {wanted}")
+
+
+@contextlib.contextmanager
+def _socket_of(machine: Machine) -> Iterator[str]:
+    """The address of a machine's Docker: its own socket's, or that of one that ssh forwards to it."""
+    scheme, _, rest = machine.address.partition("://")
+    if scheme != "ssh":
+        yield machine.address
+        return
+    target, _, port = rest.partition(":")
+    with tempfile.TemporaryDirectory(prefix="mqttxt-testbed-") as folder:
+        local = Path(folder) / "docker.sock"
+        words = [*SSH, "-L", f"{local}:{SOCKET}", *(["-p", port] if port else []), target]
+        process = subprocess.Popen(
+            words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        try:
+            _wait_until_forwarded(machine, process, local)
+            yield f"unix://{local}"
+        finally:
+            process.terminate()
+            try:
+                process.communicate(timeout=ENDED_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
+
+
+def _wait_until_forwarded(machine: Machine, process: subprocess.Popen[str], local: Path) -> None:
+    deadline_s = time.monotonic() + OPENED_S
+    while not local.exists():
+        if process.poll() is not None:
+            assert process.stderr is not None
+            said = process.stderr.read().strip().splitlines() or [f"ssh ended with exit code {process.returncode}"]
+            raise UserError(
+                f"{VARIABLE}: {machine.address}: {said[-1]}: expected a machine that ssh reaches without asking"
+            )
+        if time.monotonic() > deadline_s:
+            raise UserError(f"{VARIABLE}: {machine.address}: ssh has not forwarded {SOCKET} within {OPENED_S:g} s")
+        time.sleep(POLL_S)

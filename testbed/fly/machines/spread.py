@@ -1,0 +1,180 @@
+"""The containers of a fleet over several machines, as one fleet: what `Containers` is for one machine."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from ...errors import ContainerDied, DockerError, FleetError
+from ...plan.experiments import Plan
+from ...plan.fleet import Fleet
+from ...plan.machines import compose_here, compose_there, volumes_of
+from ...plan.overrides import FLEET_COPY, compose_files
+from ..containers import Containers, connect_docker, services_of
+from .overlays import ROUTERS, Carrier, make_overlays, remove_overlays
+from .reach import Daemon, reached
+from .swarm import joined
+
+IMAGE = "mqttxt-testbed/node:latest"
+FETCHED = "sitl"
+"""What the nodes on other machines write into the run folder there."""
+MISSION = "mission: "
+LISTENS_S, LISTENS_POLL_S = 60.0, 0.1
+"""Within which the cloud's routers listen."""
+
+
+@contextlib.contextmanager
+def containers_on(plan: Plan) -> Iterator[Callable[..., Containers]]:
+    """What makes a plan's containers on its machines, which are a swarm meanwhile.
+
+    Raises UserError for a machine that cannot be used, DockerError where one could not be left as it was.
+    """
+    with reached(plan.machines, IMAGE) as daemons:
+        here = connect_docker()
+        with contextlib.closing(here), joined(here, daemons):
+            yield functools.partial(SpreadContainers, daemons)
+
+
+class SpreadContainers(Containers):
+    """Those of this machine by its own Docker, and those of each other machine by that one's.
+
+    A machine that is lost in flight does not end the mission: the station is to hear of every command what became of
+    it. The attempt fails once the mission has ended.
+    """
+
+    def __init__(
+        self, daemons: Sequence[Daemon], profile: str, run_dir: Path, settings: dict[str, str], fleet: Fleet
+    ) -> None:
+        compose_files(settings, fleet, run_dir)  # of which the copy of the fleet's file is needed
+        machines = [daemon.machine for daemon in daemons]
+        texts = [compose_here(fleet, machines), *(compose_there(fleet, machine) for machine in machines)]
+        files = [run_dir / f"compose-{place}.yaml" for place in range(len(texts))]
+        for path, text in zip(files, texts, strict=True):
+            path.write_text(text, encoding="utf-8")
+        super().__init__(profile, run_dir, settings, fleet, files=files[:1])
+        there = settings | {"RUN_DIR": "live"}
+        self._others = {
+            daemon.name: Containers(profile, run_dir, there, fleet, daemon=daemon.address, files=[path])
+            for daemon, path in zip(daemons, files[1:], strict=True)
+        }
+        self._carriers = {daemon.name: Carrier(daemon) for daemon in daemons}
+        self._nodes = [node for machine in machines for node in machine.nodes]
+        self._services = {path: services_of(self._profiles, path) for path in files}
+        self._files_there = dict(zip(self._others, files[1:], strict=True))
+        self._fleet, self._run_dir = fleet, run_dir
+        self._are_joined = False
+        self._lost: dict[str, str] = {}
+
+    @property
+    def count(self) -> int:
+        return super().count + sum(other.count for other in self._others.values())
+
+    def up(self, *services: str) -> None:
+        """Those of this machine first: the routers on the others wait until the cloud's listen."""
+        if not self._are_joined:
+            self._join()
+        here, there = self._of(self._files[0], services), list(self._others)
+        if here or not services:
+            super().up(*here)
+        if not services and "router-cloud" in self._services[self._files[0]]:
+            self._pass_on_that_the_cloud_listens()
+        with ThreadPoolExecutor(len(there)) as pool:
+            list(pool.map(lambda name: self._up_there(name, services), there))
+
+    def _up_there(self, name: str, services: Sequence[str]) -> None:
+        own = self._of(self._files_there[name], services)
+        if own or not services:
+            with _named(name):
+                self._others[name].up(*own)
+
+    def _of(self, path: Path, services: Sequence[str]) -> list[str]:
+        return [service for service in services if service in self._services[path]]
+
+    def _join(self) -> None:
+        make_overlays(self._client, self._fleet, self._nodes)
+        volumes = volumes_of(self._fleet)
+        with ThreadPoolExecutor(len(self._carriers)) as pool:
+            list(pool.map(lambda carrier: carrier.start(IMAGE, volumes), self._carriers.values()))
+        fleet_file = self._run_dir / FLEET_COPY
+        if fleet_file.exists():
+            for carrier in self._carriers.values():
+                carrier.put(fleet_file)
+        self._are_joined = True
+
+    def _pass_on_that_the_cloud_listens(self) -> None:
+        """What routers of one machine see in a volume."""
+        deadline_s = time.monotonic() + LISTENS_S
+        path = f"{ROUTERS}/cloud"
+        while path not in self.output("router-cloud", ["ls", path]).split():
+            self.check_alive()
+            if time.monotonic() > deadline_s:
+                raise FleetError(f"router-cloud does not listen within {LISTENS_S:g} s")
+            time.sleep(LISTENS_POLL_S)
+        for carrier in self._carriers.values():
+            carrier.touch(path)
+
+    def check_alive(self) -> None:
+        """Raises ContainerDied for a container that has ended; a machine that is lost is kept in mind."""
+        super().check_alive()
+        for name, other in self._others.items():
+            if name in self._lost:
+                continue
+            try:
+                other.check_alive()
+            except ContainerDied:
+                raise
+            except DockerError as error:
+                self._lost[name] = str(error)
+
+    def execute(
+        self, service: str, command: list[str], *, limit_s: float, alive_every_s: float = 1.0
+    ) -> Generator[str, None, int]:
+        """As on one machine. Raises FleetError at the command's end where a machine was lost meanwhile."""
+        running, said = super().execute(service, command, limit_s=limit_s, alive_every_s=alive_every_s), ""
+        while True:
+            try:
+                line = next(running)
+            except StopIteration as stop:
+                code: int = stop.value
+                break
+            said = line if line.startswith(MISSION) else said
+            yield line
+        for name, why in self._lost.items():
+            raise FleetError(f"{name} was lost in flight: {why}" + (f"; {said}" if said else ""))
+        return code
+
+    def save_logs(self, folder: Path) -> None:
+        """The logs of all, and what nodes on other machines wrote into their run folders."""
+        super().save_logs(folder)
+        for name, carrier in self._carriers.items():
+            if name not in self._lost:
+                carrier.fetch(FETCHED, self._run_dir)
+
+    def down(self) -> None:
+        """Everything on every machine, and the overlays between them."""
+        with contextlib.ExitStack() as last_first:
+            last_first.callback(remove_overlays, self._client)
+            for name, other in self._others.items():
+                if name not in self._lost:
+                    last_first.callback(self._carriers[name].remove)
+                    last_first.callback(other.down)
+            last_first.callback(super().down)
+        self._are_joined = False
+
+    def _all(self) -> list[Any]:
+        there = [other for name, other in self._others.items() if name not in self._lost]
+        return [*super()._all(), *(container for other in there for container in other._all())]
+
+
+@contextlib.contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Errors say on which machine."""
+    try:
+        yield
+    except DockerError as error:
+        raise type(error)(f"{name}: {error}") from error

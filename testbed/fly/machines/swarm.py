@@ -1,0 +1,98 @@
+"""One Docker Swarm of this machine and the others: made where there is none, and left as it was found.
+
+What was made has a label, in the swarm or at its nodes, so that a run whose predecessor was killed takes that apart.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from docker.errors import APIError, NotFound
+from requests.exceptions import RequestException
+
+from ...errors import DockerError, UserError
+from ...plan.machines import VARIABLE
+from .reach import Daemon
+
+LABEL = "org.mqttxt.testbed"
+PORT = 2377
+GATEWAY_BRIDGE = "docker_gwbridge"
+"""What Docker makes of itself with a swarm, and does not remove."""
+NONE, ACTIVE = "inactive", "active"
+
+
+@contextlib.contextmanager
+def joined(here: Any, daemons: Sequence[Daemon]) -> Iterator[None]:
+    """This machine's Docker (`here`) manages a swarm that all others are in, for as long as this lasts.
+
+    Raises UserError for a machine that is in another swarm, or cannot join.
+    """
+    _make(here)
+    try:
+        for daemon in daemons:
+            _join(here, daemon)
+        yield
+    finally:
+        _leave(here, daemons)
+
+
+def _make(here: Any) -> None:
+    found = here.info()["Swarm"]
+    if found["LocalNodeState"] == NONE:
+        try:
+            here.swarm.init(labels={LABEL: "made"})
+        except APIError as error:
+            said = error.explanation or str(error)
+            raise UserError(f"{VARIABLE}: no swarm can be made here: {said}; docker swarm init makes one") from error
+    elif found["LocalNodeState"] != ACTIVE or not found["ControlAvailable"]:
+        raise UserError(f"{VARIABLE}: expected this machine in no swarm, or as a manager of one (docker swarm leave)")
+
+
+def _join(here: Any, daemon: Daemon) -> None:
+    where = f"{VARIABLE}: {daemon.machine.address}"
+    found = daemon.client.info()["Swarm"]
+    if found["LocalNodeState"] == NONE:
+        address = here.info()["Swarm"]["NodeAddr"]
+        try:
+            daemon.client.swarm.join([f"{address}:{PORT}"], here.swarm.attrs["JoinTokens"]["Worker"])
+        except APIError as error:
+            expected = f"a machine that reaches TCP port {PORT} of {address}"
+            raise UserError(f"{where}: {error.explanation or error}: expected {expected}") from error
+        node = here.nodes.get(daemon.client.info()["Swarm"]["NodeID"])
+        spec = node.attrs["Spec"]
+        node.update({**spec, "Labels": {**spec.get("Labels", {}), LABEL: "joined"}})
+    elif found["NodeID"] not in {node.id for node in here.nodes.list()}:
+        raise UserError(f"{where}: is in another swarm: expected none, or this machine's (docker swarm leave)")
+
+
+def _leave(here: Any, daemons: Sequence[Daemon]) -> None:
+    """Take apart what was made. Raises DockerError naming the machines that do not answer."""
+    if here.info()["Swarm"]["LocalNodeState"] != ACTIVE:
+        return
+    is_ours = LABEL in here.swarm.attrs["Spec"].get("Labels", {})
+    nodes = {node.id: node for node in here.nodes.list()}
+    left = []
+    for daemon in daemons:
+        try:
+            node = nodes.get(daemon.client.info()["Swarm"].get("NodeID"))
+            if node is not None and LABEL in node.attrs["Spec"].get("Labels", {}):
+                daemon.client.swarm.leave(force=True)
+                _remove_bridge(daemon.client)
+                node.remove(force=True)
+        except (APIError, RequestException):
+            left.append(daemon.name)
+    if is_ours:
+        here.swarm.leave(force=True)
+        _remove_bridge(here)
+    if left:
+        raise DockerError(f"{', '.join(left)}: does not answer; type there: docker swarm leave --force")
+
+
+def _remove_bridge(client: Any) -> None:
+    """Where containers that are not ours are at it, it stays."""
+    with contextlib.suppress(NotFound):
+        bridge = client.networks.get(GATEWAY_BRIDGE)
+        if not bridge.attrs["Containers"]:
+            bridge.remove()

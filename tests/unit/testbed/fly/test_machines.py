@@ -1,0 +1,246 @@
+"""Machines are joined and left as they were found; one that is lost in flight does not cut the mission short."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Generator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from docker.errors import APIError
+from requests.exceptions import ConnectionError as NoAnswer
+
+from testbed.errors import ContainerDied, DockerError, FleetError, UserError
+from testbed.fly.containers import Containers
+from testbed.fly.machines import reach
+from testbed.fly.machines.reach import Daemon
+from testbed.fly.machines.spread import SpreadContainers
+from testbed.fly.machines.swarm import LABEL, joined
+from testbed.plan.machines import Machine
+
+_numbers = itertools.count(1)
+
+
+class _Node:
+    def __init__(self, swarm: _Swarm, docker: _Docker) -> None:
+        self.id, self.attrs = docker.node, {"Spec": {"Role": "worker", "Labels": {}}}
+        self._swarm = swarm
+
+    def update(self, spec: dict[str, Any]) -> None:
+        self.attrs["Spec"] = spec
+
+    def remove(self, force: bool) -> None:
+        self._swarm.nodes.remove(self)
+
+
+class _Swarm:
+    """What all of a swarm's daemons know."""
+
+    def __init__(self, labels: dict[str, str]) -> None:
+        self.labels = labels
+        self.nodes: list[_Node] = []
+
+
+class _Docker:
+    """A daemon as far as swarms go; `address` is its own, where others join."""
+
+    def __init__(self) -> None:
+        self.node = f"node{next(_numbers)}"
+        self.of: _Swarm | None = None
+        self.manages = False
+        self.bridge = False
+        self.answers = True
+        self.swarm = SimpleNamespace(init=self._init, join=self._join, leave=self._leave, attrs={})
+        self.nodes = SimpleNamespace(list=lambda: list(self._own.nodes), get=self._get)
+        self.networks = SimpleNamespace(get=lambda _: SimpleNamespace(attrs={"Containers": {}}, remove=self._unbridge))
+
+    def info(self) -> dict[str, Any]:
+        if not self.answers:
+            raise NoAnswer("connection refused")
+        state = "inactive" if self.of is None else "active"
+        found = {"LocalNodeState": state, "ControlAvailable": self.manages, "NodeAddr": "", "NodeID": self.node}
+        return {"Swarm": found}
+
+    @property
+    def _own(self) -> _Swarm:
+        assert self.of is not None
+        return self.of
+
+    def _init(self, labels: dict[str, str]) -> None:
+        self.make(labels)
+
+    def make(self, labels: dict[str, str]) -> None:
+        self.of, self.manages, self.bridge = _Swarm(labels), True, True
+        self.of.nodes.append(_Node(self.of, self))
+        self.swarm.attrs = {"Spec": {"Labels": labels}, "JoinTokens": {"Worker": self}}
+
+    def _join(self, addresses: list[str], token: _Docker) -> None:
+        self.of, self.bridge = token.of, True
+        self._own.nodes.append(_Node(self._own, self))
+
+    def _leave(self, force: bool) -> None:
+        self.of, self.manages = None, False
+
+    def _get(self, wanted: str) -> _Node:
+        return next(node for node in self._own.nodes if node.id == wanted)
+
+    def _unbridge(self) -> None:
+        self.bridge = False
+
+
+def _daemon(name: str, client: Any) -> Daemon:
+    return Daemon(Machine(f"unix:///{name}", ("fog1", "uav1")), f"unix:///{name}", client)
+
+
+@pytest.fixture
+def here() -> _Docker:
+    return _Docker()
+
+
+@pytest.fixture
+def there() -> _Docker:
+    return _Docker()
+
+
+def test_a_swarm_that_was_made_is_gone_afterwards(here: _Docker, there: _Docker) -> None:
+    with joined(here, [_daemon("a", there)]):
+        assert here.of is there.of is not None
+    assert (here.of, here.bridge, there.of, there.bridge) == (None, False, None, False)
+
+
+def test_of_a_swarm_that_was_there_only_who_joined_leaves(here: _Docker, there: _Docker) -> None:
+    here.make({})
+    member = _Docker()
+    member._join([], here)
+    with joined(here, [_daemon("a", there), _daemon("b", member)]):
+        assert there.of is member.of is here.of
+    assert there.of is None
+    assert member.of is here.of is not None
+    assert [node.id for node in here._own.nodes] == [here.node, member.node]
+
+
+def test_what_a_killed_run_left_is_used_and_taken_apart(here: _Docker, there: _Docker) -> None:
+    here.make({LABEL: "made"})
+    with joined(here, [_daemon("a", there)]):
+        pass
+    assert here.of is there.of is None
+
+
+def test_a_machine_in_another_swarm_is_named_and_nothing_is_left(here: _Docker, there: _Docker) -> None:
+    there.make({})
+    with (
+        pytest.raises(UserError, match="MACHINES: unix:///a: is in another swarm: expected none"),
+        joined(here, [_daemon("a", there)]),
+    ):
+        pass
+    assert here.of is None
+    assert there.of is not None
+
+
+def test_a_machine_that_cannot_join_is_named_with_the_port_that_it_needs(here: _Docker, there: _Docker) -> None:
+    def refuse(*_: object) -> None:
+        raise APIError("", explanation="Timeout was reached before node joined")
+
+    there.swarm.join = refuse
+    with (
+        pytest.raises(UserError, match=r"unix:///a: Timeout .*expected a machine that reaches TCP port 2377"),
+        joined(here, [_daemon("a", there)]),
+    ):
+        pass
+    assert here.of is None
+
+
+def test_a_machine_that_is_gone_at_the_end_is_named_and_the_others_leave(here: _Docker, there: _Docker) -> None:
+    lost = _Docker()
+    left = r"^/a: does not answer; type there: docker swarm leave --force$"
+    with pytest.raises(DockerError, match=left), joined(here, [_daemon("a", lost), _daemon("b", there)]):
+        lost.answers = False
+    assert here.of is there.of is None
+
+
+class _There:
+    """The containers of another machine, which `error` happens to."""
+
+    def __init__(self) -> None:
+        self.error: Exception | None = None
+        self.asked = 0
+
+    def check_alive(self) -> None:
+        self.asked += 1
+        if self.error is not None:
+            raise self.error
+
+    def _all(self) -> list[str]:
+        return ["there"]
+
+
+@pytest.fixture
+def spread(monkeypatch: pytest.MonkeyPatch) -> tuple[SpreadContainers, _There]:
+    fleet, there = SpreadContainers.__new__(SpreadContainers), _There()
+    fleet._others, fleet._lost = {"a": there}, {}  # type: ignore[dict-item]
+
+    def run(self: Containers, *_: object, **__: object) -> Generator[str, None, int]:
+        for line in ("first", "mission: land: drone 4: unreachable"):
+            yield line
+            self.check_alive()
+        return 1
+
+    monkeypatch.setattr(Containers, "check_alive", lambda self: None)
+    monkeypatch.setattr(Containers, "execute", run)
+    monkeypatch.setattr(Containers, "_all", lambda self: ["here"])
+    return fleet, there
+
+
+def test_a_machine_that_is_lost_fails_the_flight_once_the_mission_has_ended(
+    spread: tuple[SpreadContainers, _There],
+) -> None:
+    fleet, there = spread
+    there.error = DockerError("Docker does not answer: refused")
+    running, lines = fleet.execute("gs", ["mission"], limit_s=1), []
+    with pytest.raises(FleetError) as error:
+        lines.extend(running)
+    assert str(error.value) == (
+        "a was lost in flight: Docker does not answer: refused; mission: land: drone 4: unreachable"
+    )
+    assert there.asked == 1
+    assert fleet._all() == ["here"]
+
+
+def test_a_container_that_ends_on_another_machine_ends_the_flight(spread: tuple[SpreadContainers, _There]) -> None:
+    fleet, there = spread
+    there.error = ContainerDied("uav4 ended with exit code 137")
+    with pytest.raises(ContainerDied, match="uav4"):
+        list(fleet.execute("gs", ["mission"], limit_s=1))
+
+
+def _ssh(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
+    path = folder / "ssh"
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder), prepend=":")
+
+
+def test_the_socket_of_a_far_machine_is_forwarded_and_ssh_ends_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _ssh(tmp_path, monkeypatch, f'echo "$$ $@" > {tmp_path}/said; while [ "$1" != -L ]; do shift; done; '
+         'touch "${2%%:*}"; exec sleep 60')  # fmt: skip
+    with reach._socket_of(Machine("ssh://ops@a:2222", ())) as address:
+        process, *words = (tmp_path / "said").read_text().split()
+        assert address.startswith("unix:///")
+        assert words[-3:] == ["-p", "2222", "ops@a"]
+        assert f"{address.removeprefix('unix://')}:/var/run/docker.sock" in words
+    assert not Path(f"/proc/{process}").exists()
+    assert not Path(address.removeprefix("unix://")).parent.exists()
+
+
+def test_a_machine_that_ssh_does_not_reach_is_named_with_what_ssh_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _ssh(tmp_path, monkeypatch, "echo a: Permission denied >&2; exit 255")
+    with pytest.raises(UserError) as error, reach._socket_of(Machine("ssh://a", ())):
+        pass
+    expected = "expected a machine that ssh reaches without asking"
+    assert str(error.value) == f"MACHINES: ssh://a: a: Permission denied: {expected}"
